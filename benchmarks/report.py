@@ -5,7 +5,7 @@ import json
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
-from capture_app.terminal import print_line, table, talk
+from capture_app.console.terminal import print_line, table, talk
 
 __all__ = [
     "new_parser",

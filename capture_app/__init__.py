@@ -8,9 +8,9 @@ from typing import Any
 
 __version__ = "0.1.0"
 _PUBLIC = {
-    "AsyncRig": "rig",
-    "Rig": "rig",
-    "SimulshotError": "errors",
+    "AsyncRig": "rig.rig",
+    "Rig": "rig.rig",
+    "SimulshotError": "common.errors",
     "open_session": "session.reading.opened",
 }
 

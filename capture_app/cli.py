@@ -20,10 +20,10 @@ from capture_app.commands.options import (
     open_option,
     rig_port_option,
 )
-from capture_app.errors import NotAvailableError
-from capture_app.net.address import Address
-from capture_app.terminal import run_command_line, talk
-from capture_app.usage import add_verbosity, examples
+from capture_app.common.address import Address
+from capture_app.common.errors import NotAvailableError
+from capture_app.console.terminal import run_command_line, talk
+from capture_app.console.usage import add_verbosity, examples
 
 
 class LazyGroup(click.Group):
@@ -152,7 +152,7 @@ def app(
         )
     talk("One moment: the screen is being prepared, and a rig in the background where none runs …")
     from capture_app.commands.joining import make_known
-    from capture_app.rig_process import attach
+    from capture_app.rig.process import attach
     from capture_app.tui.app import run_screen
 
     if leader is not None and not in_browser:

@@ -10,9 +10,9 @@ from typing import Any
 import click
 
 from capture_app import __version__
-from capture_app.errors import ExitCode, SimulshotError
-from capture_app.terminal import run_command_line
-from capture_app.usage import add_verbosity, examples
+from capture_app.common.errors import ExitCode, SimulshotError
+from capture_app.console.terminal import run_command_line
+from capture_app.console.usage import add_verbosity, examples
 from reconstruction.commands.batch import batch
 from reconstruction.commands.board import board
 from reconstruction.commands.calibrate import calibrate

@@ -2,7 +2,7 @@
 
 from typing import Any
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
 
 PLAIN: dict[str, Any] = {
     "kind": "sim",

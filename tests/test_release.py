@@ -7,7 +7,7 @@ from pathlib import Path
 import yaml
 
 import capture_app
-from capture_app.net.address import DEFAULT_PORT
+from capture_app.common.address import DEFAULT_PORT
 
 ROOT = Path(__file__).resolve().parents[1]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())

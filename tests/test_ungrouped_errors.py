@@ -2,7 +2,7 @@
 
 import pytest
 
-from capture_app.errors import BadInputError, CameraError, ungrouped_errors
+from capture_app.common.errors import BadInputError, CameraError, ungrouped_errors
 
 
 def test_the_first_of_this_programs_errors_is_raised_by_itself() -> None:

@@ -11,7 +11,7 @@ import time
 from typing import Self
 
 from benchmarks.clock.app_phone_stand_in import Address, StandInPhone
-from capture_app.clock import SimulatedClock
+from capture_app.common.clock import SimulatedClock
 from capture_app.interop.app_protocol import CALL_PORT, TIME_PORT
 from capture_app.net.server import bind_datagrams
 from capture_app.net.udp import Pump

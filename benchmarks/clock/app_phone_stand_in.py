@@ -7,8 +7,8 @@ phase alignment of five tries at most by the app's constants, nothing acknowledg
 import random
 from dataclasses import dataclass
 
-from capture_app.camera_facts import PhaseControl
-from capture_app.clock import NodeClock
+from capture_app.common.camera_facts import PhaseControl
+from capture_app.common.clock import NodeClock
 from capture_app.interop.app_protocol import (
     ALIGNED_NS,
     CALL_PORT,

@@ -22,7 +22,7 @@ from benchmarks.paper.clock_trials import (
 )
 from benchmarks.report import new_parser, print_report, print_rows
 from benchmarks.simulated.wifi_laws import LINKS_BY_LAW
-from capture_app.clock import SimulatedClock
+from capture_app.common.clock import SimulatedClock
 from capture_app.simulation.exchanges import exchanges
 from capture_app.simulation.links import Link
 

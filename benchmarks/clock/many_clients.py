@@ -21,9 +21,9 @@ from random import Random
 from typing import cast
 
 from benchmarks.report import new_parser, print_report, print_table, talk
-from capture_app.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
-from capture_app.clock import HostClock
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.clock import HostClock
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
 from capture_app.sync.rig.events import Joined
 from capture_app.sync.rig.leader import Leader, LeaderConfig

@@ -15,21 +15,14 @@ from typing import Any
 from benchmarks.clock.many_clients import CAMERA
 from benchmarks.report import new_parser, print_report, print_table
 from benchmarks.simulated.clock_tree import RIG, ROOT, Tree, TreeSpec
+from capture_app.common.node_state import NodeState
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.messages import (
-    Heartbeat,
-    Hello,
-    NodeState,
-    Report,
-    Trigger,
-    TriggerAck,
-    Welcome,
-)
+from capture_app.sync.wire.messages import Heartbeat, Hello, Report, Trigger, TriggerAck, Welcome
 
 NODES, EXCHANGES_PER_S = 10, 200.0
 MEMBERS = (1000, 3000, 9000)

@@ -12,7 +12,7 @@ from typing import Any
 from benchmarks.report import new_parser, print_report
 from benchmarks.simulated.wifi_laws import LINKS
 from benchmarks.simulated.wireless import PACE_NS, paper_link
-from capture_app.clock import SimulatedClock
+from capture_app.common.clock import SimulatedClock
 from capture_app.simulation.exchanges import exchanges
 from capture_app.simulation.links import Link
 

@@ -19,9 +19,9 @@ from typing import Any
 from benchmarks.emulated_link.delays import Delays, EmulatedLink
 from benchmarks.emulated_link.network import CAPTURE_APP, Network, read_output, running
 from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, talk
-from capture_app.errors import SimulshotError
-from capture_app.net.address import Address
-from capture_app.node.rig_link import ask_status
+from capture_app.common.address import Address
+from capture_app.common.errors import SimulshotError
+from capture_app.rig.link import ask_status
 
 ITSELF = "benchmarks.clock.reference_broadcast"
 PORT = 47010

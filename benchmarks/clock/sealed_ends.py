@@ -15,8 +15,8 @@ import socket
 from pathlib import Path
 from typing import Any
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
-from capture_app.clock import HostClock
+from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.clock import HostClock
 from capture_app.net.server import bind_port
 from capture_app.net.udp import Pump, client_socket
 from capture_app.sync.clock.clock_filter import ClockSample

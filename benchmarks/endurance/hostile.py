@@ -33,10 +33,10 @@ from benchmarks.endurance.hostile_messages import INSIDER, hostile_datagram, hos
 from benchmarks.endurance.paired import PairedThief, paired_machine
 from benchmarks.endurance.soak import CAMERA, JOIN_S, Soak, Watched, are_ready, listening, start
 from benchmarks.report import new_parser, print_report, print_rows, talk
-from capture_app.net.address import Address, parse_address
+from capture_app.common.address import Address, parse_address
 from capture_app.net.channel import connect
-from capture_app.node.rig_link import ask_status
-from capture_app.node.wire import messages as wire
+from capture_app.protocol import messages as wire
+from capture_app.rig.link import ask_status
 from capture_app.trust.keys import LeaderKeys
 from capture_app.trust.trust import Trust
 

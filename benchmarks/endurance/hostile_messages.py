@@ -7,9 +7,10 @@ from typing import Any
 
 import msgspec
 
-from capture_app.camera_facts import EXACT_STAMPS, CameraFacts, PhaseControl, TimestampSource
-from capture_app.node.wire import messages as wire
-from capture_app.node.wire import operating
+from capture_app.common.camera_facts import EXACT_STAMPS, CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.node_state import NodeState
+from capture_app.protocol import messages as wire
+from capture_app.protocol import orders
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.sync.wire import messages
@@ -36,8 +37,8 @@ DATAGRAMS: tuple[Any, ...] = (
     INSIDER,
     messages.Hello("stranger", 1, FACTS),
     messages.Hello("cam1", 2, FACTS),
-    messages.Heartbeat(1, messages.Report(state=messages.NodeState.READY, frame_leader_ns=5)),
-    messages.MemberReports(((1, messages.Report(state=messages.NodeState.LOST)),)),
+    messages.Heartbeat(1, messages.Report(state=NodeState.READY, frame_leader_ns=5)),
+    messages.MemberReports(((1, messages.Report(state=NodeState.LOST)),)),
     messages.TriggerAck(1, 2, 3, "no", (4, 5)),
     messages.Goodbye(1),
     messages.Welcome(1, 1, 47010, CONFIG),
@@ -53,12 +54,12 @@ FRAMES: tuple[Any, ...] = (
     wire.SpoolSpace(camera="cam1", free_bytes=0, spool="/"),
     wire.StatusRequest(),
     wire.BurstRequest(frames=1, at_leader_ns=2**70, name="../.."),
-    operating.WatchRequest(),
-    operating.DetailRequest(camera="cam1"),
-    operating.KeepStamp(camera="cam1", stamp=EXACT_STAMPS),
+    orders.WatchRequest(),
+    orders.DetailRequest(camera="cam1"),
+    orders.KeepStamp(camera="cam1", stamp=EXACT_STAMPS),
     wire.NodeStream(camera="cam1", instance=1, shows=True),
-    operating.CancelBurst(burst=10**9),
-    operating.RemoveCamera(name="nobody"),
+    orders.CancelBurst(burst=10**9),
+    orders.RemoveCamera(name="nobody"),
 )
 
 

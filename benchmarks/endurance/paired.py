@@ -10,13 +10,13 @@ from typing import Any
 from msgspec.structs import replace
 
 from benchmarks.endurance.hostile_messages import FACTS, RECORD
-from capture_app.errors import NetworkError, SimulshotError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.errors import NetworkError, SimulshotError
 from capture_app.net.channel import Channel, connect
 from capture_app.net.udp import client_socket
-from capture_app.node.rig_link import ask_status
-from capture_app.node.wire import messages as wire
-from capture_app.node.wire.status import Preview
+from capture_app.protocol import messages as wire
+from capture_app.protocol.status import Preview
+from capture_app.rig.link import ask_status
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import Hello, TimeRequest, Welcome

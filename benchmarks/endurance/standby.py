@@ -23,19 +23,19 @@ from typing import Any
 
 from benchmarks.endurance.soak import CAMERA, JOIN_S, are_ready
 from benchmarks.report import new_parser, print_report, print_table
-from capture_app.clock import seeded_clock
-from capture_app.errors import SimulshotError
-from capture_app.net.address import Address, parse_address
+from capture_app.common.address import Address, parse_address
+from capture_app.common.clock import seeded_clock
+from capture_app.common.errors import SimulshotError
+from capture_app.common.node_state import NodeState
 from capture_app.node.child import Child
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.leader.standby import lead_in_turn
-from capture_app.node.news import Log
-from capture_app.node.rig_link import ask_burst, ask_status
-from capture_app.node.wire.messages import BurstRequest
+from capture_app.protocol.messages import BurstRequest
+from capture_app.protocol.news import Log
+from capture_app.rig.link import ask_burst, ask_status
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-from capture_app.sync.wire.messages import NodeState
 
 ORDERED_S = 2.0
 """From a kill to the burst."""

@@ -16,9 +16,9 @@ from benchmarks.paper.report import PaperReport
 from benchmarks.paper.values import FIGURES, TABLES
 from benchmarks.report import new_parser, print_table
 from capture_app.commands.link import outcome_lines
-from capture_app.errors import ExitCode, SimulshotError
+from capture_app.common.errors import ExitCode, SimulshotError
+from capture_app.console.terminal import print_json, print_line, talk
 from capture_app.measure.result import Outcome, require_plots
-from capture_app.terminal import print_json, print_line, talk
 
 STUDIES = {
     "naive": "triggering without synchronization, as in the paper, and with it",

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.reading.decoding import decode_image
 from reconstruction.compare.comparison import CompareOptions, compare
 

@@ -16,9 +16,9 @@ from benchmarks.report import new_parser, print_table
 from benchmarks.simulated.changing_clocks import ChangingClock, RateSpell
 from benchmarks.simulated.clock_pair import START_TRUE_NS, ClockPair, LongerFrom
 from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay, wireless
+from capture_app.console.terminal import print_json, print_line
 from capture_app.measure.result import Table
 from capture_app.simulation.links import DelayLaw, Link
-from capture_app.terminal import print_json, print_line
 
 _S = 1_000_000_000
 CRYSTAL_PPM = 20.0

@@ -40,8 +40,8 @@ from benchmarks.paper.clock_trials import (
 from benchmarks.paper.trials import call_all
 from benchmarks.paper.values import FIGURE_S2, LEAST_ROUND_TRIP, TABLE_3
 from benchmarks.simulated.wifi_laws import LINKS_BY_LAW
+from capture_app.console.terminal import talk
 from capture_app.measure.result import Outcome, Result, Table, error_figures, new_figure, save
-from capture_app.terminal import talk
 
 
 @dataclass(frozen=True, slots=True)

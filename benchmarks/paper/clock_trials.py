@@ -14,7 +14,7 @@ from benchmarks.simulated.wireless import (
     WirelessLink,
     wireless,
 )
-from capture_app.clock import SimulatedClock
+from capture_app.common.clock import SimulatedClock
 from capture_app.measure.clock_estimators import ClockEstimator, estimator_family
 from capture_app.measure.result import error_figures
 from capture_app.simulation.exchanges import START_TRUE_NS, exchanges, exchanges_at

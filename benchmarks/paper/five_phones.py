@@ -11,12 +11,12 @@ from benchmarks.paper.values import BURST, START_UP, WORST_PAIR
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wifi_laws import LOOPBACK
 from benchmarks.simulated.wireless import PAPER_LINK
-from capture_app.clock import SimulatedClock
-from capture_app.errors import IncompleteError
+from capture_app.common.clock import SimulatedClock
+from capture_app.common.errors import IncompleteError
+from capture_app.console.terminal import talk
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
 from capture_app.simulation.exchanges import TURNAROUND_NS
 from capture_app.simulation.profiles import PROFILES, SensorProfile
-from capture_app.terminal import talk
 
 TRIALS = 100
 PHONES, FRAMES = 5, 5

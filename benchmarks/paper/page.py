@@ -7,9 +7,9 @@ from pathlib import Path
 
 from benchmarks.paper.applications import Application, compare_samples, read_compared
 from benchmarks.paper.report import Entry, PaperReport, Row, SetUp, make_report, measure_all
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
+from capture_app.common.text import count, pretty_json
 from capture_app.session.files.durable import write_atomic
-from capture_app.text import count, pretty_json
 
 TITLE = "The paper's tables and figures, and ours"
 LEAD = (

@@ -12,8 +12,8 @@ from benchmarks.simulated.panel_photographs import difference_ns, read_time
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
 from benchmarks.simulated.wifi_laws import LOOPBACK
 from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay
-from capture_app.clock import SimulatedClock
-from capture_app.errors import IncompleteError
+from capture_app.common.clock import SimulatedClock
+from capture_app.common.errors import IncompleteError
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
 from capture_app.panel.simulated import Image, render
 from capture_app.simulation.links import DelayLaw, Link

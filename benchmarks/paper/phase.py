@@ -26,9 +26,9 @@ from benchmarks.paper.phase_trials import (
 from benchmarks.paper.trials import call_all, quantile
 from benchmarks.paper.values import INJECTIONS, RESTARTS
 from benchmarks.simulated.aligner_bench import Bench
+from capture_app.console.terminal import talk
 from capture_app.measure.result import Figures, Outcome, Result, Table, new_figure, save
 from capture_app.simulation.profiles import PROFILES, SensorProfile
-from capture_app.terminal import talk
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -13,8 +13,8 @@ from benchmarks.paper.reproduction import Measured, Reproduction
 from benchmarks.paper.trials import call_all, quantile, share_of
 from benchmarks.paper.values import INJECTIONS, RESTARTS
 from benchmarks.simulated.aligner_bench import Bench
+from capture_app.console.terminal import talk
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS, RESET_TOLERANCE_NS
-from capture_app.terminal import talk
 
 TRIALS = 239
 """Of the paper's injections; it has ten of restarts."""

@@ -12,12 +12,12 @@ from benchmarks.paper.trials import call_all, quantile
 from benchmarks.simulated.radio_cells import BeaconRig, HearingNode, RadioCell, Receiver
 from benchmarks.simulated.virtual_rig import VirtualNode, VirtualRig
 from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay
-from capture_app.clock import SimulatedClock
+from capture_app.common.clock import SimulatedClock
+from capture_app.console.terminal import talk
 from capture_app.measure.result import Outcome, Result, Table, new_figure, save
 from capture_app.simulation.links import Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.terminal import talk
 
 S, US, HOURS_NS = 1_000_000_000, 1_000, 9 * 3600 * 1_000_000_000
 EVERY_NS = S // 2

@@ -12,8 +12,8 @@ from typing import Any
 
 from benchmarks.paper.trials import call_all, quantile
 from benchmarks.simulated.clock_tree import TreeResult, TreeSpec, run_shard
+from capture_app.console.terminal import talk
 from capture_app.measure.result import Outcome, Result, Table, new_figure, save
-from capture_app.terminal import talk
 
 TRIALS = 1
 SIZES = (10, 40)

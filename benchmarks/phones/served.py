@@ -13,13 +13,13 @@ import time
 from datetime import UTC, datetime
 from pathlib import Path
 
-from capture_app.net.address import parse_address
+from capture_app.common.address import parse_address
+from capture_app.console.terminal import log_line
 from capture_app.phones.admission import Admission
 from capture_app.phones.camera import PhoneNodes
 from capture_app.phones.certificate import own_certificate
 from capture_app.phones.gateway import PhoneGateway
 from capture_app.phones.phone import Phone
-from capture_app.terminal import log_line
 
 
 async def serve(leader: str, host: str, folder: Path) -> None:

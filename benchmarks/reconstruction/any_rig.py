@@ -20,7 +20,7 @@ import numpy as np
 
 from benchmarks.reconstruction.rendered_rigs import AIM, AROUND_M, RIGS, SIZE_M, RenderedRig, render_rig
 from benchmarks.report import new_parser, print_rows, talk
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import Array
 from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.colmap import fuse_depth_maps, read_fused_cloud, write_workspace

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from benchmarks.reconstruction.multiview_scenes import plain_pair
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import Array
 
 

@@ -23,7 +23,7 @@ import numpy as np
 
 from benchmarks.reconstruction.rectified_pairs import RectifiedPair, read_pair, rendered_pairs
 from benchmarks.report import new_parser, print_rows, talk
-from capture_app.errors import ExitCode, SimulshotError
+from capture_app.common.errors import ExitCode, SimulshotError
 from reconstruction.common.geometry import Array, View
 from reconstruction.stereo.stereo_pair import FilledDepthMap, StereoPair, fill_holes
 

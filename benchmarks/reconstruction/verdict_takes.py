@@ -10,7 +10,7 @@ import numpy as np
 from benchmarks.reconstruction import painted_scenes
 from benchmarks.reconstruction.painted_scenes import HEIGHT, WIDTH, Stage
 from benchmarks.reconstruction.rendered_street import rendered_street
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
 from capture_app.session.importers.import_options import ImportOptions

@@ -10,7 +10,7 @@ import msgspec
 from benchmarks.samples.recipe import read_recipe
 from benchmarks.samples.render import render as render_recipe
 from capture_app.commands.session_text import session_lines
-from capture_app.terminal import json_option, print_json, print_line, run_command_line, show_count
+from capture_app.console.terminal import json_option, print_json, print_line, run_command_line, show_count
 
 PATH = click.Path(path_type=Path)
 

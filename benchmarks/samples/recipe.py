@@ -15,11 +15,11 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from capture_app.camera_facts import Count, Positive
-from capture_app.clock import SimulatedClock
-from capture_app.errors import BadInputError
-from capture_app.names import Name
-from capture_app.node.wire.messages import JsonValue
+from capture_app.common.camera_facts import Count, Positive
+from capture_app.common.clock import SimulatedClock
+from capture_app.common.errors import BadInputError
+from capture_app.common.names import Name
+from capture_app.protocol.messages import JsonValue
 from capture_app.session.files.strangers import read_struct
 from capture_app.session.format.manifest import RECIPE, BurstRecord, CameraRecord, MissingImage
 

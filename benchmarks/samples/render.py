@@ -8,8 +8,8 @@ import msgspec
 
 from benchmarks.samples.recipe import CameraRecipe, Recipe, RecipeFrame, Take, Trigger
 from benchmarks.samples.takes import take_naive, take_synchronized
-from capture_app.errors import BadInputError
-from capture_app.names import check_name
+from capture_app.common.errors import BadInputError
+from capture_app.common.names import check_name
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.files.strangers import indented

@@ -11,11 +11,11 @@ from dataclasses import replace
 from benchmarks.samples.recipe import CameraRecipe, Recipe, RecipeFrame, Take
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
 from capture_app import __version__
-from capture_app.clock import SimulatedClock, seeded_clock
-from capture_app.errors import IncompleteError
+from capture_app.common.clock import SimulatedClock, seeded_clock
+from capture_app.common.errors import IncompleteError
 from capture_app.node.burst.plans import burst_record
 from capture_app.node.camera.camera_node import camera_record, event_line
-from capture_app.node.wire.messages import JsonValue
+from capture_app.protocol.messages import JsonValue
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.simulation.profiles import SensorProfile, facts_of, find_profile
 from capture_app.simulation.rendering.picture_source import PictureSource

@@ -34,7 +34,7 @@ READ = 1 << 16
 
 def show(cameras: int, stop: Path) -> None:
     """Run the screen; previews come as it asks for them."""
-    from capture_app.node.wire.status import Preview
+    from capture_app.protocol.status import Preview
     from capture_app.tui.app import SimulshotApp
     from capture_app.tui.settings import Settings
     from tests.tui.shoot.studio import ready_rig

@@ -22,17 +22,17 @@ from typing import cast
 
 from benchmarks.report import Report, new_parser, print_report, print_table, talk
 from benchmarks.screen.screen_process import ScreenProcess, processor_s
-from capture_app.net.address import Address
+from capture_app.common.address import Address
 from capture_app.net.channel import Channel
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState, Watcher
-from capture_app.node.news import Log
-from capture_app.node.rig_link import RigLink, ask_burst, ask_status, give_order
-from capture_app.node.wire.messages import BurstRequest, StatusAnswer, StatusRequest, ToLeader
-from capture_app.node.wire.operating import StopRig
-from capture_app.node.wire.status import RigStatus
-from capture_app.rig_process import start_rig
+from capture_app.protocol.messages import BurstRequest, StatusAnswer, StatusRequest, ToLeader
+from capture_app.protocol.news import Log
+from capture_app.protocol.orders import StopRig
+from capture_app.protocol.status import RigStatus
+from capture_app.rig.link import RigLink, ask_burst, ask_status, give_order
+from capture_app.rig.process import start_rig
 from capture_app.session.reading.reader import Session
 
 READY_S = 240.0

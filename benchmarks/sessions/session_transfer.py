@@ -19,17 +19,17 @@ import numpy as np
 from numpy.typing import NDArray
 
 from benchmarks.sessions.slow_disk import SlowDisk
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.camera.burst_upload import BurstUpload, Spool
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.leader.service import LeaderService
-from capture_app.node.news import Log
-from capture_app.node.wire.messages import CameraReport, SpoolSpace, ToLeader
+from capture_app.protocol.messages import CameraReport, SpoolSpace, ToLeader
+from capture_app.protocol.news import Log
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.writing.session_writer import SessionWriter

@@ -6,13 +6,13 @@ from dataclasses import dataclass
 from typing import Protocol
 
 from benchmarks.simulated.virtual_rig import Timer, VirtualTime
+from capture_app.common.node_state import NodeState
 from capture_app.simulation.links import DelayLaw, Direction, Link
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.rig.time_client import TimeClient, TimeClientEvent
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
-from capture_app.sync.wire.messages import NodeState
 
 ADDRESS = ("node", 0)
 START_TRUE_NS = 10**12

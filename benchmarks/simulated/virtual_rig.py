@@ -10,7 +10,8 @@ from dataclasses import dataclass, field, replace
 from typing import Any
 
 from benchmarks.simulated.wireless import WIFI
-from capture_app.clock import NodeClock
+from capture_app.common.clock import NodeClock
+from capture_app.common.node_state import NodeState
 from capture_app.simulation.links import Channel, Link
 from capture_app.simulation.profiles import SensorProfile, facts_of
 from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
@@ -24,7 +25,7 @@ from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, SteadySchedule
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
-from capture_app.sync.wire.messages import Group, NodeState
+from capture_app.sync.wire.messages import Group
 
 
 class VirtualTime:

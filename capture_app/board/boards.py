@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 
 if TYPE_CHECKING:
     import cv2

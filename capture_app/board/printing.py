@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 
 from capture_app.board.boards import DEFAULT_BOARD, CharucoBoard
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 
 PAGES = {"a4": (297.0, 210.0), "a3": (420.0, 297.0), "letter": (279.4, 215.9)}
 """Widths and heights of pages that lie on their side, mm."""

@@ -6,10 +6,10 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
-from capture_app.camera_facts import CameraFacts, Control, ControlState
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.clock import HostClock, NodeClock
-from capture_app.errors import CameraError
+from capture_app.common.camera_facts import CameraFacts, Control, ControlState
+from capture_app.common.clock import HostClock, NodeClock
+from capture_app.common.errors import CameraError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.sync.wire.camera_commands import CameraCommand
 

@@ -11,9 +11,9 @@ from urllib.parse import urlsplit
 
 from capture_app.cameras.base import Camera, CameraDriver, CameraListing
 from capture_app.cameras.rtsp.passwords import hide_password
-from capture_app.clock import NodeClock
-from capture_app.errors import BadInputError
-from capture_app.names import name_like
+from capture_app.common.clock import NodeClock
+from capture_app.common.errors import BadInputError
+from capture_app.common.names import name_like
 
 DRIVERS = {
     "sim": ("capture_app.simulation.driver", "sim:PROFILE[,scene=NAME][,view=NAME][,key=value…]"),

@@ -13,7 +13,7 @@ from importlib.util import find_spec, module_from_spec
 from pathlib import Path
 from typing import Any
 
-from capture_app.errors import NotAvailableError
+from capture_app.common.errors import NotAvailableError
 
 _VERSION = f"{sys.version_info.major}.{sys.version_info.minor}"
 FOLDERS = (

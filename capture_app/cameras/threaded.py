@@ -10,7 +10,7 @@ from typing import TypeVar
 
 from capture_app.cameras.base import Camera, OnFailure, OnFrame
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.errors import CameraError
+from capture_app.common.errors import CameraError
 
 T = TypeVar("T")
 

@@ -8,13 +8,13 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.cameras.base import Camera, CameraListing, OnFailure, OnFrame, wait_for_start
 from capture_app.cameras.frames import CapturedFrame, PixelPicture, step_to
 from capture_app.cameras.specs import DEFAULT_FPS, CameraRequest, read_request
 from capture_app.cameras.threaded import ThreadedCamera
-from capture_app.clock import NodeClock
-from capture_app.errors import BadInputError, CameraError
+from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.clock import NodeClock
+from capture_app.common.errors import BadInputError, CameraError
 from capture_app.session.reading.decoding import open_capture
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 

@@ -9,16 +9,16 @@ import click
 
 from capture_app.commands.options import leader_option
 from capture_app.commands.take import ready_options, take_burst
-from capture_app.errors import IncompleteError, NotApplicableError
-from capture_app.net.address import Address
-from capture_app.terminal import FiniteRange, answer, json_option, table, talk
-from capture_app.text import count, duration
-from capture_app.usage import examples
+from capture_app.common.address import Address
+from capture_app.common.errors import IncompleteError, NotApplicableError
+from capture_app.common.text import count, duration
+from capture_app.console.terminal import FiniteRange, answer, json_option, table, talk
+from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.measure.camera import Character, Moves, Starts
     from capture_app.measure.camera_times import MeasuredTimes
-    from capture_app.node.wire.operating import KeepStamp
+    from capture_app.protocol.orders import KeepStamp
     from capture_app.session.reading.reader import Session
 
 NAME = "calibrate-time"
@@ -105,7 +105,7 @@ def calibrate_time(
 
 def _take(leader: Address, seconds: float, todo: str, ready: Mapping[str, Any]) -> Path:
     """Take the pictures, when the rig is ready as asked; the folder of their session."""
-    from capture_app.node.wire.messages import BurstRequest
+    from capture_app.protocol.messages import BurstRequest
 
     talk(f"{seconds:g} s of pictures: {todo}")
     request = BurstRequest(
@@ -130,8 +130,8 @@ async def _calibrate(
 ) -> "tuple[MeasuredTimes, dict[str, KeepStamp], dict[str, bool]]":
     """Measure, and tell each camera's node; what was found, what they are told, and whether they keep it."""
     from capture_app.measure import camera_times
-    from capture_app.node.rig_link import ask_leader
-    from capture_app.node.wire.operating import KeepStamp, StampKept
+    from capture_app.protocol.orders import KeepStamp, StampKept
+    from capture_app.rig.link import ask_leader
 
     records = {record.name: record for record in session.manifest.cameras}
     talk("measuring")
@@ -151,7 +151,7 @@ async def _calibrate(
 
 def times_by_panel(session: "Session", reference: str) -> "MeasuredTimes":
     """What a panel tells of each camera against one. Raises NotApplicableError where it tells nothing."""
-    from capture_app.camera_facts import StampSource
+    from capture_app.common.camera_facts import StampSource
     from capture_app.measure.camera_times import MeasuredTime, MeasuredTimes
     from capture_app.panel.pair_errors import rig_errors
     from capture_app.panel.session_times import read_session
@@ -236,7 +236,7 @@ def characterize(spec: str, seconds: float, starts: int, moves: int, save: bool,
     it cannot tell.
     """
     from capture_app.cameras.specs import modes_of, open_camera
-    from capture_app.clock import HostClock
+    from capture_app.common.clock import HostClock
     from capture_app.measure import camera as measuring
     from capture_app.node.camera.device_profiles import DeviceProfiles
 

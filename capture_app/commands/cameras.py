@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 import click
 import msgspec
 
-from capture_app.camera_facts import Control, ControlValue, describe
 from capture_app.commands.camera_measurements import calibrate_time, characterize
 from capture_app.commands.options import ANY_PATH, leader_option
-from capture_app.errors import BadInputError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.camera_facts import Control, ControlValue, describe
+from capture_app.common.errors import BadInputError
+from capture_app.common.text import UNREADABLE, count, duration, megabytes, pretty_json
+from capture_app.console.terminal import answer, json_option, table, talk
+from capture_app.console.usage import examples
 from capture_app.session.files.durable import write_atomic
-from capture_app.terminal import answer, json_option, table, talk
-from capture_app.text import UNREADABLE, count, duration, megabytes, pretty_json
-from capture_app.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.node.rig_link import CamerasControls
-    from capture_app.node.wire.status import NodeDetail
+    from capture_app.protocol.status import NodeDetail
+    from capture_app.rig.link import CamerasControls
 
 Profile = dict[str, dict[Control, ControlValue]]
 """What each camera's controls are to be, by its name."""
@@ -35,7 +35,7 @@ NAMES = tuple(str(control) for control in Control)
 @json_option
 def controls(save: Path | None, leader: Address, as_json: bool) -> None:
     """Show exposure, gain, white balance and focus of all cameras of a rig."""
-    from capture_app.node.rig_link import read_all
+    from capture_app.rig.link import read_all
 
     found = asyncio.run(read_all(leader))
     if save is not None:
@@ -71,7 +71,7 @@ def set_command(
     CONTROL is exposure (in µs), gain, white-balance (in K) or focus; VALUE a number in the camera's unit, as
     shown by `cameras controls`, auto to let the camera choose, or hold to keep what it has chosen.
     """
-    from capture_app.node.rig_link import set_cameras
+    from capture_app.rig.link import set_cameras
 
     if bool(values) == (profile is not None):
         raise click.UsageError("give CONTROL=VALUE, or --profile FILE")
@@ -102,7 +102,7 @@ def match(camera: str, only: tuple[str, ...], leader: Address, as_json: bool) ->
 
     What a camera cannot be set to is said with its reason.
     """
-    from capture_app.node.rig_link import match_cameras
+    from capture_app.rig.link import match_cameras
 
     chosen = [Control(name) for name in only] or list(Control)
     found = asyncio.run(match_cameras(leader, camera, chosen))
@@ -199,8 +199,8 @@ def add(
     Cameras of other machines join by themselves: capture-app node.
     """
     from capture_app.cameras.rtsp.passwords import reveal_password
-    from capture_app.node.rig_link import give_order
-    from capture_app.node.wire.operating import AddCamera, AddSimulated
+    from capture_app.protocol.orders import AddCamera, AddSimulated
+    from capture_app.rig.link import give_order
 
     if (spec is None) == (simulated is None):
         raise click.UsageError("give a camera's SPEC, as listed by capture-app cameras, or --simulated N")
@@ -219,8 +219,8 @@ def add(
 @json_option
 def remove(name: str, leader: Address, as_json: bool) -> None:
     """End the camera NAME that the leader's machine runs, put a phone off, or forget one that is lost."""
-    from capture_app.node.rig_link import give_order
-    from capture_app.node.wire.operating import RemoveCamera
+    from capture_app.protocol.orders import RemoveCamera
+    from capture_app.rig.link import give_order
 
     asyncio.run(give_order(leader, RemoveCamera(name=name)))
     answer(as_json, {"removed": name}, said=f"removed {name}")
@@ -235,9 +235,9 @@ def show(name: str, leader: Address, as_json: bool) -> None:
 
     With --json also each of the latest exchanges and errors.
     """
-    from capture_app.node.rig_link import ask_leader
-    from capture_app.node.wire.operating import DetailRequest
-    from capture_app.node.wire.status import NodeDetail
+    from capture_app.protocol.orders import DetailRequest
+    from capture_app.protocol.status import NodeDetail
+    from capture_app.rig.link import ask_leader
 
     detail = asyncio.run(ask_leader(leader, DetailRequest(camera=name), NodeDetail))
     answer(as_json, detail, [table((name, ""), _facts(detail)), *(line.text for line in detail.log[-20:])])

@@ -10,10 +10,10 @@ import click
 
 from capture_app.board.options import board_options
 from capture_app.commands.options import leader_option, run_until_stopped
-from capture_app.errors import IncompleteError
-from capture_app.net.address import Address
-from capture_app.terminal import FiniteRange, json_option, print_json_line, print_line, talk
-from capture_app.usage import examples
+from capture_app.common.address import Address
+from capture_app.common.errors import IncompleteError
+from capture_app.console.terminal import FiniteRange, json_option, print_json_line, print_line, talk
+from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
     from rich.live import Live
@@ -69,8 +69,8 @@ async def _count(
     show: "Callable[[BoardCoverage], None]",
 ) -> "BoardCoverage":
     from capture_app.board.coverage import CoverageCount, PreviewCount
-    from capture_app.node.rig_link import LinkLost, RigLink, ask_status
-    from capture_app.node.wire.status import Preview
+    from capture_app.protocol.status import Preview
+    from capture_app.rig.link import LinkLost, RigLink, ask_status
 
     nodes = (await ask_status(leader)).nodes
     cameras = {n.name: (n.camera.width, n.camera.height) for n in nodes if n.camera.width}

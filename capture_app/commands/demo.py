@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 import click
 
 from capture_app.commands.options import FOLDER, run_until_stopped
-from capture_app.terminal import answer, json_option, show_progress, table, talk
-from capture_app.text import ProgressStep
-from capture_app.usage import examples
+from capture_app.common.text import ProgressStep
+from capture_app.console.terminal import answer, json_option, show_progress, table, talk
+from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.demo import DemoResult
+    from capture_app.commands.demo_run import DemoResult
 
 
 @click.command(epilog=examples("capture-app demo", "capture-app demo --cameras 3 --out /tmp/demo"))
@@ -31,7 +31,7 @@ def demo(cameras: int, out: Path, as_json: bool) -> None:
 
     Each camera is a process whose clock is hours off; they communicate over this machine's network.
     """
-    from capture_app.demo import run_demo
+    from capture_app.commands.demo_run import run_demo
 
     result = run_until_stopped(run_demo(out, cameras, _show_line))
     answer(as_json, result, _lines(result), said=f"done in {result.seconds:.0f} s")

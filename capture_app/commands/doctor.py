@@ -11,15 +11,15 @@ import click
 import msgspec
 
 from capture_app.commands.options import ADDRESS, ANY_PATH, open_option, spool_option
-from capture_app.errors import SimulshotError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.errors import SimulshotError
+from capture_app.common.text import UNREADABLE, count, pretty_json
+from capture_app.console.terminal import answer, json_option, talk
+from capture_app.console.usage import examples
 from capture_app.session.files.durable import write_unsynced
-from capture_app.terminal import answer, json_option, talk
-from capture_app.text import UNREADABLE, count, pretty_json
-from capture_app.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.doctor import Finding
+    from capture_app.measure.doctor import Finding
 
 
 @click.command(
@@ -73,8 +73,8 @@ def doctor(
     firewalls, WiFi, the clock, disks, USB and permissions, and changes nothing. A problem ends it with
     exit code 1.
     """
-    from capture_app.doctor import examine
-    from capture_app.rig_process import list_rigs
+    from capture_app.measure.doctor import examine
+    from capture_app.rig.process import list_rigs
 
     if report is None and (specs or panel is not None):
         raise click.UsageError("--camera and --panel belong to --report")

@@ -9,10 +9,10 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from capture_app.commands.options import run_until_stopped
-from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
-from capture_app.net.address import DEFAULT_PORT, Address
+from capture_app.common.address import DEFAULT_PORT, Address
+from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
+from capture_app.console.terminal import ParsedType, log_line, print_json_line, talk
 from capture_app.net.reach import find_obstacle
-from capture_app.terminal import ParsedType, log_line, print_json_line, talk
 from capture_app.trust.identity import parse_pin
 from capture_app.trust.known_machines import Role
 from capture_app.trust.pairing import parse_code, show_code
@@ -20,7 +20,7 @@ from capture_app.trust.trust import Trust
 
 if TYPE_CHECKING:
     from capture_app.net.discovery import FoundLeader
-    from capture_app.node.wire.operating import PhoneInvited
+    from capture_app.protocol.orders import PhoneInvited
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -195,7 +195,7 @@ def find_leader() -> "FoundLeader":
     """
     log_line("looking for a leader in this network")
     from capture_app.net.discovery import search_leaders
-    from capture_app.rig_process import list_rigs
+    from capture_app.rig.process import list_rigs
 
     def own() -> tuple[Address, ...]:
         return (*(rig.address for rig in list_rigs()), Address("127.0.0.1", DEFAULT_PORT))

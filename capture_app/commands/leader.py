@@ -25,11 +25,11 @@ from capture_app.commands.options import (
     sessions_option,
     spool_option,
 )
-from capture_app.net.address import LOOPBACK_HOSTS, Address
-from capture_app.terminal import FiniteRange, json_option, log_line, print_json_line, talk
+from capture_app.common.address import LOOPBACK_HOSTS, Address
+from capture_app.console.terminal import FiniteRange, json_option, log_line, print_json_line, talk
+from capture_app.console.usage import examples
 from capture_app.trust.known_machines import Role
 from capture_app.trust.pairing import show_code
-from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.leader.leader import LeaderNode
@@ -137,7 +137,7 @@ def leader(
     from capture_app.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
     from capture_app.node.leader.options import LeaderOptions
     from capture_app.node.leader.standby import lead_in_turn
-    from capture_app.node.news import Log
+    from capture_app.protocol.news import Log
     from capture_app.sync.rig.leader import RigConfig
 
     is_apps_grid = android_app and fps is None
@@ -185,11 +185,11 @@ async def _run_leader(
     log: Path | None,
     as_json: bool,
 ) -> None:
-    from capture_app.doctor import warnings_for_leader
+    from capture_app.measure.doctor import warnings_for_leader
     from capture_app.net.discovery import announced, announced_hosts
-    from capture_app.node.rig_link import ask_leader
-    from capture_app.node.wire.operating import AddCamera, InvitePhone, PhoneInvited
-    from capture_app.rig_process import recorded_rig
+    from capture_app.protocol.orders import AddCamera, InvitePhone, PhoneInvited
+    from capture_app.rig.link import ask_leader
+    from capture_app.rig.process import recorded_rig
 
     host, sessions = node.options.host, node.options.sessions
     with contextlib.ExitStack() as record:

@@ -8,9 +8,9 @@ from typing import TYPE_CHECKING
 import click
 
 from capture_app.commands.options import ADDRESS, FOLDER, run_until_stopped
-from capture_app.net.address import DEFAULT_PORT, Address
-from capture_app.terminal import FiniteRange, answer, json_option, table, talk
-from capture_app.usage import examples
+from capture_app.common.address import DEFAULT_PORT, Address
+from capture_app.console.terminal import FiniteRange, answer, json_option, table, talk
+from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.measure.result import Outcome
@@ -109,7 +109,7 @@ def link(
     The errors are true ones only where --true-offset-ns is known, as between network namespaces of one
     machine; with --replay the clocks are simulated, and all errors true.
     """
-    from capture_app.clock import parse_clock
+    from capture_app.common.clock import parse_clock
     from capture_app.measure import link as measuring
     from capture_app.measure.result import require_plots
 

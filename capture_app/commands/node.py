@@ -8,7 +8,6 @@ from typing import TYPE_CHECKING, Any
 import click
 from click.core import ParameterSource
 
-from capture_app.clock import NodeClock, parse_clock
 from capture_app.commands.joining import leaders_to_join, pairing_options
 from capture_app.commands.options import (
     clock_option,
@@ -18,12 +17,13 @@ from capture_app.commands.options import (
     run_until_stopped,
     spool_option,
 )
-from capture_app.errors import BadInputError, NotAvailableError
-from capture_app.names import check_name, free_name
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.clock import NodeClock, parse_clock
+from capture_app.common.errors import BadInputError, NotAvailableError
+from capture_app.common.names import check_name, free_name
+from capture_app.console.terminal import FiniteRange, log_line, print_line, talk
+from capture_app.console.usage import examples
 from capture_app.sync.rig.frame_selection import RING_BYTES, RING_NS
-from capture_app.terminal import FiniteRange, log_line, print_line, talk
-from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.camera.camera_node import CameraNode
@@ -110,7 +110,7 @@ def node(
     clock = parse_clock(clock_text, node=name)
     leaders = leaders_to_join(leaders, pin, code)
     from capture_app.node.camera.node_group import run_nodes
-    from capture_app.node.news import Log
+    from capture_app.protocol.news import Log
 
     nodes = {
         one: camera_node(
@@ -144,7 +144,7 @@ def _named(name: str, specs: Sequence[str]) -> dict[str, str]:
 
 
 def _arrange_boot(name: str, at_boot: bool, yes: bool) -> None:
-    from capture_app.boot_service import BootService
+    from capture_app.rig.boot_service import BootService
 
     service = BootService(name, ("node", "--name", name, *_typed_options("name", "at_boot", "yes")))
     if not at_boot:
@@ -186,7 +186,7 @@ def camera_node(name: str, spec: str, *, clock: NodeClock, **options: Any) -> "C
     from capture_app.node.camera.camera_node import CameraNode
     from capture_app.node.camera.device_profiles import DeviceProfiles
     from capture_app.node.camera.supervisor import NodeOptions
-    from capture_app.node.news import Log
+    from capture_app.protocol.news import Log
 
     return CameraNode(
         NodeOptions(

@@ -13,11 +13,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from platformdirs import user_state_path
 
-from capture_app.errors import BadInputError
-from capture_app.names import check_name, name_like
-from capture_app.net.address import DEFAULT_PORT, Address, parse_address
-from capture_app.output import wait_for_no_reader
-from capture_app.terminal import ParsedType
+from capture_app.common.address import DEFAULT_PORT, Address, parse_address
+from capture_app.common.errors import BadInputError
+from capture_app.common.names import check_name, name_like
+from capture_app.console.output import wait_for_no_reader
+from capture_app.console.terminal import ParsedType
 from capture_app.trust.trust import OPEN_VARIABLE
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ open_option = click.option(
 
 
 def _usual_leader() -> str:
-    from capture_app.rig_process import list_rigs
+    from capture_app.rig.process import list_rigs
 
     rigs = list_rigs()
     return rigs[0].leader if rigs else str(Address("127.0.0.1", DEFAULT_PORT))

@@ -10,9 +10,9 @@ from typing import TYPE_CHECKING
 import click
 
 from capture_app.commands.options import ANY_PATH, FOLDER, run_until_stopped
-from capture_app.errors import SimulshotError
-from capture_app.panel.screen import DEFAULT_PORT
-from capture_app.terminal import (
+from capture_app.common.errors import SimulshotError
+from capture_app.common.text import count, duration, pretty_json
+from capture_app.console.terminal import (
     FiniteRange,
     answer,
     json_option,
@@ -20,8 +20,8 @@ from capture_app.terminal import (
     table,
     talk,
 )
-from capture_app.text import count, duration, pretty_json
-from capture_app.usage import examples
+from capture_app.console.usage import examples
+from capture_app.panel.screen import DEFAULT_PORT
 
 if TYPE_CHECKING:
     from capture_app.panel.pair_errors import Held, PairTable, RigErrors
@@ -251,7 +251,7 @@ def show(host: str, port: int, save: Path | None, as_json: bool) -> None:
     Open it on one screen that all cameras see, in full screen. It measures the screen's refresh rate, numbers
     the refreshes and draws each one's number. With --host 0.0.0.0 a phone can show it: scan the code.
     """
-    from capture_app.net.address import listen_tcp
+    from capture_app.common.address import listen_tcp
     from capture_app.panel.screen import page_html
 
     if save is not None:
@@ -272,7 +272,7 @@ def _save(file: Path, page: bytes, as_json: bool) -> None:
 
 
 async def _serve(listening: socket.socket, as_json: bool) -> None:
-    from capture_app.net.address import ANY_HOST, Address, reachable_host
+    from capture_app.common.address import ANY_HOST, Address, reachable_host
     from capture_app.panel.screen import served_page
 
     host, port = listening.getsockname()[:2]
@@ -320,7 +320,7 @@ def sketch(out: Path, name: str, pitch_mm: float, page: str, as_json: bool) -> N
     A sketch for an Arduino Uno or Nano, its wiring, and the frame with its markers to print at true size. The
     sketch has been run in a simulated board; nobody has built this panel yet.
     """
-    from capture_app.errors import BadInputError
+    from capture_app.common.errors import BadInputError
     from capture_app.panel.led_build import write_sketch
     from capture_app.panel.pattern import panel_named
 

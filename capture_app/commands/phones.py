@@ -11,9 +11,9 @@ import click
 
 from capture_app.commands.joining import inviting_phones, leaders_to_join, pairing_options
 from capture_app.commands.options import leaders_option, open_option, run_until_stopped, spool_option
-from capture_app.net.address import ANY_HOST, Address, listen_tcp, reachable_host
-from capture_app.terminal import ParsedType, json_option, log_line
-from capture_app.usage import examples
+from capture_app.common.address import ANY_HOST, Address, listen_tcp, reachable_host
+from capture_app.console.terminal import ParsedType, json_option, log_line
+from capture_app.console.usage import examples
 
 DEFAULT_PORT = 47011
 
@@ -90,11 +90,11 @@ async def _run(
 ) -> None:
     from platformdirs import user_data_path
 
-    from capture_app.node.wire.operating import PhoneInvited
     from capture_app.phones.admission import Admission
     from capture_app.phones.camera import PhoneNodes
     from capture_app.phones.certificate import load_certificate, own_certificate
     from capture_app.phones.gateway import PhoneGateway
+    from capture_app.protocol.orders import PhoneInvited
 
     listening = listen_tcp(host, *((DEFAULT_PORT, 0) if port is None else (port,)))
     shown = reachable_host(host, listening.family) if host in ANY_HOST else host

@@ -5,7 +5,6 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.clock import parse_clock
 from capture_app.commands.joining import make_known, pairing_options
 from capture_app.commands.options import (
     ADDRESS,
@@ -20,9 +19,10 @@ from capture_app.commands.options import (
     rpicam_options,
     run_until_stopped,
 )
-from capture_app.net.address import Address
-from capture_app.terminal import json_option, log_line, print_json_line, talk
-from capture_app.usage import examples
+from capture_app.common.address import Address
+from capture_app.common.clock import parse_clock
+from capture_app.console.terminal import json_option, log_line, print_json_line, talk
+from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.relay import RelayOptions
@@ -58,8 +58,8 @@ def relay(
     preferred first. The relay passes on the leader's time and bursts to its nodes, and their images to the
     leader; `status` and `burst` work with its address too. While no leader answers, it is in holdover.
     """
-    from capture_app.node.news import Log
     from capture_app.node.relay import RelayOptions
+    from capture_app.protocol.news import Log
 
     make_known(parents, pin, code)
     options = RelayOptions(

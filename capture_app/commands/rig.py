@@ -13,9 +13,9 @@ from capture_app.commands.options import (
     rig_port_option,
     sessions_option,
 )
-from capture_app.net.address import Address
-from capture_app.terminal import answer, json_option, table
-from capture_app.usage import examples
+from capture_app.common.address import Address
+from capture_app.console.terminal import answer, json_option, table
+from capture_app.console.usage import examples
 
 
 @click.group(epilog=examples("capture-app rig list"))
@@ -35,7 +35,7 @@ def rig() -> None:
 @json_option
 def start(host: str, port: int | None, sessions: Path, cameras: tuple[str, ...], as_json: bool) -> None:
     """Start a rig that keeps running, and print its address."""
-    from capture_app.rig_process import start_rig
+    from capture_app.rig.process import start_rig
 
     started = asyncio.run(start_rig(sessions=sessions, host=host, port=port, cameras=cameras))
     until = f"it runs until: capture-app rig stop --leader {started.leader}"
@@ -49,7 +49,7 @@ def start(host: str, port: int | None, sessions: Path, cameras: tuple[str, ...],
 @json_option
 def list_command(as_json: bool) -> None:
     """List the rigs of this machine that run, newest first."""
-    from capture_app.rig_process import list_rigs
+    from capture_app.rig.process import list_rigs
 
     rigs = list_rigs()
     rows = [(one.leader, str(one.pid), one.sessions, one.log or "on its terminal") for one in rigs]
@@ -65,8 +65,8 @@ def stop(leader: Address, as_json: bool) -> None:
 
     Bursts under way are saved with what has come.
     """
-    from capture_app.node.rig_link import give_order
-    from capture_app.node.wire.operating import StopRig
+    from capture_app.protocol.orders import StopRig
+    from capture_app.rig.link import give_order
 
     asyncio.run(give_order(leader, StopRig()))
     answer(as_json, {"stopped": str(leader)}, said=f"{leader} stops")

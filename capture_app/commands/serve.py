@@ -7,12 +7,12 @@ from typing import TYPE_CHECKING
 import click
 
 from capture_app.commands.options import ADDRESS, attached_sessions_option, run_until_stopped
-from capture_app.net.address import LOOPBACK_HOSTS, Address, listen_tcp
-from capture_app.terminal import answer, json_option, talk
-from capture_app.usage import examples
+from capture_app.common.address import LOOPBACK_HOSTS, Address, listen_tcp
+from capture_app.console.terminal import answer, json_option, talk
+from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.rig_process import AttachedRig
+    from capture_app.rig.process import AttachedRig
 
 
 @click.command(epilog=examples("capture-app serve", "capture-app serve --port 8080 --leader 192.168.1.20"))
@@ -39,7 +39,7 @@ def serve(host: str, port: int, leader: Address | None, sessions: Path | None, a
     Whoever reaches the page controls the rig and sees the sessions: there is no password. It listens on this
     machine only, unless --host says otherwise.
     """
-    from capture_app.rig_process import attach
+    from capture_app.rig.process import attach
 
     run_until_stopped(_serve(asyncio.run(attach(leader=leader, sessions=sessions)), host, port, as_json))
 

@@ -16,8 +16,20 @@ import click
 
 from capture_app.commands.options import ADDRESS, ANY_PATH
 from capture_app.commands.session_text import format_date
-from capture_app.errors import BadInputError, NotAvailableError
-from capture_app.net.address import DEFAULT_PORT, Address
+from capture_app.common.address import DEFAULT_PORT, Address
+from capture_app.common.errors import BadInputError, NotAvailableError
+from capture_app.common.text import count
+from capture_app.console.terminal import (
+    FiniteRange,
+    answer,
+    json_option,
+    print_json,
+    print_line,
+    show_count,
+    table,
+    talk,
+)
+from capture_app.console.usage import examples
 from capture_app.session.files.disk import disk_errors
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import clear_leftovers
@@ -29,18 +41,6 @@ from capture_app.session.library.trash import (
     trashed_sessions,
 )
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.terminal import (
-    FiniteRange,
-    answer,
-    json_option,
-    print_json,
-    print_line,
-    show_count,
-    table,
-    talk,
-)
-from capture_app.text import count
-from capture_app.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.node.leader.repair import RepairResult
@@ -162,7 +162,7 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
     killed import or rendering left in ROOT is removed; an earlier session that it had set aside is restored.
     """
     from capture_app.node.leader.repair import repair as repair_sessions
-    from capture_app.node.news import Log
+    from capture_app.protocol.news import Log
 
     clear_leftovers(path)
     repaired = asyncio.run(repair_sessions(path, wait_s=wait_s, address=listen, news=Log(talk)))

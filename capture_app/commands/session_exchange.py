@@ -15,14 +15,14 @@ import click
 
 from capture_app.commands.options import ANY_PATH, keep_from_strangers
 from capture_app.commands.session_text import session_lines
-from capture_app.errors import BadInputError
-from capture_app.names import name_like
-from capture_app.optional_packages import RECONSTRUCTION
+from capture_app.common.errors import BadInputError
+from capture_app.common.names import name_like
+from capture_app.common.optional_packages import RECONSTRUCTION
+from capture_app.common.text import count
+from capture_app.console.terminal import FiniteRange, answer, json_option, show_count, talk
+from capture_app.console.usage import examples
 from capture_app.session.exchange import FORMATS
 from capture_app.session.reading.reader import Session
-from capture_app.terminal import FiniteRange, answer, json_option, show_count, talk
-from capture_app.text import count
-from capture_app.usage import examples
 
 
 @click.command(

@@ -19,14 +19,14 @@ from capture_app.commands.session_changes import (
 )
 from capture_app.commands.session_exchange import export, import_command
 from capture_app.commands.session_text import list_entry, list_lines, session_lines
-from capture_app.errors import BadInputError, IncompleteError, SimulshotError
+from capture_app.common.errors import BadInputError, IncompleteError, SimulshotError
+from capture_app.console.terminal import answer, json_option, print_json, print_line, talk
+from capture_app.console.usage import examples
 from capture_app.session.files.output_folder import unfinished_outputs
 from capture_app.session.format.manifest import session_schema_text
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
-from capture_app.terminal import answer, json_option, print_json, print_line, talk
-from capture_app.usage import examples
 
 DEFAULT_ROOT = Path("sessions")
 

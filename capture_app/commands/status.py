@@ -10,13 +10,13 @@ import click
 from msgspec import to_builtins
 
 from capture_app.commands.options import leader_option, run_until_stopped
-from capture_app.net.address import Address
-from capture_app.terminal import answer, json_option, print_json_line, print_line, table, talk
-from capture_app.text import clock_offset, count
-from capture_app.usage import examples
+from capture_app.common.address import Address
+from capture_app.common.text import clock_offset, count
+from capture_app.console.terminal import answer, json_option, print_json_line, print_line, table, talk
+from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.node.wire.status import NodeStatus, RigStatus
+    from capture_app.protocol.status import NodeStatus, RigStatus
 
 NO_TIME = "-"
 _OPTIONAL = ("apart µs", "stamps µs")
@@ -36,7 +36,7 @@ def status(leader: Address, watch: bool, as_json: bool) -> None:
     With --watch a line follows for all that happens; with --json an object a line, and a new status whenever
     it has changed, at most ten a second.
     """
-    from capture_app.node.rig_link import ask_status
+    from capture_app.rig.link import ask_status
 
     rig = asyncio.run(ask_status(leader))
     if as_json and watch:
@@ -48,8 +48,8 @@ def status(leader: Address, watch: bool, as_json: bool) -> None:
 
 
 async def _watch(leader: Address, rig: "RigStatus", as_json: bool) -> None:
-    from capture_app.node.rig_link import LinkLost, RigLink
-    from capture_app.node.wire.status import NewsLine, RigStatus
+    from capture_app.protocol.status import NewsLine, RigStatus
+    from capture_app.rig.link import LinkLost, RigLink
 
     began_ns, advice = time.time_ns(), rig.advice
     async for update in RigLink(leader).updates():
@@ -133,7 +133,7 @@ def _node_row(node: "NodeStatus") -> dict[str, str]:
 
 def _stamp_error_ns(node: "NodeStatus") -> int | None:
     """How well it is known how late a node's stamps are; None where they are exact, or it has no camera."""
-    from capture_app.sync.wire.messages import WITHOUT_CAMERA
+    from capture_app.common.node_state import WITHOUT_CAMERA
 
     stamp = node.camera.stamp_accuracy
     return None if node.camera.kind in WITHOUT_CAMERA or stamp.is_exact else stamp.uncertainty_ns

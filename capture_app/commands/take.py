@@ -17,22 +17,22 @@ import click
 from msgspec.structs import asdict, replace
 
 from capture_app.commands.options import leader_option
-from capture_app.errors import (
+from capture_app.common.address import Address
+from capture_app.common.errors import (
     IncompleteError,
     NetworkError,
     NoCameraHereError,
     SimulshotError,
     ungrouped_errors,
 )
-from capture_app.net.address import Address
-from capture_app.tasks import end
-from capture_app.terminal import FiniteRange, answer, json_option, print_json, print_line, talk
-from capture_app.text import count
-from capture_app.usage import examples
+from capture_app.common.tasks import end
+from capture_app.common.text import count
+from capture_app.console.terminal import FiniteRange, answer, json_option, print_json, print_line, talk
+from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.node.wire.messages import BurstRequest
-    from capture_app.node.wire.status import BurstStatus
+    from capture_app.protocol.messages import BurstRequest
+    from capture_app.protocol.status import BurstStatus
     from capture_app.session.reading.verdict import Verdict
 
 F = TypeVar("F", bound=Callable[..., Any])
@@ -70,8 +70,8 @@ async def take_burst(
 
     Raises NetworkError, and the leader's own errors.
     """
-    from capture_app.node.news import burst_line
-    from capture_app.node.rig_link import ask_burst
+    from capture_app.protocol.news import burst_line
+    from capture_app.rig.link import ask_burst
 
     last, said, counted_s = None, "", 0.0
     try:
@@ -239,7 +239,7 @@ def burst(
     missing. With --repeat take several, and print each path when it is saved; with --json all of them at the
     end.
     """
-    from capture_app.node.wire.messages import BurstRequest
+    from capture_app.protocol.messages import BurstRequest
 
     if cancel is not None:
         _cancel(leader, cancel, as_json)
@@ -275,8 +275,8 @@ def burst(
 
 
 def _cancel(leader: Address, number: int, as_json: bool) -> None:
-    from capture_app.node.rig_link import give_order
-    from capture_app.node.wire.operating import CancelBurst
+    from capture_app.protocol.orders import CancelBurst
+    from capture_app.rig.link import give_order
 
     asyncio.run(give_order(leader, CancelBurst(burst=number)))
     told = f"burst {number} is cancelled; what had come is saved"
@@ -319,8 +319,8 @@ async def _take_on_motion(
     show: Callable[["BurstStatus"], None],
 ) -> list["BurstStatus"]:
     """Take each when something moves, the frames before it too, and look again when it is saved."""
-    from capture_app.node.motion_watch import MotionWatch, watch_motion
-    from capture_app.node.rig_link import RigLink
+    from capture_app.rig.link import RigLink
+    from capture_app.rig.motion import MotionWatch, watch_motion
 
     watch, taken, loop = MotionWatch(region), list["BurstStatus"](), asyncio.get_running_loop()
     next_s = loop.time()
@@ -402,7 +402,7 @@ def record(
     Frames are saved while they come, each as its camera gave it, with its own time; what a camera drops is
     counted.
     """
-    from capture_app.node.wire.messages import BurstRequest
+    from capture_app.protocol.messages import BurstRequest
 
     if stop:
         _stop(leader, as_json)
@@ -421,8 +421,8 @@ def record(
 
 
 def _stop(leader: Address, as_json: bool) -> None:
-    from capture_app.node.rig_link import give_order
-    from capture_app.node.wire.operating import EndBurst
+    from capture_app.protocol.orders import EndBurst
+    from capture_app.rig.link import give_order
 
     asyncio.run(give_order(leader, EndBurst()))
     answer(as_json, {"stopped": True}, said="the recording ends")
@@ -466,8 +466,8 @@ class _Recording:
             self._began.set()
 
     async def _end_when_wanted(self) -> Any:
-        from capture_app.node.rig_link import give_order
-        from capture_app.node.wire.operating import EndBurst
+        from capture_app.protocol.orders import EndBurst
+        from capture_app.rig.link import give_order
 
         await self._end_wanted.wait()
         assert self._last is not None

@@ -14,13 +14,13 @@ from capture_app.commands.joining import (
     pair_with,
 )
 from capture_app.commands.options import ADDRESS, leader_option
-from capture_app.errors import UnknownMachineError
-from capture_app.net.address import Address
-from capture_app.terminal import answer, json_option, table
+from capture_app.common.address import Address
+from capture_app.common.errors import UnknownMachineError
+from capture_app.console.terminal import answer, json_option, table
+from capture_app.console.usage import examples
 from capture_app.trust.known_machines import Role
 from capture_app.trust.pairing import show_code
 from capture_app.trust.trust import Trust
-from capture_app.usage import examples
 
 EXAMPLE_PIN = "abcd-efgh-ijkl-mnop-qrst-uvwx-yz23-4567"
 role_option = click.option(
@@ -101,8 +101,8 @@ def remove(machine: str, as_json: bool) -> None:
 @json_option
 def invite(role: Role, qr: bool, leader: Address, as_json: bool) -> None:
     """Show a code by which one machine becomes known to a running leader."""
-    from capture_app.node.rig_link import ask_leader, ask_status
-    from capture_app.node.wire.pairing import Invite, Invited
+    from capture_app.protocol.pairing import Invite, Invited
+    from capture_app.rig.link import ask_leader, ask_status
 
     role = Role(role)
     if role is Role.LEADER:

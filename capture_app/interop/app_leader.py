@@ -8,6 +8,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from capture_app.common.names import name_like
+from capture_app.common.text import duration
 from capture_app.interop.app_protocol import (
     CALL_PORT,
     TIME_ANSWER,
@@ -20,10 +22,8 @@ from capture_app.interop.app_protocol import (
     encode_call,
     heartbeat_name,
 )
-from capture_app.names import name_like
-from capture_app.node.news import FollowerNews
-from capture_app.node.wire.status import FollowerStatus
-from capture_app.text import duration
+from capture_app.protocol.news import FollowerNews
+from capture_app.protocol.status import FollowerStatus
 
 Address = tuple[str, int]
 MOST_PHONES = 32

@@ -3,20 +3,20 @@
 import asyncio
 from collections.abc import Callable, Sequence
 
-from capture_app.clock import HostClock, NodeClock
-from capture_app.errors import BadInputError, NetworkError
+from capture_app.common.clock import HostClock, NodeClock
+from capture_app.common.errors import BadInputError, NetworkError
+from capture_app.common.tasks import Background, has_come
+from capture_app.common.text import count
 from capture_app.interop.app_leader import AppLeader
 from capture_app.interop.app_protocol import CALL_PORT, GOAL_PHASE_NS, PERIOD_NS, TIME_PORT
 from capture_app.net.server import bind_datagrams
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.followers import RigFollower, SharedGrid
-from capture_app.node.news import FollowerNews, Log
-from capture_app.node.wire.messages import BurstRequest
-from capture_app.node.wire.status import FollowerStatus
+from capture_app.protocol.messages import BurstRequest
+from capture_app.protocol.news import FollowerNews, Log
+from capture_app.protocol.status import FollowerStatus
 from capture_app.sync.rig.frame_selection import MAX_FRAMES
-from capture_app.tasks import Background, has_come
-from capture_app.text import count
 
 LOOK_EVERY_S = 0.1
 LEAD_NS = 500_000_000

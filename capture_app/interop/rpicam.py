@@ -13,12 +13,12 @@ import struct
 import time
 from collections.abc import Callable, Sequence
 
-from capture_app.clock import NodeClock
-from capture_app.net.interfaces import own_hosts
+from capture_app.common.clock import NodeClock
+from capture_app.common.interfaces import own_hosts
+from capture_app.common.tasks import end
 from capture_app.node.leader.followers import RigFollower, SharedGrid
-from capture_app.node.news import Log
+from capture_app.protocol.news import Log
 from capture_app.sync.phase.frame_grid import FrameGrid
-from capture_app.tasks import end
 
 GROUP, PORT = "239.255.255.250", 10_000
 PACKET = struct.Struct("<I4xQQQQ")

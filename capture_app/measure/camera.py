@@ -9,11 +9,12 @@ from statistics import fmean, median
 from msgspec import Struct
 from msgspec.structs import replace
 
-from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.cameras.base import Camera
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.clock import NodeClock
-from capture_app.errors import CameraError
+from capture_app.common.camera_facts import CameraFacts, PhaseControl
+from capture_app.common.clock import NodeClock
+from capture_app.common.errors import CameraError
+from capture_app.common.text import count
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimator
@@ -24,7 +25,6 @@ from capture_app.sync.phase.injection import (
     InjectionHistory,
 )
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
-from capture_app.text import count
 
 
 class Moves(Struct, frozen=True, kw_only=True):

@@ -8,11 +8,11 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import median
 
-from capture_app.clock import HostClock, NodeClock, SimulatedClock
-from capture_app.errors import NetworkError
+from capture_app.common.address import Address, resolve
+from capture_app.common.clock import HostClock, NodeClock, SimulatedClock
+from capture_app.common.errors import NetworkError
 from capture_app.measure.clock_estimators import estimator_family
 from capture_app.measure.result import Figures, Kind, Outcome, Result, Table, error_figures, new_figure, save
-from capture_app.net.address import Address, resolve
 from capture_app.net.server import bind_port
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
 from capture_app.simulation.exchanges import START_TRUE_NS, exchanges, read_trace

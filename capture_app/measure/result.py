@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from capture_app.errors import BadInputError
-from capture_app.optional_packages import load_optional
+from capture_app.common.errors import BadInputError
+from capture_app.common.optional_packages import load_optional
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

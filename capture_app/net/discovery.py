@@ -21,13 +21,13 @@ from zeroconf import Error, IPVersion, ServiceStateChange, Zeroconf
 from zeroconf.asyncio import AsyncServiceBrowser, AsyncServiceInfo, AsyncZeroconf
 
 from capture_app import __version__
-from capture_app.names import name_like
-from capture_app.net.address import ANY_HOST, Address, parse_address
-from capture_app.net.interfaces import own_hosts
+from capture_app.common.address import ANY_HOST, Address, parse_address
+from capture_app.common.interfaces import own_hosts
+from capture_app.common.names import name_like
+from capture_app.common.tasks import end
+from capture_app.common.text import printable
 from capture_app.net.reach import find_obstacle, first_to_answer
 from capture_app.sync.wire.codec import VERSION
-from capture_app.tasks import end
-from capture_app.text import printable
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 

@@ -7,11 +7,12 @@ import contextlib
 import socket
 from collections.abc import Callable, Iterable
 
-from capture_app.clock import NodeClock
-from capture_app.net.interfaces import source_address
+from capture_app.common.clock import NodeClock
+from capture_app.common.interfaces import source_address
+from capture_app.common.node_state import NodeState
 from capture_app.net.udp import Pump
 from capture_app.sync.rig.leader import Leader
-from capture_app.sync.wire.messages import Group, NodeState
+from capture_app.sync.wire.messages import Group
 from capture_app.trust.sealed_engines import SealedLeader
 
 BEACONS = Group("239.255.47.10", 47011)

@@ -15,8 +15,9 @@ from dataclasses import dataclass
 from enum import Enum, auto
 from pathlib import Path
 
-from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
-from capture_app.net.address import Address, resolve
+from capture_app.common.address import Address, resolve
+from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
+from capture_app.common.tasks import end, first_of
 from capture_app.net.channel import SAYS_NOTHING, WHAT_HANGS, open_identified
 from capture_app.net.udp import MAX_BYTES, client_socket
 from capture_app.sync.wire.codec import (
@@ -26,7 +27,6 @@ from capture_app.sync.wire.codec import (
     version_mismatch,
     version_question,
 )
-from capture_app.tasks import end, first_of
 from capture_app.trust.trust import Trust
 
 QUESTION_GAPS_S = (0.0, 0.25, 0.5)

@@ -13,10 +13,10 @@ from typing import Any, Generic, TypeVar
 
 import msgspec
 
-from capture_app.errors import NetworkError, SimulshotError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.errors import NetworkError, SimulshotError
+from capture_app.common.tasks import end
 from capture_app.net.channel import CHUNK_BYTES, Channel, Patience
-from capture_app.tasks import end
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import STRANGER, Peer, Trust
 

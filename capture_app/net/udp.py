@@ -13,9 +13,9 @@ import struct
 import time
 from collections.abc import Callable, Iterable
 
-from capture_app.clock import NodeClock
-from capture_app.errors import NetworkError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.clock import NodeClock
+from capture_app.common.errors import NetworkError
 from capture_app.sync.engine import Engine
 from capture_app.sync.rig.time_client import TimeClient
 

@@ -10,7 +10,7 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Self
 
-from capture_app.errors import (
+from capture_app.common.errors import (
     BadInputError,
     CameraError,
     ExitCode,

@@ -3,13 +3,13 @@
 import asyncio
 import contextlib
 
-from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
+from capture_app.net.asking import ask
 from capture_app.net.channel import connect
 from capture_app.net.udp import Pump
-from capture_app.node.asking import ask
 from capture_app.node.pairing import ask_to_enrol
-from capture_app.node.wire.messages import FromLeader, KeyAnswer, KeyRequest
+from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.trust.keys import LeaderKeys
 from capture_app.trust.trust import Trust

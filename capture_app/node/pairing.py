@@ -5,14 +5,14 @@ import socket
 import time
 from typing import Any
 
-from capture_app.errors import BadInputError, SimulshotError, UnknownMachineError
-from capture_app.names import name_like
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.errors import BadInputError, SimulshotError, UnknownMachineError
+from capture_app.common.names import name_like
+from capture_app.net.asking import ask
 from capture_app.net.channel import Channel, connect
-from capture_app.node.asking import ask
-from capture_app.node.news import Log
-from capture_app.node.wire import messages, pairing
-from capture_app.node.wire.message import Message
+from capture_app.protocol import messages, pairing
+from capture_app.protocol.message import Message
+from capture_app.protocol.news import Log
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.principal import Principal
 from capture_app.trust.camera_names import CameraNames

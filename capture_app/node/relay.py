@@ -7,11 +7,19 @@ from dataclasses import dataclass
 from socket import socket
 from typing import Any, Self
 
-from capture_app.clock import HostRate
-from capture_app.errors import BadInputError, DiskError, NetworkError, TryAgainError, UnknownMachineError
-from capture_app.net.address import ANY_HOST, Address, reachable_host, resolve
+from capture_app.common.address import ANY_HOST, Address, reachable_host, resolve
+from capture_app.common.clock import HostRate
+from capture_app.common.errors import (
+    BadInputError,
+    DiskError,
+    NetworkError,
+    TryAgainError,
+    UnknownMachineError,
+)
+from capture_app.common.interfaces import own_hosts
+from capture_app.common.tasks import end
+from capture_app.common.text import duration
 from capture_app.net.channel import Channel, connect
-from capture_app.net.interfaces import own_hosts
 from capture_app.net.multicast import send_due_beacon
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
@@ -21,9 +29,8 @@ from capture_app.node.leader.followers import SharedGrid
 from capture_app.node.leader.options import PortOptions
 from capture_app.node.leader.readiness import rig_advice
 from capture_app.node.leader.snapshots import node_statuses, page_of
-from capture_app.node.news import follower_line
 from capture_app.node.pairing import Asked, Enrolment, check_allowed, is_node, speaks_for
-from capture_app.node.wire.messages import (
+from capture_app.protocol.messages import (
     FromLeader,
     KeyRequest,
     NodeStream,
@@ -33,14 +40,13 @@ from capture_app.node.wire.messages import (
     ToLeader,
     sender_role,
 )
-from capture_app.node.wire.status import RigStatus
+from capture_app.protocol.news import follower_line
+from capture_app.protocol.status import RigStatus
 from capture_app.sync.rig.events import Joined, LeaderNews
 from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import OF_CAMERAS, Relay
-from capture_app.tasks import end
-from capture_app.text import duration
 from capture_app.trust.sealed_engines import SealedRelay
 
 UPSTREAM_TIMEOUT_S = 2.0

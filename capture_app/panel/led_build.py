@@ -5,9 +5,9 @@ from itertools import pairwise
 from pathlib import Path
 
 from capture_app.board.printing import Page, to_pdf, to_svg
+from capture_app.common.text import duration
 from capture_app.panel.pattern import COUNT, MARKER_SIZE, Panel, marker_squares
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
-from capture_app.text import duration
 
 PITCH_MM = 10.0
 """The distance from one LED to the next, unless another is asked for: it suits LEDs of 5 mm."""

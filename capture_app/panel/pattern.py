@@ -11,7 +11,7 @@ from dataclasses import dataclass
 from itertools import product
 from typing import Any, Literal
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 
 COUNT = 10
 """Columns and rows of an array; a digit of the time has so many values."""

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from itertools import combinations, groupby
 from statistics import median
 
-from capture_app.errors import NotApplicableError
+from capture_app.common.errors import NotApplicableError
 from capture_app.panel.finder import PanelNotFoundError
 from capture_app.panel.pattern import Panel
 from capture_app.panel.time_reading import PanelTime, read_panel

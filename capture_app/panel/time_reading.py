@@ -11,10 +11,10 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
+from capture_app.common.text import duration
 from capture_app.panel.finder import Floats, PanelNotFoundError, find_panel
 from capture_app.panel.light_model import LINES, TONES, LightModel, Shutter
 from capture_app.panel.pattern import COUNT, Panel
-from capture_app.text import duration
 
 STEPS = 8
 """Times tried for each tick."""

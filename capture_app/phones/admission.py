@@ -6,8 +6,8 @@ import secrets
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from capture_app.errors import UnknownMachineError
-from capture_app.names import free_name, name_like
+from capture_app.common.errors import UnknownMachineError
+from capture_app.common.names import free_name, name_like
 
 SECRET_BYTES = 16
 GOOD_FOR_S = 600.0

@@ -8,19 +8,19 @@ from typing import TYPE_CHECKING
 
 from msgspec import structs
 
-from capture_app.camera_facts import CameraFacts, Control, ControlState
 from capture_app.cameras.base import Camera, DeviceClock, OnFailure, OnFrame
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.errors import CameraError, SimulshotError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.camera_facts import CameraFacts, Control, ControlState
+from capture_app.common.errors import CameraError, SimulshotError
+from capture_app.common.tasks import Background, first_of
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.camera.supervisor import NodeOptions
-from capture_app.node.news import Log
 from capture_app.phones.frame_times import TimedFrame
 from capture_app.phones.phone import PATIENCE_S, Phone
+from capture_app.protocol.news import Log
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
-from capture_app.tasks import Background, first_of
 
 if TYPE_CHECKING:
     import numpy as np

@@ -9,7 +9,7 @@ from collections.abc import Iterable
 from dataclasses import dataclass
 from pathlib import Path
 
-from capture_app.errors import BadInputError, DiskError
+from capture_app.common.errors import BadInputError, DiskError
 from capture_app.trust.identity import private_part
 
 FILE = "phones.pem"

@@ -19,12 +19,12 @@ from aiohttp import WSMsgType, web
 from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Handler
 
-from capture_app.errors import UnknownMachineError
+from capture_app.common.errors import UnknownMachineError
+from capture_app.common.tasks import Background, end
+from capture_app.common.text import UNREADABLE
 from capture_app.phones import wire
 from capture_app.phones.admission import Admission, Admitted
 from capture_app.phones.phone import Phone
-from capture_app.tasks import Background, end
-from capture_app.text import UNREADABLE
 
 
 def _is_ours(record: logging.LogRecord) -> bool:

@@ -5,7 +5,8 @@ import logging
 from collections.abc import Awaitable, Callable
 from math import hypot
 
-from capture_app.camera_facts import (
+from capture_app.cameras.base import DeviceClock
+from capture_app.common.camera_facts import (
     PHONE,
     CameraFacts,
     Control,
@@ -15,8 +16,7 @@ from capture_app.camera_facts import (
     StampSource,
     TimestampSource,
 )
-from capture_app.cameras.base import DeviceClock
-from capture_app.errors import CameraError
+from capture_app.common.errors import CameraError
 from capture_app.phones import wire
 from capture_app.phones.frame_times import FrameTimes, TimedFrame
 from capture_app.phones.wire import Ping

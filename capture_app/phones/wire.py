@@ -19,7 +19,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta, Struct
 
-from capture_app.camera_facts import Control, ControlState
+from capture_app.common.camera_facts import Control, ControlState
 
 PING, FRAME, PICTURE, PREVIEW = 1, 2, 3, 4
 _PING = struct.Struct("<BIIdd")

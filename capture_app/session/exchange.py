@@ -11,7 +11,7 @@ from typing import Any
 
 import msgspec
 
-from capture_app.optional_packages import load_optional
+from capture_app.common.optional_packages import load_optional
 from capture_app.session.files.strangers import read_struct
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import ImageRecord, Manifest, check_references, image_path

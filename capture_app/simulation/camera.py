@@ -14,11 +14,11 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import KELVIN, MICROSECONDS, TIMES, Control, ControlState
 from capture_app.cameras.base import Camera, OnFailure, OnFrame
 from capture_app.cameras.frames import CapturedFrame, GroundTruth, JpegPicture
-from capture_app.clock import NodeClock
-from capture_app.errors import CameraError
+from capture_app.common.camera_facts import KELVIN, MICROSECONDS, TIMES, Control, ControlState
+from capture_app.common.clock import NodeClock
+from capture_app.common.errors import CameraError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.reading.decoding import JPEG_QUALITY, encode_image
 from capture_app.simulation.profiles import SensorProfile, facts_of

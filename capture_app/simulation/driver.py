@@ -6,11 +6,11 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from capture_app.camera_facts import SIMULATED
 from capture_app.cameras.base import CameraListing
 from capture_app.cameras.specs import read_number, refuse_unknown
-from capture_app.clock import NodeClock
-from capture_app.errors import BadInputError
+from capture_app.common.camera_facts import SIMULATED
+from capture_app.common.clock import NodeClock
+from capture_app.common.errors import BadInputError
 from capture_app.simulation.camera import SimulatedCamera, stable_seed
 from capture_app.simulation.profiles import PROFILES, SensorProfile, find_profile
 from capture_app.simulation.rendering.picture_source import (

@@ -10,8 +10,8 @@ from math import floor
 
 from msgspec import structs
 
-from capture_app.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
-from capture_app.errors import BadInputError
+from capture_app.common.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.errors import BadInputError
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -6,8 +6,8 @@ Pure: true times in ns go in and come out, all randomness comes from the generat
 import random
 from dataclasses import dataclass, replace
 
-from capture_app.camera_facts import PhaseControl
-from capture_app.errors import CameraError
+from capture_app.common.camera_facts import PhaseControl
+from capture_app.common.errors import CameraError
 from capture_app.simulation.profiles import SensorProfile
 
 DELIVERY_NS = 5_000_000

@@ -12,7 +12,7 @@ from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
 
-from capture_app.errors import BadInputError, DiskError
+from capture_app.common.errors import BadInputError, DiskError
 
 PIN_BYTES, GROUP = 20, 4
 """Nobody finds another certificate with the same first 160 bits of its SHA-256."""

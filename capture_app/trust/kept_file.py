@@ -7,10 +7,10 @@ from typing import Generic, TypeVar
 
 import msgspec
 
-from capture_app.errors import BadInputError, DiskError
+from capture_app.common.errors import BadInputError, DiskError
+from capture_app.common.text import UNREADABLE, pretty_json
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.locks import lock_file
-from capture_app.text import UNREADABLE, pretty_json
 
 T = TypeVar("T")
 

@@ -9,8 +9,8 @@ from pathlib import Path
 from msgspec import Struct
 from msgspec.structs import replace
 
-from capture_app.errors import BadInputError, SimulshotError
-from capture_app.names import free_name, name_like
+from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.names import free_name, name_like
 from capture_app.trust.identity import pin_of
 from capture_app.trust.kept_file import KeptFile
 

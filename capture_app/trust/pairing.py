@@ -11,7 +11,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
-from capture_app.errors import BadInputError, UnknownMachineError
+from capture_app.common.errors import BadInputError, UnknownMachineError
 from capture_app.trust.known_machines import Role
 
 DIGITS = 8

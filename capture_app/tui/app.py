@@ -16,13 +16,13 @@ from textual.app import App, SystemCommand
 from textual.binding import Binding, BindingType
 from textual.screen import Screen
 
-from capture_app.errors import SimulshotError
-from capture_app.node.rig_link import LinkLost, RigLink
-from capture_app.node.wire.operating import StopRig
-from capture_app.node.wire.status import NewsLine, RigStatus
-from capture_app.rig_process import AttachedRig
-from capture_app.sync.wire.messages import NodeState
-from capture_app.text import count, printable
+from capture_app.common.errors import SimulshotError
+from capture_app.common.node_state import NodeState
+from capture_app.common.text import count, printable
+from capture_app.protocol.orders import StopRig
+from capture_app.protocol.status import NewsLine, RigStatus
+from capture_app.rig.link import LinkLost, RigLink
+from capture_app.rig.process import AttachedRig
 from capture_app.tui.jobs.jobs_view import JobsView
 from capture_app.tui.jobs.run import MOMENT, Run, RunState
 from capture_app.tui.jobs.runs import Runs

@@ -7,8 +7,8 @@ from textual.app import ComposeResult
 from textual.containers import Vertical
 from textual.screen import Screen
 
-from capture_app.node.rig_link import LinkLost
-from capture_app.node.wire.status import RigStatus
+from capture_app.protocol.status import RigStatus
+from capture_app.rig.link import LinkLost
 from capture_app.tui.rig_record import RigRecord, Told
 from capture_app.tui.widgets.footer import KeyFooter
 from capture_app.tui.widgets.header import Header

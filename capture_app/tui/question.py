@@ -14,8 +14,8 @@ from textual.screen import ModalScreen, Screen
 from textual.widget import Widget
 from textual.widgets import Button, Input, Static
 
-from capture_app.node.wire.status import RigStatus
-from capture_app.text import printable
+from capture_app.common.text import printable
+from capture_app.protocol.status import RigStatus
 from capture_app.tui.rig_record import Told
 
 Result = TypeVar("Result")

@@ -13,10 +13,10 @@ from msgspec.structs import replace
 from textual.message import Message
 from textual.widget import Widget
 
-from capture_app.errors import SimulshotError
-from capture_app.node.rig_link import LinkLost, Update
-from capture_app.node.wire.status import NewsLine, RigStatus
-from capture_app.sync.wire.messages import NodeState
+from capture_app.common.errors import SimulshotError
+from capture_app.common.node_state import NodeState
+from capture_app.protocol.status import NewsLine, RigStatus
+from capture_app.rig.link import LinkLost, Update
 
 NEWS_KEPT = 500
 PHASE_KEPT_S = 35.0

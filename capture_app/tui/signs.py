@@ -2,8 +2,8 @@
 
 from dataclasses import dataclass
 
-from capture_app.node.wire.status import LOST_IS_NEWS_NS, NodeStatus, RigStatus
-from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
+from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
+from capture_app.protocol.status import LOST_IS_NEWS_NS, NodeStatus, RigStatus
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,8 +10,8 @@ from aiohttp import web
 from aiohttp.typedefs import Handler
 from textual_serve.server import Server
 
-from capture_app.net.address import ANY_HOST, LOOPBACK_HOSTS, Address, reachable_host
-from capture_app.rig_process import AttachedRig
+from capture_app.common.address import ANY_HOST, LOOPBACK_HOSTS, Address, reachable_host
+from capture_app.rig.process import AttachedRig
 
 
 class PageServer(Server):

@@ -11,11 +11,11 @@ from collections.abc import Callable
 from pathlib import Path
 from tempfile import TemporaryDirectory
 
-from capture_app.node.rig_link import RigLink, ask_status
-from capture_app.node.wire.operating import StopRig
-from capture_app.rig_process import start_rig
-from capture_app.sync.wire.messages import NodeState
-from capture_app.terminal import talk
+from capture_app.common.node_state import NodeState
+from capture_app.console.terminal import talk
+from capture_app.protocol.orders import StopRig
+from capture_app.rig.link import RigLink, ask_status
+from capture_app.rig.process import start_rig
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.settings import Settings
 from capture_app.tui.shoot.view import ShootView

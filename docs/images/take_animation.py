@@ -14,12 +14,12 @@ import numpy as np
 from numpy.typing import NDArray
 from screen_drawing import draw_screen
 
+from capture_app.common.node_state import NodeState
+from capture_app.console.terminal import talk
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.rig_link import RigLink
-from capture_app.node.wire.operating import AddSimulated
-from capture_app.sync.wire.messages import NodeState
-from capture_app.terminal import talk
+from capture_app.protocol.orders import AddSimulated
+from capture_app.rig.link import RigLink
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.settings import Settings
 from capture_app.tui.shoot.view import ShootView

@@ -6,11 +6,11 @@ from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
-from capture_app.errors import BadInputError, ExitCode, NotApplicableError, SimulshotError
+from capture_app.common.errors import BadInputError, ExitCode, NotApplicableError, SimulshotError
+from capture_app.common.text import ProgressStep
+from capture_app.console.terminal import talk
 from capture_app.session.files.locks import lock_file
 from capture_app.session.files.output_folder import replaces_only
-from capture_app.terminal import talk
-from capture_app.text import ProgressStep
 from reconstruction.batch.executors import Executor
 from reconstruction.batch.plan import DEPTH_TASK, BatchOptions, plan
 from reconstruction.batch.rows import BatchResult, Row, completed_row, group_medians, judged_rows

@@ -23,10 +23,10 @@ from typing import Any, Protocol
 
 import msgspec
 
-from capture_app.errors import BadInputError, ExitCode, NotAvailableError, SimulshotError
-from capture_app.optional_packages import load_optional
+from capture_app.common.errors import BadInputError, ExitCode, NotAvailableError, SimulshotError
+from capture_app.common.optional_packages import load_optional
+from capture_app.common.text import first_line
 from capture_app.session.files.durable import write_atomic
-from capture_app.text import first_line
 from reconstruction.batch.units import WORK, Outcome, Unit, run_unit
 from reconstruction.common.memory import (
     DEFAULT_SHARE,

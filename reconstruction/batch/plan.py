@@ -9,9 +9,9 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.errors import BadInputError, NotApplicableError
+from capture_app.common.errors import BadInputError, NotApplicableError
+from capture_app.common.text import pretty_json
 from capture_app.session.files.durable import write_atomic
-from capture_app.text import pretty_json
 from reconstruction.batch.rows import Row
 from reconstruction.batch.units import RESULT, Unit
 from reconstruction.calibration.kept import settle_calibration

@@ -7,7 +7,7 @@ from statistics import median
 import msgspec
 from msgspec import Struct
 
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from reconstruction.batch.units import RESULT, Unit
 from reconstruction.scores.truth import DepthShares
 from reconstruction.session.conditions import SYNCED

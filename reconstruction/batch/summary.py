@@ -11,9 +11,9 @@ from typing import Any
 
 import msgspec
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
+from capture_app.common.text import count, pretty_json
 from capture_app.session.files.durable import write_atomic
-from capture_app.text import count, pretty_json
 from reconstruction.batch.rows import BatchResult, Group, Row
 from reconstruction.batch.units import RESULT
 from reconstruction.report import tables as report

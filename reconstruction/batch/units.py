@@ -10,7 +10,7 @@ from dataclasses import dataclass, field
 from importlib import import_module
 from pathlib import Path
 
-from capture_app.errors import DiskFullError, ExitCode, SimulshotError
+from capture_app.common.errors import DiskFullError, ExitCode, SimulshotError
 from capture_app.session.files.output_folder import OutputFolder, clear_leftovers
 
 UNITS = "units"

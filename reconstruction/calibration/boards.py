@@ -17,9 +17,9 @@ import numpy as np
 from capture_app.board.boards import MIN_CORNERS, Checkerboard
 from capture_app.board.coverage import BoardCoverage, CoverageCount
 from capture_app.board.detector import Board, BoardDetector, Corners
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
+from capture_app.common.text import count
 from capture_app.session.format.calibration import Calibration
-from capture_app.text import count
 from reconstruction.common.geometry import Array, View
 from reconstruction.session.conditions import evenly_spread
 from reconstruction.session.dataset import Dataset

@@ -9,11 +9,11 @@ import numpy as np
 from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.board.coverage import BoardCoverage
 from capture_app.board.detector import Board
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
+from capture_app.common.text import count
+from capture_app.console.terminal import talk
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
-from capture_app.terminal import talk
-from capture_app.text import count
 from reconstruction.calibration.boards import count_coverage, detect_board
 from reconstruction.calibration.consistency import RigCheck
 from reconstruction.calibration.kept import keep_calibration, write_calibration

@@ -12,11 +12,11 @@ from pathlib import Path
 import msgspec
 from platformdirs import user_data_path
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
+from capture_app.common.text import pretty_json
+from capture_app.console.terminal import talk
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
-from capture_app.terminal import talk
-from capture_app.text import pretty_json
 from reconstruction.calibration.consistency import RigCheck, check_rig, find_mixups, plainly_fits
 from reconstruction.calibration.rig import Rig, calibrated_views, refuse_faults, sound_views
 from reconstruction.pairs import Features, detect_features

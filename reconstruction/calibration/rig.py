@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.geometry import View

@@ -9,11 +9,11 @@ from pathlib import Path
 from capture_app.board.boards import Checkerboard
 from capture_app.board.coverage import BoardCoverage
 from capture_app.board.detector import Board, BoardDetector
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
+from capture_app.console.terminal import talk
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.importers.calibrations.reading import fit_calibration, read_views
-from capture_app.terminal import talk
 from reconstruction.calibration.boards import (
     calibrate_from_board,
     count_coverage,

@@ -14,7 +14,7 @@ import numpy as np
 
 from capture_app.board.boards import MIN_CORNERS
 from capture_app.board.detector import Board, Corners
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from reconstruction.calibration.boards import BoardCorners, corners_by_moment
 from reconstruction.calibration.consistency import reprojection_errors, triangulate

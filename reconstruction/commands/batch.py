@@ -5,9 +5,9 @@ from typing import Any
 
 import click
 
-from capture_app.errors import ExitCode, SimulshotError
-from capture_app.terminal import answer, json_option
-from capture_app.usage import examples
+from capture_app.common.errors import ExitCode, SimulshotError
+from capture_app.console.terminal import answer, json_option
+from capture_app.console.usage import examples
 from reconstruction.commands.options import (
     CONDITION,
     CONDITION_HELP,

@@ -6,9 +6,9 @@ import click
 
 from capture_app.board.boards import CharucoBoard, Checkerboard
 from capture_app.board.options import board_options
-from capture_app.errors import SimulshotError
-from capture_app.terminal import answer, json_option
-from capture_app.usage import examples
+from capture_app.common.errors import SimulshotError
+from capture_app.console.terminal import answer, json_option
+from capture_app.console.usage import examples
 
 
 @click.command(epilog=examples("reconstruct board board.pdf", "reconstruct board board.svg --page letter"))

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from capture_app.board.options import board_options
-from capture_app.terminal import FiniteRange, answer, json_option, table
-from capture_app.usage import examples
+from capture_app.console.terminal import FiniteRange, answer, json_option, table
+from capture_app.console.usage import examples
 from reconstruction.commands.options import checksums_option, memory_option, session_argument
 
 if TYPE_CHECKING:

@@ -5,8 +5,8 @@ from typing import Any
 
 import click
 
-from capture_app.terminal import FiniteRange, answer, json_option
-from capture_app.usage import examples
+from capture_app.console.terminal import FiniteRange, answer, json_option
+from capture_app.console.usage import examples
 from reconstruction.commands import options
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
 

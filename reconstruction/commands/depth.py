@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from capture_app.terminal import Progress, answer, json_option, talk
-from capture_app.text import count
-from capture_app.usage import examples
+from capture_app.common.text import count
+from capture_app.console.terminal import Progress, answer, json_option, talk
+from capture_app.console.usage import examples
 from reconstruction.commands import options
 from reconstruction.session.conditions import SYNCED, Condition
 

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
-from capture_app.terminal import answer, json_option
-from capture_app.usage import examples
+from capture_app.console.terminal import answer, json_option
+from capture_app.console.usage import examples
 from reconstruction.commands.options import checksums_option, memory_option, out_option, session_argument
 
 

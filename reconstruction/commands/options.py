@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from capture_app.terminal import ParsedType, talk
+from capture_app.console.terminal import ParsedType, talk
 from reconstruction.common.memory import limited_memory, parse_size
 from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, MAX_OFFSET_MS, SYNCED, Condition
 from reconstruction.session.picture_checksums import checked_pictures

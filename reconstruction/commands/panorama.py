@@ -5,9 +5,9 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from capture_app.terminal import FiniteRange, answer, json_option
-from capture_app.text import count
-from capture_app.usage import examples
+from capture_app.common.text import count
+from capture_app.console.terminal import FiniteRange, answer, json_option
+from capture_app.console.usage import examples
 from reconstruction.commands.options import (
     checksums_option,
     instant_option,

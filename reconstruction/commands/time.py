@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.terminal import answer, json_option
-from capture_app.usage import examples
+from capture_app.console.terminal import answer, json_option
+from capture_app.console.usage import examples
 from reconstruction.commands.options import checksums_option, memory_option, session_argument
 
 if TYPE_CHECKING:

@@ -14,7 +14,7 @@ from contextlib import AbstractContextManager, contextmanager, suppress
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 
 if TYPE_CHECKING:
     from reconstruction.common.geometry import Array

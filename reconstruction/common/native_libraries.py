@@ -15,8 +15,8 @@ from traceback import extract_tb
 from types import BuiltinFunctionType, FunctionType, ModuleType
 from typing import Any
 
-from capture_app.errors import BadInputError, SimulshotError
-from capture_app.optional_packages import RECONSTRUCTION, load_optional
+from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.optional_packages import RECONSTRUCTION, load_optional
 
 MAX_WORDS = 30
 TRACEBACK = "SIMULSHOT_TRACEBACK"

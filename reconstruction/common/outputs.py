@@ -8,9 +8,9 @@ from typing import TypeVar
 import msgspec
 import numpy as np
 
+from capture_app.common.text import pretty_json
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
-from capture_app.text import pretty_json
 
 METRICS = "metrics.json"
 STAGES = "stages"

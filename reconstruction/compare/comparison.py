@@ -8,8 +8,8 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.errors import BadInputError, NotAvailableError
-from capture_app.terminal import Progress
+from capture_app.common.errors import BadInputError, NotAvailableError
+from capture_app.console.terminal import Progress
 from reconstruction.bullet_time import render_burst_grid, render_camera_sweep
 from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.rig import Rig

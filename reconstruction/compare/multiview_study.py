@@ -8,9 +8,9 @@ from typing import Self
 
 import numpy as np
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
+from capture_app.console.terminal import Progress
 from capture_app.session.exporters.common.point_cloud import PointCloud, write_ply
-from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, mark_movers
 from reconstruction.common.geometry import Array, View

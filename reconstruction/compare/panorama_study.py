@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.terminal import Progress
+from capture_app.console.terminal import Progress
 from reconstruction.common.drawing import box_with_most, enlarge_crop, trim_empty_sides
 from reconstruction.common.geometry import Array
 from reconstruction.compare.study import SYNCHRONIZED, PairStudy, write_pictures

@@ -10,7 +10,7 @@ from typing import Any, Self
 import msgspec
 import numpy as np
 
-from capture_app.terminal import Progress
+from capture_app.console.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.common.image_files import FAST_PNG, write_image

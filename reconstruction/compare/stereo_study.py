@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.terminal import Progress
+from capture_app.console.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import (
     EMPTY,

@@ -7,8 +7,8 @@ from typing import ClassVar, Self
 
 import msgspec
 
-from capture_app.errors import NotAvailableError
-from capture_app.terminal import Progress
+from capture_app.common.errors import NotAvailableError
+from capture_app.console.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture

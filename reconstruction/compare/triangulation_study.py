@@ -8,7 +8,7 @@ from typing import Any, Self
 
 import numpy as np
 
-from capture_app.terminal import Progress
+from capture_app.console.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import foreign_calls, library_versions, load_pycolmap

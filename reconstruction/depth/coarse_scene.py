@@ -5,7 +5,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from capture_app.errors import NotApplicableError
+from capture_app.common.errors import NotApplicableError
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView

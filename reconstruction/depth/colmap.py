@@ -15,7 +15,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_app.errors import NotApplicableError, NotAvailableError, SimulshotError
+from capture_app.common.errors import NotApplicableError, NotAvailableError, SimulshotError
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import load_pycolmap

@@ -13,9 +13,9 @@ from weakref import ref
 
 import numpy as np
 
-from capture_app.errors import NotAvailableError
-from capture_app.terminal import talk
-from capture_app.text import first_line
+from capture_app.common.errors import NotAvailableError
+from capture_app.common.text import first_line
+from capture_app.console.terminal import talk
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.compiled import CPU

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 import cv2
 import numpy as np
 
-from capture_app.terminal import Progress
+from capture_app.console.terminal import Progress
 from reconstruction.common.geometry import Array
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.worker_pool import worker_count, worker_pool

@@ -6,7 +6,7 @@ from itertools import permutations
 
 import numpy as np
 
-from capture_app.errors import NotApplicableError
+from capture_app.common.errors import NotApplicableError
 from reconstruction.common.geometry import Array, View
 
 BEST_ANGLES_DEG = (2.5, 14.0)

@@ -8,7 +8,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_app.errors import NotAvailableError
+from capture_app.common.errors import NotAvailableError
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
 from reconstruction.depth.colmap import read_fused_cloud

@@ -5,7 +5,7 @@ from dataclasses import dataclass, replace
 import cv2
 import numpy as np
 
-from capture_app.errors import BadInputError, NotApplicableError
+from capture_app.common.errors import BadInputError, NotApplicableError
 from reconstruction.calibration.rig import calibrated_views
 from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.brightness import noise_level

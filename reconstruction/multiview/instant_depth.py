@@ -7,7 +7,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.common.errors import BadInputError, NotAvailableError
 from reconstruction.common.brightness import match_brightness
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.errors import NotApplicableError
-from capture_app.optional_packages import require_reconstruction
+from capture_app.common.errors import NotApplicableError
+from capture_app.common.optional_packages import require_reconstruction
+from capture_app.common.text import pretty_json
+from capture_app.console.terminal import Progress
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
-from capture_app.terminal import Progress
-from capture_app.text import pretty_json
 from reconstruction.calibration.kept import settle_calibration
 from reconstruction.common.drawing import colour_depth, display_range
 from reconstruction.common.image_files import write_image

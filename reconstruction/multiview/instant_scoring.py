@@ -4,7 +4,7 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 
-from capture_app.errors import NotAvailableError
+from capture_app.common.errors import NotAvailableError
 from reconstruction.common.geometry import Array
 from reconstruction.multiview.cloud_accuracy import (
     TOLERANCE_M,

@@ -5,7 +5,7 @@ from dataclasses import dataclass
 from enum import StrEnum
 from pathlib import Path
 
-from capture_app.terminal import Progress
+from capture_app.console.terminal import Progress
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.colmap import CudaGpu, find_gpu, read_maps, run_patch_match, write_workspace
 from reconstruction.depth.compiled import CPU

@@ -18,8 +18,10 @@ import msgspec
 import numpy as np
 from msgspec import Struct
 
-from capture_app.errors import BadInputError, DiskFullError, TryAgainError
-from capture_app.optional_packages import load_optional, require_reconstruction
+from capture_app.common.errors import BadInputError, DiskFullError, TryAgainError
+from capture_app.common.optional_packages import load_optional, require_reconstruction
+from capture_app.common.text import pretty_json
+from capture_app.console.terminal import Progress
 from capture_app.session.exporters.common.files import mask_path
 from capture_app.session.exporters.common.point_cloud import read_ply
 from capture_app.session.exporters.rrd import log_cameras, set_times
@@ -29,8 +31,6 @@ from capture_app.session.files.locks import lock_file
 from capture_app.session.files.output_folder import replaces_only
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
-from capture_app.terminal import Progress
-from capture_app.text import pretty_json
 from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.memory import memory_budget

@@ -5,7 +5,7 @@ from functools import lru_cache
 import cv2
 import numpy as np
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.multiview.input_images import (
     InputImage,

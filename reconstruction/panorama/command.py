@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.manifest import MANIFEST
 from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.rig import calibrated_views

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from capture_app.text import count
+from capture_app.common.text import count
 from reconstruction.report.charts import pose_chart
 from reconstruction.report.embedding import embed_image, view_clouds
 from reconstruction.report.findings import (

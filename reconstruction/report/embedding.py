@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import numpy as np
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.exporters.common.point_cloud import read_ply
 from reconstruction.common.geometry import Array
 from reconstruction.scores.study_result import InstantClouds

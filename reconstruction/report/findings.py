@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from capture_app.text import count
+from capture_app.common.text import count
 from reconstruction.calibration.structure_from_motion import GUESS
 from reconstruction.report import wording
 from reconstruction.scores.comparison_results import CompareResult

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 
-from capture_app.text import count
+from capture_app.common.text import count
 from reconstruction.report import wording
 from reconstruction.scores.study_result import StudyResult
 

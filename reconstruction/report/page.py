@@ -8,9 +8,9 @@ from pathlib import Path
 
 from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
+from capture_app.common.text import count
 from capture_app.session.files.durable import PART, write_atomic
-from capture_app.text import count
 from reconstruction.report import wording
 
 TEMPLATES = "template"

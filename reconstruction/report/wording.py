@@ -4,7 +4,7 @@ import math
 import re
 from collections.abc import Mapping
 
-from capture_app.text import duration
+from capture_app.common.text import duration
 
 NOT_AVAILABLE = "n/a"
 GAP = "\u202f"

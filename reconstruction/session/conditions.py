@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 
 if TYPE_CHECKING:
     from reconstruction.session.dataset import Dataset

@@ -9,8 +9,8 @@ import cv2
 import msgspec
 import numpy as np
 
-from capture_app.camera_facts import unshared_uncertainties_ns
-from capture_app.errors import BadInputError, IncompleteError, NotApplicableError, reading
+from capture_app.common.camera_facts import unshared_uncertainties_ns
+from capture_app.common.errors import BadInputError, IncompleteError, NotApplicableError, reading
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
 from capture_app.session.reading.reader import Session

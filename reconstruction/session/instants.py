@@ -3,7 +3,7 @@
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from reconstruction.session.conditions import (
     DISTINCT_MS,
     SYNCED,

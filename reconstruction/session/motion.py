@@ -7,9 +7,9 @@ import cv2
 import numpy as np
 from msgspec import Struct
 
-from capture_app.errors import NotApplicableError
+from capture_app.common.errors import NotApplicableError
+from capture_app.console.terminal import Progress
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
-from capture_app.terminal import Progress
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import write_image
 from reconstruction.common.memory import ByteCache, memory_budget

@@ -8,7 +8,7 @@ import hashlib
 from contextlib import AbstractContextManager
 from pathlib import Path
 
-from capture_app.errors import IncompleteError
+from capture_app.common.errors import IncompleteError
 from reconstruction.common.memory import running
 
 _VERIFY = "capture-app sessions verify checks every image"

@@ -8,8 +8,8 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from capture_app.errors import BadInputError
-from capture_app.terminal import Progress
+from capture_app.common.errors import BadInputError
+from capture_app.console.terminal import Progress
 from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, side_by_side

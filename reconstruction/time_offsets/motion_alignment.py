@@ -6,9 +6,9 @@ from functools import lru_cache, partial
 import cv2
 import numpy as np
 
+from capture_app.console.terminal import Progress
 from capture_app.session.alignment.clock_line import chain_cameras, fit_clock_line
 from capture_app.session.format.common_times import CameraTimes
-from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset

@@ -5,8 +5,8 @@ from itertools import combinations
 
 import numpy as np
 
+from capture_app.console.terminal import Progress
 from capture_app.session.format.common_times import REFERENCE
-from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import angle_deg
 from reconstruction.time_offsets.camera_time import CameraTime

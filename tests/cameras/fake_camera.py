@@ -5,9 +5,9 @@ import asyncio
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.camera_facts import CameraFacts, PhaseControl
 from capture_app.cameras.base import Camera, OnFailure, OnFrame
 from capture_app.cameras.frames import CapturedFrame
+from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.sync.wire.camera_commands import CameraCommand
 from tests.facts import make_facts
 

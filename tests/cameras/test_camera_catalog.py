@@ -6,8 +6,8 @@ from typing import Any
 import pytest
 
 from capture_app.cameras import base, specs
-from capture_app.clock import HostClock, NodeClock, SimulatedClock
-from capture_app.errors import BadInputError, CameraError
+from capture_app.common.clock import HostClock, NodeClock, SimulatedClock
+from capture_app.common.errors import BadInputError, CameraError
 from capture_app.simulation.profiles import PROFILES
 from tests.cameras.fake_camera import FakeCamera, frame
 
@@ -98,7 +98,7 @@ def test_opening_a_test_card_loads_no_heavy_library() -> None:
     code = (
         "import sys\n"
         "from capture_app.cameras.specs import open_camera\n"
-        "from capture_app.clock import HostClock\n"
+        "from capture_app.common.clock import HostClock\n"
         "open_camera('sim:pi', clock=HostClock(), name='a')\n"
         "print(sorted({'cv2', 'numpy', 'open3d', 'pycolmap', 'textual'} & set(sys.modules)))\n"
     )

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.cameras.system_packages import FOLDERS, load_system_module
-from capture_app.errors import NotAvailableError
+from capture_app.common.errors import NotAvailableError
 
 MODULE = "simulshot_bindings"
 HERE = f"{sys.version_info.major}.{sys.version_info.minor}"

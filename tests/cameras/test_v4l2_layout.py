@@ -8,7 +8,7 @@ import pytest
 
 from capture_app.cameras.v4l2 import kernel
 from capture_app.cameras.v4l2.kernel import check_layout
-from capture_app.errors import NotAvailableError
+from capture_app.common.errors import NotAvailableError
 
 U32, S32 = c.c_uint32, c.c_int32
 

@@ -13,8 +13,8 @@ from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.driver import list_cameras, open_camera, open_video_node
 from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.cameras.v4l2.modes import Mode, check_capture, choose_mode, configure, parse_options
-from capture_app.clock import HostClock
-from capture_app.errors import BadInputError, CameraError
+from capture_app.common.clock import HostClock
+from capture_app.common.errors import BadInputError, CameraError
 from tests.cameras.fake_device import MJPG, FickleDevice, rates
 
 WEBCAM = (

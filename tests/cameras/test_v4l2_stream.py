@@ -9,11 +9,11 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.camera_facts import PhaseControl, TimestampSource
 from capture_app.cameras.frames import CapturedFrame, JpegPicture, PixelPicture, raw_picture
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.stream import V4L2Camera
-from capture_app.errors import CameraError
+from capture_app.common.camera_facts import PhaseControl, TimestampSource
+from capture_app.common.errors import CameraError
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream
 from tests.cameras.fake_device import JPEG, MJPG, PERIOD_NS, FakeDevice
 from tests.waiting import until

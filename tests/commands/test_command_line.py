@@ -15,11 +15,11 @@ from click.testing import CliRunner
 from capture_app.cli import COMMANDS, run
 from capture_app.commands.joining import choose_leader, find_leader, leaders_to_join
 from capture_app.commands.node import node
-from capture_app.errors import ExitCode, NetworkError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.errors import ExitCode, NetworkError
 from capture_app.net.discovery import FoundLeader
 from capture_app.net.server import bind_port
-from capture_app.rig_process import recorded_rig
+from capture_app.rig.process import recorded_rig
 from capture_app.sync.wire.codec import version_answer
 from capture_app.trust.trust import Trust
 
@@ -240,7 +240,8 @@ HEAVY = {"textual", "rich", "numpy", "cv2", "open3d", "pycolmap"}
 )
 def test_scripting_commands_drag_nothing_heavy_in(program: str, arguments: str, allowed: set[str]) -> None:
     text = (
-        f"import sys\nfrom {program}.cli import app\nfrom capture_app.terminal import run_command_line\n"
+        f"import sys\nfrom {program}.cli import app\n"
+        "from capture_app.console.terminal import run_command_line\n"
         f"run_command_line(app, 'it', {arguments.split()!r})\nprint('MODULES', *sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)

@@ -3,8 +3,8 @@
 import pytest
 
 from capture_app.commands.take import require_whole
-from capture_app.errors import IncompleteError
-from capture_app.node.wire.status import BurstStatus
+from capture_app.common.errors import IncompleteError
+from capture_app.protocol.status import BurstStatus
 
 
 def status(received: int) -> BurstStatus:

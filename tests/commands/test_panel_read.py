@@ -9,7 +9,7 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.commands.camera_measurements import times_by_panel
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from capture_app.panel import simulated
 from capture_app.session.reading.reader import Session
 

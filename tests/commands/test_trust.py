@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 
 from capture_app.cli import run
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.trust.known_machines import Role

@@ -10,9 +10,9 @@ import click
 import pytest
 
 from capture_app.cli import run
-from capture_app.errors import ExitCode
-from capture_app.terminal import log_line, run_command_line, show_count, talk
-from capture_app.usage import Verbosity, add_verbosity, examples, set_verbosity
+from capture_app.common.errors import ExitCode
+from capture_app.console.terminal import log_line, run_command_line, show_count, talk
+from capture_app.console.usage import Verbosity, add_verbosity, examples, set_verbosity
 from tests.command_lines import every_command, parse
 
 COMMANDS = {typed: command for typed, command in every_command() if not command.hidden}

@@ -6,7 +6,7 @@ import msgspec
 import pytest
 
 from capture_app.cli import run
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from tests.net.ports import closed_port
 
 

@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from tests.end_to_end.conftest import PATIENCE_S, Command, Start
 from tests.waiting import SLOW_PATIENCE_S, patience, until
 

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.demo import capture, compare, measure_sync_errors
-from capture_app.errors import ExitCode, SimulshotError
+from capture_app.commands.demo_run import capture, compare, measure_sync_errors
+from capture_app.common.errors import ExitCode, SimulshotError
 from capture_app.session.files.durable import free_name
 from capture_app.session.reading.verify import verify
 from tests.end_to_end.processes import children_of, is_running

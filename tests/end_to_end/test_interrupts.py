@@ -11,7 +11,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from tests.end_to_end.processes import children_of, is_running
 
 from .conftest import PATIENCE_S

@@ -7,7 +7,7 @@ from typing import Any
 import cv2
 import pytest
 
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 
 from .conftest import Start
 

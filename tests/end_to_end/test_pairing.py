@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from tests.end_to_end.rig import burst, output
 
 from .conftest import Start

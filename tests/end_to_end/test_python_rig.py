@@ -6,8 +6,8 @@ from pathlib import Path
 import pytest
 
 from capture_app import AsyncRig, Rig
-from capture_app.errors import BadInputError, IncompleteError, NetworkError, NotAvailableError
-from capture_app.rig_process import list_rigs
+from capture_app.common.errors import BadInputError, IncompleteError, NetworkError, NotAvailableError
+from capture_app.rig.process import list_rigs
 
 
 @pytest.mark.slow

@@ -8,7 +8,7 @@ from typing import Any
 
 import pytest
 
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.end_to_end.rig import lead, output

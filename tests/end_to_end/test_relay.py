@@ -6,11 +6,11 @@ from typing import Any
 
 import pytest
 
-from capture_app.errors import ExitCode
-from capture_app.net.address import parse_address
-from capture_app.node.rig_link import ask_burst, ask_status
-from capture_app.node.wire.messages import BurstRequest
-from capture_app.node.wire.status import BurstStatus, NodeStatus
+from capture_app.common.address import parse_address
+from capture_app.common.errors import ExitCode
+from capture_app.protocol.messages import BurstRequest
+from capture_app.protocol.status import BurstStatus, NodeStatus
+from capture_app.rig.link import ask_burst, ask_status
 from capture_app.session.format.manifest import JOURNAL
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from capture_app.node.camera.device_profiles import FILE
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify

@@ -7,7 +7,7 @@ from typing import Any
 
 import pytest
 
-from capture_app.camera_facts import Control
+from capture_app.common.camera_facts import Control
 from tests.end_to_end.rig import lead, output
 from tests.end_to_end.test_recording import take
 from tests.waiting import SLOW_PATIENCE_S

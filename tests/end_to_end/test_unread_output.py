@@ -9,9 +9,9 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.net.address import Address
-from capture_app.node.rig_link import ask_burst
-from capture_app.node.wire.messages import BurstRequest
+from capture_app.common.address import Address
+from capture_app.protocol.messages import BurstRequest
+from capture_app.rig.link import ask_burst
 
 ROOT = Path(__file__).resolve().parents[2]
 BURSTS = 200

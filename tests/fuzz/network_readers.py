@@ -8,10 +8,10 @@ from typing import Any
 
 import msgspec
 
-from capture_app.errors import CameraError, SimulshotError
+from capture_app.common.address import Address
+from capture_app.common.errors import CameraError, SimulshotError
 from capture_app.interop.app_leader import AppLeader
 from capture_app.interop.app_protocol import TIME_PORT, Method, encode_call
-from capture_app.net.address import Address
 from capture_app.net.channel import Channel
 from capture_app.phones import wire
 from capture_app.phones.phone import Phone

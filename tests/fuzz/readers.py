@@ -5,7 +5,7 @@ A reader of files is given a folder of its own, in which it may write what it li
 
 from pathlib import Path
 
-from capture_app.node.wire import messages
+from capture_app.protocol import messages
 from tests.fuzz.folders import Reader
 from tests.fuzz.import_readers import (
     import_exported,

@@ -4,8 +4,8 @@ from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 
-from capture_app.camera_facts import CameraFacts
-from capture_app.errors import SimulshotError
+from capture_app.common.camera_facts import CameraFacts
+from capture_app.common.errors import SimulshotError
 from capture_app.node.camera.burst_upload import SpooledBurst
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.session.format.burst_plan import PLAN, read_plan

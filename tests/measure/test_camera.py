@@ -8,11 +8,11 @@ from statistics import median
 import pytest
 from msgspec.structs import replace
 
-from capture_app.camera_facts import CameraFacts
 from capture_app.cameras.base import Camera
 from capture_app.cameras.specs import open_camera
 from capture_app.cli import run
-from capture_app.errors import CameraError
+from capture_app.common.camera_facts import CameraFacts
+from capture_app.common.errors import CameraError
 from capture_app.measure.camera import Character, characterize, common_step, save
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.simulation.profiles import PROFILES

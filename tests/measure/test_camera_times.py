@@ -7,8 +7,8 @@ import pytest
 from msgspec import structs
 
 from benchmarks.simulated.virtual_rig import NodeSpec
-from capture_app.camera_facts import EXACT_STAMPS, CameraFacts, StampAccuracy, StampSource
-from capture_app.clock import SimulatedClock
+from capture_app.common.camera_facts import EXACT_STAMPS, CameraFacts, StampAccuracy, StampSource
+from capture_app.common.clock import SimulatedClock
 from capture_app.measure.camera_times import (
     MeasuredTime,
     MeasuredTimes,

@@ -9,8 +9,9 @@ from pathlib import Path
 import pytest
 
 from capture_app.cli import run
-from capture_app.clock import HostClock, SimulatedClock
-from capture_app.errors import ExitCode, NetworkError
+from capture_app.common.address import Address
+from capture_app.common.clock import HostClock, SimulatedClock
+from capture_app.common.errors import ExitCode, NetworkError
 from capture_app.measure import link as measuring
 from capture_app.measure.link import (
     LinkClient,
@@ -21,7 +22,6 @@ from capture_app.measure.link import (
     serve,
     synchronize,
 )
-from capture_app.net.address import Address
 from capture_app.net.server import bind_port
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.rig.leader import Leader, LeaderConfig

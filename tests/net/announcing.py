@@ -12,7 +12,7 @@ from pathlib import Path
 
 from zeroconf.asyncio import AsyncServiceInfo, AsyncZeroconf
 
-from capture_app.net.address import Address
+from capture_app.common.address import Address
 from capture_app.net.discovery import SERVICE, Kind, announced
 from capture_app.sync.wire.codec import version_answer
 from capture_app.trust.trust import Trust

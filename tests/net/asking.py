@@ -3,7 +3,7 @@
 import asyncio
 import sys
 
-from capture_app.net.address import parse_address
+from capture_app.common.address import parse_address
 from capture_app.net.reach import find_obstacle
 
 

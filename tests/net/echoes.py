@@ -6,7 +6,7 @@ from typing import Any
 
 import msgspec
 
-from capture_app.net.address import Address
+from capture_app.common.address import Address
 from capture_app.net.channel import Channel
 from capture_app.net.server import TransferServer, bind_port
 

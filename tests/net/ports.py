@@ -5,7 +5,7 @@ import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
 
-from capture_app.net.address import Address
+from capture_app.common.address import Address
 from capture_app.sync.wire.codec import VERSION, version_answer
 
 

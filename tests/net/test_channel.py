@@ -6,8 +6,8 @@ import struct
 import msgspec
 import pytest
 
-from capture_app.errors import NetworkError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.errors import NetworkError
 from capture_app.net.channel import MAX_HEADER_BYTES, MAX_PAYLOAD_BYTES, Channel, connect
 from capture_app.net.server import bind_port
 from tests.net.echoes import PING, Ping, Pong, Serve, echo, serving

@@ -8,8 +8,8 @@ from contextlib import closing
 
 import pytest
 
-from capture_app.clock import HostClock
-from capture_app.net.interfaces import source_address
+from capture_app.common.clock import HostClock
+from capture_app.common.interfaces import source_address
 from capture_app.net.multicast import BeaconReceiver, BeaconSender, open_group_socket
 from capture_app.sync.wire.messages import Group
 

@@ -11,8 +11,8 @@ from typing import Any
 
 import pytest
 
-from capture_app.clock import HostClock
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.clock import HostClock
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
 
 Received = tuple[bytes, tuple[str, int], int]

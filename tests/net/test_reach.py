@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from capture_app.errors import NetworkError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.errors import NetworkError
 from capture_app.net.channel import connect
 from capture_app.net.reach import Answer, find_obstacle, first_to_answer, obstacle
 from capture_app.net.server import TransferServer, bind_port

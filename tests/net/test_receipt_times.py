@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.clock import HostClock, NodeClock, SimulatedClock
+from capture_app.common.clock import HostClock, NodeClock, SimulatedClock
 from capture_app.net.udp import SO_TIMESTAMPNS, ReceiptTimes
 
 MS, S = 1_000_000, 1_000_000_000

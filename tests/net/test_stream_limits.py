@@ -8,8 +8,8 @@ from typing import Any
 
 import pytest
 
-from capture_app.errors import NetworkError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.errors import NetworkError
 from capture_app.net.channel import MAX_PAYLOAD_BYTES, Channel, Patience, connect
 from tests.net.echoes import PING, Ping, Pong, echo, serving
 

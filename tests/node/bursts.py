@@ -5,10 +5,10 @@ import hashlib
 from collections.abc import AsyncIterator, Collection
 from pathlib import Path
 
-from capture_app.camera_facts import PhaseControl
+from capture_app.common.camera_facts import PhaseControl
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.intake import DiskThreads
-from capture_app.node.wire.messages import CameraReport, ImageUpload
+from capture_app.protocol.messages import CameraReport, ImageUpload
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, MissingImage, image_path
 from capture_app.session.writing.session_writer import SessionWriter

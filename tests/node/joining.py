@@ -5,16 +5,16 @@ import socket
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.node_state import NodeState
 from capture_app.net.channel import connect
 from capture_app.net.udp import client_socket
-from capture_app.node.wire.messages import FromLeader, KeyAnswer, KeyRequest
+from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import (
     ControlMessage,
     Heartbeat,
     Hello,
-    NodeState,
     Report,
     TimeReply,
     TimeRequest,

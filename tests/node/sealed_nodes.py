@@ -9,11 +9,11 @@ from contextlib import asynccontextmanager, contextmanager
 from pathlib import Path
 from random import Random
 
-from capture_app.clock import HostClock
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.clock import HostClock
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
 from capture_app.node.keys import KeyRequester
-from capture_app.node.wire.messages import KeyRequest
+from capture_app.protocol.messages import KeyRequest
 from capture_app.sync.engine import Engine
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.timekeeper import Timekeeper

@@ -9,15 +9,15 @@ from typing import Any
 import msgspec
 import pytest
 
-from capture_app.camera_facts import EXACT_STAMPS, CameraControls, Control
-from capture_app.errors import NetworkError
+from capture_app.common.camera_facts import EXACT_STAMPS, CameraControls, Control
+from capture_app.common.errors import NetworkError
 from capture_app.net.channel import connect
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.wire import messages as wire
-from capture_app.node.wire import operating, pairing
-from capture_app.node.wire.messages import FromLeader, ToLeader
-from capture_app.node.wire.status import NodeDetail, Preview
+from capture_app.protocol import messages as wire
+from capture_app.protocol import orders, pairing
+from capture_app.protocol.messages import FromLeader, ToLeader
+from capture_app.protocol.status import NodeDetail, Preview
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, image_path
 from capture_app.sync.clock.clock_filter import KnownWay
@@ -44,24 +44,24 @@ def every_message(node: SealedNode) -> list[Any]:
         wire.KeyRequest(name="cam", instance=node.instance, is_relay=True),
         wire.StatusRequest(),
         wire.BurstRequest(frames=1),
-        operating.WatchRequest(),
-        operating.PreviewsWanted(width=100, fps=1.0),
-        operating.PreviewSeen(camera="cam"),
-        operating.DetailRequest(camera="cam"),
-        operating.AddCamera(spec="sim:pi"),
-        operating.AddSimulated(cameras=1),
-        operating.RemoveCamera(name="cam"),
-        operating.CancelBurst(burst=1),
-        operating.EndBurst(burst=1),
-        operating.StopRig(),
-        operating.InvitePhone(),
-        operating.ControlsRequest(camera="cam", wanted={Control.GAIN: 2.0}),
-        operating.ControlsAnswer(camera="cam", state=CameraControls()),
-        operating.ExposeAppPhones(exposure_ns=1, iso=100),
+        orders.WatchRequest(),
+        orders.PreviewsWanted(width=100, fps=1.0),
+        orders.PreviewSeen(camera="cam"),
+        orders.DetailRequest(camera="cam"),
+        orders.AddCamera(spec="sim:pi"),
+        orders.AddSimulated(cameras=1),
+        orders.RemoveCamera(name="cam"),
+        orders.CancelBurst(burst=1),
+        orders.EndBurst(burst=1),
+        orders.StopRig(),
+        orders.InvitePhone(),
+        orders.ControlsRequest(camera="cam", wanted={Control.GAIN: 2.0}),
+        orders.ControlsAnswer(camera="cam", state=CameraControls()),
+        orders.ExposeAppPhones(exposure_ns=1, iso=100),
         wire.NodeStream(camera="cam", instance=node.instance, shows=True),
-        operating.Vitals(fps=1.0),
-        operating.KeepStamp(camera="cam", stamp=EXACT_STAMPS, way=KnownWay(1, 2, 3)),
-        operating.StampKept(camera="cam", kept=True),
+        orders.Vitals(fps=1.0),
+        orders.KeepStamp(camera="cam", stamp=EXACT_STAMPS, way=KnownWay(1, 2, 3)),
+        orders.StampKept(camera="cam", kept=True),
         Preview(camera="cam", leader_ns=0, width=1, height=1),
         NodeDetail(camera="cam"),
         pairing.EnrolRequest(certificate=b"none"),
@@ -144,10 +144,10 @@ OF_NODES = (
     wire.ImageUpload,
     wire.SpoolSpace,
     wire.KeyRequest,
-    operating.Vitals,
+    orders.Vitals,
     Preview,
     NodeDetail,
-    operating.StampKept,
+    orders.StampKept,
     pairing.SpeaksFor,
 )
 

@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from capture_app.cameras.specs import open_camera
-from capture_app.clock import HostClock
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.clock import HostClock
 from capture_app.net.multicast import BEACONS, BeaconSender, open_group_socket
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.supervisor import NodeOptions

@@ -3,7 +3,7 @@
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from capture_app.camera_facts import CameraFacts, PhaseControl
+from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.node.camera.device_profiles import FILE, MOST_LATENCIES, DeviceProfiles
 from capture_app.sync.clock.clock_filter import KnownWay
 from capture_app.sync.phase.actuators import InjectionProfile

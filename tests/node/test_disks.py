@@ -12,13 +12,13 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from capture_app.errors import DiskError, SimulshotError
+from capture_app.common.errors import DiskError, SimulshotError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.camera.burst_upload import Spool
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.wire.messages import (
+from capture_app.protocol.messages import (
     BurstRequest,
     FromLeader,
     ImageAck,

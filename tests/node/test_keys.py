@@ -5,16 +5,17 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.errors import DiskError
+from capture_app.common.errors import DiskError
+from capture_app.common.node_state import NodeState
 from capture_app.net.channel import connect
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.news import Log
 from capture_app.node.pairing import Enrolment
 from capture_app.node.relay import RelayNode, RelayOptions
-from capture_app.node.wire.messages import FromLeader, KeyAnswer, KeyRequest, Refusal
+from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest, Refusal
+from capture_app.protocol.news import Log
 from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.messages import Goodbye, Hello, JoinRefusal, NodeState
+from capture_app.sync.wire.messages import Goodbye, Hello, JoinRefusal
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Peer, Trust
 from tests.facts import make_facts

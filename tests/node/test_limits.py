@@ -9,19 +9,20 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from capture_app.errors import DiskFullError, NetworkError
+from capture_app.common.errors import DiskFullError, NetworkError
+from capture_app.common.node_state import NodeState
 from capture_app.net.channel import MAX_HEADER_BYTES, connect
 from capture_app.net.server import MOST_OF_ONE_MACHINE
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.snapshots import MOST_OF_A_PAGE
-from capture_app.node.rig_link import ask_status
-from capture_app.node.wire import messages as wire
-from capture_app.node.wire import operating
-from capture_app.node.wire.messages import BurstRequest, FromLeader, NodeStream, SpoolSpace, StatusAnswer
+from capture_app.protocol import messages as wire
+from capture_app.protocol import orders
+from capture_app.protocol.messages import BurstRequest, FromLeader, NodeStream, SpoolSpace, StatusAnswer
+from capture_app.rig.link import ask_status
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.roster import MOST_OF_ONE
 from capture_app.sync.wire.codec import encode
-from capture_app.sync.wire.messages import Heartbeat, Hello, NodeState, Report
+from capture_app.sync.wire.messages import Heartbeat, Hello, Report
 from capture_app.sync.wire.principal import Principal
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
@@ -44,11 +45,11 @@ def memory_bytes() -> int:
 SENDER = """
 import asyncio, sys
 from pathlib import Path
-from capture_app.net.address import Address
+from capture_app.common.address import Address
 from capture_app.net.channel import connect
-from capture_app.node.wire import operating
-from capture_app.node.wire.messages import FromLeader, NodeStream
-from capture_app.node.wire.status import Preview
+from capture_app.protocol import orders
+from capture_app.protocol.messages import FromLeader, NodeStream
+from capture_app.protocol.status import Preview
 from capture_app.trust.trust import Trust
 
 async def send(trust, leader):
@@ -59,7 +60,7 @@ async def send(trust, leader):
         await channel.send(NodeStream(camera=name, instance=n + 1, shows=True))
         frame = Preview(camera=name, leader_ns=0, width=1, height=1)
         await channel.send(frame, bytes(24 << 20))
-        await channel.send(operating.Vitals(fps=7.0))
+        await channel.send(orders.Vitals(fps=7.0))
     await asyncio.sleep(600)
 
 asyncio.run(send(Trust(Path(sys.argv[1])), Address("127.0.0.1", int(sys.argv[2]))))
@@ -111,7 +112,7 @@ async def test_the_status_of_a_large_rig_comes_in_pages_and_fits_a_message(
         assert len(msgspec.json.encode(answer)) < MAX_HEADER_BYTES // 2
         assert (len(answer.rig.nodes), answer.rig.further) == (MOST_OF_A_PAGE, 1000 - MOST_OF_A_PAGE)
         assert answer.rig.message == f"and {1000 - MOST_OF_A_PAGE} more nodes, not listed here: 750 ready"
-        await channel.send(operating.WatchRequest())
+        await channel.send(orders.WatchRequest())
         told = await channel.receive_header()
         assert isinstance(told, StatusAnswer)
         assert told.rig.further == 1000 - MOST_OF_A_PAGE
@@ -164,8 +165,8 @@ async def test_pictures_that_nobody_wants_take_no_memory(
             operator = introduced(tmp_path, trust, "operator", Role.OPERATOR)
             watching = await connect(leader.own_address, FromLeader, trust=operator)
             await stack.enter_async_context(watching)
-            await watching.send(operating.WatchRequest())
-            await watching.send(operating.PreviewsWanted(width=160, fps=1.0))
+            await watching.send(orders.WatchRequest())
+            await watching.send(orders.PreviewsWanted(width=160, fps=1.0))
         before = memory_bytes()
         where = str(tmp_path / "machine"), str(leader.own_address.port)
         process = await asyncio.create_subprocess_exec(sys.executable, "-c", SENDER, *where)

@@ -8,14 +8,14 @@ from typing import Any
 
 import pytest
 
-from capture_app.errors import NetworkError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.errors import NetworkError
 from capture_app.net.channel import connect
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.relay import RelayNode, RelayOptions
-from capture_app.node.wire import messages as wire
-from capture_app.node.wire.messages import FromLeader, Refusal
+from capture_app.protocol import messages as wire
+from capture_app.protocol.messages import FromLeader, Refusal
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.wire.messages import JoinRefusal
 from capture_app.trust.known_machines import Role

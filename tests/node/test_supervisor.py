@@ -9,7 +9,7 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.errors import CameraError
+from capture_app.common.errors import CameraError
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream

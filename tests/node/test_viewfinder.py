@@ -12,21 +12,21 @@ import pytest
 from numpy.typing import NDArray
 
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.errors import IncompleteError
+from capture_app.common.errors import IncompleteError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.viewfinder import small_jpeg
 from capture_app.node.leader import viewfinders
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.rig_link import RigLink, Update
-from capture_app.node.wire.messages import FromLeader, NodeStream
-from capture_app.node.wire.operating import (
+from capture_app.protocol.messages import FromLeader, NodeStream
+from capture_app.protocol.orders import (
     DetailRequest,
     PreviewSeen,
     PreviewsWanted,
     Vitals,
 )
-from capture_app.node.wire.status import NodeDetail, Preview
+from capture_app.protocol.status import NodeDetail, Preview
+from capture_app.rig.link import RigLink, Update
 from tests.node.camera.controlled_camera import ControlledCamera, ShownNode
 from tests.node.joining import joined
 from tests.waiting import patience

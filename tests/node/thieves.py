@@ -6,12 +6,12 @@ import socket
 from collections.abc import Sequence
 from typing import Any
 
-from capture_app.errors import NetworkError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.errors import NetworkError
 from capture_app.net.channel import Channel, connect
 from capture_app.net.udp import client_socket
-from capture_app.node.wire import messages as wire
-from capture_app.node.wire.messages import FromLeader, KeyRequest, NodeStream, Refusal
+from capture_app.protocol import messages as wire
+from capture_app.protocol.messages import FromLeader, KeyRequest, NodeStream, Refusal
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, image_path
 from capture_app.sync.wire.codec import decode, encode

@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.panel.pattern import (
     MARKER_SIZE,
     PANELS,

@@ -4,7 +4,7 @@ import secrets
 
 import pytest
 
-from capture_app.errors import UnknownMachineError
+from capture_app.common.errors import UnknownMachineError
 from capture_app.phones.admission import GOOD_FOR_S, TICKET_S, Admission
 
 

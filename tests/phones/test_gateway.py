@@ -10,13 +10,13 @@ from urllib.parse import urlsplit
 import aiohttp
 import pytest
 
-from capture_app.camera_facts import MICROSECONDS, CameraControls, Control, StampSource
-from capture_app.errors import SimulshotError
-from capture_app.node.rig_link import ask_controls, give_order
-from capture_app.node.wire.operating import RemoveCamera
+from capture_app.common.camera_facts import MICROSECONDS, CameraControls, Control, StampSource
+from capture_app.common.errors import SimulshotError
+from capture_app.common.node_state import NodeState
 from capture_app.phones.gateway import MOST_GREETED, REPLACED
+from capture_app.protocol.orders import RemoveCamera
+from capture_app.rig.link import ask_controls, give_order
 from capture_app.session.reading.verify import verify
-from capture_app.sync.wire.messages import NodeState
 from tests.phones.places import Place, burst, ready, serving
 from tests.phones.stand_in import JPEG
 from tests.waiting import patience, until

@@ -9,10 +9,10 @@ from typing import Any
 
 import pytest
 
-from capture_app.camera_facts import Control
-from capture_app.node.rig_link import ask_controls
+from capture_app.common.camera_facts import Control
+from capture_app.common.node_state import NodeState
+from capture_app.rig.link import ask_controls
 from capture_app.session.reading.verify import verify
-from capture_app.sync.wire.messages import NodeState
 from tests.browser import CHROMIUM, Browser
 from tests.phones.places import Place, burst, measured, serving
 from tests.waiting import PATIENCE_S, until

@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.errors import BadInputError, NotApplicableError, NotAvailableError, SimulshotError
+from capture_app.common.errors import BadInputError, NotApplicableError, NotAvailableError, SimulshotError
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import run
 from reconstruction.depth import colmap

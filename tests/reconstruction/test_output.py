@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from capture_app.session.files.disk import is_full
 from capture_app.session.reading.reader import Session
 from reconstruction.common.outputs import comparison_folder

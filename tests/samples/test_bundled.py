@@ -13,7 +13,7 @@ from benchmarks.samples.recipe import read_recipe
 from benchmarks.samples.render import render, same_files
 from benchmarks.simulated import panel_photographs
 from capture_app.cli import run
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from capture_app.panel import simulated
 from capture_app.session.format.manifest import RECIPE, row_exposures
 from capture_app.session.reading.reader import Session

@@ -11,7 +11,7 @@ from benchmarks.samples.__main__ import run as render_command
 from benchmarks.samples.recipe import CameraRecipe, Recipe, Trigger, read_recipe
 from benchmarks.samples.render import render, same_files
 from capture_app.cli import run
-from capture_app.errors import BadInputError, ExitCode
+from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.session.format.manifest import RECIPE
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter

@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.clock import SimulatedClock
+from capture_app.common.clock import SimulatedClock
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import MANIFEST, BurstRecord, CameraRecord, ClockRecord, MissingImage
 from capture_app.session.reading.reader import Session

@@ -15,7 +15,7 @@ import numpy as np
 import pytest
 
 from capture_app.cli import run
-from capture_app.errors import ExitCode, SimulshotError
+from capture_app.common.errors import ExitCode, SimulshotError
 from capture_app.session.format.manifest import CALIBRATION, JOURNAL, MANIFEST
 from capture_app.session.importers.import_options import ImportOptions
 from capture_app.session.importers.recording import import_recording

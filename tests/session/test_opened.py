@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from capture_app import SimulshotError, open_session
-from capture_app.errors import BadInputError, IncompleteError
+from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.session.format.manifest import BurstRecord
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter

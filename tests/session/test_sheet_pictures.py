@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from capture_app.cli import run
-from capture_app.errors import BadInputError, ExitCode
+from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.sheet_pictures import GAP, GUTTER, HEAD, wiggle_frames
 from capture_app.session.reading.take_sheet import TakeSheet

@@ -9,9 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.clock import SimulatedClock
-from capture_app.errors import BadInputError, ExitCode, IncompleteError, SimulshotError
-from capture_app.names import is_name
+from capture_app.common.clock import SimulatedClock
+from capture_app.common.errors import BadInputError, ExitCode, IncompleteError, SimulshotError
+from capture_app.common.names import is_name
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, BurstRecord, ImageRecord, inside
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session, is_being_written

@@ -5,7 +5,7 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from capture_app.camera_facts import EXACT_STAMPS, StampAccuracy, StampSource
+from capture_app.common.camera_facts import EXACT_STAMPS, StampAccuracy, StampSource
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.session.format.manifest import (
     BurstRecord,

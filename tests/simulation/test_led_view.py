@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from benchmarks.simulated import panel_photographs
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.panel import simulated
 from capture_app.simulation.rendering.picture_source import LED_PANEL, PictureSource, open_picture_source
 from capture_app.simulation.sensor import SensorFrame

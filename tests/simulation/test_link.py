@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay, TroubleSpells, WirelessLink
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.simulation.exchanges import read_trace
 from capture_app.simulation.links import Link, ReplayedDelay
 

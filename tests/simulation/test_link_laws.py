@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.simulated.wifi_laws import LINKS, LinkStatistics
 from benchmarks.simulated.wireless import LATE_NS, PACE_NS, PAPER_LINK, GammaDelay, QuickMoments, WirelessLink
-from capture_app.clock import SimulatedClock
+from capture_app.common.clock import SimulatedClock
 from capture_app.simulation.exchanges import exchanges
 from capture_app.simulation.links import Channel, Direction, Link
 

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.errors import BadInputError, CameraError
+from capture_app.common.errors import BadInputError, CameraError
 from capture_app.simulation.profiles import PROFILES, SensorProfile, find_profile
 from capture_app.simulation.sensor import Sensor, SensorFrame
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from capture_app.errors import BadInputError, UnknownMachineError
+from capture_app.common.errors import BadInputError, UnknownMachineError
 from capture_app.trust.known_machines import Role
 from capture_app.trust.pairing import GOOD_FOR_S, TRIES, Candidate, Invitations, parse_code, show_code
 

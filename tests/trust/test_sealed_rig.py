@@ -7,6 +7,7 @@ from collections.abc import Iterator
 import pytest
 from msgspec import structs
 
+from capture_app.common.node_state import NodeState
 from capture_app.sync.rig.events import BurstAnswered, StrangeTrigger
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.wire.codec import FromClient, Message, decode, encode
@@ -20,7 +21,6 @@ from capture_app.sync.wire.messages import (
     Hello,
     JoinRefusal,
     MemberReports,
-    NodeState,
     Notice,
     Report,
     RigConfigMessage,

@@ -9,8 +9,8 @@ from typing import Any
 
 import pytest
 
-from capture_app.errors import UnknownMachineError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.errors import UnknownMachineError
 from capture_app.net.channel import Channel, Patience, connect
 from capture_app.net.server import MOST_SILENT
 from capture_app.trust.known_machines import Role

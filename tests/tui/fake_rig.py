@@ -6,15 +6,15 @@ from typing import Any
 
 import msgspec
 
-from capture_app.camera_facts import PhaseControl
-from capture_app.errors import NoCameraHereError, SimulshotError
-from capture_app.net.address import Address
-from capture_app.node.rig_link import A, CamerasControls, LinkLost, RigLink, Update
-from capture_app.node.wire import operating
-from capture_app.node.wire.message import Message
-from capture_app.node.wire.messages import BurstRequest
-from capture_app.node.wire.pairing import Invited
-from capture_app.node.wire.status import (
+from capture_app.common.address import Address
+from capture_app.common.camera_facts import PhaseControl
+from capture_app.common.errors import NoCameraHereError, SimulshotError
+from capture_app.common.node_state import NodeState
+from capture_app.protocol import orders
+from capture_app.protocol.message import Message
+from capture_app.protocol.messages import BurstRequest
+from capture_app.protocol.pairing import Invited
+from capture_app.protocol.status import (
     BurstStatus,
     CameraTransfer,
     NewsLine,
@@ -23,7 +23,7 @@ from capture_app.node.wire.status import (
     Preview,
     RigStatus,
 )
-from capture_app.sync.wire.messages import NodeState
+from capture_app.rig.link import A, CamerasControls, LinkLost, RigLink, Update
 from tests.facts import make_facts
 
 PERIOD_NS = 33_333_000
@@ -178,12 +178,12 @@ class FakeRig(RigLink):
             if self.saves is not None:
                 await self.saves.wait()
 
-    async def order(self, order: operating.Order) -> None:
+    async def order(self, order: orders.Order) -> None:
         self._ask("order", order)
         match order:
-            case operating.AddSimulated(cameras=cameras):
+            case orders.AddSimulated(cameras=cameras):
                 self.add_cameras(cameras)
-            case operating.RemoveCamera(name=name):
+            case orders.RemoveCamera(name=name):
                 self.nodes = tuple(node for node in self.nodes if node.name != name)
                 self.tell()
 
@@ -199,19 +199,19 @@ class FakeRig(RigLink):
     async def ask(self, request: Message, kind: type[A]) -> A:
         answer: Message
         match request:
-            case operating.DetailRequest(camera=name):
+            case orders.DetailRequest(camera=name):
                 if self.detail_failure is not None:
                     raise self.detail_failure
                 detail = self.details.get(name, NodeDetail(camera=name))
                 answer = detail
-            case operating.InvitePhone():
+            case orders.InvitePhone():
                 if self.phones_failure is not None:
                     raise self.phones_failure
                 secret = f"https://192.168.1.20:47011/#{self.phones_come:022d}"
-                answer = operating.PhoneInvited(url=secret, fingerprint=":".join(["A7"] * 32), good_for_s=600)
+                answer = orders.PhoneInvited(url=secret, fingerprint=":".join(["A7"] * 32), good_for_s=600)
             case _:
                 answer = Invited(code="12345678", good_for_s=600)
-        if not isinstance(request, operating.DetailRequest):
+        if not isinstance(request, orders.DetailRequest):
             self._ask("ask", request)
         assert isinstance(answer, kind)
         return answer

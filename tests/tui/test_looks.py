@@ -10,8 +10,8 @@ from typing import Any
 import pytest
 
 from capture_app.cameras.v4l2 import driver
-from capture_app.node.wire.status import NewsLine, NodeDetail
-from capture_app.sync.wire.messages import NodeState
+from capture_app.common.node_state import NodeState
+from capture_app.protocol.status import NewsLine, NodeDetail
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.settings import Settings
 from tests.tui.driving import make_app, settle

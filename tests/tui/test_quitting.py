@@ -4,7 +4,7 @@ from pathlib import Path
 
 from textual.widgets import Button, Static
 
-from capture_app.text import ProgressStep
+from capture_app.common.text import ProgressStep
 from capture_app.tui.app import quit_question
 from capture_app.tui.jobs.run import Run, RunState
 from tests.tui.driving import make_app, settle

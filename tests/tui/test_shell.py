@@ -3,7 +3,7 @@
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.question import Question
 from capture_app.tui.rig_record import Mishap

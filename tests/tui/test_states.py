@@ -2,8 +2,8 @@
 
 from msgspec.structs import replace
 
-from capture_app.node.wire.status import LOST_IS_NEWS_NS
-from capture_app.sync.wire.messages import NodeState
+from capture_app.common.node_state import NodeState
+from capture_app.protocol.status import LOST_IS_NEWS_NS
 from capture_app.tui.signs import SIGNS, rig_sign
 from tests.tui.fake_rig import FakeRig, make_node
 

@@ -12,7 +12,13 @@ from collections.abc import Callable
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import (
+from capture_app.cameras.aravis.device import KIND, AravisDevice
+from capture_app.cameras.aravis.machine_device import DeviceFrame, machine_picture
+from capture_app.cameras.arrival_clock import ArrivalClock
+from capture_app.cameras.base import DeviceClock, OnFailure, OnFrame
+from capture_app.cameras.frames import CapturedFrame
+from capture_app.cameras.threaded import ThreadedCamera
+from capture_app.common.camera_facts import (
     CameraFacts,
     Control,
     ControlState,
@@ -20,13 +26,7 @@ from capture_app.camera_facts import (
     StampSource,
     TimestampSource,
 )
-from capture_app.cameras.aravis.device import KIND, AravisDevice
-from capture_app.cameras.aravis.machine_device import DeviceFrame, machine_picture
-from capture_app.cameras.arrival_clock import ArrivalClock
-from capture_app.cameras.base import DeviceClock, OnFailure, OnFrame
-from capture_app.cameras.frames import CapturedFrame
-from capture_app.cameras.threaded import ThreadedCamera
-from capture_app.errors import CameraError
+from capture_app.common.errors import CameraError
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.wire.camera_commands import CameraCommand, SetFrameDuration

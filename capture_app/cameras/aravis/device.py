@@ -6,7 +6,10 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import (
+from capture_app.cameras.aravis.library import camera_errors, load_aravis
+from capture_app.cameras.aravis.machine_device import USABLE_FORMATS, DeviceFrame
+from capture_app.cameras.specs import CameraRequest
+from capture_app.common.camera_facts import (
     MICROSECONDS,
     CameraFacts,
     Control,
@@ -15,10 +18,7 @@ from capture_app.camera_facts import (
     TimestampSource,
     steps_of,
 )
-from capture_app.cameras.aravis.library import camera_errors, load_aravis
-from capture_app.cameras.aravis.machine_device import USABLE_FORMATS, DeviceFrame
-from capture_app.cameras.specs import CameraRequest
-from capture_app.errors import CameraError
+from capture_app.common.errors import CameraError
 
 _WORDS = {Control.EXPOSURE: ("exposure_time", "exposure"), Control.GAIN: ("gain", "gain")}
 """What the library's methods call a value, and call it where the camera may choose it."""

@@ -8,8 +8,8 @@ from capture_app.cameras.aravis.device import KIND, OPTIONS, AravisDevice
 from capture_app.cameras.aravis.library import load_aravis
 from capture_app.cameras.base import Camera, CameraListing
 from capture_app.cameras.specs import read_request
-from capture_app.clock import NodeClock
-from capture_app.errors import NotAvailableError
+from capture_app.common.clock import NodeClock
+from capture_app.common.errors import NotAvailableError
 
 
 def open_camera(address: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:

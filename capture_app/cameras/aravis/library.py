@@ -8,7 +8,7 @@ from contextlib import contextmanager
 from typing import Any
 
 from capture_app.cameras.system_packages import load_system_module
-from capture_app.errors import CameraError, NotAvailableError
+from capture_app.common.errors import CameraError, NotAvailableError
 
 PACKAGE = "gir1.2-aravis-0.8"
 PURPOSE = "a GigE Vision or USB3 Vision camera"

@@ -21,7 +21,6 @@ from typing import Any
 
 from msgspec import structs
 
-from capture_app.camera_facts import Control, ControlState, PhaseControl
 from capture_app.cameras.base import OnFailure, OnFrame
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.libcamera.configuration import (
@@ -44,7 +43,8 @@ from capture_app.cameras.libcamera.library import Library
 from capture_app.cameras.libcamera.stream import FinishedFrame, RequestStream, StampClock
 from capture_app.cameras.specs import CameraRequest
 from capture_app.cameras.threaded import ThreadedCamera
-from capture_app.errors import CameraError
+from capture_app.common.camera_facts import Control, ControlState, PhaseControl
+from capture_app.common.errors import CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream, SetFrameDuration
 
 ASKED = 32

@@ -8,10 +8,16 @@ from typing import Any, Literal
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, StampAccuracy, StampSource, TimestampSource
 from capture_app.cameras.specs import CameraRequest, read_request
 from capture_app.cameras.v4l2.kernel import PixelFormat
-from capture_app.errors import BadInputError, CameraError
+from capture_app.common.camera_facts import (
+    CameraFacts,
+    PhaseControl,
+    StampAccuracy,
+    StampSource,
+    TimestampSource,
+)
+from capture_app.common.errors import BadInputError, CameraError
 
 FOURCC = {"MJPEG": "MJPG", "NV12": "NV12", "YUYV": "YUYV", "R8": "GREY"}
 """The library's formats that can be saved, the best first, and what V4L2 calls them."""

@@ -4,9 +4,9 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
-from capture_app.camera_facts import DIOPTRES, KELVIN, MICROSECONDS, TIMES, Control, ControlState
 from capture_app.cameras.specs import CameraRequest
-from capture_app.errors import CameraError
+from capture_app.common.camera_facts import DIOPTRES, KELVIN, MICROSECONDS, TIMES, Control, ControlState
+from capture_app.common.errors import CameraError
 
 
 class KnownControls:

@@ -7,8 +7,8 @@ from capture_app.cameras.libcamera.camera import LibcameraCamera
 from capture_app.cameras.libcamera.configuration import KIND, origin_of, parse_options
 from capture_app.cameras.libcamera.library import Library, load_library
 from capture_app.cameras.system_packages import is_installed
-from capture_app.clock import NodeClock
-from capture_app.errors import NotAvailableError
+from capture_app.common.clock import NodeClock
+from capture_app.common.errors import NotAvailableError
 
 
 def open_camera(device: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:

@@ -9,7 +9,7 @@ from itertools import count
 from typing import Any
 
 from capture_app.cameras.system_packages import load_system_module
-from capture_app.errors import CameraError, NotAvailableError
+from capture_app.common.errors import CameraError, NotAvailableError
 
 PACKAGE = "python3-libcamera"
 LEAST_VERSION = (0, 4)

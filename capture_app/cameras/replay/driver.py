@@ -8,12 +8,12 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import PhaseControl
 from capture_app.cameras.base import Camera, CameraListing, OnFailure, OnFrame
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.specs import read_number, refuse_unknown
-from capture_app.clock import NodeClock
-from capture_app.errors import BadInputError, CameraError, SimulshotError
+from capture_app.common.camera_facts import PhaseControl
+from capture_app.common.clock import NodeClock
+from capture_app.common.errors import BadInputError, CameraError, SimulshotError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream

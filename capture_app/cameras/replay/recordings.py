@@ -8,9 +8,9 @@ from statistics import median
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.cameras.frames import JpegPicture
-from capture_app.errors import BadInputError
+from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.journal import frame_of_line
 from capture_app.session.format.manifest import NO_INSTANT, CameraRecord, ImageRecord

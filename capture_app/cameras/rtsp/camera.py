@@ -9,7 +9,6 @@ from itertools import pairwise
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, StampAccuracy, StampSource, TimestampSource
 from capture_app.cameras.base import Camera, CameraListing, OnFailure, OnFrame
 from capture_app.cameras.frames import CapturedFrame, PixelPicture, step_to
 from capture_app.cameras.rtsp.connection import GONE, Connection, VideoStream
@@ -18,11 +17,18 @@ from capture_app.cameras.rtsp.passwords import reveal_password
 from capture_app.cameras.rtsp.sender_clock import SenderClock
 from capture_app.cameras.specs import read_request
 from capture_app.cameras.threaded import ThreadedCamera
-from capture_app.clock import NodeClock
-from capture_app.errors import CameraError
-from capture_app.optional_packages import load_optional
+from capture_app.common.camera_facts import (
+    CameraFacts,
+    PhaseControl,
+    StampAccuracy,
+    StampSource,
+    TimestampSource,
+)
+from capture_app.common.clock import NodeClock
+from capture_app.common.errors import CameraError
+from capture_app.common.optional_packages import load_optional
+from capture_app.common.tasks import end
 from capture_app.sync.wire.camera_commands import CameraCommand
-from capture_app.tasks import end
 
 if TYPE_CHECKING:
     import numpy as np

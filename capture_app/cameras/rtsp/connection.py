@@ -12,8 +12,8 @@ from collections import deque
 from dataclasses import dataclass
 from urllib.parse import SplitResult, unquote, urljoin, urlsplit
 
-from capture_app.errors import BadInputError, CameraError
-from capture_app.text import printable
+from capture_app.common.errors import BadInputError, CameraError
+from capture_app.common.text import printable
 
 PORT, TIMEOUT_S = 554, 5.0
 GONE = (OSError, EOFError, ValueError)

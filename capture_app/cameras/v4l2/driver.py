@@ -13,8 +13,8 @@ from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.cameras.v4l2.kernel import VideoDevice
 from capture_app.cameras.v4l2.modes import check_capture, configure, offered_modes, parse_options
 from capture_app.cameras.v4l2.stream import V4L2Camera
-from capture_app.clock import NodeClock
-from capture_app.errors import CameraError
+from capture_app.common.clock import NodeClock
+from capture_app.common.errors import CameraError
 
 VIDEO4LINUX_MAJOR = 81
 """Linux's number for the device nodes of Video4Linux."""

@@ -3,7 +3,7 @@
 import errno
 import os
 
-from capture_app.errors import CameraError
+from capture_app.common.errors import CameraError
 
 _LIST = "`capture-app cameras` lists the cameras"
 _NO_CAMERA = "{path} is not a camera", _LIST

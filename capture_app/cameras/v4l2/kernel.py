@@ -18,7 +18,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
-from capture_app.errors import NotAvailableError
+from capture_app.common.errors import NotAvailableError
 
 CAPABILITY = struct.Struct("<16s32s32sIII12x")
 FORMAT_DESCRIPTION = struct.Struct("<III32s4s16x")

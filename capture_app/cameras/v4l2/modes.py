@@ -7,7 +7,7 @@ from fractions import Fraction
 from capture_app.cameras.specs import DEFAULT_SIZE, CameraRequest, read_request
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.kernel import VideoDevice
-from capture_app.errors import CameraError
+from capture_app.common.errors import CameraError
 
 USABLE_FORMATS = ("MJPG", "JPEG", "YUYV", "NV12", "GREY")
 """The pixel formats that can be saved, the best first: a camera's own JPEG is the smallest on the bus."""

@@ -16,7 +16,13 @@ from dataclasses import dataclass
 
 from msgspec import structs
 
-from capture_app.camera_facts import (
+from capture_app.cameras.base import OnFailure, OnFrame, wait_for_start
+from capture_app.cameras.frames import CapturedFrame, picture_from_buffer
+from capture_app.cameras.threaded import ThreadedCamera
+from capture_app.cameras.v4l2 import kernel as v4l2
+from capture_app.cameras.v4l2.driver_errors import driver_error
+from capture_app.cameras.v4l2.kernel import VideoDevice
+from capture_app.common.camera_facts import (
     KELVIN,
     MICROSECONDS,
     CameraFacts,
@@ -27,13 +33,7 @@ from capture_app.camera_facts import (
     TimestampSource,
     steps_of,
 )
-from capture_app.cameras.base import OnFailure, OnFrame, wait_for_start
-from capture_app.cameras.frames import CapturedFrame, picture_from_buffer
-from capture_app.cameras.threaded import ThreadedCamera
-from capture_app.cameras.v4l2 import kernel as v4l2
-from capture_app.cameras.v4l2.driver_errors import driver_error
-from capture_app.cameras.v4l2.kernel import VideoDevice
-from capture_app.errors import CameraError
+from capture_app.common.errors import CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 _UNIT_NS = 100_000

@@ -8,8 +8,10 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import CameraFacts
-from capture_app.errors import BadInputError, DiskError, DiskFullError, SimulshotError, TryAgainError
+from capture_app.common.camera_facts import CameraFacts
+from capture_app.common.errors import BadInputError, DiskError, DiskFullError, SimulshotError, TryAgainError
+from capture_app.common.tasks import Background
+from capture_app.common.text import count
 from capture_app.node.burst.camera_share import AFTER_LAST_INSTANT_NS, CameraShare
 from capture_app.node.burst.intake import DiskThreads, Intake, known
 from capture_app.node.burst.plans import (
@@ -20,8 +22,8 @@ from capture_app.node.burst.plans import (
     plan_of,
     result_text,
 )
-from capture_app.node.wire.messages import CameraReport, ImageUpload, ReportAck
-from capture_app.node.wire.status import BurstStatus
+from capture_app.protocol.messages import CameraReport, ImageUpload, ReportAck
+from capture_app.protocol.status import BurstStatus
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import (
@@ -34,8 +36,6 @@ from capture_app.session.format.manifest import (
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
-from capture_app.tasks import Background
-from capture_app.text import count
 
 SAID_AFTER_S = 1.0
 """A wait for the disk, or for cameras, that takes longer is told."""

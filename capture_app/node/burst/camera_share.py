@@ -7,8 +7,8 @@ from msgspec.structs import replace
 
 from capture_app.node.burst.intake import partial_receipts
 from capture_app.node.burst.plans import InstantChoice
-from capture_app.node.wire.messages import ImageReceipt
-from capture_app.node.wire.status import CameraTransfer
+from capture_app.protocol.messages import ImageReceipt
+from capture_app.protocol.status import CameraTransfer
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import MissingImage
 from capture_app.session.writing.instant_set import InstantSet

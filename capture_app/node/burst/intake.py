@@ -12,9 +12,9 @@ from itertools import islice
 from pathlib import Path
 from typing import ParamSpec, TypeVar
 
-from capture_app.errors import NetworkError, TryAgainError
-from capture_app.names import is_name
-from capture_app.node.wire.messages import ImageReceipt, ImageUpload
+from capture_app.common.errors import NetworkError, TryAgainError
+from capture_app.common.names import is_name
+from capture_app.protocol.messages import ImageReceipt, ImageUpload
 from capture_app.session.files.disk import disk_errors
 from capture_app.session.files.durable import PART
 from capture_app.session.format.manifest import ImageRecord

@@ -3,7 +3,9 @@
 import asyncio
 from collections.abc import Collection, Mapping, Sequence
 
-from capture_app.errors import BadInputError, TryAgainError
+from capture_app.common.errors import BadInputError, TryAgainError
+from capture_app.common.tasks import has_come
+from capture_app.common.text import count
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan, InstantRange
 from capture_app.session.format.manifest import (
     BurstRecord,
@@ -14,8 +16,6 @@ from capture_app.session.format.manifest import (
 from capture_app.session.reading.verdict import skipped_text
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
-from capture_app.tasks import has_come
-from capture_app.text import count
 
 FEWEST_SPARE = 4
 

@@ -4,12 +4,12 @@ import asyncio
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
-from capture_app.errors import BadInputError, DiskFullError, SimulshotError
+from capture_app.common.errors import BadInputError, DiskFullError, SimulshotError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.camera_share import PATIENCE_NS
 from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.burst.plans import check_machine
-from capture_app.node.wire.messages import CameraReport, ImageReceipt, ReportAck
+from capture_app.protocol.messages import CameraReport, ImageReceipt, ReportAck
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.session.format.burst_plan import PLAN, read_plan
 from capture_app.session.format.manifest import MANIFEST

@@ -21,9 +21,10 @@ import msgspec
 from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.errors import BadInputError, CameraError, DiskError, DiskFullError, TryAgainError
-from capture_app.names import check_name
-from capture_app.node.wire.messages import CameraReport, ImageUpload, SpoolSpace
+from capture_app.common.errors import BadInputError, CameraError, DiskError, DiskFullError, TryAgainError
+from capture_app.common.names import check_name
+from capture_app.common.text import UNREADABLE
+from capture_app.protocol.messages import CameraReport, ImageUpload, SpoolSpace
 from capture_app.session.files.disk import LITTLE_BYTES, disk_error, disk_errors, free_bytes, reserve
 from capture_app.session.files.durable import PART, AppendOnlyFile, sync_all, write_atomic, write_unsynced
 from capture_app.session.files.locks import lock_folder
@@ -32,7 +33,6 @@ from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.journal import lines_of_file
 from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingImage, image_path
 from capture_app.sync.rig.frame_selection import DROPPED, RING_BYTES, FramesSelected, SelectedFrame
-from capture_app.text import UNREADABLE
 
 REPORT = "report.json"
 UNKNOWN_ROOM = 1 << 30

@@ -13,12 +13,13 @@ from typing import Any
 
 import msgspec
 
-from capture_app.camera_facts import SIMULATED, CameraFacts, Control, PhaseControl
 from capture_app.cameras.base import DeviceClock
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.clock import HostRate, SimulatedClock
-from capture_app.errors import NetworkError, ungrouped_errors
-from capture_app.net.address import Address, resolve
+from capture_app.common.address import Address, resolve
+from capture_app.common.camera_facts import SIMULATED, CameraFacts, Control, PhaseControl
+from capture_app.common.clock import HostRate, SimulatedClock
+from capture_app.common.errors import NetworkError, ungrouped_errors
+from capture_app.common.node_state import NodeState
 from capture_app.net.multicast import BeaconReceiver
 from capture_app.net.udp import Pump, client_socket
 from capture_app.node.camera.burst_upload import BurstUpload, Spool
@@ -27,9 +28,9 @@ from capture_app.node.camera.uploader import Uploader
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.keys import KeyRequester
-from capture_app.node.wire.messages import CameraReport, JsonValue, KeyRequest
-from capture_app.node.wire.operating import KeepStamp
-from capture_app.node.wire.status import NodeDetail
+from capture_app.protocol.messages import CameraReport, JsonValue, KeyRequest
+from capture_app.protocol.orders import KeepStamp
+from capture_app.protocol.status import NodeDetail
 from capture_app.session.files.disk import free_bytes
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, PhaseRecord
@@ -39,7 +40,6 @@ from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.frame_selection import FramesSelected
 from capture_app.sync.timekeeping import clock_events
-from capture_app.sync.wire.messages import NodeState
 from capture_app.trust.sealed_engines import SealedClient
 
 SAMPLES_KEPT, LINES_KEPT, EVENTS_KEPT = 300, 100, 200

@@ -7,13 +7,13 @@ from typing import Any
 import msgspec
 from platformdirs import user_data_path
 
-from capture_app.camera_facts import CameraFacts, StampAccuracy
+from capture_app.common.camera_facts import CameraFacts, StampAccuracy
+from capture_app.common.text import UNREADABLE
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.locks import lock_file
 from capture_app.sync.clock.clock_filter import KnownWay
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.injection import GAIN_LIMITS
-from capture_app.text import UNREADABLE
 
 FILE = "device-profiles.json"
 MOST_LATENCIES = 24

@@ -3,9 +3,9 @@
 import asyncio
 from collections.abc import Mapping
 
-from capture_app.errors import CameraError, ungrouped_errors
+from capture_app.common.errors import CameraError, ungrouped_errors
 from capture_app.node.camera.camera_node import CameraNode
-from capture_app.node.news import Log
+from capture_app.protocol.news import Log
 
 RETRY_S = 5.0
 

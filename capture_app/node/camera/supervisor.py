@@ -14,7 +14,10 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import (
+from capture_app.cameras.base import Camera
+from capture_app.cameras.frames import CapturedFrame
+from capture_app.common.address import Address
+from capture_app.common.camera_facts import (
     CameraControls,
     CameraFacts,
     Control,
@@ -22,19 +25,16 @@ from capture_app.camera_facts import (
     ControlValue,
     StampAccuracy,
 )
-from capture_app.cameras.base import Camera
-from capture_app.cameras.frames import CapturedFrame
-from capture_app.clock import HostClock, NodeClock
-from capture_app.errors import CameraError, SimulshotError
-from capture_app.net.address import Address
+from capture_app.common.clock import HostClock, NodeClock
+from capture_app.common.errors import CameraError, SimulshotError
+from capture_app.common.tasks import has_come
 from capture_app.net.udp import Pump
 from capture_app.node.camera.device_profiles import DeviceProfiles
-from capture_app.node.news import Log
+from capture_app.protocol.news import Log
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.frame_selection import RING_BYTES, RING_NS
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
-from capture_app.tasks import has_come
 from capture_app.trust.trust import Trust
 
 if TYPE_CHECKING:

@@ -11,12 +11,13 @@ from typing import Any
 from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame, lower_priority
-from capture_app.errors import CameraError, DiskError, NetworkError, SimulshotError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.errors import CameraError, DiskError, NetworkError, SimulshotError
+from capture_app.common.tasks import end
+from capture_app.common.text import count
 from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.burst_upload import BurstUpload, Spool, encode_frame
-from capture_app.node.news import Log
-from capture_app.node.wire.messages import (
+from capture_app.protocol.messages import (
     CameraReport,
     FromLeader,
     ImageAck,
@@ -27,9 +28,8 @@ from capture_app.node.wire.messages import (
     ReportAck,
     SpoolSpace,
 )
+from capture_app.protocol.news import Log
 from capture_app.sync.rig.frame_selection import FramesSelected, SelectedFrame
-from capture_app.tasks import end
-from capture_app.text import count
 from capture_app.trust.trust import Trust
 
 RETRY_S = (0.5, 1.0, 2.0, 4.0)

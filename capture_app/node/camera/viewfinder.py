@@ -11,11 +11,12 @@ from contextlib import suppress
 from typing import TYPE_CHECKING, Any
 
 from capture_app.cameras.frames import CapturedFrame, lower_priority
-from capture_app.errors import NetworkError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.errors import NetworkError
+from capture_app.common.tasks import first_of, has_come
 from capture_app.net.channel import Channel, connect
-from capture_app.node.wire.messages import FromLeader, NodeStream, Refusal
-from capture_app.node.wire.operating import (
+from capture_app.protocol.messages import FromLeader, NodeStream, Refusal
+from capture_app.protocol.orders import (
     ControlsAnswer,
     ControlsRequest,
     DetailRequest,
@@ -26,9 +27,8 @@ from capture_app.node.wire.operating import (
     StampKept,
     Vitals,
 )
-from capture_app.node.wire.status import Preview
+from capture_app.protocol.status import Preview
 from capture_app.session.reading.decoding import encode_image
-from capture_app.tasks import first_of, has_come
 
 if TYPE_CHECKING:
     from capture_app.node.camera.camera_node import RigMember

@@ -9,14 +9,16 @@ from pathlib import Path
 
 from msgspec.structs import replace
 
-from capture_app.errors import (
+from capture_app.common.errors import (
     BadInputError,
     CancelledBurstError,
     DiskFullError,
     IncompleteError,
     SimulshotError,
 )
-from capture_app.names import check_name
+from capture_app.common.names import check_name
+from capture_app.common.node_state import NodeState
+from capture_app.common.tasks import Background, has_come
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.intake import DiskThreads
@@ -29,15 +31,13 @@ from capture_app.node.leader.readiness import (
     expected_image_bytes,
     reasons_until_ready,
 )
-from capture_app.node.wire.messages import BurstRequest, CameraReport, ReportAck, SpoolSpace
-from capture_app.node.wire.status import BurstAhead, BurstStatus
+from capture_app.protocol.messages import BurstRequest, CameraReport, ReportAck, SpoolSpace
+from capture_app.protocol.status import BurstAhead, BurstStatus
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.frame_selection import MAX_STREAMED_FRAMES, MAX_STREAMED_NS, Burst
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.rig.orders import BurstOrder
-from capture_app.sync.wire.messages import NodeState
-from capture_app.tasks import Background, has_come
 
 LONG_NS = 2_000_000_000
 END_LEAD_NS = 300_000_000

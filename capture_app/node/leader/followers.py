@@ -6,11 +6,11 @@ A leader or a relay starts and closes its followers, and knows no more of them t
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from capture_app.clock import NodeClock
+from capture_app.common.clock import NodeClock
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.news import Log
-from capture_app.node.wire.messages import BurstRequest
-from capture_app.node.wire.status import FollowerStatus
+from capture_app.protocol.messages import BurstRequest
+from capture_app.protocol.news import Log
+from capture_app.protocol.status import FollowerStatus
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_grid import FrameGrid
 

@@ -5,8 +5,8 @@ import secrets
 from socket import socket
 from typing import Self
 
-from capture_app.errors import SimulshotError
-from capture_app.net.address import Address, own_machine_address, reachable_host
+from capture_app.common.address import Address, own_machine_address, reachable_host
+from capture_app.common.errors import SimulshotError
 from capture_app.net.multicast import send_due_beacon
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
@@ -19,8 +19,8 @@ from capture_app.node.leader.service import LeaderService
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState
 from capture_app.node.pairing import Enrolment
-from capture_app.node.wire.messages import ToLeader
-from capture_app.node.wire.status import RigStatus
+from capture_app.protocol.messages import ToLeader
+from capture_app.protocol.status import RigStatus
 from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.trust.camera_names import CameraNames

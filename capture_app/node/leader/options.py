@@ -4,12 +4,12 @@ from collections.abc import Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
 
-from capture_app.clock import HostClock, NodeClock
-from capture_app.net.address import DEFAULT_PORT
+from capture_app.common.address import DEFAULT_PORT
+from capture_app.common.clock import HostClock, NodeClock
 from capture_app.net.multicast import BeaconSender
 from capture_app.node.burst.resumed_bursts import RETURN_NS
 from capture_app.node.leader.followers import RigFollower
-from capture_app.node.news import Log
+from capture_app.protocol.news import Log
 from capture_app.sync.rig.leader import RigConfig
 from capture_app.sync.tree.succession import Continued
 from capture_app.trust.trust import Trust

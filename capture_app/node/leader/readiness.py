@@ -5,19 +5,19 @@ import math
 from collections.abc import AsyncGenerator, Mapping, Sequence
 from pathlib import Path
 
-from capture_app.clock import NodeClock
-from capture_app.errors import DiskFullError, IncompleteError
+from capture_app.common.clock import NodeClock
+from capture_app.common.errors import DiskFullError, IncompleteError
+from capture_app.common.node_state import NodeState
+from capture_app.common.text import count, duration, megabytes
 from capture_app.node.leader.snapshots import present_cameras
-from capture_app.node.news import off_rate_line
-from capture_app.node.wire.messages import SpoolSpace
-from capture_app.node.wire.status import LOST_IS_NEWS_NS
+from capture_app.protocol.messages import SpoolSpace
+from capture_app.protocol.news import off_rate_line
+from capture_app.protocol.status import LOST_IS_NEWS_NS
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.session.reading.stamp_words import unmeasured_stamps
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.timekeeping.rates import LEADER, HostOffRate, RateVote
-from capture_app.sync.wire.messages import NodeState
-from capture_app.text import count, duration, megabytes
 
 CHECK_EVERY_S = 0.1
 COARSE_WAIT_S = 5.0

@@ -4,8 +4,8 @@ import asyncio
 import contextlib
 from typing import Any
 
-from capture_app.camera_facts import PHONE
-from capture_app.errors import (
+from capture_app.common.camera_facts import PHONE
+from capture_app.common.errors import (
     BadInputError,
     DiskError,
     NetworkError,
@@ -14,6 +14,7 @@ from capture_app.errors import (
     TryAgainError,
     UnknownMachineError,
 )
+from capture_app.common.tasks import end
 from capture_app.net.channel import Channel
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.bursts import ActiveBursts
@@ -22,9 +23,8 @@ from capture_app.node.leader.settings import RigSettings
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState, Watcher
 from capture_app.node.pairing import Asked, Enrolment, check_allowed, is_node
-from capture_app.node.wire import messages, operating
-from capture_app.node.wire.status import NodeDetail
-from capture_app.tasks import end
+from capture_app.protocol import messages, orders
+from capture_app.protocol.status import NodeDetail
 
 FORGET_CHECKS, FORGET_CHECK_S = 60, 0.05
 UNDECIDED_S = 0.1
@@ -205,7 +205,7 @@ class LeaderService:
                 async with contextlib.aclosing(self._bursts.take(message)) as progress:
                     async for status in progress:
                         await channel.send(messages.BurstAnswer(burst=status))
-            case operating.WatchRequest():
+            case orders.WatchRequest():
                 await Watcher(channel, self._rig, self._bursts.options.news, self._viewfinders).serve()
             case messages.NodeStream():
                 giving = asyncio.create_task(self._settings.give(message.camera))
@@ -213,21 +213,21 @@ class LeaderService:
                     await self._viewfinders.serve(channel, message)
                 finally:
                     giving.cancel()
-            case operating.KeepStamp():
-                await channel.send(await self._viewfinders.ask(message, operating.StampKept))
-            case operating.DetailRequest():
+            case orders.KeepStamp():
+                await channel.send(await self._viewfinders.ask(message, orders.StampKept))
+            case orders.DetailRequest():
                 await channel.send(await self._viewfinders.ask(message, NodeDetail))
-            case operating.ControlsRequest():
+            case orders.ControlsRequest():
                 await channel.send(await self._settings.ask(message))
             case (
-                operating.AddCamera()
-                | operating.AddSimulated()
-                | operating.RemoveCamera()
-                | operating.CancelBurst()
-                | operating.EndBurst()
-                | operating.InvitePhone()
-                | operating.StopRig()
-                | operating.ExposeAppPhones()
+                orders.AddCamera()
+                | orders.AddSimulated()
+                | orders.RemoveCamera()
+                | orders.CancelBurst()
+                | orders.EndBurst()
+                | orders.InvitePhone()
+                | orders.StopRig()
+                | orders.ExposeAppPhones()
             ):
                 await channel.send(await self.carry_out(message))
             case _:
@@ -235,30 +235,30 @@ class LeaderService:
 
     # What operators ask beside taking bursts
 
-    async def carry_out(self, order: operating.Order) -> operating.Done | operating.PhoneInvited:
+    async def carry_out(self, order: orders.Order) -> orders.Done | orders.PhoneInvited:
         """Do what is asked, and return when it is done. Raises the errors of what is asked."""
         names: tuple[str, ...] = ()
         match order:
-            case operating.AddCamera(spec=spec, name=name):
+            case orders.AddCamera(spec=spec, name=name):
                 names = (await self._nodes().add_camera(spec, name, self._taken()),)
-            case operating.AddSimulated(cameras=cameras, scene=scene):
+            case orders.AddSimulated(cameras=cameras, scene=scene):
                 names = await self._nodes().add_simulated(cameras, scene, taken=self._taken())
-            case operating.RemoveCamera(name=name):
+            case orders.RemoveCamera(name=name):
                 await self._remove(name)
-            case operating.CancelBurst(burst=burst):
+            case orders.CancelBurst(burst=burst):
                 await self._bursts.cancel(burst)
-            case operating.EndBurst(burst=number):
+            case orders.EndBurst(burst=number):
                 await self._bursts.end(number)
                 self._bursts.pump.turn()
-            case operating.ExposeAppPhones(exposure_ns=exposure_ns, iso=iso):
+            case orders.ExposeAppPhones(exposure_ns=exposure_ns, iso=iso):
                 for follower in self._bursts.options.followers:
                     follower.expose(exposure_ns, iso)
-            case operating.InvitePhone():
+            case orders.InvitePhone():
                 return await self._nodes().phones.invitation()
-            case operating.StopRig():
+            case orders.StopRig():
                 self._bursts.options.news.add("stopped by an operator")
                 self.stop_wanted.set()
-        return operating.Done(names=names)
+        return orders.Done(names=names)
 
     def _nodes(self) -> LocalNodes:
         if self._local is None:

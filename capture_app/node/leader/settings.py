@@ -9,13 +9,13 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from capture_app.camera_facts import CameraControls, Control, ControlValue
-from capture_app.errors import IncompleteError
+from capture_app.common.camera_facts import CameraControls, Control, ControlValue
+from capture_app.common.errors import IncompleteError
+from capture_app.common.text import UNREADABLE
 from capture_app.node.leader.viewfinders import Viewfinders
-from capture_app.node.news import Log
-from capture_app.node.wire.operating import ControlsAnswer, ControlsRequest
+from capture_app.protocol.news import Log
+from capture_app.protocol.orders import ControlsAnswer, ControlsRequest
 from capture_app.session.files.durable import write_atomic
-from capture_app.text import UNREADABLE
 
 SETTINGS = "_settings.json"
 

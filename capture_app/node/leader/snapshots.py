@@ -6,13 +6,14 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 
 from msgspec.structs import asdict, replace
 
-from capture_app.net.address import Address
-from capture_app.node.wire.messages import SpoolSpace
-from capture_app.node.wire.operating import Vitals
-from capture_app.node.wire.status import NodeStatus
+from capture_app.common.address import Address
+from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
+from capture_app.common.text import count
+from capture_app.protocol.messages import SpoolSpace
+from capture_app.protocol.orders import Vitals
+from capture_app.protocol.status import NodeStatus
 from capture_app.sync.rig.roster import Member, relays_above
-from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState, Report
-from capture_app.text import count
+from capture_app.sync.wire.messages import Report
 
 MOST_OF_A_PAGE = 250
 

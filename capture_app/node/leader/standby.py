@@ -8,21 +8,21 @@ import socket
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, replace
 
-from capture_app.clock import NodeClock
-from capture_app.errors import BadInputError
-from capture_app.names import name_like
-from capture_app.net.address import Address, resolve
-from capture_app.net.interfaces import own_hosts
+from capture_app.common.address import Address, resolve
+from capture_app.common.clock import NodeClock
+from capture_app.common.errors import BadInputError
+from capture_app.common.interfaces import own_hosts
+from capture_app.common.names import name_like
+from capture_app.common.tasks import end
+from capture_app.common.text import duration
 from capture_app.net.server import bind_port
 from capture_app.net.udp import Pump, client_socket
 from capture_app.node.keys import KeyRequester
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.wire.messages import KeyRequest
+from capture_app.protocol.messages import KeyRequest
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.tree.succession import Succession
-from capture_app.tasks import end
-from capture_app.text import duration
 from capture_app.trust.sealed_engines import SealedClient
 
 ASK_EVERY_S = 5.0

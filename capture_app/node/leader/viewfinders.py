@@ -7,10 +7,10 @@ from typing import Any, TypeVar
 
 from msgspec.structs import replace
 
-from capture_app.errors import IncompleteError, NetworkError
+from capture_app.common.errors import IncompleteError, NetworkError
 from capture_app.net.channel import Channel
-from capture_app.node.wire.messages import NodeStream, ToLeader
-from capture_app.node.wire.operating import (
+from capture_app.protocol.messages import NodeStream, ToLeader
+from capture_app.protocol.orders import (
     ControlsAnswer,
     ControlsRequest,
     DetailRequest,
@@ -22,7 +22,7 @@ from capture_app.node.wire.operating import (
     ToViewfinder,
     Vitals,
 )
-from capture_app.node.wire.status import NodeDetail, Preview
+from capture_app.protocol.status import NodeDetail, Preview
 
 ANSWER_TIMEOUT_S = 5.0
 NodeRequest = DetailRequest | ControlsRequest | KeepStamp

@@ -5,22 +5,22 @@ from contextlib import suppress
 
 from msgspec.structs import replace
 
-from capture_app.clock import HostRate
-from capture_app.errors import DiskError
-from capture_app.net.address import Address
+from capture_app.common.address import Address
+from capture_app.common.clock import HostRate
+from capture_app.common.errors import DiskError
+from capture_app.common.tasks import end
 from capture_app.net.channel import Channel
 from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.readiness import review_rates, rig_advice
 from capture_app.node.leader.snapshots import node_statuses, page_of
 from capture_app.node.leader.viewfinders import Viewfinders
-from capture_app.node.news import Log
-from capture_app.node.wire.messages import StatusAnswer, ToLeader
-from capture_app.node.wire.operating import NewsAnswer, PreviewSeen, PreviewsWanted
-from capture_app.node.wire.status import Preview, RigStatus
+from capture_app.protocol.messages import StatusAnswer, ToLeader
+from capture_app.protocol.news import Log
+from capture_app.protocol.orders import NewsAnswer, PreviewSeen, PreviewsWanted
+from capture_app.protocol.status import Preview, RigStatus
 from capture_app.session.files.disk import free_bytes
 from capture_app.sync.timekeeping.rates import HostOffRate, RateVote
-from capture_app.tasks import end
 
 LOOK_EVERY_NS = 10_000_000_000
 REVIEW_EVERY_NS = 1_000_000_000

@@ -6,6 +6,7 @@ from pathlib import Path
 
 import numpy as np
 
+from capture_app.common.text import count
 from capture_app.session.exporters.common.exported_burst import ExportedBurst
 from capture_app.session.exporters.common.files import place, suffix_for, write_mask
 from capture_app.session.exporters.common.lens import (
@@ -18,7 +19,6 @@ from capture_app.session.exporters.common.lens import (
 from capture_app.session.exporters.common.point_cloud import read_ply
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import RIG
-from capture_app.text import count
 
 _HALF_PIXEL = 0.5  # COLMAP's first pixel has its centre at (0.5, 0.5)
 _SPARSE = "sparse/0"

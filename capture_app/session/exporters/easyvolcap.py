@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.exporters.common.exported_burst import ExportedBurst
 from capture_app.session.exporters.common.files import place, suffix_for, write_mask
 from capture_app.session.exporters.common.lens import distortion_of, matrix_of, redrawing

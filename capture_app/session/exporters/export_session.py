@@ -5,7 +5,7 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.errors import BadInputError, SimulshotError
+from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.session.exchange import FORMATS, RECORD, ExportRecord, with_images_listed
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, ExportOptions, Progress
 from capture_app.session.exporters.common.tables import write_frames

@@ -14,7 +14,7 @@ from typing import Any
 import msgspec
 import numpy as np
 
-from capture_app.optional_packages import load_optional
+from capture_app.common.optional_packages import load_optional
 from capture_app.session.exchange import ROS_BAGS, foxglove_message, ros_messages, with_images_listed
 from capture_app.session.exporters.common.exported_burst import ExportedBurst
 from capture_app.session.exporters.common.files import jpeg_or_png

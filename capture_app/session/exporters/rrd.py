@@ -6,7 +6,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_app.optional_packages import load_optional
+from capture_app.common.optional_packages import load_optional
 from capture_app.session.exporters.common.exported_burst import ExportedBurst
 from capture_app.session.exporters.common.files import jpeg_or_png
 from capture_app.session.exporters.common.lens import centre_of, matrix_of, rotation_of

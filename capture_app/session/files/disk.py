@@ -7,7 +7,7 @@ from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 
-from capture_app.errors import BadInputError, DiskError, DiskFullError
+from capture_app.common.errors import BadInputError, DiskError, DiskFullError
 
 LITTLE_BYTES = 1 << 20
 """With less than this on a disk, a write that failed without a reason failed for want of room."""

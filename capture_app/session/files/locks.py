@@ -5,7 +5,7 @@ import os
 import time
 from pathlib import Path
 
-from capture_app.errors import BadInputError, TryAgainError
+from capture_app.common.errors import BadInputError, TryAgainError
 from capture_app.session.files.durable import make_folders
 
 _TRIES = 5

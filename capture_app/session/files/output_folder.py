@@ -21,7 +21,7 @@ from pathlib import Path
 from types import TracebackType
 from typing import Self
 
-from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
+from capture_app.common.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.session.files.disk import is_full
 from capture_app.session.files.durable import (
     PART,

@@ -14,8 +14,8 @@ from typing import TYPE_CHECKING, TypeVar
 
 import msgspec
 
-from capture_app.errors import BadInputError, reading
-from capture_app.text import UNREADABLE
+from capture_app.common.errors import BadInputError, reading
+from capture_app.common.text import UNREADABLE
 
 if TYPE_CHECKING:
     import numpy as np

@@ -5,10 +5,10 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from capture_app.camera_facts import Count, Positive
-from capture_app.clock import SimulatedClock
-from capture_app.errors import BadInputError
-from capture_app.names import Name, check_name
+from capture_app.common.camera_facts import Count, Positive
+from capture_app.common.clock import SimulatedClock
+from capture_app.common.errors import BadInputError
+from capture_app.common.names import Name, check_name
 from capture_app.session.files.strangers import read_struct
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage

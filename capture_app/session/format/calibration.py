@@ -5,7 +5,7 @@ from typing import TYPE_CHECKING
 
 from msgspec import Struct
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 
 if TYPE_CHECKING:
     import numpy as np

@@ -5,8 +5,8 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
-from capture_app.camera_facts import Count
-from capture_app.names import Name
+from capture_app.common.camera_facts import Count
+from capture_app.common.names import Name
 
 NOT_SYNCHRONIZED = "not synchronized, offsets unknown"
 """What is said of a recording without common times, everywhere."""

@@ -2,7 +2,7 @@
 
 from msgspec import Struct
 
-from capture_app.clock import SimulatedClock
+from capture_app.common.clock import SimulatedClock
 from capture_app.session.format.manifest import GROUND_TRUTH, Sha256
 
 TIMES = f"{GROUND_TRUTH}/times.json"

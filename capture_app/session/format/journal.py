@@ -6,8 +6,8 @@ from typing import TypeVar
 import msgspec
 from msgspec import structs
 
+from capture_app.common.text import UNREADABLE
 from capture_app.session.format.manifest import RIG, VIDEOS, FrameRecord, ImageRecord, VideoRecord
-from capture_app.text import UNREADABLE
 
 _T = TypeVar("_T")
 

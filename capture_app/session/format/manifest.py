@@ -17,11 +17,11 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from capture_app.camera_facts import CameraFacts, Control, Count, Positive, unshared_uncertainties_ns
-from capture_app.errors import BadInputError
-from capture_app.names import Name, check_name
+from capture_app.common.camera_facts import CameraFacts, Control, Count, Positive, unshared_uncertainties_ns
+from capture_app.common.errors import BadInputError
+from capture_app.common.names import Name, check_name
+from capture_app.common.text import pretty_json
 from capture_app.session.format.common_times import CommonTimes
-from capture_app.text import pretty_json
 
 SCHEMA_VERSION = 1
 MANIFEST = "session.json"

@@ -7,7 +7,7 @@ from typing import Any, Literal
 
 from msgspec.structs import replace
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.alignment.clock_line import chain_cameras
 from capture_app.session.alignment.flashes import match_flashes, read_lights
 from capture_app.session.alignment.gopro import match_gps_clocks, read_gps_clock

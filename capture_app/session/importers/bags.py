@@ -14,9 +14,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from capture_app.errors import BadInputError, SimulshotError
-from capture_app.names import is_name, name_like
-from capture_app.optional_packages import load_optional
+from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.names import is_name, name_like
+from capture_app.common.optional_packages import load_optional
 from capture_app.session.exchange import ROS_BAGS, foxglove_message, ros_messages
 from capture_app.session.importers.calibrations.views import View, Views, view_at
 from capture_app.session.importers.frame_matching import TimedFrame

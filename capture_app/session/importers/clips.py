@@ -16,11 +16,11 @@ from pathlib import Path
 from statistics import median
 from typing import Any
 
-from capture_app.names import name_like, natural_order
+from capture_app.common.names import name_like, natural_order
+from capture_app.common.text import count
 from capture_app.session.alignment.tracks import read_container
 from capture_app.session.importers.embedded_times import has_video_times
 from capture_app.session.importers.sources import images_in, videos_in
-from capture_app.text import count
 
 _DEPTH = 4
 """Folders of a camera's card: CAMERA/DCIM/100GOPRO, say."""

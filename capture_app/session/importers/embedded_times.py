@@ -11,8 +11,8 @@ from typing import Any, Literal
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.errors import BadInputError
-from capture_app.optional_packages import load_optional
+from capture_app.common.errors import BadInputError
+from capture_app.common.optional_packages import load_optional
 from capture_app.session.reading.file_headers import read_exif
 
 _DATE = re.compile(

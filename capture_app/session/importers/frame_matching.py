@@ -7,7 +7,7 @@ from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from typing import Any
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 
 LONE_PERIOD_NS = 33_333_333
 """The period that is assumed where every camera has only one frame."""

@@ -15,8 +15,8 @@ import re
 import statistics
 from pathlib import Path
 
-from capture_app.errors import BadInputError
-from capture_app.names import natural_order
+from capture_app.common.errors import BadInputError
+from capture_app.common.names import natural_order
 from capture_app.session.exchange import RECORD
 from capture_app.session.files.strangers import read_text
 from capture_app.session.importers.bags import is_bag

@@ -15,8 +15,8 @@ import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from capture_app.errors import BadInputError
-from capture_app.names import check_name, is_name, natural_order
+from capture_app.common.errors import BadInputError
+from capture_app.common.names import check_name, is_name, natural_order
 from capture_app.session.files.strangers import read_text
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importers.frame_matching import TimedFrame, check_order

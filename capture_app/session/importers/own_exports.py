@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.exchange import FRAMES, ExportRecord, read_record
 from capture_app.session.files.strangers import decode_struct, read_text
 from capture_app.session.format.calibration import Calibration

@@ -4,7 +4,7 @@ from collections.abc import Mapping
 
 import msgspec
 
-from capture_app.errors import NotApplicableError
+from capture_app.common.errors import NotApplicableError
 from capture_app.session.alignment.clock_line import compose
 from capture_app.session.files.output_folder import OutputFolder
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes

@@ -9,9 +9,10 @@ from pathlib import Path
 
 from msgspec import structs
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
-from capture_app.errors import BadInputError
-from capture_app.names import check_name
+from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.errors import BadInputError
+from capture_app.common.names import check_name
+from capture_app.common.text import count
 from capture_app.session.alignment.tracks import SOUND_M_PER_S
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.common_times import CommonTimes
@@ -28,7 +29,6 @@ from capture_app.session.importers.sources import Layout, Source
 from capture_app.session.importers.time_source import clock_state, make_timeline
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.text import count
 
 IMPORTED = "imported"
 _NO_FRAME, _UNREADABLE = "the recording has no frame of it", "the frame could not be decoded"

@@ -8,8 +8,8 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
 
-from capture_app.errors import BadInputError, reading
-from capture_app.names import natural_order
+from capture_app.common.errors import BadInputError, reading
+from capture_app.common.names import natural_order
 from capture_app.session.exchange import ExportRecord
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importers.calibrations.views import Views

@@ -3,7 +3,7 @@
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.common_times import CommonTimes, TimesState
 from capture_app.session.importers.embedded_times import (
     TimeSource,

@@ -17,8 +17,8 @@ from pathlib import Path
 import msgspec
 from msgspec import structs
 
-from capture_app.errors import BadInputError
-from capture_app.names import check_name
+from capture_app.common.errors import BadInputError
+from capture_app.common.names import check_name
 from capture_app.session.files.disk import disk_error
 from capture_app.session.files.durable import link_or_copy, move_folder, write_atomic
 from capture_app.session.files.locks import lock_folder

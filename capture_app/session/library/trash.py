@@ -14,8 +14,8 @@ from pathlib import Path
 import msgspec
 from msgspec import Struct
 
-from capture_app.errors import BadInputError, IncompleteError
-from capture_app.names import check_name
+from capture_app.common.errors import BadInputError, IncompleteError
+from capture_app.common.names import check_name
 from capture_app.session.files.disk import disk_error, disk_errors
 from capture_app.session.files.durable import free_name, make_folders, move_folder, sync_folder, write_atomic
 from capture_app.session.files.locks import lock_folder

@@ -2,7 +2,7 @@
 
 from typing import TYPE_CHECKING, Any
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.reading.file_headers import size_of
 
 if TYPE_CHECKING:

@@ -9,7 +9,7 @@ from typing import Literal
 import numpy as np
 import numpy.typing as npt
 
-from capture_app.errors import BadInputError, IncompleteError, reading
+from capture_app.common.errors import BadInputError, IncompleteError, reading
 from capture_app.session.format.manifest import CameraRecord, ImageRecord
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Self
 
 import msgspec
 
-from capture_app.errors import BadInputError, IncompleteError
-from capture_app.names import is_name
+from capture_app.common.errors import BadInputError, IncompleteError
+from capture_app.common.names import is_name
+from capture_app.common.text import UNREADABLE
 from capture_app.session.files.strangers import read_arrays, read_regular, read_struct
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.ground_truth import TIMES, TrueTime, TrueTimes, ground_truth_path
@@ -28,7 +29,6 @@ from capture_app.session.format.manifest import (
     check_references,
     inside,
 )
-from capture_app.text import UNREADABLE
 
 if TYPE_CHECKING:
     import numpy as np

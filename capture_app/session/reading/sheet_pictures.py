@@ -3,9 +3,9 @@
 from collections.abc import Callable
 from typing import TYPE_CHECKING
 
-from capture_app.errors import BadInputError, NotAvailableError
+from capture_app.common.errors import BadInputError, NotAvailableError
+from capture_app.common.text import count, duration
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.text import count, duration
 
 if TYPE_CHECKING:
     import numpy as np

@@ -2,8 +2,8 @@
 
 from collections.abc import Mapping
 
-from capture_app.camera_facts import CameraFacts, StampAccuracy, StampSource, unshared_uncertainties_ns
-from capture_app.text import count, duration
+from capture_app.common.camera_facts import CameraFacts, StampAccuracy, StampSource, unshared_uncertainties_ns
+from capture_app.common.text import count, duration
 
 UNMEASURED = (StampSource.ASSUMED, StampSource.PROFILE)
 REMEDY = "capture-app cameras calibrate-time"

@@ -3,13 +3,13 @@
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from capture_app.errors import BadInputError
-from capture_app.names import natural_order
+from capture_app.common.errors import BadInputError
+from capture_app.common.names import natural_order
+from capture_app.common.text import duration
 from capture_app.session.format.manifest import ImageRecord
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
-from capture_app.text import duration
 
 if TYPE_CHECKING:
     import numpy as np

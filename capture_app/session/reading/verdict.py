@@ -6,6 +6,7 @@ from typing import Literal
 
 from msgspec import Struct
 
+from capture_app.common.text import count, duration
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from capture_app.session.format.manifest import (
     Manifest,
@@ -14,7 +15,6 @@ from capture_app.session.format.manifest import (
     computed_sync,
 )
 from capture_app.session.reading.stamp_words import unmeasured_stamps
-from capture_app.text import count, duration
 
 PX_PER_S = 1000.0
 """The motion assumed in verdicts, in pixels a second: a person running through the picture in one or two."""

@@ -9,7 +9,7 @@ from typing import Literal
 
 import msgspec
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.files.durable import PART
 from capture_app.session.files.strangers import read_regular
 from capture_app.session.format.ground_truth import ground_truth_path

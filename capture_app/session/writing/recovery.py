@@ -7,7 +7,7 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.files.durable import PART, free_name, make_folders, sync_folder, write_atomic
 from capture_app.session.files.strangers import read_regular, read_struct
 from capture_app.session.format.ground_truth import TRUE_TIMES_JOURNAL, TrueTime, ground_truth_path

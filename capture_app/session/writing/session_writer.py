@@ -14,8 +14,8 @@ from typing import Any, Self
 import msgspec
 
 from capture_app import __version__
-from capture_app.errors import BadInputError, DiskError, IncompleteError, SimulshotError
-from capture_app.names import check_name
+from capture_app.common.errors import BadInputError, DiskError, IncompleteError, SimulshotError
+from capture_app.common.names import check_name
 from capture_app.session.files.disk import disk_errors, make_new_folder, reserve
 from capture_app.session.files.durable import (
     AppendOnlyFile,

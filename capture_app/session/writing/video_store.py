@@ -13,8 +13,8 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.errors import BadInputError, SimulshotError
-from capture_app.names import check_name
+from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.names import check_name
 from capture_app.session.files.disk import disk_error
 from capture_app.session.files.durable import (
     AppendOnlyFile,

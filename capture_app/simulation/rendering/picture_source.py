@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from capture_app.errors import BadInputError, reading
+from capture_app.common.errors import BadInputError, reading
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.file_headers import size_of

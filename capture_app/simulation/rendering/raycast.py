@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.optional_packages import RECONSTRUCTION, load_optional
+from capture_app.common.optional_packages import RECONSTRUCTION, load_optional
 from capture_app.simulation.scenes.definition import Floats, Mesh
 
 _SRGB = np.arange(256, dtype=np.float32) / 255.0

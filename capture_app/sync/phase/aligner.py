@@ -5,7 +5,8 @@ Whether they are aligned, how sure that is, and how near to the grid their stamp
 
 import random
 
-from capture_app.camera_facts import CameraFacts, PhaseControl
+from capture_app.common.camera_facts import CameraFacts, PhaseControl
+from capture_app.common.text import duration
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile, Move, PhaseActuator, ResetActuator
 from capture_app.sync.phase.estimator import TIMEOUT_FRAMES, FrameStamp, PhaseEstimate, PhaseEstimator
@@ -13,7 +14,6 @@ from capture_app.sync.phase.frame_grid import Drift, FrameGrid, Setpoint
 from capture_app.sync.phase.frame_line import PHASE_FRAMES, QUANTIZED_FRAMES
 from capture_app.sync.phase.injection import FrameDurationActuator, InjectionActuator
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
-from capture_app.text import duration
 
 
 def choose_actuator(

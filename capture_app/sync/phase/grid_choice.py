@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from math import ceil
 
-from capture_app.camera_facts import PhaseControl
+from capture_app.common.camera_facts import PhaseControl
 from capture_app.sync.phase.frame_grid import FrameGrid
 
 WEIGHTS = {PhaseControl.NONE: 1000, PhaseControl.RESET: 1}

@@ -11,7 +11,7 @@ from itertools import combinations
 from math import ceil, floor, sqrt
 from statistics import median
 
-from capture_app.camera_facts import CameraFacts
+from capture_app.common.camera_facts import CameraFacts
 from capture_app.sync.phase.actuators import InjectionProfile, Move, PhaseActuator
 from capture_app.sync.phase.frame_grid import Drift, Setpoint, setpoint_for_burst, setpoint_to_stay
 from capture_app.sync.phase.frame_line import SIGMA_FROM_MAD

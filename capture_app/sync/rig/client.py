@@ -11,7 +11,8 @@ from typing import Generic, TypeVar
 
 from msgspec import structs
 
-from capture_app.camera_facts import CameraFacts, PhaseControl
+from capture_app.common.camera_facts import CameraFacts, PhaseControl
+from capture_app.common.node_state import NodeState
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
@@ -40,7 +41,7 @@ from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, SteadySchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.camera_commands import CameraCommand
-from capture_app.sync.wire.messages import HeartbeatAck, NodeState, Report, Trigger, TriggerAck
+from capture_app.sync.wire.messages import HeartbeatAck, Report, Trigger, TriggerAck
 
 F = TypeVar("F")
 

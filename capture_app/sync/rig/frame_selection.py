@@ -7,7 +7,7 @@ from typing import Generic, TypeVar
 
 from msgspec import structs
 
-from capture_app.camera_facts import EXACT_STAMPS, CameraFacts, StampAccuracy
+from capture_app.common.camera_facts import EXACT_STAMPS, CameraFacts, StampAccuracy
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import PhaseEstimate, PhaseEstimator, StampError

@@ -11,8 +11,9 @@ from dataclasses import dataclass
 
 from msgspec import structs
 
-from capture_app.camera_facts import CameraFacts
-from capture_app.errors import BadInputError
+from capture_app.common.camera_facts import CameraFacts
+from capture_app.common.errors import BadInputError
+from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.sync.engine import Address
 from capture_app.sync.phase.aligner import HOPELESS_PPM
 from capture_app.sync.phase.frame_grid import FrameGrid
@@ -37,7 +38,6 @@ from capture_app.sync.wire.codec import (
 from capture_app.sync.wire.messages import (
     MOST_OTHERS,
     MOST_TEXT,
-    WITHOUT_CAMERA,
     ArrivalReport,
     ControlMessage,
     Goodbye,
@@ -47,7 +47,6 @@ from capture_app.sync.wire.messages import (
     Hello,
     JoinRefusal,
     MemberReports,
-    NodeState,
     Notice,
     RigConfigMessage,
     TimeRequest,

@@ -1,5 +1,7 @@
 """The one sentence with which a node says why it is not ready, and what a person can do about it."""
 
+from capture_app.common.node_state import NodeState
+from capture_app.common.text import count, duration
 from capture_app.sync.clock.clock_filter import SIGMAS_95
 from capture_app.sync.clock.likely_line import ASYMMETRY
 from capture_app.sync.phase.aligner import Aligner
@@ -7,8 +9,6 @@ from capture_app.sync.phase.estimator import PhaseEstimate
 from capture_app.sync.timekeeping import clock_events
 from capture_app.sync.timekeeping.rates import RateWatch
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
-from capture_app.sync.wire.messages import NodeState
-from capture_app.text import count, duration
 
 RATE_CHANGED = (
     "its clock's rate against the leader's has just changed: an NTP daemon is slewing one of the two,"

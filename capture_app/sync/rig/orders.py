@@ -3,8 +3,8 @@
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 
-from capture_app.camera_facts import PhaseControl
-from capture_app.errors import BadInputError, NoCameraHereError
+from capture_app.common.camera_facts import PhaseControl
+from capture_app.common.errors import BadInputError, NoCameraHereError
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_choice import MOST_PPM, CameraPhase
 from capture_app.sync.rig.events import BurstAnswered

@@ -7,8 +7,9 @@ from itertools import takewhile
 
 from msgspec import structs
 
-from capture_app.camera_facts import CameraFacts
-from capture_app.names import is_name
+from capture_app.common.camera_facts import CameraFacts
+from capture_app.common.names import is_name
+from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.sync.engine import Address
 from capture_app.sync.phase.grid_choice import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeChanged
@@ -18,9 +19,7 @@ from capture_app.sync.wire.messages import (
     MIN_PERIOD_NS,
     MOST_TEXT,
     PROBE_NUMBER,
-    WITHOUT_CAMERA,
     Hello,
-    NodeState,
     Report,
 )
 from capture_app.sync.wire.principal import Principal

@@ -6,7 +6,8 @@ from collections.abc import Callable
 
 from msgspec import structs
 
-from capture_app.camera_facts import CameraFacts
+from capture_app.common.camera_facts import CameraFacts
+from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import Joined, LeaderNews
 from capture_app.sync.timekeeping.clock_events import ClockEvent, ClockSynced
@@ -22,7 +23,6 @@ from capture_app.sync.wire.codec import (
 from capture_app.sync.wire.messages import (
     CLOCK,
     MAX_DEPTH,
-    WITHOUT_CAMERA,
     AgreedArrival,
     Beacon,
     ControlMessage,
@@ -31,7 +31,6 @@ from capture_app.sync.wire.messages import (
     HeartbeatAck,
     Hello,
     JoinRefusal,
-    NodeState,
     Notice,
     Report,
     RigConfigMessage,

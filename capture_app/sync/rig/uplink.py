@@ -8,11 +8,11 @@ from collections import deque
 
 from msgspec.structs import replace
 
+from capture_app.common.node_state import CLOCK_ONLY
 from capture_app.sync.rig.roster import MAX_CLIENTS, Member
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
 from capture_app.sync.wire.codec import WireError, encode
 from capture_app.sync.wire.messages import (
-    CLOCK_ONLY,
     MOST_OTHERS,
     MOST_REPORTS,
     ControlMessage,

@@ -5,6 +5,7 @@ from collections.abc import MutableSequence
 
 from msgspec.structs import replace
 
+from capture_app.common.node_state import NodeState
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.reference_broadcast import Listener
@@ -24,7 +25,7 @@ from capture_app.sync.timekeeping.poll_schedule import (
 )
 from capture_app.sync.timekeeping.rates import RateWatch
 from capture_app.sync.wire.codec import request_at, request_before_t0
-from capture_app.sync.wire.messages import ArrivalReport, NodeState, Report, RigConfigMessage, TimeReply
+from capture_app.sync.wire.messages import ArrivalReport, Report, RigConfigMessage, TimeReply
 
 OUTSTANDING = 512
 TELL_STEPS_EVERY_NS = 10_000_000_000

@@ -3,7 +3,7 @@
 import random
 from collections import deque
 
-from capture_app.camera_facts import CameraFacts
+from capture_app.common.camera_facts import CameraFacts
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.engine import Address
 from capture_app.sync.rig.failover import LeaderChoice, answers_probe
@@ -11,12 +11,7 @@ from capture_app.sync.rig.time_client import LEADER_SILENT_NS, TimeClient
 from capture_app.sync.timekeeping.poll_schedule import TreeSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import Message, WireError, encode
-from capture_app.sync.wire.messages import (
-    CLOCK,
-    ControlMessage,
-    Goodbye,
-    Welcome,
-)
+from capture_app.sync.wire.messages import CLOCK, ControlMessage, Goodbye, Welcome
 
 WINDOW_NS, LONGEST_NS = 60_000_000_000, 300_000_000_000
 """Its clock looks back so far: further than a camera's, as it asks more rarely."""

@@ -9,6 +9,7 @@ from dataclasses import replace
 
 import msgspec
 
+from capture_app.common.node_state import RELAY
 from capture_app.sync.engine import Address
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_choice import GridChoice
@@ -21,7 +22,6 @@ from capture_app.sync.wire.codec import FromClient, Message, WireError, decode
 from capture_app.sync.wire.messages import (
     CLOCK,
     PROBE_NUMBER,
-    RELAY,
     Heartbeat,
     Hello,
     JoinRefusal,

@@ -19,6 +19,7 @@ import struct
 import msgspec
 from msgspec.structs import replace
 
+from capture_app.common.text import REPLACEMENT, UNREADABLE
 from capture_app.sync.wire.messages import (
     ArrivalReport,
     ControlMessage,
@@ -33,7 +34,6 @@ from capture_app.sync.wire.messages import (
     TimeRequest,
     TriggerAck,
 )
-from capture_app.text import REPLACEMENT, UNREADABLE
 
 MAGIC = b"sS"
 VERSION = 6

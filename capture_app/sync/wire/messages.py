@@ -5,14 +5,14 @@ Messages of the reference broadcast: beacons, which a radio cell receives at one
 A relay's map from its own clock to the root's, as messages carry it.
 """
 
-from enum import StrEnum
 from math import isfinite
 from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
-from capture_app.names import Name
+from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.names import Name
+from capture_app.common.node_state import CLOCK_ONLY, NodeState
 from capture_app.sync.clock.time_map import TimeMap
 
 MOST_ARRIVALS = 32
@@ -109,21 +109,6 @@ def upstream_map(path: tuple[int, ...], time_map: TimeMap) -> UpstreamMap:
     return UpstreamMap(path, *(getattr(time_map, name) for name in _SHARED_FIELDS))
 
 
-class NodeState(StrEnum):
-    """How far a node is: ready when its frames are aligned with those of the rig, as well as was asked for.
-
-    A coarse one is aligned by a clock that its link does not let it know as well as that.
-    """
-
-    JOINING = "joining"
-    SYNCING = "syncing"
-    ALIGNING = "aligning"
-    COARSE = "coarse"
-    READY = "ready"
-    LOST = "lost"
-    FAILED = "failed"
-
-
 MOST_TEXT = 200
 Text = Annotated[str, Meta(max_length=MOST_TEXT)]
 Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
@@ -131,8 +116,6 @@ Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
 MOST_REPORTS, MOST_OTHERS = 10, 200
 """That a relay's message carries: so many fit into a datagram."""
 Others = Annotated[tuple[Number, ...], Meta(max_length=MOST_OTHERS)]
-CLOCK_ONLY = "clock"
-"""The kind of a node without a camera that only keeps the time, perhaps for clients below it."""
 CLOCK = CameraFacts(
     kind=CLOCK_ONLY,
     model="",
@@ -143,9 +126,6 @@ CLOCK = CameraFacts(
     timestamp_source=TimestampSource.UNKNOWN,
 )
 """What such a node says of the camera that it has not."""
-RELAY = "relay"
-"""The kind of a relay that passes its cameras on to its parent, and bursts to its cameras."""
-WITHOUT_CAMERA = (CLOCK_ONLY, RELAY)
 PROBE_NUMBER = 0
 """The number in a liveness probe, which no client has: a leader that answers that it is unknown is there."""
 Pin = Annotated[str, Meta(pattern="^[a-z2-7-]{0,39}$")]

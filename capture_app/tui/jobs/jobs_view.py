@@ -9,7 +9,7 @@ from textual.containers import VerticalScroll
 from textual.content import Content
 from textual.strip import Strip
 
-from capture_app.text import count, printable
+from capture_app.common.text import count, printable
 from capture_app.tui.jobs.result_screen import open_report, show_result
 from capture_app.tui.jobs.run import SIGNS, Run, RunState, progress_words, rough_time
 from capture_app.tui.jobs.runs import Runs

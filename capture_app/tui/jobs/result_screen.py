@@ -15,8 +15,8 @@ from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
 from textual.widget import Widget
 
-from capture_app.errors import BadInputError
-from capture_app.text import printable
+from capture_app.common.errors import BadInputError
+from capture_app.common.text import printable
 from capture_app.tui.jobs.results import ResultPicture, ResultTable, StudyResult, read_result
 from capture_app.tui.jobs.run import Run
 from capture_app.tui.rig_record import Mishap, telling

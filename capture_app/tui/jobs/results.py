@@ -7,9 +7,9 @@ from typing import Any
 
 import msgspec
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
+from capture_app.common.text import count
 from capture_app.session.format.manifest import inside
-from capture_app.text import count
 from capture_app.tui.jobs.run import (
     CLOUDS,
     COMPARE,

@@ -11,9 +11,9 @@ from typing import Annotated
 from msgspec import Meta, Struct
 from textual.content import Content
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
+from capture_app.common.text import ProgressStep, printable
 from capture_app.session.exchange import FORMATS
-from capture_app.text import ProgressStep, printable
 from capture_app.tui.signs import Sign
 
 CAPTURE, RECONSTRUCT = "capture_app.cli", "reconstruction.cli"

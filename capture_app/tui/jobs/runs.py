@@ -17,13 +17,13 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.errors import BadInputError, SimulshotError
+from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.text import UNREADABLE, ProgressStep, pretty_json, printable
 from capture_app.node.child import Child
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import clear_leftovers
 from capture_app.session.files.strangers import read_regular
 from capture_app.session.library.changes import RESULTS, results_folder
-from capture_app.text import UNREADABLE, ProgressStep, pretty_json, printable
 from capture_app.tui.jobs.run import COMMANDS, IMPORT, Command, Run, RunState
 
 INTERRUPTED = "the screen was closed before it was done"

@@ -7,11 +7,11 @@ from pathlib import Path
 from textual.content import Content
 from textual.widgets import Input, OptionList, Static
 
-from capture_app.errors import BadInputError, SimulshotError
-from capture_app.names import check_name
+from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.names import check_name
+from capture_app.common.text import printable
 from capture_app.session.library.changes import MAX_NOTE
 from capture_app.session.library.listing import SessionCard
-from capture_app.text import printable
 from capture_app.tui.jobs.run import EXPORTS, REPAIR, STUDIES, VERIFY, Command
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.question import BoxDialog, TextQuestion

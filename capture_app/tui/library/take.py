@@ -7,9 +7,9 @@ from textual.binding import Binding, BindingType
 from textual.containers import Vertical
 from textual.content import Content
 
+from capture_app.common.text import count, printable
 from capture_app.session.library.listing import SessionCard
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.text import count, printable
 from capture_app.tui.library.session_rows import STATES, Entry
 from capture_app.tui.signs import GRADES
 from capture_app.tui.widgets.contact_sheet import ContactSheet

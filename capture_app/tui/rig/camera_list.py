@@ -11,11 +11,11 @@ from textual.containers import Vertical, VerticalScroll
 from textual.content import Content
 from textual.geometry import Region
 
+from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
+from capture_app.common.text import NO_VALUE, count, duration, printable
 from capture_app.node.leader.snapshots import in_tree_order
-from capture_app.node.rig_link import RigLink
-from capture_app.node.wire.status import NodeStatus
-from capture_app.sync.wire.messages import WITHOUT_CAMERA, NodeState
-from capture_app.text import NO_VALUE, count, duration, printable
+from capture_app.protocol.status import NodeStatus
+from capture_app.rig.link import RigLink
 from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.rig_record import RigRecord, phases_at
 from capture_app.tui.signs import SIGNS, cameras_of

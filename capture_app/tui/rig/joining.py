@@ -13,15 +13,15 @@ from textual.containers import Horizontal
 from textual.content import Content
 from textual.renderables.digits import DIGITS, DIGITS3X3
 
-from capture_app.errors import SimulshotError
-from capture_app.node.rig_link import RigLink
-from capture_app.node.wire.operating import (
+from capture_app.common.errors import SimulshotError
+from capture_app.common.text import printable
+from capture_app.protocol.orders import (
     InvitePhone,
     PhoneInvited,
 )
-from capture_app.node.wire.pairing import Invite, Invited
-from capture_app.node.wire.status import NewsLine
-from capture_app.text import printable
+from capture_app.protocol.pairing import Invite, Invited
+from capture_app.protocol.status import NewsLine
+from capture_app.rig.link import RigLink
 from capture_app.trust.pairing import show_code
 from capture_app.tui.question import BoxDialog
 from capture_app.tui.rig_record import Told

@@ -3,8 +3,8 @@
 import asyncio
 from contextlib import AsyncExitStack
 
-from capture_app.errors import SimulshotError
-from capture_app.net.address import Address, listen_tcp, reachable_host
+from capture_app.common.address import Address, listen_tcp, reachable_host
+from capture_app.common.errors import SimulshotError
 from capture_app.panel.screen import DEFAULT_PORT, served_page
 from capture_app.tui.rig.joining import GuideScreen
 

@@ -14,14 +14,14 @@ from textual.content import Content
 from textual.widgets import OptionList
 from textual.widgets.option_list import Option
 
-from capture_app.camera_facts import SIMULATED
 from capture_app.cameras.base import CameraListing
 from capture_app.cameras.specs import DRIVERS, load_driver
-from capture_app.net.address import DEFAULT_PORT
+from capture_app.common.address import DEFAULT_PORT
+from capture_app.common.camera_facts import SIMULATED
+from capture_app.common.text import count, printable
 from capture_app.node.leader.local_nodes import VIEWS
-from capture_app.node.rig_link import RigLink
-from capture_app.node.wire.operating import AddCamera, AddSimulated, Order
-from capture_app.text import count, printable
+from capture_app.protocol.orders import AddCamera, AddSimulated, Order
+from capture_app.rig.link import RigLink
 from capture_app.tui.rig.joining import (
     InviteScreen,
     joining_line,

@@ -10,15 +10,15 @@ from textual.binding import Binding, BindingType
 from textual.containers import VerticalScroll
 from textual.content import Content
 
-from capture_app.camera_facts import PHONE
-from capture_app.errors import SimulshotError
-from capture_app.net.address import ANY_HOST, LOOPBACK_HOSTS, parse_address
-from capture_app.node.rig_link import LinkLost, RigLink
-from capture_app.node.wire.operating import RemoveCamera
-from capture_app.node.wire.status import NewsLine, RigStatus
-from capture_app.rig_process import start_rig
-from capture_app.sync.wire.messages import NodeState
-from capture_app.text import printable
+from capture_app.common.address import ANY_HOST, LOOPBACK_HOSTS, parse_address
+from capture_app.common.camera_facts import PHONE
+from capture_app.common.errors import SimulshotError
+from capture_app.common.node_state import NodeState
+from capture_app.common.text import printable
+from capture_app.protocol.orders import RemoveCamera
+from capture_app.protocol.status import NewsLine, RigStatus
+from capture_app.rig.link import LinkLost, RigLink
+from capture_app.rig.process import start_rig
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import Answer, Question
 from capture_app.tui.rig.camera_list import CameraList

@@ -11,10 +11,10 @@ from textual import work
 from textual.binding import Binding, BindingType
 from textual.content import Content
 
-from capture_app.node.rig_link import RigLink
-from capture_app.node.wire.status import NodeStatus, Preview
+from capture_app.common.text import duration, printable
+from capture_app.protocol.status import NodeStatus, Preview
+from capture_app.rig.link import RigLink
 from capture_app.session.reading.decoding import decode_image
-from capture_app.text import duration, printable
 from capture_app.tui.rig_record import RigRecord, Told
 from capture_app.tui.signs import SIGNS, cameras_of
 from capture_app.tui.widgets.cells import Image

@@ -12,10 +12,10 @@ from textual import events, work
 from textual.binding import Binding, BindingType
 from textual.content import Content
 
-from capture_app.names import is_name
-from capture_app.node.motion_watch import WHOLE, Region
-from capture_app.node.wire.messages import BurstRequest
-from capture_app.text import duration, printable
+from capture_app.common.names import is_name
+from capture_app.common.text import duration, printable
+from capture_app.protocol.messages import BurstRequest
+from capture_app.rig.motion import WHOLE, Region
 from capture_app.tui.question import TextQuestion
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.lines import Lines

@@ -8,9 +8,9 @@ from textual.binding import Binding, BindingType
 from textual.containers import Container, Vertical
 from textual.content import Content
 
-from capture_app.node.rig_link import RigLink
-from capture_app.node.wire.status import NodeStatus, Preview, RigStatus
-from capture_app.text import printable
+from capture_app.common.text import printable
+from capture_app.protocol.status import NodeStatus, Preview, RigStatus
+from capture_app.rig.link import RigLink
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.shoot.full_view import FullView
 from capture_app.tui.signs import SIGNS, cameras_of

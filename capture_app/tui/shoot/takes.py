@@ -8,12 +8,12 @@ from textual.containers import VerticalScroll
 from textual.content import Content
 from textual.widgets import Static
 
-from capture_app.node.wire.messages import BurstRequest
-from capture_app.node.wire.status import BurstStatus, CameraTransfer
+from capture_app.common.text import printable
+from capture_app.protocol.messages import BurstRequest
+from capture_app.protocol.status import BurstStatus, CameraTransfer
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import GRADE_LIMITS, Verdict
-from capture_app.text import printable
 from capture_app.tui.signs import GRADES
 from capture_app.tui.widgets.picture import Picture, Source
 

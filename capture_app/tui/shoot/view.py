@@ -11,16 +11,16 @@ from textual.containers import Horizontal, Vertical
 from textual.content import Content
 from textual.worker import Worker, get_current_worker
 
-from capture_app.errors import SimulshotError
-from capture_app.node.motion_watch import MotionWatch, watch_motion
-from capture_app.node.rig_link import RigLink
-from capture_app.node.wire.messages import BurstRequest
-from capture_app.node.wire.operating import CancelBurst, EndBurst, Order
-from capture_app.node.wire.status import BurstStatus, NodeStatus, Preview, RigStatus
+from capture_app.common.errors import SimulshotError
+from capture_app.common.node_state import NodeState
+from capture_app.common.text import clock_offset, count, duration, printable
+from capture_app.protocol.messages import BurstRequest
+from capture_app.protocol.orders import CancelBurst, EndBurst, Order
+from capture_app.protocol.status import BurstStatus, NodeStatus, Preview, RigStatus
+from capture_app.rig.link import RigLink
+from capture_app.rig.motion import MotionWatch, watch_motion
 from capture_app.session.library.trash import trash_session
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.sync.wire.messages import NodeState
-from capture_app.text import clock_offset, count, duration, printable
 from capture_app.tui.jobs.result_screen import open_report
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.mode import ModeView

@@ -11,8 +11,8 @@ from textual.geometry import Offset, Region, Size
 from textual.scroll_view import ScrollView
 from textual.strip import Strip
 
+from capture_app.common.text import duration, printable
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.text import duration, printable
 from capture_app.tui.widgets.cells import CellPicture, Palette, draw_fitted, palette_of
 from capture_app.tui.widgets.look import LookScreen, Motion
 from capture_app.tui.widgets.picture import strip_of_middle

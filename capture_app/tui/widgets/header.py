@@ -5,7 +5,7 @@ from collections.abc import Iterator
 from textual import events
 from textual.content import Content
 
-from capture_app.text import count, printable
+from capture_app.common.text import count, printable
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.signs import NO_LEADER, WAITING, rig_sign
 from capture_app.tui.widgets.lines import Lines, fitting, justified

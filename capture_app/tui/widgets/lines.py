@@ -12,8 +12,8 @@ from textual.geometry import Region, Size
 from textual.strip import Strip
 from textual.widget import Widget
 
-from capture_app.node.wire.status import NewsLine
-from capture_app.text import printable
+from capture_app.common.text import printable
+from capture_app.protocol.status import NewsLine
 
 
 def strip_of_line(widget: Widget, line: Content) -> Strip:

@@ -8,8 +8,8 @@ from textual.binding import Binding, BindingType
 from textual.content import Content
 from textual.timer import Timer
 
+from capture_app.common.text import duration, printable
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.text import duration, printable
 from capture_app.tui.widgets.cells import Image
 from capture_app.tui.widgets.picture import Picture, Source, sharp_terminal_of
 from capture_app.tui.widgets.whole_screen import WholeScreen

@@ -24,8 +24,8 @@ from textual.geometry import Region, Size
 from textual.strip import Strip
 from textual.widget import Widget
 
+from capture_app.common.text import printable
 from capture_app.session.reading.decoding import decode_image
-from capture_app.text import printable
 from capture_app.tui.widgets.cells import (
     CellPicture,
     Image,

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 
 from textual.content import Content
 
-from capture_app.text import count, duration
+from capture_app.common.text import count, duration
 from capture_app.tui.widgets.lines import bar_rows, joined_cells
 
 QUARTERS = 2, 2, " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"

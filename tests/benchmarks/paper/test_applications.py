@@ -10,7 +10,7 @@ import pytest
 from benchmarks.paper import page
 from benchmarks.paper.__main__ import main
 from benchmarks.paper.applications import APPLICATIONS, compare_samples, read_compared
-from capture_app.errors import BadInputError, ExitCode
+from capture_app.common.errors import BadInputError, ExitCode
 from reconstruction.scores.study_result import Interval, Measure, Picture, StudyResult
 
 ROOT = Path(__file__).resolve().parents[3]

@@ -22,7 +22,7 @@ from benchmarks.paper.values import (
     TABLE_3,
     WORST_PAIR,
 )
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 
 
 def test_a_number_of_the_paper_by_its_name() -> None:

@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import pytest
 
 from benchmarks.paper import __main__ as runner
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
+from capture_app.console.terminal import talk
 from capture_app.measure.result import Outcome, Result, Table, error_figures, new_figure, save
-from capture_app.terminal import talk
 
 RESULT = Result(
     name="fake",

@@ -6,7 +6,9 @@ from collections.abc import Callable
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import (
+from capture_app.cameras.aravis.device import AravisDevice
+from capture_app.cameras.aravis.machine_device import DeviceFrame
+from capture_app.common.camera_facts import (
     MICROSECONDS,
     CameraFacts,
     Control,
@@ -14,9 +16,7 @@ from capture_app.camera_facts import (
     PhaseControl,
     TimestampSource,
 )
-from capture_app.cameras.aravis.device import AravisDevice
-from capture_app.cameras.aravis.machine_device import DeviceFrame
-from capture_app.errors import CameraError
+from capture_app.common.errors import CameraError
 
 SETUP = CameraFacts(
     kind="aravis",

@@ -6,12 +6,12 @@ from collections.abc import AsyncIterator, Callable
 
 import pytest
 
-from capture_app.camera_facts import Control, PhaseControl, StampSource, TimestampSource
 from capture_app.cameras.aravis.camera import AravisCamera, FrameNumbers
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.specs import open_camera
-from capture_app.clock import HostClock
-from capture_app.errors import BadInputError, CameraError
+from capture_app.common.camera_facts import Control, PhaseControl, StampSource, TimestampSource
+from capture_app.common.clock import HostClock
+from capture_app.common.errors import BadInputError, CameraError
 from capture_app.sync.wire.camera_commands import RestartStream, SetFrameDuration
 from tests.cameras.aravis.fake_device import PIXELS, SETUP, FakeDevice
 from tests.waiting import until

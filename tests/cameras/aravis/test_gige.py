@@ -4,10 +4,10 @@ from collections.abc import Iterator
 
 import pytest
 
-from capture_app.camera_facts import Control
 from capture_app.cameras.specs import open_camera
-from capture_app.clock import HostClock
-from capture_app.errors import CameraError
+from capture_app.common.camera_facts import Control
+from capture_app.common.clock import HostClock
+from capture_app.common.errors import CameraError
 from capture_app.session.reading.reader import Session
 from tests.cameras.aravis.gige_rig import GigeRig, gige_rig, load_or_skip
 

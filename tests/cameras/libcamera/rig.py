@@ -16,13 +16,13 @@ from capture_app.cameras.libcamera.camera import LibcameraCamera
 from capture_app.cameras.libcamera.library import Library
 from capture_app.cameras.libcamera.stream import StampClock
 from capture_app.cameras.specs import CameraRequest
+from capture_app.common.node_state import NodeState
 from capture_app.net.udp import Pump
 from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
-from capture_app.node.news import Log
+from capture_app.protocol.news import Log
 from capture_app.simulation.links import Link
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.wire.messages import NodeState
 from tests.cameras.libcamera.double import libcamera_double
 from tests.cameras.libcamera.double_camera import Camera, Sensor
 from tests.simulation.camera.stepped import LoopClock, true_now_ns

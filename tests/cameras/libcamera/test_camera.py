@@ -7,13 +7,13 @@ from typing import Any
 
 import pytest
 
-from capture_app.camera_facts import MICROSECONDS, Control, PhaseControl, StampSource
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.libcamera.configuration import parse_options
 from capture_app.cameras.libcamera.driver import listings
 from capture_app.cameras.libcamera.library import Library
 from capture_app.cameras.libcamera.stream import StampClock
-from capture_app.errors import BadInputError, CameraError, NotAvailableError
+from capture_app.common.camera_facts import MICROSECONDS, Control, PhaseControl, StampSource
+from capture_app.common.errors import BadInputError, CameraError, NotAvailableError
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream, SetFrameDuration
 from tests.cameras.libcamera.double import libcamera_double
 from tests.cameras.libcamera.double_camera import IDS, Sensor

@@ -10,7 +10,7 @@ from statistics import median, quantiles
 
 import pytest
 
-from capture_app.sync.wire.messages import NodeState
+from capture_app.common.node_state import NodeState
 from tests.cameras.libcamera.double_camera import Sensor
 from tests.cameras.libcamera.rig import NodeSpec, Rig
 from tests.simulation.camera.stepped import HOUR_NS, LoopClock, in_stepped_time

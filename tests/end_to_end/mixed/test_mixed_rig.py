@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.camera_facts import StampSource
+from capture_app.common.camera_facts import StampSource
 from tests.browser import CHROMIUM
 from tests.end_to_end.mixed.rig import MixedRig, mixed_rig
 

@@ -6,12 +6,12 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.node.rig_link import ask_status, give_order
-from capture_app.node.wire.operating import StopRig
-from capture_app.rig_process import list_rigs
+from capture_app.common.node_state import NodeState
+from capture_app.protocol.orders import StopRig
+from capture_app.rig.link import ask_status, give_order
+from capture_app.rig.process import list_rigs
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-from capture_app.sync.wire.messages import NodeState
 
 from .terminal import Terminal, require_tmux
 

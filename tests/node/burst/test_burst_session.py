@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.camera_share import PATIENCE_NS, STALL_NS
 from capture_app.node.leader.bursts import create_numbered

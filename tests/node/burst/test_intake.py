@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.errors import DiskFullError, SimulshotError
+from capture_app.common.errors import DiskFullError, SimulshotError
 from capture_app.node.burst.intake import Intake
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter

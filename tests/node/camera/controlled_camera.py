@@ -5,14 +5,14 @@ from typing import cast
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import KELVIN, MICROSECONDS, CameraFacts, Control, ControlState, steps_of
 from capture_app.cameras.base import Camera, OnFailure, OnFrame
-from capture_app.clock import HostClock
-from capture_app.errors import CameraError
+from capture_app.common.camera_facts import KELVIN, MICROSECONDS, CameraFacts, Control, ControlState, steps_of
+from capture_app.common.clock import HostClock
+from capture_app.common.errors import CameraError
 from capture_app.node.camera.camera_node import RigMember
 from capture_app.node.camera.supervisor import CameraSupervisor, ControlKeeper, NodeOptions
 from capture_app.node.camera.viewfinder import Viewfinder
-from capture_app.node.wire.status import NodeDetail
+from capture_app.protocol.status import NodeDetail
 from capture_app.sync.wire.camera_commands import CameraCommand
 from tests.facts import make_facts
 

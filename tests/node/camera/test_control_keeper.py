@@ -5,7 +5,7 @@ from typing import cast
 
 import pytest
 
-from capture_app.camera_facts import Control
+from capture_app.common.camera_facts import Control
 from capture_app.node.camera.supervisor import CameraSupervisor, ControlKeeper
 from tests.node.camera.controlled_camera import EXPOSURE, ControlledCamera, Holder
 from tests.waiting import until

@@ -12,13 +12,13 @@ from typing import cast
 import pytest
 
 from benchmarks.clock.app_phone import PhoneOnSockets
-from capture_app.clock import HostClock, SimulatedClock
-from capture_app.errors import BadInputError, NetworkError
+from capture_app.common.clock import HostClock, SimulatedClock
+from capture_app.common.errors import BadInputError, NetworkError
 from capture_app.interop.app_phones import AppPhones
 from capture_app.interop.app_protocol import CALL_PORT, PERIOD_NS
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.news import Log
-from capture_app.node.wire.messages import BurstRequest
+from capture_app.protocol.messages import BurstRequest
+from capture_app.protocol.news import Log
 from capture_app.session.importers.import_options import ImportOptions
 from capture_app.session.importers.recording import import_recording
 from capture_app.sync.rig.frame_selection import Burst

@@ -8,12 +8,12 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.clock import HostClock, SimulatedClock
+from capture_app.common.clock import HostClock, SimulatedClock
 from capture_app.interop.rpicam import PACKET, RpicamSync
 from capture_app.node.leader.followers import SharedGrid
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.news import Log
+from capture_app.protocol.news import Log
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig.leader import RigConfig

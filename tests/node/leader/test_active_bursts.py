@@ -12,7 +12,7 @@ from pathlib import Path
 import pytest
 from msgspec.structs import replace
 
-from capture_app.errors import BadInputError, CancelledBurstError, IncompleteError
+from capture_app.common.errors import BadInputError, CancelledBurstError, IncompleteError
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.plans import usual_spare

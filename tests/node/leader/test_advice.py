@@ -4,11 +4,12 @@ import dataclasses
 
 from msgspec.structs import replace
 
-from capture_app.camera_facts import StampAccuracy, StampSource
+from capture_app.common.camera_facts import StampAccuracy, StampSource
+from capture_app.common.node_state import NodeState
+from capture_app.common.text import duration
 from capture_app.node.leader.readiness import rig_advice
 from capture_app.sync.rig.roster import Member
-from capture_app.sync.wire.messages import NodeState, Report
-from capture_app.text import duration
+from capture_app.sync.wire.messages import Report
 from tests.facts import make_facts
 
 LEADER = "10.0.0.1:47010"

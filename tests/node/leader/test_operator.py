@@ -8,22 +8,22 @@ from typing import Any
 
 import pytest
 
-from capture_app.errors import BadInputError, NetworkError, NotAvailableError
-from capture_app.net.address import Address
-from capture_app.node import news
+from capture_app.common.address import Address
+from capture_app.common.errors import BadInputError, NetworkError, NotAvailableError
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.news import Log
-from capture_app.node.rig_link import LinkLost, RigLink, Update, ask_status, give_order
-from capture_app.node.wire.operating import (
+from capture_app.protocol import news
+from capture_app.protocol.news import Log
+from capture_app.protocol.orders import (
     AddCamera,
     AddSimulated,
     CancelBurst,
     RemoveCamera,
     StopRig,
 )
-from capture_app.node.wire.status import BurstStatus, NewsLine, RigStatus
+from capture_app.protocol.status import BurstStatus, NewsLine, RigStatus
+from capture_app.rig.link import LinkLost, RigLink, Update, ask_status, give_order
 from capture_app.sync.rig.events import BurstAnswered, NodeChanged
 from capture_app.sync.timekeeping.rates import HostOffRate
 

@@ -6,12 +6,13 @@ from typing import cast
 
 import pytest
 
-from capture_app.clock import HostClock
-from capture_app.errors import IncompleteError
+from capture_app.common.clock import HostClock
+from capture_app.common.errors import IncompleteError
+from capture_app.common.node_state import NodeState
 from capture_app.node.leader.readiness import coarse_nodes, reasons_until_ready, why_not_ready
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.rig.roster import Member
-from capture_app.sync.wire.messages import NodeState, Report
+from capture_app.sync.wire.messages import Report
 from tests.facts import make_facts
 
 COARSE = "clock sure to ±1.7 ms only, asked for ±100 µs: bursty link; nearer the access point"

@@ -10,14 +10,14 @@ from typing import Any
 import pytest
 from msgspec.structs import replace
 
-from capture_app.errors import BadInputError, NetworkError
+from capture_app.common.errors import BadInputError, NetworkError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts
 from capture_app.node.camera.burst_upload import REPORT, Spool
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.wire.messages import (
+from capture_app.protocol.messages import (
     BurstRequest,
     CameraReport,
     FromLeader,
@@ -30,7 +30,7 @@ from capture_app.node.wire.messages import (
     SpoolSpace,
     ToLeader,
 )
-from capture_app.node.wire.pairing import EnrolRequest, PairingProof, PairingWord
+from capture_app.protocol.pairing import EnrolRequest, PairingProof, PairingWord
 from capture_app.session.format.journal import record_of_line
 from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingImage
 from capture_app.session.reading.reader import Session

@@ -8,17 +8,17 @@ from pathlib import Path
 import pytest
 
 from capture_app.cameras.specs import open_camera
-from capture_app.clock import HostClock
-from capture_app.errors import BadInputError
+from capture_app.common.clock import HostClock
+from capture_app.common.errors import BadInputError
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.rig_link import RigLink, ask_leader
-from capture_app.node.wire.messages import BurstRequest
-from capture_app.node.wire.operating import KeepStamp, StampKept
-from capture_app.node.wire.status import BurstStatus
+from capture_app.protocol.messages import BurstRequest
+from capture_app.protocol.orders import KeepStamp, StampKept
+from capture_app.protocol.status import BurstStatus
+from capture_app.rig.link import RigLink, ask_leader
 from capture_app.session.format.manifest import ClockRecord, Manifest
 from capture_app.session.reading.reader import Session
 from capture_app.sync.clock.clock_filter import KnownWay

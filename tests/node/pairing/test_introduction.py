@@ -7,14 +7,14 @@ from typing import Any
 
 import pytest
 
-from capture_app.camera_facts import EXACT_STAMPS
-from capture_app.errors import NetworkError, SimulshotError, UnknownMachineError
+from capture_app.common.camera_facts import EXACT_STAMPS
+from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.pairing import ask_to_enrol, is_known, pair
-from capture_app.node.wire import messages, operating, pairing
-from capture_app.node.wire.messages import FromLeader, NodeStream, Refusal
+from capture_app.protocol import messages, orders, pairing
+from capture_app.protocol.messages import FromLeader, NodeStream, Refusal
 from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 from tests.node.joining import joined
@@ -117,15 +117,15 @@ OTHERS = [
     messages.BurstRequest(frames=1),
     messages.SpoolSpace(camera="cam0", free_bytes=0, spool="/"),
     NodeStream(camera="cam0", instance=1),
-    operating.WatchRequest(),
-    operating.DetailRequest(camera="cam0"),
-    operating.KeepStamp(camera="cam0", stamp=EXACT_STAMPS),
+    orders.WatchRequest(),
+    orders.DetailRequest(camera="cam0"),
+    orders.KeepStamp(camera="cam0", stamp=EXACT_STAMPS),
     NodeStream(camera="cam0", instance=1, shows=True),
-    operating.AddCamera(spec="sim"),
-    operating.AddSimulated(cameras=1),
-    operating.RemoveCamera(name="cam0"),
-    operating.CancelBurst(burst=1),
-    operating.StopRig(),
+    orders.AddCamera(spec="sim"),
+    orders.AddSimulated(cameras=1),
+    orders.RemoveCamera(name="cam0"),
+    orders.CancelBurst(burst=1),
+    orders.StopRig(),
     pairing.Invite(role=Role.OPERATOR),
     pairing.SpeaksFor(pin="x", name="x", roles=(Role.OPERATOR,)),
 ]
@@ -160,7 +160,7 @@ async def test_cameras_and_operators_may_each_do_their_part(
 async def test_who_is_removed_loses_its_open_streams(leader: LeaderNode, home: Trust, machine: Trust) -> None:
     await pair(leader.own_address, await invite(leader, home, Role.OPERATOR), machine)
     async with await connect(leader.own_address, FromLeader, trust=machine) as channel:
-        await channel.send(operating.WatchRequest())
+        await channel.send(orders.WatchRequest())
         assert isinstance(await channel.receive_header(), messages.StatusAnswer)
         home.known.remove(machine.identity.pin)
         with suppress(NetworkError):

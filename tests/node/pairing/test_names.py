@@ -7,12 +7,12 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.relay import RelayNode, RelayOptions
-from capture_app.node.wire.operating import RemoveCamera
+from capture_app.protocol.orders import RemoveCamera
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.recovery import RESERVE
 from capture_app.sync.rig.orders import BurstOrder

@@ -7,7 +7,7 @@ from msgspec.structs import replace
 
 from capture_app.net.channel import Channel
 from capture_app.node.camera.burst_upload import TOO_SLOW, BurstUpload, Spool
-from capture_app.node.wire.messages import CameraReport, ImageAck, ImageUpload, ReportAck, ToLeader
+from capture_app.protocol.messages import CameraReport, ImageAck, ImageUpload, ReportAck, ToLeader
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.manifest import JOURNAL
 from tests.node.transfer.uploading import Picture, burst_upload, further, uploading

@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.node.camera.burst_upload import Spool, SpooledBurst, encode_frame
-from capture_app.node.wire.messages import CameraReport
+from capture_app.protocol.messages import CameraReport
 from tests.node.transfer.uploading import Picture, burst_upload
 
 UPLOAD = burst_upload(Picture(b"zero"))

@@ -4,10 +4,10 @@ import asyncio
 from dataclasses import replace
 from pathlib import Path
 
-from capture_app.errors import DiskFullError
+from capture_app.common.errors import DiskFullError
 from capture_app.net.channel import Channel
 from capture_app.node.camera.burst_upload import Spool, SpooledBurst, encode_frame
-from capture_app.node.wire.messages import (
+from capture_app.protocol.messages import (
     CameraReport,
     Refusal,
     ReportAck,

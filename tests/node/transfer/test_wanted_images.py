@@ -5,7 +5,7 @@ from pathlib import Path
 
 from capture_app.net.channel import Channel
 from capture_app.node.camera.burst_upload import Spool
-from capture_app.node.wire.messages import (
+from capture_app.protocol.messages import (
     CameraReport,
     ImageAck,
     ImageUpload,

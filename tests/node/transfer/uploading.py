@@ -10,13 +10,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.camera_facts import PhaseControl
 from capture_app.cameras.frames import CapturedFrame
+from capture_app.common.camera_facts import PhaseControl
 from capture_app.net.channel import Channel
 from capture_app.node.camera.burst_upload import BurstUpload, Spool
 from capture_app.node.camera.uploader import Uploader
-from capture_app.node.news import Log
-from capture_app.node.wire.messages import (
+from capture_app.protocol.messages import (
     CameraReport,
     ImageAck,
     ImageReceipt,
@@ -25,6 +24,7 @@ from capture_app.node.wire.messages import (
     ReportAck,
     ToLeader,
 )
+from capture_app.protocol.news import Log
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.sync.clock.time_map import TimeMap

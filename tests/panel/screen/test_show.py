@@ -15,7 +15,7 @@ from pathlib import Path
 import pytest
 
 from capture_app import cli
-from capture_app.net.address import listen_tcp
+from capture_app.common.address import listen_tcp
 from capture_app.panel.screen import page_html, served_page
 
 

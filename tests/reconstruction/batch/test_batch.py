@@ -15,7 +15,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.errors import BadInputError, DiskFullError, ExitCode, NotAvailableError
+from capture_app.common.errors import BadInputError, DiskFullError, ExitCode, NotAvailableError
 from capture_app.session.reading.reader import Session
 from reconstruction.batch.command import batch, exit_code
 from reconstruction.batch.executors import LocalExecutor, SlurmExecutor

@@ -10,7 +10,7 @@ import pytest
 
 from capture_app.board.boards import CharucoBoard
 from capture_app.board.detector import is_flat_board
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.exporters.export_session import export_session
 from capture_app.session.importers.import_options import ImportOptions
 from capture_app.session.importers.recording import import_recording

@@ -10,7 +10,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import Manifest
 from capture_app.session.reading.reader import Session

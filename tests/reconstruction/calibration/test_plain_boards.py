@@ -11,7 +11,7 @@ import pytest
 
 from capture_app.board.boards import CharucoBoard, Checkerboard
 from capture_app.board.detector import Board, BoardDetector
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from capture_app.board.boards import DEFAULT_BOARD
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.reading.file_headers import read_exif
 from capture_app.session.reading.reader import Session

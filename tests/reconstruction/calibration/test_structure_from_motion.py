@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from reconstruction.calibration.rig import calibrated_views
 from reconstruction.calibration.structure_from_motion import calibrate_from_images, focal_errors

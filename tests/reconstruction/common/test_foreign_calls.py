@@ -11,7 +11,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.errors import ExitCode, NotAvailableError
+from capture_app.common.errors import ExitCode, NotAvailableError
 from reconstruction.common.native_libraries import (
     ForeignError,
     GuardedModule,

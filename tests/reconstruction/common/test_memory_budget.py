@@ -10,7 +10,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import resize_view
 from reconstruction.common.memory import limited_memory, memory_budget, parse_size
 from reconstruction.pairs import Features, canvas_bounds, choose_stereo_pair

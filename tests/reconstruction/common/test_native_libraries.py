@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.errors import ExitCode, NotAvailableError
+from capture_app.common.errors import ExitCode, NotAvailableError
 from reconstruction.common.native_libraries import __file__, load_pycolmap
 
 WRITES_A_PNG = """

@@ -8,8 +8,8 @@ import cv2
 import numpy as np
 import pytest
 
+from capture_app.console.terminal import Progress
 from capture_app.session.reading.reader import Session
-from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.compare.multiview_study import MultiviewStudy, save_clouds
 from reconstruction.depth.colmap import ENVIRONMENT

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.reading.reader import Session
 from reconstruction.session.conditions import DISTINCT, DISTINCT_MS, SYNCED, Condition
 from reconstruction.session.dataset import Dataset

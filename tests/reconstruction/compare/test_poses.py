@@ -8,9 +8,9 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.errors import NotAvailableError
+from capture_app.common.errors import NotAvailableError
+from capture_app.console.terminal import Progress
 from capture_app.session.reading.reader import Session
-from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import View
 from reconstruction.compare.pose_study import Pose, PoseFinder, PoseStudy, relative_pose_errors

@@ -6,11 +6,11 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture_app.errors import NotAvailableError
+from capture_app.common.errors import NotAvailableError
+from capture_app.console.terminal import Progress
 from capture_app.session.importers.import_options import ImportOptions
 from capture_app.session.importers.recording import import_recording
 from capture_app.session.reading.reader import Session
-from capture_app.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.compare.stereo_study import StereoStudy
 from reconstruction.compare.triangulation_study import TriangulationStudy, triangulate

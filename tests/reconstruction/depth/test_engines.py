@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 import pytest
 
-from capture_app.errors import NotAvailableError
+from capture_app.common.errors import NotAvailableError
 from reconstruction.common.geometry import Array
 from reconstruction.depth import gpu
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import Array, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.coarse_scene import find_coarse_scene

@@ -3,7 +3,7 @@
 import json
 from pathlib import Path
 
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from tests.reconstruction.odd_inputs.server import Run
 
 MOST_BYTES = 4_000_000_000

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from tests.reconstruction.conftest import Reconstruct
 from tests.reconstruction.odd_inputs.calibrations import CALIBRATIONS
 from tests.reconstruction.odd_inputs.commands import COMMANDS, command_line, faults

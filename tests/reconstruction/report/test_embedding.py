@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.errors import BadInputError, IncompleteError
+from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.session.exporters.common.point_cloud import PointCloud, read_ply, write_ply
 from reconstruction.report.embedding import MAX_POINTS, view_clouds
 from reconstruction.scores.study_result import InstantClouds

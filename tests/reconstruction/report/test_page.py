@@ -9,7 +9,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from reconstruction.report.comparison_report import write_report
 from reconstruction.scores.comparison_results import CompareResult, ConditionResult
 from tests.reconstruction.report.conftest import Page, ReadReport

@@ -5,7 +5,7 @@ from pathlib import Path
 import msgspec
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from reconstruction.report import wording
 from reconstruction.report.comparison_report import write_report
 from reconstruction.scores.comparison_results import CompareResult

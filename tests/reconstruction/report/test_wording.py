@@ -2,7 +2,7 @@
 
 import pytest
 
-from capture_app.text import count
+from capture_app.common.text import count
 from reconstruction.report import wording
 
 

@@ -2,7 +2,7 @@
 
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from reconstruction.session.conditions import evenly_spread, nearest_frame_offset
 
 T30, T60 = 33_333_333, 16_666_667

@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from reconstruction.cli import run
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import dilate

@@ -6,7 +6,7 @@ from pathlib import Path
 import cv2
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.reading.reader import Session
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import Reconstruct

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.rig import calibrated_views
 from reconstruction.common.image_files import image_size, read_image

@@ -5,7 +5,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from capture_app.errors import IncompleteError
+from capture_app.common.errors import IncompleteError
 from capture_app.session.format.manifest import BurstRecord
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.writing.image_store import StoredImage

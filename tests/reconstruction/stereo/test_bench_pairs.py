@@ -10,7 +10,7 @@ import pytest
 
 from benchmarks.reconstruction.rectified_pairs import read_pair
 from benchmarks.reconstruction.stereo_pairs import main
-from capture_app.errors import BadInputError, ExitCode
+from capture_app.common.errors import BadInputError, ExitCode
 from reconstruction.common.geometry import Array
 
 SHIFT = 9.0

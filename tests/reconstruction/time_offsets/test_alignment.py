@@ -5,7 +5,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.cli import run
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED, CameraTimes
 from capture_app.session.importers.realigning import realign_session
 from capture_app.session.reading.reader import Session

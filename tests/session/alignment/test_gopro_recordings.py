@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from capture_app.cli import run
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from capture_app.session.alignment.gopro import GpsClock, match_gps_clocks, read_gps_clock
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.session.reading.reader import Session

@@ -13,7 +13,7 @@ from collections.abc import Callable
 from pathlib import Path
 from typing import Any
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.files import output_folder
 from capture_app.session.files.output_folder import clear_leftovers
 from capture_app.session.library import changes, trash

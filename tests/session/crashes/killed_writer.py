@@ -28,9 +28,9 @@ from collections.abc import Callable, Sequence
 from pathlib import Path
 from typing import Any
 
-from capture_app.net.address import Address
+from capture_app.common.address import Address
 from capture_app.node.leader.repair import repair
-from capture_app.node.news import Log
+from capture_app.protocol.news import Log
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, CameraPlan
 from capture_app.session.format.manifest import (
     MANIFEST,

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.errors import SimulshotError
+from capture_app.common.errors import SimulshotError
 from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from capture_app.errors import DiskFullError
+from capture_app.common.errors import DiskFullError
 from capture_app.session.format.manifest import MissingImage
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify

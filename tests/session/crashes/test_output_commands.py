@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from capture_app.cli import run
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from capture_app.session.reading.reader import Session
 from tests.session.crashes.outputs import names, opened
 

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from capture_app.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
+from capture_app.common.errors import BadInputError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.session.files import output_folder
 from capture_app.session.files.output_folder import (
     OutputFolder,

@@ -11,7 +11,7 @@ from typing import Any
 import pytest
 
 from capture_app.cli import run
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from capture_app.session.exchange import FORMATS
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, image_path
 from tests.session.conftest import edit_manifest

@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from capture_app.cli import run
-from capture_app.errors import BadInputError, ExitCode, IncompleteError
+from capture_app.common.errors import BadInputError, ExitCode, IncompleteError
 from capture_app.session.exporters.common.lens import project_rays, rays_of, without_k3
 from capture_app.session.exporters.common.point_cloud import PointCloud, read_ply, write_ply
 from capture_app.session.exporters.common.tables import yaml_names

@@ -8,7 +8,7 @@ import av
 import numpy as np
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.exporters.n3dv import focus_depths
 from capture_app.session.reading.reader import Session
 from tests.session.exporters.conftest import (

@@ -13,7 +13,7 @@ from rosbags.rosbag2 import StoragePlugin, Writer
 from rosbags.typesys import Stores, get_typestore
 
 from capture_app.cli import run
-from capture_app.errors import BadInputError, ExitCode
+from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.session.exporters.common.exported_burst import ExportOptions
 from capture_app.session.exporters.mcap import ros_topics
 from capture_app.session.importers.import_options import ImportOptions

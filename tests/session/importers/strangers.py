@@ -8,7 +8,7 @@ known offsets that are no whole frames.
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
-from capture_app.names import name_like
+from capture_app.common.names import name_like
 from tests.session.alignment.cut_apart import Phone, Take
 from tests.session.importers.test_layouts import CAMERA
 

@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.importers.calibrations.reading import fit_calibration, read_views
 

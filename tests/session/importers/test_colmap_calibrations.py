@@ -10,7 +10,7 @@ import cv2  # before pycolmap
 import numpy as np
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from tests.session.importers.known_rig import POINTS, SIZE, D, lens, pose, read, see
 
 pycolmap = pytest.importorskip("pycolmap")

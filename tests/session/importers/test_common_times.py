@@ -6,7 +6,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.cli import run
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED, TimesState
 from capture_app.session.library.listing import read_card
 from capture_app.session.reading.reader import Session

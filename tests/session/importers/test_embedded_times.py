@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.cli import run
-from capture_app.errors import BadInputError, ExitCode
+from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.session.importers import time_source as timeline_module
 from capture_app.session.importers.embedded_times import name_time_ns
 from capture_app.session.importers.frame_matching import TimedFrame, timeline_by_times

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from capture_app.cli import run
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from capture_app.session.importers.clips import find_shoots
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session

@@ -9,7 +9,7 @@ import pytest
 from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.exchange import foxglove_message
 from capture_app.session.importers.import_options import ImportOptions
 from capture_app.session.importers.recording import import_recording

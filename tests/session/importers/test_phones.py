@@ -11,7 +11,7 @@ import numpy as np
 import pytest
 
 from capture_app.cli import run
-from capture_app.errors import BadInputError, ExitCode
+from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.session.importers.import_options import ImportOptions
 from capture_app.session.importers.recording import import_recording
 from capture_app.session.reading.reader import Session

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.importers.frame_matching import Timeline
 from capture_app.session.importers.rate_or_table import (
     match_name,

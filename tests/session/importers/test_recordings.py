@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 from numpy.typing import NDArray
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.importers.import_options import ImportOptions
 from capture_app.session.importers.recording import import_recording

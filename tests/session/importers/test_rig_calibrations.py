@@ -18,7 +18,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.importers.calibrations.reading import fit_calibration, read_views
 from tests.session.importers.known_rig import POINTS, SIZE, Array, D, lens, pose, read, see
 

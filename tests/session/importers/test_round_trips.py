@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from capture_app.cli import run
-from capture_app.errors import BadInputError, ExitCode
+from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.session.exporters.common.exported_burst import ExportOptions
 from capture_app.session.exporters.export_session import export_session
 from capture_app.session.format.calibration import Calibration

@@ -6,7 +6,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.errors import BadInputError, IncompleteError, TryAgainError
+from capture_app.common.errors import BadInputError, IncompleteError, TryAgainError
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.manifest import MANIFEST, BurstRecord, MissingImage
 from capture_app.session.library.changes import MAX_NOTE, rename_session, results_folder, set_note

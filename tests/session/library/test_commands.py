@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from capture_app.cli import run
-from capture_app.errors import ExitCode
+from capture_app.common.errors import ExitCode
 from capture_app.session.reading.reader import Session
 
 Capture = pytest.CaptureFixture[str]

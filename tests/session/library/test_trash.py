@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.errors import BadInputError, TryAgainError
+from capture_app.common.errors import BadInputError, TryAgainError
 from capture_app.session.library.changes import results_folder
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.library.trash import empty_trash, restore_session, trash_session, trashed_sessions

@@ -9,7 +9,7 @@ from typing import Any, ParamSpec, TypeVar
 from capture_app.cameras.base import Camera
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.specs import open_camera
-from capture_app.clock import SimulatedClock
+from capture_app.common.clock import SimulatedClock
 
 P = ParamSpec("P")
 T = TypeVar("T")

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.errors import BadInputError, NotAvailableError, SimulshotError
+from capture_app.common.errors import BadInputError, NotAvailableError, SimulshotError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from tests.simulation.camera.stepped import Recorder, frames_of, in_stepped_time, sim
 

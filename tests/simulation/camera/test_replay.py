@@ -6,8 +6,8 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.clock import HostClock
-from capture_app.errors import BadInputError
+from capture_app.common.clock import HostClock
+from capture_app.common.errors import BadInputError
 from capture_app.simulation.driver import open_camera
 from capture_app.simulation.rendering.picture_source import Replay
 from capture_app.simulation.sensor import SensorFrame

@@ -3,11 +3,11 @@ from itertools import pairwise
 
 import pytest
 
-from capture_app.camera_facts import PhaseControl, TimestampSource
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.specs import open_camera
-from capture_app.clock import SimulatedClock
-from capture_app.errors import BadInputError, CameraError
+from capture_app.common.camera_facts import PhaseControl, TimestampSource
+from capture_app.common.clock import SimulatedClock
+from capture_app.common.errors import BadInputError, CameraError
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream
 from tests.simulation.camera.stepped import (
     HOUR_NS,

@@ -1,9 +1,9 @@
 import pytest
 
-from capture_app.camera_facts import MICROSECONDS, Control
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.clock import HostClock
-from capture_app.errors import BadInputError, CameraError
+from capture_app.common.camera_facts import MICROSECONDS, Control
+from capture_app.common.clock import HostClock
+from capture_app.common.errors import BadInputError, CameraError
 from capture_app.simulation.driver import open_camera
 from tests.waiting import until
 

@@ -4,7 +4,8 @@ import math
 
 from hypothesis import strategies as st
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.node_state import NodeState
 from capture_app.sync.engine import Address
 from capture_app.sync.wire.codec import Message
 from capture_app.sync.wire.messages import (
@@ -14,7 +15,6 @@ from capture_app.sync.wire.messages import (
     Hello,
     JoinRefusal,
     MemberReports,
-    NodeState,
     Report,
     RigConfigMessage,
     TimeReply,

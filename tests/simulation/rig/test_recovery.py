@@ -16,6 +16,7 @@ from hypothesis.stateful import (
 )
 from msgspec import structs
 
+from capture_app.common.node_state import NodeState
 from capture_app.sync.engine import Address
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.rig.time_client import MOST_EVENTS
@@ -23,14 +24,7 @@ from capture_app.sync.timekeeping.timekeeper import OUTSTANDING
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import Message, encode
-from capture_app.sync.wire.messages import (
-    HeartbeatAck,
-    NodeState,
-    TimeReply,
-    Trigger,
-    UnknownMember,
-    UpstreamMap,
-)
+from capture_app.sync.wire.messages import HeartbeatAck, TimeReply, Trigger, UnknownMember, UpstreamMap
 from tests.simulation.rig.forged_messages import (
     HONEST,
     INSTANCE,

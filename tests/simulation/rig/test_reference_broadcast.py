@@ -9,8 +9,8 @@ import pytest
 from benchmarks.simulated.radio_cells import BeaconRig, HearingNode, RadioCell, Receiver
 from benchmarks.simulated.virtual_rig import VirtualNode, VirtualRig
 from benchmarks.simulated.wireless import GammaDelay
-from capture_app.camera_facts import PhaseControl
-from capture_app.clock import SimulatedClock
+from capture_app.common.camera_facts import PhaseControl
+from capture_app.common.clock import SimulatedClock
 from capture_app.simulation.links import Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.timekeeping.clock_events import ReferenceCorrected

@@ -10,8 +10,9 @@ from hypothesis import strategies as st
 
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay
-from capture_app.clock import SimulatedClock
-from capture_app.errors import BadInputError, IncompleteError
+from capture_app.common.clock import SimulatedClock
+from capture_app.common.errors import BadInputError, IncompleteError
+from capture_app.common.node_state import NodeState
 from capture_app.simulation.links import Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.rig.events import BurstAnswered, LeaderNews, NodeChanged
@@ -22,7 +23,6 @@ from capture_app.sync.wire.messages import (
     HeartbeatAck,
     Hello,
     JoinRefusal,
-    NodeState,
     RigConfigMessage,
     TimeReply,
     Trigger,

@@ -5,7 +5,7 @@ from dataclasses import replace
 import pytest
 
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
-from capture_app.clock import SimulatedClock
+from capture_app.common.clock import SimulatedClock
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.sensor import SensorFrame
 from capture_app.sync.rig.frame_selection import SelectedFrame

@@ -8,7 +8,7 @@ import pytest
 
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wireless import PAPER_LINK
-from capture_app.clock import SimulatedClock
+from capture_app.common.clock import SimulatedClock
 from capture_app.simulation.links import Channel, Direction, Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.rig.roster import van_der_corput

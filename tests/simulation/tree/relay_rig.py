@@ -9,6 +9,7 @@ from msgspec import structs
 
 from benchmarks.simulated.changing_clocks import WanderingClock
 from benchmarks.simulated.clock_tree import ROOT, Tree, TreeSpec
+from capture_app.common.node_state import NodeState
 from capture_app.sync.engine import Address
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig.client import Client, ClientConfig
@@ -21,7 +22,6 @@ from capture_app.sync.rig.roster import Member
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import decode
-from capture_app.sync.wire.messages import NodeState
 from tests.facts import make_facts
 
 S = 1_000_000_000

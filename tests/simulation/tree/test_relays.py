@@ -6,11 +6,12 @@ import pytest
 from msgspec import structs
 
 from benchmarks.simulated.clock_tree import ROOT
+from capture_app.common.node_state import NodeState
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.events import BurstAnswered, LeaderNews, NodeChanged
 from capture_app.sync.rig.leader import RigConfig
 from capture_app.sync.wire.codec import decode
-from capture_app.sync.wire.messages import Hello, NodeState
+from capture_app.sync.wire.messages import Hello
 from tests.simulation.rig.rigs import checked_error_ns
 from tests.simulation.tree.relay_rig import CAMERA, Camera, RelayRig, S, camera_below_a_relay
 

@@ -12,6 +12,7 @@ from hypothesis import strategies as st
 
 from benchmarks.simulated.changing_clocks import draw_wandering_clock
 from benchmarks.simulated.clock_tree import ROOT, RelayOutage, Tree, TreeSpec, measure, run_shard
+from capture_app.common.node_state import NodeState
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.engine import Address
 from capture_app.sync.rig.client import Client, ClientConfig
@@ -27,7 +28,6 @@ from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import (
     MAX_DEPTH,
     Hello,
-    NodeState,
     RigConfigMessage,
     TimeRequest,
     Welcome,

@@ -15,7 +15,7 @@ from capture_app.interop.app_protocol import (
     decode_call,
     encode_call,
 )
-from capture_app.node.news import FollowerNews
+from capture_app.protocol.news import FollowerNews
 from tests.sync.foreign.stand_ins import PhoneRig, S
 
 TARGET_NS = 100_000

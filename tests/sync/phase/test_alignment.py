@@ -1,6 +1,6 @@
 """When a stream is called aligned: its error, how sure that is, and after how many frames."""
 
-from capture_app.camera_facts import PhaseControl
+from capture_app.common.camera_facts import PhaseControl
 from capture_app.sync.phase.aligner import AlignmentWindow
 from capture_app.sync.phase.estimator import PhaseEstimate
 

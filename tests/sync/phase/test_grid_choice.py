@@ -4,7 +4,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.camera_facts import PhaseControl
+from capture_app.common.camera_facts import PhaseControl
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_choice import (
     PATIENCE_NS,

@@ -10,7 +10,7 @@ from msgspec.structs import replace as replace_facts
 
 from benchmarks.paper.phase_trials import unknown_phone
 from benchmarks.simulated.aligner_bench import Bench
-from capture_app.camera_facts import CameraFacts, PhaseControl
+from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.sync.phase.actuators import InjectionProfile, Move
 from capture_app.sync.phase.injection import InjectionActuator
 from capture_app.sync.wire.messages import CLOCK

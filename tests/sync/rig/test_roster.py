@@ -4,13 +4,14 @@ import random
 
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
+from capture_app.common.node_state import NodeState
 from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.roster import FORGET_LOST_NS, MAX_CLIENTS
 from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.messages import Goodbye, Heartbeat, HeartbeatAck, Hello, NodeState, Report, Welcome
+from capture_app.sync.wire.messages import Goodbye, Heartbeat, HeartbeatAck, Hello, Report, Welcome
 from tests.facts import make_facts
 
 S = 1_000_000_000

@@ -6,6 +6,7 @@ from itertools import pairwise
 
 import pytest
 
+from capture_app.common.node_state import NodeState
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig.events import Joined, LeaderNews
 from capture_app.sync.rig.leader import Leader, LeaderConfig
@@ -21,7 +22,7 @@ from capture_app.sync.timekeeping.poll_schedule import (
 )
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import decode
-from capture_app.sync.wire.messages import NodeState, RigConfigMessage, TimeReply, TimeRequest
+from capture_app.sync.wire.messages import RigConfigMessage, TimeReply, TimeRequest
 
 S = 1_000_000_000
 DELAY_NS = 1_000_000

@@ -5,17 +5,16 @@ import random
 import pytest
 from msgspec import structs
 
+from capture_app.common.node_state import CLOCK_ONLY, NodeState
 from capture_app.sync.rig.roster import Member, Roster
 from capture_app.sync.rig.uplink import ACKS_WAIT_NS, SUM_EVERY_NS, TOO_LONG, Uplink
 from capture_app.sync.wire.codec import MAX_DATAGRAM, decode, encode
 from capture_app.sync.wire.messages import (
-    CLOCK_ONLY,
     MOST_TEXT,
     Goodbye,
     Heartbeat,
     Hello,
     MemberReports,
-    NodeState,
     Report,
     TriggerAck,
 )

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import structs
 
-from capture_app.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.node_state import NodeState
 from capture_app.sync.wire.codec import MAGIC, MAX_DATAGRAM, VERSION, Message, WireError, decode, encode
 from capture_app.sync.wire.messages import (
     MOST_ARRIVALS,
@@ -24,7 +25,6 @@ from capture_app.sync.wire.messages import (
     Hello,
     JoinRefusal,
     MemberReports,
-    NodeState,
     Notice,
     Report,
     RigConfigMessage,

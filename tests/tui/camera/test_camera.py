@@ -5,9 +5,9 @@ from collections.abc import Sequence
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.camera_facts import MICROSECONDS, CameraControls, Control, ControlState
-from capture_app.errors import NetworkError
-from capture_app.node.wire.status import NewsLine, NodeDetail
+from capture_app.common.camera_facts import MICROSECONDS, CameraControls, Control, ControlState
+from capture_app.common.errors import NetworkError
+from capture_app.protocol.status import NewsLine, NodeDetail
 from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.widgets.plots import histogram_rows, histogram_title, wedge_rows, wedge_title
 from tests.tui.driving import make_app, screen_of, settle, text, toasts

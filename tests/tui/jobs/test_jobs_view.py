@@ -9,7 +9,7 @@ from typing import Any
 import pytest
 from msgspec import structs
 
-from capture_app.node.wire.status import BurstStatus
+from capture_app.protocol.status import BurstStatus
 from capture_app.tui.jobs.jobs_view import JobsView
 from capture_app.tui.jobs.result_screen import ResultScreen
 from capture_app.tui.jobs.run import COMMANDS, COMPARE, RunState

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.tui.jobs.results import read_result
 from tests.tui.jobs.found import (
     VERDICT,

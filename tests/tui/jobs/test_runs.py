@@ -7,10 +7,10 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
+from capture_app.common.text import ProgressStep
 from capture_app.session.library.changes import rename_session, results_folder
 from capture_app.session.reading.reader import Session
-from capture_app.text import ProgressStep
 from capture_app.tui.jobs.results import read_result
 from capture_app.tui.jobs.run import COMMANDS, COMPARE, EXPORTS, PANEL, VERIFY, Run, RunState
 from capture_app.tui.jobs.runs import INTERRUPTED, Runs

@@ -7,9 +7,9 @@ from pathlib import Path
 import pytest
 from textual.command import Command, CommandList, CommandPalette
 
-from capture_app.errors import NetworkError
-from capture_app.node.wire.operating import StopRig
-from capture_app.node.wire.status import BurstStatus
+from capture_app.common.errors import NetworkError
+from capture_app.protocol.orders import StopRig
+from capture_app.protocol.status import BurstStatus
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.keys import HelpScreen, keys_file_text, known_actions, unknown_names
 from capture_app.tui.question import Question

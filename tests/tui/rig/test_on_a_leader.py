@@ -4,7 +4,7 @@ from pathlib import Path
 
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.rig_link import RigLink
+from capture_app.rig.link import RigLink
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.settings import Settings

@@ -5,10 +5,10 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.errors import BadInputError
-from capture_app.node.wire.operating import RemoveCamera
-from capture_app.node.wire.pairing import Invite
-from capture_app.sync.wire.messages import NodeState
+from capture_app.common.errors import BadInputError
+from capture_app.common.node_state import NodeState
+from capture_app.protocol.orders import RemoveCamera
+from capture_app.protocol.pairing import Invite
 from capture_app.tui.rig.camera_list import CameraList
 from capture_app.tui.rig.joining import large
 from capture_app.tui.rig.view import NewsPane

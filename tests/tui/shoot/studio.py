@@ -6,7 +6,7 @@ from pathlib import Path
 
 from textual.pilot import Pilot
 
-from capture_app.node.wire.messages import BurstRequest
+from capture_app.protocol.messages import BurstRequest
 from capture_app.tui.settings import Settings
 from capture_app.tui.shoot.view import ShootView
 from tests.tui.driving import make_app

@@ -9,13 +9,13 @@ import pytest
 from textual.widgets import Button, Static
 from textual.widgets._toast import Toast
 
-from capture_app.errors import BadInputError, DiskFullError, IncompleteError
-from capture_app.node.motion_watch import MotionWatch
-from capture_app.node.rig_link import RigLink
-from capture_app.node.wire.messages import BurstRequest
-from capture_app.node.wire.operating import CancelBurst, EndBurst
-from capture_app.node.wire.status import BurstAhead, BurstStatus, Preview
-from capture_app.sync.wire.messages import NodeState
+from capture_app.common.errors import BadInputError, DiskFullError, IncompleteError
+from capture_app.common.node_state import NodeState
+from capture_app.protocol.messages import BurstRequest
+from capture_app.protocol.orders import CancelBurst, EndBurst
+from capture_app.protocol.status import BurstAhead, BurstStatus, Preview
+from capture_app.rig.link import RigLink
+from capture_app.rig.motion import MotionWatch
 from capture_app.tui.question import Question
 from capture_app.tui.widgets.lines import Lines
 from tests.tui.driving import screen_of, until

@@ -10,15 +10,15 @@ from pathlib import Path
 import pytest
 
 from capture_app.cameras.specs import open_camera
-from capture_app.clock import HostClock
+from capture_app.common.clock import HostClock
+from capture_app.common.node_state import NodeState
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.rig_link import RigLink
+from capture_app.rig.link import RigLink
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
-from capture_app.sync.wire.messages import NodeState
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.question import Question
 from capture_app.tui.settings import Settings

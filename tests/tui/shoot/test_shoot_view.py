@@ -7,7 +7,7 @@ import pytest
 from textual.pilot import Pilot
 from textual.widgets import Digits, Static
 
-from capture_app.node.wire.messages import BurstRequest
+from capture_app.protocol.messages import BurstRequest
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.library.trash import trashed_sessions
 from capture_app.tui.question import Question

@@ -1,6 +1,6 @@
 """Phones by a QR code: the code of the next one beside what to do, and the error where there is none."""
 
-from capture_app.errors import NetworkError
+from capture_app.common.errors import NetworkError
 from tests.tui.driving import lines, make_app, settle, text, until
 from tests.tui.fake_rig import FakeRig
 

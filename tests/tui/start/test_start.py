@@ -7,9 +7,9 @@ from textual.widgets import OptionList
 
 from capture_app.cameras.base import CameraListing
 from capture_app.cameras.v4l2 import driver
-from capture_app.errors import CameraError, UnknownMachineError
-from capture_app.node.wire.operating import AddCamera, AddSimulated
-from capture_app.node.wire.pairing import Invite
+from capture_app.common.errors import CameraError, UnknownMachineError
+from capture_app.protocol.orders import AddCamera, AddSimulated
+from capture_app.protocol.pairing import Invite
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.rig.joining import joining_line, qr_lines
 from capture_app.tui.rig.start import StartPanel

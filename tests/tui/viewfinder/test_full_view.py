@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 from textual.pilot import Pilot
 
-from capture_app.node.wire.status import Preview
+from capture_app.protocol.status import Preview
 from capture_app.tui.shoot.full_view import FullView
 from capture_app.tui.shoot.preview_grid import PreviewGrid
 from capture_app.tui.widgets.focus_aids import sharpness

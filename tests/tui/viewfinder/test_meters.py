@@ -1,6 +1,6 @@
 """Numbers about what a camera sees, and which two pictures are blinked."""
 
-from capture_app.node.wire.status import Preview
+from capture_app.protocol.status import Preview
 from capture_app.tui.shoot.full_view import nearest_pair
 from capture_app.tui.shoot.preview_grid import grid_columns
 from capture_app.tui.widgets.focus_aids import (

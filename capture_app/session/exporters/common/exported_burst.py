@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.errors import BadInputError, IncompleteError
+from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration, check_lens
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
 from capture_app.session.reading.decoding import decode_image

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.errors import BadInputError, IncompleteError
+from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, Picture, Redraw
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
 from capture_app.session.reading.decoding import encode_image

@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.exporters.common.exported_burst import Picture, Redraw
 from capture_app.session.format.calibration import CameraCalibration
 

@@ -6,7 +6,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.errors import BadInputError, IncompleteError
+from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.session.exporters.common.lens import Array
 
 _TYPES = {

@@ -7,7 +7,7 @@ import re
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 
-from capture_app.names import natural_order
+from capture_app.common.names import natural_order
 from capture_app.session.exchange import FRAMES
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, Frame
 from capture_app.session.exporters.common.lens import (

@@ -7,8 +7,8 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.errors import BadInputError, SimulshotError
-from capture_app.optional_packages import load_optional
+from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.optional_packages import load_optional
 from capture_app.session.exporters.common.exported_burst import ExportedBurst, Frame, Picture, Redraw
 from capture_app.session.format.manifest import ImageRecord
 

@@ -14,7 +14,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.importers.calibrations.views import (
     Array,
     View,

@@ -20,7 +20,7 @@ from typing import Any
 
 import numpy as np
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.files.strangers import read_text
 from capture_app.session.importers.calibrations.opencv import read_storage
 from capture_app.session.importers.calibrations.views import Array, View, Views, numbers, rotation_of

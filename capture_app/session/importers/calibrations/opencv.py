@@ -15,7 +15,7 @@ from xml.etree import ElementTree as ET
 import numpy as np
 import yaml
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 from capture_app.session.files.strangers import read_arrays, read_regular
 from capture_app.session.importers.calibrations.views import Array, View, Views, numbers, rotation_of
 

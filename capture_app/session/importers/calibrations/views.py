@@ -8,7 +8,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.errors import BadInputError
+from capture_app.common.errors import BadInputError
 
 Array = NDArray[np.float64]
 

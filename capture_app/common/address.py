@@ -1,0 +1,103 @@
+"""Where a leader listens: `HOST:PORT`, with IPv6 hosts in brackets."""
+
+import asyncio
+import contextlib
+import re
+import socket
+from collections.abc import Callable
+from typing import NamedTuple
+
+from capture_app.common.errors import NetworkError
+from capture_app.common.interfaces import own_hosts, source_address
+
+DEFAULT_PORT = 47010
+ANY_HOST = ("", "0.0.0.0", "::")  # noqa: S104 - cameras are other machines
+"""The hosts that mean all interfaces."""
+LOOPBACK_HOSTS = ("localhost", "127.0.0.1", "::1")
+"""The hosts that only this machine reaches."""
+
+_BRACKETED = re.compile(r"\[(?P<host>[^\[\]]+)\](?::(?P<port>\d+))?")
+_PLAIN = re.compile(r"(?P<host>[^:\[\]\s]+)(?::(?P<port>\d+))?")
+
+
+class Address(NamedTuple):
+    """A host, by name or number, and a port that serves both UDP and TCP."""
+
+    host: str
+    port: int
+
+    def __str__(self) -> str:
+        return f"[{self.host}]:{self.port}" if ":" in self.host else f"{self.host}:{self.port}"
+
+
+def parse_address(text: str) -> Address:
+    """Read `HOST`, `HOST:PORT`, `[IPV6]` or `[IPV6]:PORT`; raises ValueError with the reason."""
+    found = _BRACKETED.fullmatch(text) or _PLAIN.fullmatch(text)
+    if found is None:
+        hint = f", or did you mean [{text}]?" if text.count(":") > 1 and "[" not in text else ""
+        raise ValueError(f"{text!r} is not HOST:PORT{hint}")
+    port = int(found["port"]) if found["port"] else DEFAULT_PORT
+    if not 0 < port < 65536:
+        raise ValueError(f"port {port} in {text!r} is not between 1 and 65535")
+    return Address(found["host"], port)
+
+
+async def resolve(address: Address) -> tuple[socket.AddressFamily, Address]:
+    """Return the family and numeric address of a host; raises NetworkError where it has none."""
+    try:
+        found = await asyncio.get_running_loop().getaddrinfo(
+            address.host, address.port, type=socket.SOCK_DGRAM, proto=socket.IPPROTO_UDP
+        )
+    except (OSError, UnicodeError) as error:
+        reason = getattr(error, "strerror", None) or str(error)
+        raise NetworkError(
+            f"cannot resolve host {address.host!r}: {reason}", hint="check the name, or give its IP address"
+        ) from error
+    # Most leaders listen on IPv4 only, so it goes first where a name has both.
+    family, _, _, _, where = min(found, key=lambda entry: entry[0] != socket.AF_INET)
+    return family, Address(str(where[0]), int(where[1]))
+
+
+def reachable_host(
+    host: str,
+    family: socket.AddressFamily,
+    *,
+    find_source: Callable[[str, socket.AddressFamily], str | None] = source_address,
+    find_own: Callable[[socket.AddressFamily], list[str]] = own_hosts,
+) -> str:
+    """Return the host that nodes should be told; for `any`, the address of the route to the outside.
+
+    Where there is no such route, as in a network of its own, it is the first interface's.
+    """
+    if host not in ANY_HOST:
+        return host
+    outside, loopback = (
+        ("10.255.255.255", "127.0.0.1") if family == socket.AF_INET else ("2001:db8::1", "::1")
+    )
+    return find_source(outside, family) or next(iter(find_own(family)), loopback)
+
+
+def listen_tcp(host: str, *ports: int) -> socket.socket:
+    """Return a socket that listens on the first of these ports that is free; port 0 takes any.
+
+    Raises NetworkError, about the last of them.
+    """
+    *usual, last = ports
+    family = socket.AF_INET6 if ":" in host else socket.AF_INET
+    for port in usual:
+        with contextlib.suppress(OSError):
+            return socket.create_server((host, port), family=family)
+    try:
+        return socket.create_server((host, last), family=family)
+    except (OSError, UnicodeError) as error:
+        raise NetworkError(
+            f"cannot listen on {Address(host, last)}: {getattr(error, 'strerror', None) or error}",
+            hint="choose another with --host and --port; --port 0 takes a free one",
+        ) from error
+
+
+def own_machine_address(host: str, family: socket.AddressFamily, port: int) -> Address:
+    """Return where processes of this machine reach a port that listens on `host`; `any` is the loopback."""
+    if host not in ANY_HOST:
+        return Address(host, port)
+    return Address("127.0.0.1" if family == socket.AF_INET else "::1", port)

@@ -1,0 +1,215 @@
+"""The clocks of nodes: the host's own, or a simulated one that is hours off and runs a little fast or slow.
+
+True time (`true_ns`) is the host's CLOCK_MONOTONIC, which all processes of one machine share, so that the
+error of an estimate made between simulated nodes is known. Only `now_ns` reads a clock.
+
+An NTP daemon that corrects the time makes CLOCK_MONOTONIC, which stamps frames and messages, run faster or
+slower for a while. CLOCK_MONOTONIC_RAW is the same hardware without that, and `adjtimex` tells which steady
+correction of its frequency is in force (adjtimex(2), clock_gettime(2)).
+"""
+
+import ctypes
+import random
+import sys
+import time
+from dataclasses import dataclass
+from typing import Protocol
+
+from msgspec import Struct
+
+from capture_app.common.errors import BadInputError
+
+MAX_SKEW_PPM = 1000.0
+MAX_OFFSET_S = 10.0 * 365 * 86400
+SEEDED_SKEW_PPM = 50.0
+SEEDED_OFFSET_S = (3600.0, 36000.0)
+_UNIT = 10**12
+_HINT = "use host, sim, or sim:offset_s=7200,skew_ppm=12.5"
+
+
+class NodeClock(Protocol):
+    """A node's own clock, with the map to true time that only a simulation knows."""
+
+    def local_from_true(self, true_ns: int) -> int:
+        """Reading of this clock in ns at a true time in ns."""
+
+    def true_from_local(self, local_ns: int) -> int:
+        """True time in ns of a reading in ns, the inverse of `local_from_true` to 1 ns."""
+
+    def now_ns(self) -> int:
+        """Reading of this clock now, in ns."""
+
+
+@dataclass(frozen=True, slots=True)
+class HostClock:
+    """The host's monotonic clock, unchanged."""
+
+    def local_from_true(self, true_ns: int) -> int:
+        """The same time, in ns."""
+        return true_ns
+
+    def true_from_local(self, local_ns: int) -> int:
+        """The same time, in ns."""
+        return local_ns
+
+    def now_ns(self) -> int:
+        """CLOCK_MONOTONIC now, in ns."""
+        return time.monotonic_ns()
+
+
+class SimulatedClock(Struct, frozen=True, forbid_unknown_fields=True):
+    """A clock that shows true + offset + skew * (true - epoch); skew in parts per million, exact to 1e-6.
+
+    Simulated nodes and sessions tell it as it is: it is the ground truth of a clock.
+    """
+
+    offset_ns: int
+    skew_ppm: float = 0.0
+    epoch_true_ns: int = 0
+
+    def __post_init__(self) -> None:
+        """Raise BadInputError for an offset or a skew that no clock has."""
+        if not abs(self.skew_ppm) <= MAX_SKEW_PPM:
+            raise BadInputError(f"clock skew of {self.skew_ppm:g} ppm", hint=f"at most {MAX_SKEW_PPM:g} ppm")
+
+    def local_from_true(self, true_ns: int) -> int:
+        """Reading of this clock in ns at a true time in ns."""
+        elapsed_true_ns = true_ns - self.epoch_true_ns
+        return true_ns + self.offset_ns + _divide(elapsed_true_ns * self._skew_units, _UNIT)
+
+    def true_from_local(self, local_ns: int) -> int:
+        """True time in ns of a reading in ns, the inverse of `local_from_true` to 1 ns."""
+        elapsed_local_ns = local_ns - self.offset_ns - self.epoch_true_ns
+        return self.epoch_true_ns + _divide(elapsed_local_ns * _UNIT, _UNIT + self._skew_units)
+
+    def now_ns(self) -> int:
+        """Reading of this clock now, in ns."""
+        return self.local_from_true(time.monotonic_ns())
+
+    @property
+    def _skew_units(self) -> int:
+        return round(self.skew_ppm * (_UNIT // 10**6))
+
+
+def seeded_clock(node: str) -> SimulatedClock:
+    """The clock of a node of that name: hours of offset, up to 50 ppm of skew, the same in every run."""
+    rng = random.Random(f"clock of {node}")
+    offset_ns = round(rng.uniform(*SEEDED_OFFSET_S) * 1e9)
+    return SimulatedClock(offset_ns, rng.uniform(-SEEDED_SKEW_PPM, SEEDED_SKEW_PPM))
+
+
+def parse_clock(text: str, *, node: str) -> NodeClock:
+    """Read the option `--clock`: `host`, `sim` (seeded by the node's name) or `sim:offset_s=…,skew_ppm=…`.
+
+    What is left out after `sim:` is zero. Raises BadInputError.
+    """
+    kind, colon, rest = text.strip().partition(":")
+    if kind == "host" and not colon:
+        return HostClock()
+    if kind != "sim":
+        raise BadInputError(f"unknown clock {text!r}", hint=_HINT)
+    if not colon:
+        return seeded_clock(node)
+    values = {"offset_s": 0.0, "skew_ppm": 0.0}
+    for part in rest.split(","):
+        key, equals, value = (piece.strip() for piece in part.partition("="))
+        if key not in values or not equals:
+            raise BadInputError(f"unknown clock option {part!r} in {text!r}", hint=_HINT)
+        try:
+            values[key] = float(value)
+        except ValueError:
+            raise BadInputError(f"{key} of clock {text!r} is not a number: {value!r}", hint=_HINT) from None
+    if not abs(values["offset_s"]) <= MAX_OFFSET_S:
+        raise BadInputError(f"clock offset of {values['offset_s']:g} s", hint="at most ten years")
+    return SimulatedClock(round(values["offset_s"] * 1e9), values["skew_ppm"])
+
+
+def _divide(numerator: int, denominator: int) -> int:
+    """Quotient rounded to the nearest integer; floats would lose nanoseconds after hours."""
+    return (2 * numerator + denominator) // (2 * denominator)
+
+
+EVERY_NS = 4_000_000_000
+"""Over so long two clocks that are read microseconds apart show their rates to about one ppm."""
+READINGS = 5
+SLEWED_PPM = 20.0
+"""A correction of the rate beyond the steady one that is worth to be told."""
+STEADY_PPM = 100.0
+"""No ordinary crystal needs a steady correction of more: what is beyond is a time being corrected."""
+USUAL_TICK_US = 10_000
+
+
+class _Timex(ctypes.Structure):
+    """The first fields of `struct timex`, and room for the rest."""
+
+    _fields_ = (
+        ("modes", ctypes.c_uint),
+        ("offset", ctypes.c_long),
+        ("freq", ctypes.c_long),
+        ("maxerror", ctypes.c_long),
+        ("esterror", ctypes.c_long),
+        ("status", ctypes.c_int),
+        ("constant", ctypes.c_long),
+        ("precision", ctypes.c_long),
+        ("tolerance", ctypes.c_long),
+        ("time", ctypes.c_long * 2),
+        ("tick", ctypes.c_long),
+        ("rest", ctypes.c_long * 32),
+    )
+
+
+class HostRate:
+    """Measures by how much this host is slewing its clock."""
+
+    def __init__(self) -> None:
+        self._last: tuple[int, int] | None = None
+        self._slewing_ppm: float | None = None
+        self._due_ns: int | None = None
+
+    def slewing_ppm(self, now_ns: int) -> float | None:
+        """Return how much faster than usual the host makes its clock run; None where that is not known.
+
+        0 where it does not, or by less than SLEWED_PPM. It is measured anew each EVERY_NS; call it as often
+        as you like. `now_ns` is of any clock that does not jump.
+        """
+        if self._due_ns is None or now_ns >= self._due_ns:
+            self._due_ns = now_ns + EVERY_NS
+            self._slewing_ppm = self._measure()
+        return self._slewing_ppm
+
+    def _measure(self) -> float | None:
+        before, now, steady_ppm = self._last, self.read_clocks(), self.steady_correction_ppm()
+        self._last = now
+        if now is None or before is None or steady_ppm is None or now[1] - before[1] < EVERY_NS // 2:
+            return None
+        usual_ppm = min(max(steady_ppm, -STEADY_PPM), STEADY_PPM)
+        slewing_ppm = ((now[0] - before[0]) / (now[1] - before[1]) - 1.0) * 1e6 - usual_ppm
+        return slewing_ppm if abs(slewing_ppm) >= SLEWED_PPM else 0.0
+
+    @staticmethod
+    def steady_correction_ppm() -> float | None:
+        """Return the correction of the frequency that the kernel applies; None where it does not say."""
+        if not sys.platform.startswith("linux"):
+            return None
+        told = _Timex()
+        try:
+            if ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.byref(told)) < 0:
+                return None
+        except (OSError, AttributeError):
+            return None
+        tick, frequency = int(told.tick), int(told.freq)
+        return (tick - USUAL_TICK_US) * 1e6 / USUAL_TICK_US + frequency / 65536.0
+
+    @staticmethod
+    def read_clocks() -> tuple[int, int] | None:
+        """Return CLOCK_MONOTONIC and CLOCK_MONOTONIC_RAW of one moment in ns; None where one is missing."""
+        if not hasattr(time, "CLOCK_MONOTONIC_RAW"):
+            return None
+        readings = []
+        for _ in range(READINGS):
+            before_ns = time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
+            monotonic_ns = time.monotonic_ns()
+            after_ns = time.clock_gettime_ns(time.CLOCK_MONOTONIC_RAW)
+            readings.append((after_ns - before_ns, monotonic_ns, (before_ns + after_ns) // 2))
+        _, monotonic_ns, raw_ns = min(readings)
+        return monotonic_ns, raw_ns

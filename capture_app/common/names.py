@@ -1,0 +1,49 @@
+"""Names of cameras, nodes, rigs and sessions: the one rule for them, as names of folders, and their order."""
+
+import re
+from collections.abc import Container
+from itertools import chain, count
+from typing import Annotated
+
+from msgspec import Meta
+
+from capture_app.common.errors import BadInputError
+
+_MOST = 64
+_PATTERN = rf"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{_MOST - 1}}}"
+_FORBIDDEN = re.compile(r"[^A-Za-z0-9_.-]+")
+
+Name = Annotated[str, Meta(pattern=f"^{_PATTERN}$")]
+"""The type of a name in messages and records."""
+
+
+def is_name(text: str) -> bool:
+    """Whether a text may name a camera, a node, a rig or a session."""
+    return re.fullmatch(_PATTERN, text) is not None
+
+
+def check_name(text: str, what: str) -> str:
+    """Return the name of a `what`, such as a camera, as it is. Raises BadInputError where it is none."""
+    if not is_name(text):
+        raise BadInputError(
+            f"{text!r} is not a valid name for a {what}",
+            hint=f"up to {_MOST} letters, digits, '_', '.' and '-', beginning with a letter or a digit",
+        )
+    return text
+
+
+def name_like(text: str, otherwise: str) -> str:
+    """Return the valid name that is nearest to a text, or `otherwise` where nothing of it can be used."""
+    return _FORBIDDEN.sub("-", text).lstrip("_.-")[:_MOST] or otherwise
+
+
+def free_name(wished: str, taken: Container[str]) -> str:
+    """Return the name, or the first of NAME-2, NAME-3 ... that is not taken."""
+    numbered = (f"{wished}-{number}" for number in count(2))
+    return next(name for name in chain((wished,), numbered) if name not in taken)
+
+
+def natural_order(text: str) -> list[tuple[int, str]]:
+    """Sort key that puts cam2 before cam10."""
+    parts = re.split(r"(\d+)", text)
+    return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts if part]

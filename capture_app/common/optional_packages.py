@@ -1,0 +1,94 @@
+"""Packages that only some work needs: how they are loaded, and what installs them."""
+
+import importlib
+import platform
+import shlex
+import shutil
+import sys
+from importlib.metadata import PackageNotFoundError, metadata, requires
+from importlib.util import find_spec
+from typing import Any
+
+from capture_app.common.errors import NotAvailableError
+
+DISTRIBUTION = "simulshot"
+RECONSTRUCTION = "reconstruction"
+_SYSTEM_LIBRARIES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0"
+
+
+def load_optional(module: str, extra: str, purpose: str, *, hint: str = "") -> Any:
+    """Import a module of an extra; `purpose` is what the error says it is for, `hint` another way out.
+
+    Raises:
+        NotAvailableError: it is not installed, has no package for this machine, or does not load.
+    """
+    package = module.partition(".")[0]
+    try:
+        return importlib.import_module(module)
+    except (ImportError, OSError) as error:
+        missing = isinstance(error, ModuleNotFoundError) and (error.name or "").partition(".")[0] == package
+        if not missing:
+            libraries = f"on Debian: apt-get install {_SYSTEM_LIBRARIES}" if extra == RECONSTRUCTION else ""
+            raise NotAvailableError(
+                f"{purpose} needs {package}, which does not load here: {error}",
+                hint="; or ".join(filter(None, (libraries, hint))),
+            ) from error
+        raise _not_installed(package, extra, purpose, hint) from error
+
+
+def require_reconstruction(package: str, purpose: str) -> None:
+    """Look, before long work begins, that one of reconstruction's packages is there; it is not imported.
+
+    Raises:
+        NotAvailableError: it is not installed, or has no package for this machine.
+    """
+    try:
+        is_here = find_spec(package) is not None
+    except (ModuleNotFoundError, ValueError):
+        is_here = False
+    if not is_here:
+        raise _not_installed(package, RECONSTRUCTION, purpose)
+
+
+def _not_installed(package: str, extra: str, purpose: str, hint: str = "") -> NotAvailableError:
+    ways = (how_to_install(extra), hint)
+    return NotAvailableError(
+        f"{purpose} needs {package}, which is not installed", hint="; or ".join(filter(None, ways))
+    )
+
+
+def how_to_install(extra: str) -> str:
+    """Say how this Python gets the packages of an extra, or that this machine cannot have them.
+
+    By the packages' own names: simulshot is in no registry, and who took its name there is a stranger.
+    """
+    from packaging.requirements import Requirement
+
+    try:
+        offered = metadata(DISTRIBUTION).get_all("Provides-Extra") or ()
+        known = [Requirement(line) for line in requires(DISTRIBUTION) or ()]
+    except PackageNotFoundError:
+        offered, known = (), []
+    if extra not in offered:
+        return f"install simulshot with its extra {extra}, in a clone by ./install.sh --with {extra}"
+    here = {"sys_platform": sys.platform, "platform_machine": platform.machine()}
+    wanted = [
+        shlex.quote(f"{need.name}{need.specifier}")
+        for need in known
+        if need.marker
+        and need.marker.evaluate({**here, "extra": extra})
+        and not need.marker.evaluate({**here, "extra": ""})
+    ]
+    if not wanted:
+        return (
+            f"it has no package for this machine, {platform.system()} on {platform.machine()}: "
+            "copy the session to a PC with Linux on x86-64"
+        )
+    python = shlex.quote(sys.executable)
+    if find_spec("pip") is not None:
+        installer = f"{python} -m pip install"
+    elif shutil.which("uv"):
+        installer = f"uv pip install --python {python}"
+    else:
+        return f"install simulshot with its extra {extra}, in a clone by ./install.sh --with {extra}"
+    return f"{installer} {' '.join(wanted)}"

@@ -1,0 +1,1 @@
+"""Reading and writing on a terminal: output, progress, errors and help of commands."""

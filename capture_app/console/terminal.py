@@ -1,0 +1,248 @@
+"""What both command lines share: results on stdout, talk and progress on stderr, and how they end."""
+
+import io
+import math
+import os
+import stat
+import sys
+import traceback
+from collections.abc import Callable, Iterable, Sequence
+from datetime import UTC, datetime
+from typing import TYPE_CHECKING, Any
+
+import click
+
+from capture_app.common.errors import ExitCode, SimulshotError
+from capture_app.common.text import ProgressStep, pretty_json, printable, terminal_json
+from capture_app.console.output import finish_output
+from capture_app.console.usage import Verbosity, set_verbosity, verbosity
+
+if TYPE_CHECKING:
+    from rich.progress import Progress as Bar
+    from rich.progress import TaskID
+
+json_option = click.option("--json", "as_json", is_flag=True, help="Print the result as JSON on stdout.")
+
+
+class ParsedType(click.ParamType[Any]):
+    """A type of options that a function reads; its BadInputError or ValueError is a usage error."""
+
+    def __init__(self, name: str, parse: Callable[[str], Any]) -> None:
+        self.name, self._parse = name, parse
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
+        """Read the text; a value that is none, as a default may be, stays as it is."""
+        try:
+            return self._parse(value) if isinstance(value, str) else value
+        except (SimulshotError, ValueError) as error:
+            self.fail(str(error), param, ctx)
+
+
+class FiniteRange(click.FloatRange):
+    """A range of finite numbers: click alone takes NaN for a number in any range."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
+        """Read the number."""
+        number = super().convert(value, param, ctx)
+        if not math.isfinite(number):
+            self.fail(f"{value!r} is not a finite number", param, ctx)
+        return float(number)
+
+
+def talk(line: str) -> None:
+    """Print a line for the user on stderr, but not with --quiet."""
+    if verbosity() > Verbosity.QUIET:
+        time = f"{datetime.now(UTC).astimezone():%H:%M:%S.%f}"[:-3] + " " if _is_verbose() else ""
+        click.echo(time + printable(line), err=True)
+
+
+def log_line(line: str) -> None:
+    """Print what happens at a rig on stderr, with its time unless who reads the pipe adds that."""
+    if not _is_verbose() and (clock := _log_clock()):
+        line = f"{datetime.now(UTC).astimezone():{clock}} {line}"
+    talk(line)
+
+
+def _log_clock() -> str:
+    """Return how the time of a logged line is written: on a terminal, in a file, elsewhere not at all."""
+    if sys.stderr.isatty():
+        return "%H:%M:%S"
+    try:
+        is_file = stat.S_ISREG(os.fstat(sys.stderr.fileno()).st_mode)
+    except (OSError, ValueError):
+        return ""
+    return "%Y-%m-%d %H:%M:%S" if is_file else ""
+
+
+def _is_verbose() -> bool:
+    return verbosity() == Verbosity.VERBOSE
+
+
+def print_line(line: str) -> None:
+    """Print a line of the result on stdout."""
+    _stop_bar()
+    click.echo(printable(line))
+
+
+def print_json(value: Any) -> None:
+    """Print one JSON object on stdout, for programs and people."""
+    _stop_bar()
+    click.echo(pretty_json(value))
+
+
+def print_json_line(value: Any) -> None:
+    """Print one JSON object on one line of stdout, at once."""
+    click.echo(terminal_json(value))
+
+
+def answer(as_json: bool, value: Any, lines: Iterable[str] = (), *, said: str = "") -> None:
+    """Print a result as one JSON object, or as lines on stdout, with what is `said` of it on stderr.
+
+    Lines of a generator are made only where they are printed.
+    """
+    if as_json:
+        print_json(value)
+        return
+    for line in lines:
+        print_line(line)
+    if said:
+        talk(said)
+
+
+def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
+    """Write a table for stdout, columns of numbers to the right; without lines and colours in a file."""
+    from rich import box
+    from rich.console import Console
+    from rich.table import Table
+    from rich.text import Text
+
+    rows, on_terminal = list(rows), sys.stdout.isatty()
+    drawn = Table(box=box.SIMPLE_HEAD if on_terminal else None, pad_edge=False, padding=(0, 2, 0, 0))
+    for place, title in enumerate(head):
+        numbers = bool(rows) and all(_is_number(row[place]) for row in rows)
+        drawn.add_column(Text(title), justify="right" if numbers else "left", overflow="fold")
+    for row in rows:
+        drawn.add_row(*(Text(printable(cell)) for cell in row))
+    console = Console(file=sys.stdout, width=None if on_terminal else 100_000)
+    with console.capture() as printed:
+        console.print(drawn)
+    return "\n".join(line.rstrip() for line in printed.get().splitlines()).strip("\n")
+
+
+def _is_number(cell: str) -> bool:
+    return cell in ("-", "–") or cell.lstrip("+-").replace(".", "", 1).isdecimal()
+
+
+class Progress:
+    """How far a command is, on stderr: a bar on a terminal, elsewhere a line `[3/9] what` for each step."""
+
+    def __init__(self, total: int, *, silent: bool = False) -> None:
+        """`silent`: count only, as a part of what another progress shows."""
+        self.total = total
+        self.done = 0
+        self.silent = silent
+
+    def step(self, text: str) -> None:
+        """Show what begins now."""
+        self.done += 1
+        self.total = max(self.total, self.done)
+        if not self.silent:
+            show_progress(ProgressStep(self.done, self.total, text))
+
+    def last(self, text: str) -> None:
+        """Show what comes last, whatever was skipped before."""
+        self.done = max(self.done, self.total - 1)
+        self.step(text)
+
+
+def show_progress(step: ProgressStep) -> None:
+    """Show how far the running command is: on its bar, or as a line where stderr is no terminal."""
+    context = click.get_current_context(silent=True)
+    if verbosity() == Verbosity.QUIET:
+        return
+    if context is None or _is_verbose() or not sys.stderr.isatty():
+        talk(str(step))
+        return
+    global _bar
+    if _bar is None:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
+        from rich.progress import Progress as Bar
+
+        columns = (
+            BarColumn(20),
+            MofNCompleteColumn(),
+            TimeElapsedColumn(),
+            TextColumn("{task.description}", markup=False),
+        )
+        # What goes to stdout is data and must not end up on stderr, where the bar is.
+        bar = Bar(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False)
+        _bar = bar, bar.add_task("")
+        bar.start()
+        context.call_on_close(_stop_bar)
+    bar, task = _bar
+    bar.update(task, completed=step.done, total=step.total, description=printable(step.text))
+
+
+def show_count(thing: str) -> Callable[[int, int], None]:
+    """Return a function (done, total) that shows how many things are done; in a file, now and then."""
+
+    def show(done: int, total: int) -> None:
+        if sys.stderr.isatty() or done % max(50, total // 10) == 0:
+            show_progress(ProgressStep(done, total, thing))
+
+    return show
+
+
+_bar: "tuple[Bar, TaskID] | None" = None
+
+
+def _stop_bar() -> None:
+    global _bar
+    if _bar is not None:
+        _bar[0].stop()
+        _bar = None
+
+
+def run_command_line(command: click.Command, name: str, arguments: Sequence[str]) -> int:
+    """Run a command line and return its exit code; a mistake is one line on stderr, never a traceback."""
+    set_verbosity(Verbosity.NORMAL)
+    # NumPy's matrices are small here: its threads would spin for longer than they compute.
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
+    for stream in (sys.stdout, sys.stderr):
+        if isinstance(stream, io.TextIOWrapper):
+            # A terminal whose encoding lacks a character shows another one instead.
+            stream.reconfigure(errors="replace")
+    try:
+        return _run(command, name, arguments)
+    finally:
+        finish_output()
+
+
+def _run(command: click.Command, name: str, arguments: Sequence[str]) -> int:
+    try:
+        code = command.main(args=list(arguments), prog_name=name, standalone_mode=False)
+    except SimulshotError as error:
+        return _fail(name, str(error), error.exit_code, error)
+    except click.UsageError as error:
+        where = error.ctx.command_path if error.ctx is not None else name
+        return _fail(name, f"{error.format_message()} (see {where} --help)", ExitCode.USAGE)
+    except click.ClickException as error:
+        return _fail(name, error.format_message(), error.exit_code)
+    except (KeyboardInterrupt, click.Abort):
+        return ExitCode.INTERRUPTED
+    except BrokenPipeError:
+        # The reader of stdout has left, as `head` does; the interpreter must not complain at its end.
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        return ExitCode.FAILURE
+    except OSError as error:
+        return _fail(name, str(error), ExitCode.FAILURE, error)
+    # With standalone_mode off click returns the code of an early exit, such as --help, or None.
+    return code if isinstance(code, int) else ExitCode.OK
+
+
+def _fail(name: str, message: str, code: int, error: Exception | None = None) -> int:
+    if error is not None and _is_verbose():
+        click.echo(printable("".join(traceback.format_exception(error))), err=True, nl=False)
+    click.echo(f"{name}: error: {printable(' '.join(message.split()))}", err=True)
+    return int(code)

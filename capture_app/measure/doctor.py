@@ -1,0 +1,279 @@
+"""This machine looked over: its clock, disks and cameras, the ways to leaders, and what repairs them."""
+
+import asyncio
+import os
+import platform
+import tempfile
+import time
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Literal
+
+from msgspec import Struct
+
+from capture_app import __version__
+from capture_app.cameras.base import CameraListing
+from capture_app.cameras.specs import list_cameras
+from capture_app.cameras.v4l2.usb import UsbCamera, crowded_buses, usb_cameras
+from capture_app.common.address import Address
+from capture_app.common.clock import EVERY_NS, HostRate
+from capture_app.common.errors import DiskError, SimulshotError
+from capture_app.common.text import count, megabytes
+from capture_app.net.discovery import FoundLeader, LeaderBrowser, announced_hosts
+from capture_app.net.firewall import MDNS_PORT, Firewall, active_firewalls
+from capture_app.net.reach import find_obstacle
+from capture_app.net.wifi import power_saving, power_saving_remedy, saves_power, wifi_interfaces
+from capture_app.rig.link import ask_status
+from capture_app.session.files.disk import disk_error, free_bytes
+from capture_app.sync.rig.node_message import slewing
+from capture_app.sync.wire.codec import VERSION
+from capture_app.trust.trust import Trust
+
+Grade = Literal["good", "note", "warning", "problem"]
+"""A problem keeps this machine from taking part, a warning makes it worse or less sure."""
+
+
+class Finding(Struct, frozen=True):
+    """One of them; `remedy` is the line that repairs it, or says what to do."""
+
+    check: str
+    grade: Grade
+    text: str
+    remedy: str = ""
+
+
+SAMPLE_BYTES = 16 << 20
+SLOW_MB_S = 20.0
+"""A disk slower than this holds a burst up: a camera of 1080p at 30 frames/s makes about 15 MB/s of JPEG."""
+LITTLE_BYTES = 1 << 30
+CLOCK_WATCHED_S = 2.2
+
+
+def version() -> Finding:
+    """Say what runs here."""
+    return Finding(
+        "version",
+        "good",
+        f"simulshot {__version__}, version {VERSION} of the protocol,"
+        f" Python {platform.python_version()}, {platform.system()} on {platform.machine()}",
+    )
+
+
+async def clock(rate: HostRate, watched_s: float = CLOCK_WATCHED_S) -> Finding:
+    """Watch this host's clock for a while: an NTP daemon may be slewing it."""
+    rate.slewing_ppm(0)
+    await asyncio.sleep(watched_s)
+    ppm = rate.slewing_ppm(EVERY_NS)
+    if ppm is None:
+        return Finding("clock", "note", "this host does not say whether its clock is being corrected")
+    if ppm:
+        what, _, remedy = slewing("this host", ppm).partition("; ")
+        return Finding("clock", "warning", what, remedy)
+    return Finding("clock", "good", "this host's clock runs steadily")
+
+
+def disk(folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES) -> Finding:
+    """Write to a folder for a moment; it `holds` what is named, and `option` chooses another one."""
+    other = f"choose another folder with {option}"
+    try:
+        while not folder.exists() and folder != folder.parent:
+            folder = folder.parent
+        mb_s, free = _write_speed(folder, sample_bytes), free_bytes(folder)
+    except (OSError, DiskError) as error:
+        told = error if isinstance(error, DiskError) else disk_error(error, folder)
+        return Finding("disk", "problem", f"{holds}: {told.what}", other)
+    what = f"{holds}: {mb_s:.0f} MB/s to {folder}, {megabytes(free)} free"
+    if free < LITTLE_BYTES:
+        return Finding("disk", "warning", what, f"make room, or {other}")
+    if mb_s < SLOW_MB_S:
+        return Finding("disk", "warning", what, f"{other} on a faster disk")
+    return Finding("disk", "good", what)
+
+
+def cameras(found: Sequence[CameraListing]) -> Iterator[Finding]:
+    """Say which cameras are here, and why those that cannot be used cannot."""
+    real = [listing for listing in found if not listing.spec.startswith("sim:")]
+    if not real:
+        yield Finding(
+            "cameras", "note", "no camera is plugged into this machine", "capture-app cameras lists them"
+        )
+    for listing in real:
+        if listing.usable:
+            yield Finding("cameras", "good", f"{listing.spec}: {listing.model or 'a camera'}")
+        else:
+            what, _, hint = listing.detail.partition(" (")
+            yield Finding("cameras", "problem", what, hint.removesuffix(")"))
+
+
+def usb(found: list[UsbCamera]) -> Iterator[Finding]:
+    """Say which cameras share a bus that is too slow for them."""
+    for sharing in crowded_buses(found):
+        nodes = " and ".join(camera.node for camera in sharing)
+        yield Finding(
+            "usb",
+            "warning",
+            f"{nodes} share one USB 2 bus of {sharing[0].speed_mbit_s} Mbit/s",
+            "add format=MJPG to their specs, or plug one into another controller's port",
+        )
+    if found and not crowded_buses(found):
+        yield Finding("usb", "good", f"{count(len(found), 'camera')}, none on a USB 2 bus with another")
+
+
+def _write_speed(folder: Path, size: int) -> float:
+    """Return how fast a folder's disk takes data in, synced, in MB/s."""
+    data = os.urandom(1 << 20)
+    with tempfile.TemporaryFile(dir=folder) as file:
+        began_s = time.monotonic()
+        for _ in range(size // len(data)):
+            file.write(data)
+        file.flush()
+        os.fsync(file.fileno())
+        return size / 1e6 / max(time.monotonic() - began_s, 1e-9)
+
+
+LISTEN_S = 1.5
+
+
+async def leader(address: Address) -> Finding:
+    """Try the way to a leader."""
+    began_s = time.monotonic()
+    found = await find_obstacle(address)
+    if found is not None:
+        return Finding("leader", "problem", found.what, found.remedy)
+    took_ms = (time.monotonic() - began_s) * 1e3
+    return Finding("leader", "good", f"the leader at {address} answers within {took_ms:.0f} ms")
+
+
+async def own_rig(address: Address) -> Finding:
+    """Say how other machines reach a rig of this machine."""
+    try:
+        status = await ask_status(address)
+    except SimulshotError as error:
+        return Finding("rig", "problem", error.what, error.hint)
+    nodes = count(len(status.nodes), "node")
+    if status.leader.startswith(("127.", "localhost", "[::1]")):
+        return Finding(
+            "rig",
+            "warning",
+            f"a rig with {nodes} runs here, and only this machine reaches it, at {status.leader}",
+            "start it without --host 127.0.0.1 for cameras of other machines",
+        )
+    hosts = announced_hosts("") or [status.leader.rpartition(":")[0]]
+    where = " or ".join(str(Address(host, address.port)) for host in hosts)
+    return Finding("rig", "good", f"a rig with {nodes} runs here; others join it at {where}")
+
+
+async def announced_leaders(listen_s: float = LISTEN_S) -> list[Finding]:
+    """Say which leaders are announced in this network, whether they answer, and their version."""
+    async with LeaderBrowser() as browser:
+        await asyncio.sleep(listen_s)
+        found = browser.found
+    if not found:
+        return [
+            Finding(
+                "discovery",
+                "note",
+                "no leader is announced in this network",
+                "start one with: capture-app; one that multicast does not reach is named by --leader",
+            )
+        ]
+    return list(await asyncio.gather(*map(_announced_leader, found)))
+
+
+async def _announced_leader(found: FoundLeader) -> Finding:
+    kind = "relay" if found.is_relay else "leader"
+    obstacles = await asyncio.gather(*map(find_obstacle, found.addresses))
+    reached = [address for address, obstacle in zip(found.addresses, obstacles, strict=True) if not obstacle]
+    if not reached:
+        why = next((obstacle for obstacle in obstacles if obstacle is not None), None)
+        text = f"{kind} {found.name} is announced and not reached: {why.what if why else 'it has no address'}"
+        return Finding("discovery", "warning", text, why.remedy if why else "")
+    text = f"{kind} {found.name} is announced and answers at {reached[0]}"
+    if found.version != __version__:
+        what = f"{text}; it runs simulshot {found.version}, this machine {__version__}"
+        return Finding("discovery", "warning", what, "install the same on both")
+    return Finding("discovery", "good", text)
+
+
+def warnings_for_leader(port: int, root: Path = Path("/")) -> list[str]:
+    """Say what of this machine would keep other machines' cameras from a leader here, or make them worse.
+
+    `root`: where its files are.
+    """
+    interfaces = wifi_interfaces(root / "sys/class/net")
+    found = (*firewalls(active_firewalls(root), [port]), *wifi(interfaces))
+    return [f"{finding.text}: {finding.remedy}" for finding in found if finding.grade == "warning"]
+
+
+def firewalls(active: Sequence[Firewall], ports: Sequence[int]) -> Iterator[Finding]:
+    """Say which firewalls of this machine may be in the way; to `ports` cameras come."""
+    for firewall in active:
+        for port in ports:
+            opened = firewall.opens(port)
+            if not opened:
+                text = f"{firewall.name} is active here, and must let cameras come in to port {port}"
+                unseen = " (only root sees whether it does)" if opened is None else ""
+                yield Finding("firewall", "warning", text + unseen, firewall.opening.format(port=port))
+        if not firewall.opens(MDNS_PORT) and firewall.name != "ufw":
+            # As it comes, ufw lets mDNS in.
+            text = f"{firewall.name} is active here: leaders are found by themselves only if it lets mDNS in"
+            yield Finding("firewall", "note", text, firewall.opening_udp.format(port=MDNS_PORT))
+    if not active:
+        yield Finding("firewall", "good", "no firewall is switched on here, by its files")
+
+
+def trust(own: Trust) -> Finding:
+    """Say what this machine goes by, and how many it knows."""
+    if own.is_open:
+        return Finding("trust", "note", "no machine is asked who it is")
+    try:
+        text = f"this machine's pin is {own.identity.pin}; it knows {count(len(own.known.all()), 'machine')}"
+    except SimulshotError as error:
+        return Finding("trust", "problem", error.what, error.hint)
+    return Finding("trust", "good", text)
+
+
+def wifi(interfaces: Sequence[str]) -> Iterator[Finding]:
+    """Say which WiFi interfaces save power."""
+    for interface in interfaces:
+        match saves_power(interface):
+            case True:
+                yield Finding("wifi", "warning", power_saving(interface), power_saving_remedy(interface))
+            case False:
+                yield Finding("wifi", "good", f"the WiFi of this machine ({interface}) saves no power")
+            case None:
+                what = f"the driver of {interface} does not say whether it saves power"
+                yield Finding("wifi", "note", what)
+
+
+async def examine(
+    leaders: Sequence[Address], own_rigs: Sequence[tuple[Address, Path]], spool: Path
+) -> list[Finding]:
+    """Look this machine over, within seconds.
+
+    `leaders` are those that it is to reach, `own_rigs` run on it and save to their folders; `spool` is where
+    its nodes keep their images.
+    """
+    folders = dict.fromkeys(folder for _, folder in own_rigs)
+    disks = [(spool, "the spool", "--spool"), *((folder, "sessions", "--sessions") for folder in folders)]
+    clock_finding, announced, rigs, ways = await asyncio.gather(
+        clock(HostRate()),
+        announced_leaders(),
+        asyncio.gather(*(own_rig(address) for address, _ in own_rigs)),
+        asyncio.gather(*map(leader, leaders)),
+    )
+    # After the clock: a busy disk would hold its readings up.
+    written = await asyncio.gather(*(asyncio.to_thread(disk, *one) for one in disks))
+    return [
+        version(),
+        trust(Trust.of_user()),
+        *rigs,
+        *ways,
+        *announced,
+        *firewalls(active_firewalls(), sorted({address.port for address, _ in own_rigs})),
+        *wifi(wifi_interfaces()),
+        clock_finding,
+        *written,
+        *cameras(await asyncio.to_thread(list_cameras)),
+        *usb(usb_cameras()),
+    ]

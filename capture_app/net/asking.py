@@ -1,0 +1,44 @@
+"""Asking a leader over a stream, and its answer."""
+
+import asyncio
+from typing import Any, TypeVar
+
+from capture_app.common.errors import NetworkError
+from capture_app.net.channel import Channel
+from capture_app.protocol import messages
+from capture_app.protocol.message import Message
+from capture_app.trust.trust import Trust
+
+ANSWER_TIMEOUT_S = 10.0
+
+A = TypeVar("A", bound=Message)
+
+
+async def receive_answer(channel: Channel[Any], timeout_s: float = ANSWER_TIMEOUT_S) -> messages.FromLeader:
+    """Return the leader's next message, without its payload. Raises NetworkError, and the leader's errors."""
+    try:
+        async with asyncio.timeout(timeout_s):
+            answer: messages.FromLeader | None = await channel.receive_header()
+    except TimeoutError as error:
+        raise NetworkError(f"the leader at {channel.peer} does not answer") from error
+    if answer is None:
+        asks = ", or does it ask who you are? leave out --open" if Trust.of_user().is_open else "?"
+        raise NetworkError(
+            f"the leader at {channel.peer} closed the connection", hint=f"was it stopped{asks}"
+        )
+    if isinstance(answer, messages.Refusal):
+        raise answer.as_error()
+    return answer
+
+
+async def ask(
+    channel: Channel[Any], request: Message, kind: type[A], timeout_s: float = ANSWER_TIMEOUT_S
+) -> A:
+    """Send a request, and return its answer of that kind. Raises NetworkError, and the leader's errors."""
+    await channel.send(request)
+    answer = await receive_answer(channel, timeout_s)
+    if not isinstance(answer, kind):
+        raise NetworkError(
+            f"the leader at {channel.peer} sent a {type(answer).__name__}, not a {kind.__name__}"
+        )
+    return answer

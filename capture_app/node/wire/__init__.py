@@ -1,4 +1,0 @@
-"""What a node and its leader say over streams, and the status they publish.
-
-Imports no other wing of `node`: both ends share it.
-"""

@@ -1,0 +1,190 @@
+"""What happens at a leader or a relay, in a line each, for the terminal and the screen alike."""
+
+import re
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import msgspec
+
+from capture_app.common.address import Address
+from capture_app.common.text import duration
+from capture_app.protocol.status import BurstStatus, Level, NewsLine
+from capture_app.sync.rig import events, node_message
+from capture_app.sync.rig.time_client import TimeClientEvent
+from capture_app.sync.timekeeping import clock_events
+from capture_app.sync.timekeeping.rates import HostOffRate
+from capture_app.trust.sealing import DatagramsRefused
+
+
+@dataclass(frozen=True, slots=True)
+class FollowerNews:
+    """What happened to a follower, or to all of them, in a line for a person."""
+
+    name: str | None
+    line: str
+    is_warning: bool = False
+    """Whether a person should look."""
+
+
+News = events.LeaderEvent | HostOffRate | DatagramsRefused | BurstStatus | FollowerNews
+"""What a leader tells about: nodes and phones that come and go, odd clocks, damaged seals, and bursts."""
+
+
+_NODE_LINES = {
+    "joined": "{0.name} joined",
+    "returned": "{0.name} is back",
+    "lost": "lost {0.name}: {0.reason}",
+    "forgotten": "forgot {0.name}, which was lost",
+    "refused": "refused {0.name} {0.where}: {0.reason}",
+}
+
+
+def news_line(news: News) -> str:
+    """A line about what happened, for a person; empty where it is nothing to tell."""
+    match news:
+        case events.NodeChanged(change="moved"):
+            return f"{news.name} is now connected to {news.where or 'this leader'}"
+        case events.NodeChanged():
+            return _NODE_LINES[news.change].format(news)
+        case events.BurstAnswered():
+            return f"burst {news.burst}: without {news.name}: {news.refusal}" if news.refusal else ""
+        case HostOffRate():
+            return off_rate_line(news)
+        case FollowerNews():
+            return news.line
+        case DatagramsRefused():
+            return str(news)
+        case BurstStatus():
+            return burst_line(news)
+
+
+def off_rate_line(off: HostOffRate) -> str:
+    """Say whose clock runs at another rate than the others, and why that may be; or no more."""
+    if not off.fast_ppm:
+        return f"the clock of {off.name or 'the leader'} runs at its usual rate again"
+    if off.certain:
+        return node_message.slewing(off.name or "the leader's host", off.fast_ppm)
+    against = "the leader's" if off.ambiguous else "all others"
+    perhaps = " (or so it is with the leader's)" if off.ambiguous else ""
+    return (
+        f"the clock of {off.name or 'the leader'} runs {node_message.fast_or_slow(off.fast_ppm)} against"
+        f" {against}: its NTP daemon is slewing it, or it is a virtual machine{perhaps}"
+    )
+
+
+def follower_line(event: TimeClientEvent, parent: Address) -> str:
+    """A line about how a relay stands with its own leader, empty where there is nothing to say."""
+    match event:
+        case events.Joined():
+            return f"joined {parent}"
+        case events.LeaderNews("lost"):
+            return f"lost {parent} ({event.text}): in holdover"
+        case events.LeaderNews("said"):
+            return f"{parent} says: {event.text}"
+        case events.LeaderNews():
+            return f"{parent} refused this relay: {event.text}"
+        case clock_events.ClockSynced():
+            return f"ready: clock error at most {duration(event.time_map.hard_bound_ns)}"
+    return node_message.of_event(event)
+
+
+def burst_line(burst: BurstStatus) -> str:
+    """A line about how far a burst is."""
+    if not burst.burst:
+        return burst.message
+    so_far = f"burst {burst.burst}: {burst.received} of {burst.expected} images"
+    if not burst.done:
+        return so_far + (f", {burst.message}" if burst.message else "")
+    where = f", saved as {burst.session}" if burst.session else ", no session"
+    return so_far + where + (f"; {burst.message}" if burst.message else "")
+
+
+def _is_warning(news: News) -> bool:
+    """Whether a person should look."""
+    match news:
+        case events.NodeChanged():
+            return news.change in ("lost", "refused")
+        case FollowerNews():
+            return news.is_warning
+        case HostOffRate():
+            return bool(news.fast_ppm)
+        case BurstStatus():
+            return news.session is None or news.received != news.expected
+    return True
+
+
+def news_record(news: News) -> dict[str, object]:
+    """What happened as a line of JSON."""
+    match news:
+        case events.NodeChanged(name, change, reason, where):
+            record: dict[str, object] = {"event": f"node-{change}", "name": name}
+            if change == "moved":
+                record["relay"] = where or None
+            if change == "refused":
+                record["where"] = where
+            return record | ({"reason": reason} if change in ("lost", "refused") else {})
+        case events.BurstAnswered(name, burst, refusal):
+            if refusal:
+                return {"event": "burst-refused", "name": name, "burst": burst, "reason": refusal}
+            return {"event": "burst-accepted", "name": name, "burst": burst}
+        case HostOffRate(name, fast_ppm=0.0):
+            return {"event": "host-at-rate", "name": name}
+    kind = re.sub(r"(?<!^)(?=[A-Z])", "-", type(news).__name__).lower()
+    return {"event": kind, **msgspec.to_builtins(news)}
+
+
+KEPT = 500
+
+
+class Log:
+    """Lines with the time of the calendar, each later than the one before, shown as they come."""
+
+    def __init__(
+        self,
+        show: Callable[[str], None] = lambda _: None,
+        *,
+        name: str | None = None,
+        record: Callable[[dict[str, object]], None] | None = None,
+    ) -> None:
+        """`show` shows a line to whoever runs this, `record` what happens in a rig as JSON.
+
+        `name` is the node's whose lines these are; None for a leader's, which are of all its nodes.
+        """
+        self.show, self._record = show, record
+        self.name = name
+        self._lines: deque[NewsLine] = deque(maxlen=KEPT)
+
+    def say(self, text: str, *, camera: str | None = None, level: Level = "info") -> None:
+        """Keep a line, of that camera or of whose lines these are, and show it."""
+        self.add(text, camera=camera or self.name, level=level)
+        self.show(text)
+
+    def add(self, text: str, *, camera: str | None = None, level: Level = "info") -> None:
+        """Keep what happened now; what was just said is not kept again."""
+        last = self._lines[-1] if self._lines else None
+        if last is not None and (last.text, last.camera) == (text, camera):
+            return
+        # A calendar clock may be set back.
+        unix_ns = time.time_ns() if last is None else max(time.time_ns(), last.unix_ns + 1)
+        self._lines.append(NewsLine(unix_ns=unix_ns, text=text, camera=camera, level=level))
+
+    def after(self, unix_ns: int) -> tuple[NewsLine, ...]:
+        """Return the lines that are later than that time, oldest first."""
+        return tuple(line for line in self._lines if line.unix_ns > unix_ns)
+
+    def say_of_disk(self, name: str | None, problem: str) -> None:
+        """Tell of a disk that cannot be used, a node's or without a name the leader's; or that can again."""
+        text = f"{name or 'leader'}: {problem or 'its disk can be used again'}"
+        self.say(text, camera=name, level="warning" if problem else "info")
+
+    def note(self, news: News) -> None:
+        """Show what happened in a rig, and keep it but for a burst's progress, which is in every status."""
+        text, camera = news_line(news), None if isinstance(news, BurstStatus) else news.name
+        if text and (not isinstance(news, BurstStatus) or news.done):
+            self.add(text, camera=camera, level="warning" if _is_warning(news) else "info")
+        if text:
+            self.show(text)
+        if self._record is not None:
+            self._record(news_record(news))

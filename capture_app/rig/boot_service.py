@@ -1,0 +1,136 @@
+"""A node that runs from the start of its machine on, as a service of systemd."""
+
+import getpass
+import os
+import shutil
+import subprocess
+import sys
+from collections.abc import Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+from platformdirs import user_config_path
+
+from capture_app.common.errors import BadInputError, NotAvailableError
+
+_UNIT = """\
+[Unit]
+Description=simulshot: {title}
+StartLimitIntervalSec=0
+
+[Service]
+ExecStart={command}
+Restart=always
+RestartSec=5
+# A command line that cannot be right is not tried again.
+RestartPreventExitStatus=2 3
+
+[Install]
+WantedBy={wanted_by}
+"""
+
+
+@dataclass(frozen=True)
+class BootService:
+    """The service of one node: of this user, or of the machine where root asks for it."""
+
+    name: str
+    arguments: tuple[str, ...]
+    """What comes after `capture-app`."""
+
+    @property
+    def unit(self) -> str:
+        """What systemd calls it."""
+        return f"simulshot-{self.name}"
+
+    @property
+    def path(self) -> Path:
+        """The file that says it."""
+        folder = Path("/etc/systemd/system") if _is_root() else user_config_path("systemd") / "user"
+        return folder / f"{self.unit}.service"
+
+    @property
+    def log_command(self) -> str:
+        """The line that shows what the node says."""
+        return f"journalctl {'' if _is_root() else '--user '}-u {self.unit} -f"
+
+    def text(self) -> str:
+        """Return the file's text. The program runs as Python runs now, wherever its command is."""
+        # -P: no module of the folder that it starts in is taken for one of ours.
+        words = (sys.executable, "-P", "-m", "capture_app.cli", *self.arguments)
+        return _UNIT.format(
+            title=f"camera {self.name}",
+            command=" ".join(map(_quoted, words)),
+            wanted_by="multi-user.target" if _is_root() else "default.target",
+        )
+
+    def install(self) -> str:
+        """Write the file, and have systemd run it now and at every start; returns what is left to do, or "".
+
+        Raises:
+            NotAvailableError: no systemd serves this user here; nothing is written then.
+        """
+        if shutil.which("systemctl") is None:
+            raise NotAvailableError(
+                "there is no systemd here, which starts it",
+                hint="have this machine's own way of starting programs run the line after ExecStart=",
+            )
+        earlier = self.path.read_text() if self.path.exists() else None
+        self.path.parent.mkdir(parents=True, exist_ok=True)
+        self.path.write_text(self.text())
+        try:
+            _systemctl("daemon-reload")
+            _systemctl("enable", self.unit)
+            _systemctl("restart", self.unit)
+        except NotAvailableError:
+            if earlier is None:
+                self.path.unlink()
+            else:
+                self.path.write_text(earlier)
+            raise
+        return "" if _is_root() else _linger()
+
+    def remove(self) -> None:
+        """Stop the node and remove the file. Raises BadInputError where there is none, NotAvailableError."""
+        if not self.path.exists():
+            raise BadInputError(f"{self.name} does not start with this machine", hint=f"no {self.path}")
+        _systemctl("disable", "--now", self.unit)
+        self.path.unlink()
+        _systemctl("daemon-reload")
+
+
+def _is_root() -> bool:
+    return os.geteuid() == 0
+
+
+def _quoted(word: str) -> str:
+    """Write a word of ExecStart: systemd.service(5), specifiers and variables escaped."""
+    text = word.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%").replace("$", "$$")
+    return f'"{text}"' if not text or set(text) & set(" \t'\";\\") else text
+
+
+def _systemctl(*arguments: str) -> None:
+    command = ("systemctl", *(() if _is_root() else ("--user",)), *arguments)
+    done = _run(command)
+    if done.returncode:
+        said = done.stderr.strip() or f"code {done.returncode}"
+        raise NotAvailableError(
+            f"{' '.join(command)}: {said}", hint="log in as this user itself, on the machine or by ssh"
+        )
+
+
+def _linger() -> str:
+    """Have this user's services start without a login; returns the line to type where that is not allowed."""
+    user = getpass.getuser()
+    if _run(("loginctl", "show-user", user, "--property=Linger")).stdout.strip() == "Linger=yes":
+        return ""
+    if _run(("loginctl", "enable-linger")).returncode == 0:
+        return ""
+    return f"until then it starts when {user} logs in: sudo loginctl enable-linger {user}"
+
+
+def _run(command: Sequence[str]) -> "subprocess.CompletedProcess[str]":
+    try:
+        return subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
+    except OSError as error:
+        raise NotAvailableError(f"{command[0]}: {error.strerror}") from error

@@ -1,0 +1,73 @@
+"""Tells when something moves in cameras' previews: a trigger for what nobody presses."""
+
+from collections.abc import AsyncGenerator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.protocol.status import Preview
+from capture_app.rig.link import RigLink
+from capture_app.session.reading.decoding import decode_image
+
+WIDTH_PX, FPS = 160, 10.0
+USUAL = 0.1
+"""The share of a new picture in what is usual there: what stays is no news after some pictures."""
+LEARN = 8
+"""Pictures of a camera before it is judged."""
+LEAST_LEVELS, CLEAR = 10.0, 6.0
+"""A pixel has changed by so many grey levels, and by so many times what it usually does."""
+Region = tuple[float, float, float, float]
+WHOLE: Region = (0.0, 0.0, 1.0, 1.0)
+"""Left, top, right and bottom, as shares of the picture."""
+
+
+@dataclass(slots=True)
+class _View:
+    mean: NDArray[np.float32]
+    spread: NDArray[np.float32]
+    seen: int = 1
+
+
+@dataclass(slots=True)
+class MotionWatch:
+    """What is usual in each camera's region; where `least_share` of its pixels change, something moves."""
+
+    region: Region = WHOLE
+    least_share: float = 0.005
+    _views: dict[str, _View] = field(default_factory=dict)
+
+    def moved(self, camera: str, grey: NDArray[np.uint8]) -> bool:
+        """Whether something moves in a camera's next picture (H x W); light that changes for all does not."""
+        left, top, right, bottom = self.region
+        height, width = grey.shape
+        rows = slice(int(top * height), max(int(top * height) + 1, round(bottom * height)))
+        columns = slice(int(left * width), max(int(left * width) + 1, round(right * width)))
+        picture = grey[rows, columns].astype(np.float32)
+        view = self._views.get(camera)
+        if view is None or view.mean.shape != picture.shape:
+            self._views[camera] = _View(picture, np.zeros_like(picture))
+            return False
+        brighter = np.median((picture + 1) / (view.mean + 1))
+        away = np.abs(picture - brighter * view.mean)
+        changed = float((away > np.maximum(LEAST_LEVELS, CLEAR * view.spread)).mean())
+        share = max(USUAL, 1 / (view.seen + 1))
+        view.mean += share * (picture - view.mean)
+        view.spread += share * (np.minimum(away, LEAST_LEVELS) - view.spread)
+        view.seen += 1
+        return view.seen > LEARN and changed > self.least_share
+
+    def forget(self) -> None:
+        """Learn anew what is usual, as after a burst."""
+        self._views.clear()
+
+
+async def watch_motion(link: RigLink, watch: MotionWatch) -> AsyncGenerator[Preview, None]:
+    """Yield each preview in which something moves, for ever; pictures of none come while a burst is sent."""
+    await link.want_previews(cameras=None, width=WIDTH_PX, fps=FPS)
+    async for update in link.updates():
+        if not isinstance(update, Preview):
+            continue
+        pixels = decode_image(update.jpeg, colour=True)
+        if pixels is not None and watch.moved(update.camera, pixels.mean(2).astype(np.uint8)):
+            yield update

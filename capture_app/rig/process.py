@@ -1,0 +1,221 @@
+"""Rigs that run on this machine in processes of their own: found, started, and left running."""
+
+import asyncio
+import contextlib
+import os
+import socket
+import subprocess
+import sys
+import threading
+import time
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import msgspec
+from msgspec import Struct
+from platformdirs import user_state_path
+
+from capture_app.cameras.rtsp.passwords import reveal_password
+from capture_app.common.address import LOOPBACK_HOSTS, Address, parse_address
+from capture_app.common.errors import NetworkError, SimulshotError
+from capture_app.common.interfaces import own_hosts
+from capture_app.node.child import error_of_exit
+from capture_app.protocol.orders import AddCamera
+from capture_app.rig.link import ask_status, give_order
+from capture_app.session.files.durable import write_atomic
+
+START_TIMEOUT_S = 60.0
+CHECK_EVERY_S = 0.1
+LOGS_KEPT = 10
+
+
+class RunningRig(Struct, frozen=True, kw_only=True):
+    """The record of a leader's process, which it keeps as long as it runs."""
+
+    pid: int
+    leader: str
+    """host:port where processes of this machine reach it."""
+    sessions: str
+    started_unix_ns: int
+    log: str | None = None
+    """What a rig in the background says; None for one that says it on a terminal."""
+
+    @property
+    def address(self) -> Address:
+        """Where processes of this machine reach it."""
+        return parse_address(self.leader)
+
+
+@dataclass(frozen=True, slots=True)
+class AttachedRig:
+    """The rig that a screen shows."""
+
+    leader: Address
+    sessions: Path
+    """The folder whose sessions are shown: the rig's own where it is of this machine."""
+    is_local: bool
+    """Whether the leader is on this machine."""
+    started: bool = False
+    """Whether it was started for this screen."""
+
+
+def rigs_folder() -> Path:
+    """Where the records and logs are kept."""
+    return user_state_path("simulshot") / "rigs"
+
+
+@contextlib.contextmanager
+def recorded_rig(address: Address, sessions: Path, log: Path | None = None) -> Iterator[None]:
+    """Keep a record of this process while the block runs; without one, the screen cannot find it.
+
+    A folder that cannot be written only costs that.
+    """
+    rig = RunningRig(
+        pid=os.getpid(),
+        leader=str(address),
+        sessions=str(sessions.absolute()),
+        started_unix_ns=time.time_ns(),
+        log=None if log is None else str(log),
+    )
+    path = rigs_folder() / f"{rig.pid}.json"
+    with contextlib.suppress(OSError):
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_atomic(path, msgspec.json.encode(rig))
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):
+            path.unlink()
+
+
+def list_rigs() -> list[RunningRig]:
+    """Return the rigs of this machine whose processes run, newest first; records of others are removed."""
+    rigs = []
+    for path in rigs_folder().glob("*.json"):
+        try:
+            rig = msgspec.json.decode(path.read_bytes(), type=RunningRig)
+            parse_address(rig.leader)
+        except (OSError, ValueError, RecursionError):
+            continue
+        if _runs(rig.pid):
+            rigs.append(rig)
+        else:
+            with contextlib.suppress(OSError):
+                path.unlink()
+    return sorted(rigs, key=lambda rig: -rig.started_unix_ns)
+
+
+async def find_rig(*, sessions: Path | None = None, port: int | None = None) -> RunningRig | None:
+    """Return the newest rig of this machine that answers, of that folder and port where they are given."""
+    for rig in list_rigs():
+        if not _is_asked_for(rig, sessions, port):
+            continue
+        with contextlib.suppress(SimulshotError):
+            await ask_status(rig.address)
+            return rig
+    return None
+
+
+async def start_rig(
+    *, sessions: Path, host: str, port: int | None = None, cameras: Sequence[str] = ()
+) -> RunningRig:
+    """Start a rig in the background, which outlives this process, and return it when it answers.
+
+    Without a `port` it is the usual one, or any where that is taken. Raises NetworkError for a port that is
+    taken or a host that is not this machine's, and what the rig's process ended with.
+    """
+    log = _new_log()
+    process = _spawn(sessions, host, port, cameras, log)
+    for _ in range(round(START_TIMEOUT_S / CHECK_EVERY_S)):
+        for rig in list_rigs():
+            if rig.pid == process.pid:
+                with contextlib.suppress(NetworkError):
+                    await ask_status(rig.address)
+                    return rig
+        if process.poll() is not None:
+            raise _failure(process.returncode, log)
+        await asyncio.sleep(CHECK_EVERY_S)
+    process.terminate()
+    raise NetworkError(f"the rig did not answer within {START_TIMEOUT_S:g} s", hint=f"its log is {log}")
+
+
+async def attach(
+    *,
+    leader: Address | None = None,
+    sessions: Path | None = None,
+    host: str = "0.0.0.0",  # noqa: S104 - cameras are other machines
+    port: int | None = None,
+    cameras: Sequence[str] = (),
+) -> AttachedRig:
+    """Find the rig that a screen is to show, or start one; that of a given `leader` need not answer yet.
+
+    Raises what `start_rig` raises.
+    """
+    if leader is not None:
+        own = (*own_hosts(socket.AF_INET), *own_hosts(socket.AF_INET6))
+        local = leader.host in (*LOOPBACK_HOSTS, *own)
+        folder = sessions or Path("sessions")
+        if local and sessions is None:
+            with contextlib.suppress(SimulshotError):
+                folder = Path((await ask_status(leader)).sessions_folder or folder)
+        return AttachedRig(leader, folder, is_local=local)
+    found = await find_rig(sessions=sessions, port=port)
+    if found is not None:
+        for camera in cameras:
+            await give_order(found.address, AddCamera(spec=reveal_password(camera)))
+        return AttachedRig(found.address, Path(found.sessions), is_local=True)
+    rig = await start_rig(sessions=sessions or Path("sessions"), host=host, port=port, cameras=cameras)
+    return AttachedRig(rig.address, Path(rig.sessions), is_local=True, started=True)
+
+
+def _is_asked_for(rig: RunningRig, sessions: Path | None, port: int | None) -> bool:
+    same_folder = sessions is None or Path(rig.sessions).resolve() == sessions.resolve()
+    return same_folder and (not port or rig.address.port == port)
+
+
+def _new_log() -> Path:
+    folder = rigs_folder()
+    folder.mkdir(parents=True, exist_ok=True)
+    for old in sorted(folder.glob("*.log"))[: 1 - LOGS_KEPT]:
+        with contextlib.suppress(OSError):
+            old.unlink()
+    return folder / f"{time.time_ns()}.log"
+
+
+def _spawn(
+    sessions: Path, host: str, port: int | None, cameras: Sequence[str], log: Path
+) -> subprocess.Popen[bytes]:
+    arguments = ["leader", "--host", host, "--sessions", str(sessions.absolute())]
+    arguments += ["--or-free-port"] if port is None else ["--port", str(port)]
+    for camera in cameras:
+        arguments += ["--camera", camera]
+    with log.open("wb") as output:
+        process = subprocess.Popen(  # noqa: S603 - our own program
+            [sys.executable, "-m", "capture_app.cli", *arguments, "--log", str(log)],
+            stdin=subprocess.DEVNULL,
+            stdout=output,
+            stderr=output,
+            start_new_session=True,
+        )
+    # One that has ended counts as running until it is waited for.
+    threading.Thread(target=process.wait, daemon=True).start()
+    return process
+
+
+def _runs(pid: int) -> bool:
+    try:
+        os.kill(pid, 0)
+    except ProcessLookupError:
+        return False
+    except PermissionError:
+        return True
+    return True
+
+
+def _failure(code: int, log: Path) -> SimulshotError:
+    """The error of a rig that ended at once: its own last words."""
+    lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
+    said = next((line.partition(": error: ")[2] for line in reversed(lines) if ": error: " in line), "")
+    last = lines[-1] if lines else "it said nothing"
+    return error_of_exit(code, said or f"the rig ended with code {code}: {last}")

@@ -1,0 +1,200 @@
+"""A rig from Python: cameras are started or a leader is joined, and bursts come back as open sessions."""
+
+import asyncio
+import contextlib
+import os
+import time
+from collections.abc import Coroutine, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from os import PathLike
+from pathlib import Path
+from types import TracebackType
+from typing import Any, Self, TypeVar
+
+from capture_app.common.address import Address, parse_address
+from capture_app.common.errors import BadInputError, IncompleteError, NotAvailableError, SimulshotError
+from capture_app.common.node_state import NodeState
+from capture_app.protocol.messages import BurstRequest
+from capture_app.protocol.orders import AddSimulated, StopRig
+from capture_app.protocol.status import RigStatus
+from capture_app.rig.link import ask_burst, ask_status, give_order, present_cameras
+from capture_app.rig.process import start_rig
+from capture_app.session.reading.opened import OpenSession, open_session
+
+T = TypeVar("T")
+LOOK_EVERY_S = 0.2
+READY_TIMEOUT_S = 120.0
+STOP_TIMEOUT_S = 60.0
+"""The pictures of a burst under way are saved first."""
+
+
+class AsyncRig:
+    """A rig for asyncio, as long as its `async with` lasts: one that runs already, or one of its own.
+
+    `leader`: HOST or HOST:PORT of a rig that runs, here or elsewhere; it runs on in the end. Without one, a
+    rig of this machine is started with `simulated` cameras that look at `scene`, and those of `cameras`
+    (specs as `capture-app cameras list` shows them); it saves in `sessions`, and ends with the block.
+    """
+
+    def __init__(
+        self,
+        leader: str | None = None,
+        *,
+        simulated: int = 0,
+        scene: str = "studio",
+        cameras: Sequence[str] = (),
+        sessions: str | PathLike[str] = "sessions",
+    ) -> None:
+        if leader is not None and (simulated or cameras):
+            raise BadInputError("a rig that runs has its cameras: give a leader, or cameras for a rig here")
+        try:
+            self._leader = None if leader is None else parse_address(leader)
+        except ValueError as error:
+            raise BadInputError(str(error)) from error
+        self._simulated = AddSimulated(cameras=simulated, scene=scene) if simulated else None
+        self._cameras = tuple(cameras)
+        self._sessions = Path(sessions)
+        self._pid: int | None = None
+
+    async def __aenter__(self) -> Self:
+        """Find the rig, or start it. Raises NetworkError, BadInputError for a scene without such views."""
+        if self._leader is not None:
+            await ask_status(self._leader)
+            return self
+        # Simulated cameras are processes of this machine: nobody else need reach them.
+        host = "0.0.0.0" if self._cameras else "127.0.0.1"  # noqa: S104
+        rig = await start_rig(sessions=self._sessions, host=host, cameras=self._cameras)
+        self._leader, self._pid = rig.address, rig.pid
+        if self._simulated is not None:
+            try:
+                await give_order(self._leader, self._simulated)
+            except BaseException:
+                await self._stop()
+                raise
+        return self
+
+    async def __aexit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the rig if it was started here."""
+        if self._pid is not None:
+            await self._stop()
+
+    @property
+    def address(self) -> Address:
+        """Where the leader is. Raises NotAvailableError outside of the `with` block."""
+        if self._leader is None:
+            raise NotAvailableError("the rig is not running", hint="use it in a with block")
+        return self._leader
+
+    async def status(self) -> RigStatus:
+        """How all nodes stand. Raises NetworkError."""
+        return await ask_status(self.address)
+
+    async def wait_until_ready(self, cameras: int = 1, timeout_s: float = READY_TIMEOUT_S) -> RigStatus:
+        """Wait until at least that many cameras are here and all that are here are ready.
+
+        Raises IncompleteError with what to do where that takes longer.
+        """
+        until_s = time.monotonic() + timeout_s
+        while True:
+            status = await self.status()
+            here = present_cameras(status)
+            ready = [node.name for node in status.nodes if node.state is NodeState.READY]
+            if len(here) >= cameras and {*here} <= {*ready}:
+                return status
+            if time.monotonic() > until_s:
+                what = f"{len(ready)} of {max(cameras, len(here))} cameras are ready after {timeout_s:g} s"
+                raise IncompleteError(what, hint=status.advice)
+            await asyncio.sleep(LOOK_EVERY_S)
+
+    async def burst(self, frames: int = 5, *, name: str = "", note: str = "") -> OpenSession:
+        """Take a burst of every camera and return its session when it is saved.
+
+        Raises NotAvailableError where the leader saved it on another machine, IncompleteError where there is
+        none, and the leader's own errors.
+        """
+        return await self._take(BurstRequest(frames=frames, name=name, note=note))
+
+    async def record(self, seconds: float, *, name: str = "", note: str = "") -> OpenSession:
+        """Take a video of every camera and return its session when it is saved. Raises as `burst`."""
+        return await self._take(BurstRequest(seconds=seconds, spare=0, video=True, name=name, note=note))
+
+    async def _take(self, request: BurstRequest) -> OpenSession:
+        done = [status async for status in ask_burst(self.address, request) if status.done]
+        if not done or done[0].session is None:
+            raise IncompleteError(done[0].message if done else "the leader did not take it")
+        try:
+            return open_session(done[0].session)
+        except BadInputError as error:
+            what = f"the leader at {self.address} saved it on its own machine, in {done[0].session}"
+            raise NotAvailableError(what, hint="copy it from there, and open it") from error
+
+    async def _stop(self) -> None:
+        """End the rig that was started here, and wait until its process is gone."""
+        pid, leader = self._pid, self.address
+        self._pid = self._leader = None
+        assert pid is not None
+        with contextlib.suppress(SimulshotError):
+            await give_order(leader, StopRig())
+        with contextlib.suppress(ProcessLookupError):
+            for _ in range(round(STOP_TIMEOUT_S / LOOK_EVERY_S)):
+                os.kill(pid, 0)
+                await asyncio.sleep(LOOK_EVERY_S)
+
+
+class Rig:
+    """A rig as long as its `with` lasts, each call returning when it is done; else as `AsyncRig`."""
+
+    def __init__(
+        self,
+        leader: str | None = None,
+        *,
+        simulated: int = 0,
+        scene: str = "studio",
+        cameras: Sequence[str] = (),
+        sessions: str | PathLike[str] = "sessions",
+    ) -> None:
+        self._rig = AsyncRig(leader, simulated=simulated, scene=scene, cameras=cameras, sessions=sessions)
+
+    def __enter__(self) -> Self:
+        """Find the rig, or start it. Raises as that of `AsyncRig`."""
+        _run(self._rig.__aenter__())
+        return self
+
+    def __exit__(
+        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
+    ) -> None:
+        """End the rig if it was started here."""
+        _run(self._rig.__aexit__(kind, error, trace))
+
+    @property
+    def address(self) -> Address:
+        """Where the leader is. Raises NotAvailableError outside of the `with` block."""
+        return self._rig.address
+
+    def status(self) -> RigStatus:
+        """How all nodes stand. Raises NetworkError."""
+        return _run(self._rig.status())
+
+    def wait_until_ready(self, cameras: int = 1, timeout_s: float = READY_TIMEOUT_S) -> RigStatus:
+        """Wait until at least that many cameras are here and all are ready. Raises IncompleteError."""
+        return _run(self._rig.wait_until_ready(cameras, timeout_s))
+
+    def burst(self, frames: int = 5, *, name: str = "", note: str = "") -> OpenSession:
+        """Take a burst of every camera and return its session. Raises as that of `AsyncRig`."""
+        return _run(self._rig.burst(frames, name=name, note=note))
+
+    def record(self, seconds: float, *, name: str = "", note: str = "") -> OpenSession:
+        """Take a video of every camera and return its session. Raises as that of `AsyncRig`."""
+        return _run(self._rig.record(seconds, name=name, note=note))
+
+
+def _run(work: Coroutine[Any, Any, T]) -> T:
+    """Run to the end, in a notebook too, whose own loop runs already."""
+    try:
+        asyncio.get_running_loop()
+    except RuntimeError:
+        return asyncio.run(work)
+    with ThreadPoolExecutor(1) as thread:
+        return thread.submit(asyncio.run, work).result()

@@ -11,7 +11,7 @@ import pytest
 from capture_app.common.errors import NotAvailableError
 from capture_app.common.optional_packages import how_to_install, load_optional
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 WITHOUT = """
 import sys
 class Without:

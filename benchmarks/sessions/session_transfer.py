@@ -67,7 +67,8 @@ class OneBurst:
 
     def __init__(self, session: BurstSession) -> None:
         self._session = session
-        self.engine = self.roster = self.options = self
+        self.roster = self
+        self.sessions = Path()
         self.members = {name: Joined(name) for name in session.burst.clients}
         self.news = Log()
 
@@ -108,7 +109,8 @@ async def lead(root: Path, cameras: int, instants: int) -> None:
     datagrams, listening = bind_port("127.0.0.1", 0)
     datagrams.close()
     nobody: Any = None
-    service = LeaderService(nobody, cast(Any, OneBurst(session)), None, nobody, nobody)
+    one = cast(Any, OneBurst(session))
+    service = LeaderService(one, one, nobody, nobody, one, None, nobody, nobody)
     server: TransferServer[ToLeader] = TransferServer(ToLeader, service.serve)
     await server.start(listening)
     print(listening.getsockname()[1], flush=True)

@@ -31,16 +31,6 @@ Asked = pairing.FromStranger | pairing.Invite | pairing.SpeaksFor | messages.Key
 """What leaders and relays answer alike."""
 
 
-def check_allowed(who: Peer, role: Role | None) -> None:
-    """Check that a peer is known as that. Raises UnknownMachineError with what a person can do."""
-    if role is not None and not who.may(role):
-        known = "not known here" if who.is_stranger else f"known here as {' and '.join(sorted(who.roles))}"
-        raise UnknownMachineError(
-            f"this machine is {known}, not as {role}",
-            hint=f"on the leader's machine: capture-app trust invite --as {role}",
-        )
-
-
 class Enrolment:
     """Makes machines known that have a code, or whose pin was added here, and gives nodes of them keys."""
 

@@ -29,7 +29,7 @@ from capture_app.node.leader.followers import SharedGrid
 from capture_app.node.leader.options import PortOptions
 from capture_app.node.leader.readiness import rig_advice
 from capture_app.node.leader.snapshots import node_statuses, page_of
-from capture_app.node.pairing import Asked, Enrolment, check_allowed, is_node, speaks_for
+from capture_app.node.pairing import Asked, Enrolment, is_node, speaks_for
 from capture_app.protocol.messages import (
     FromLeader,
     KeyRequest,
@@ -38,9 +38,9 @@ from capture_app.protocol.messages import (
     StatusAnswer,
     StatusRequest,
     ToLeader,
-    sender_role,
 )
 from capture_app.protocol.news import follower_line
+from capture_app.protocol.permissions import check_allowed
 from capture_app.protocol.status import RigStatus
 from capture_app.sync.rig.events import Joined, LeaderNews
 from capture_app.sync.rig.leader import LeaderConfig
@@ -189,7 +189,7 @@ class RelayNode:
     async def _serve(self, below: Channel[ToLeader]) -> None:
         while (message := await below.receive_header()) is not None:
             try:
-                check_allowed(below.who, sender_role(message))
+                check_allowed(below.who, message)
                 match message:
                     case _ if isinstance(message, Asked):
                         await self._enrolment.answer(below, message)

@@ -16,7 +16,7 @@ from capture_app.protocol.status import BurstStatus, RigStatus
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import ImageRecord, Sha256
 from capture_app.trust.keys import Grant
-from capture_app.trust.known_machines import KnownMachine, Role
+from capture_app.trust.known_machines import KnownMachine
 
 LONGEST_S = 31 * 86_400.0
 """The longest recording, and the longest time that is waited for anything."""
@@ -223,12 +223,3 @@ FromLeader = (
     | ToStranger
     | Invited
 )
-
-
-def sender_role(message: Message) -> Role | None:
-    """As what a machine must be known that sends such a message; None for what strangers may send."""
-    if isinstance(message, FromStranger):
-        return None
-    if isinstance(message, SpeaksFor) or (isinstance(message, KeyRequest) and message.is_relay):
-        return Role.RELAY
-    return Role.CAMERA if isinstance(message, FromCamera | KeyRequest) else Role.OPERATOR

@@ -17,6 +17,7 @@ from capture_app.node.leader.options import LeaderOptions
 from capture_app.protocol import messages as wire
 from capture_app.protocol import orders, pairing
 from capture_app.protocol.messages import FromLeader, ToLeader
+from capture_app.protocol.permissions import SENDERS
 from capture_app.protocol.status import NodeDetail, Preview
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, image_path
@@ -133,23 +134,14 @@ async def test_an_operator_speaks_for_no_camera_and_no_relay(
         await until(lambda: node.time.is_member)
         assert isinstance(await answer(leader, operator, wire.StatusRequest()), wire.StatusAnswer)
         for message in every_message(node):
-            if isinstance(message, OF_NODES):
+            if isinstance(message, (*SENDERS[Role.CAMERA], *SENDERS[Role.RELAY])):
                 said = await answer(leader, operator, message)
                 assert said is None or isinstance(said, wire.Refusal), message
 
 
-OF_NODES = (
-    wire.NodeStream,
-    wire.CameraReport,
-    wire.ImageUpload,
-    wire.SpoolSpace,
-    wire.KeyRequest,
-    orders.Vitals,
-    Preview,
-    NodeDetail,
-    orders.StampKept,
-    pairing.SpeaksFor,
-)
+def test_the_table_of_rights_has_each_message_to_a_leader_once() -> None:
+    listed = [kind for kinds in SENDERS.values() for kind in kinds]
+    assert sorted(map(str, listed)) == sorted(map(str, typing.get_args(wire.ToLeader)))
 
 
 @pytest.mark.parametrize("field", ["seconds", "interval_s", "wait_ready_s"])

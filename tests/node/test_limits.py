@@ -69,7 +69,7 @@ asyncio.run(send(Trust(Path(sys.argv[1])), Address("127.0.0.1", int(sys.argv[2])
 
 def join_many(leader: LeaderNode, pin: str, names: list[str], period_ns: int = 33_333_333) -> None:
     """Let one machine's nodes say hello and a first word, as their keys would let them."""
-    engine = leader.bursts.engine
+    engine = leader.engine
     for instance, name in enumerate(names, 1):
         who, now_ns = Principal(name, instance, pin), leader.bursts.now_ns()
         address = ("127.0.0.1", 1 + instance)
@@ -119,7 +119,7 @@ async def test_the_status_of_a_large_rig_comes_in_pages_and_fits_a_message(
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Trust, "of_user", classmethod(lambda _: trust))
         rig = await ask_status(leader.own_address)
-    assert [node.name for node in rig.nodes] == sorted(leader.bursts.engine.roster.members)
+    assert [node.name for node in rig.nodes] == sorted(leader.engine.roster.members)
     assert (rig.further, rig.message) == (0, "")
 
 
@@ -194,8 +194,8 @@ async def test_a_machine_has_one_vote_on_the_rate_however_many_cameras_it_makes_
     assert grid.grid.period_ns == 33_333_333
     # Of one machine alone most cameras decide, as ever.
     for name in ("cam0", "cam1"):
-        leader.bursts.engine.drop_member(leader.bursts.engine.roster.members[name], "away")
-    leader.bursts.engine.handle_timer(leader.bursts.now_ns())
+        leader.engine.drop_member(leader.engine.roster.members[name], "away")
+    leader.engine.handle_timer(leader.bursts.now_ns())
     grid = leader.shared_grid()
     assert grid is not None
     assert grid.grid.period_ns == SLOW

@@ -103,7 +103,7 @@ async def field(tmp_path: Path, below_relay: bool, restarted: bool) -> AsyncIter
 
 async def seen(leader: LeaderNode, name: str) -> None:
     """Wait for a member; one below a relay is confirmed by what it says after its hello."""
-    members = leader.bursts.engine.roster.members
+    members = leader.engine.roster.members
     await until(lambda: name in members and members[name].is_confirmed)
 
 

@@ -137,8 +137,8 @@ class ActiveBursts:
     """Orders bursts of an engine, and collects each into a session."""
 
     def __init__(self, options: LeaderOptions, engine: Leader, pump: Pump) -> None:
-        self.options, self.engine = options, engine
-        self.pump, self._news = pump, options.news
+        self._options, self._engine = options, engine
+        self._pump, self._news = pump, options.news
         self.saved: deque[str] = deque(maxlen=REMEMBERED)
         """Paths of the newest sessions of this run, newest last: every status tells them."""
         self.newest: BurstSession | None = None
@@ -167,7 +167,7 @@ class ActiveBursts:
 
     def now_ns(self) -> int:
         """The leader's time."""
-        return self.options.clock.now_ns()
+        return self._options.clock.now_ns()
 
     async def close(self) -> None:
         """Save bursts under way with what has come."""
@@ -185,20 +185,20 @@ class ActiveBursts:
 
         Raises IncompleteError where the nodes are not ready in time, and what `order` raises.
         """
-        frames, asked_ns, engine = request.frames or 0, self.now_ns(), self.engine
+        frames, asked_ns, engine = request.frames or 0, self.now_ns(), self._engine
         if request.before > frames:
             raise BadInputError(
                 f"{request.before} of {request.frames} frames cannot be before", hint="ask for more frames"
             )
         before = BurstStatus(burst=0, name="", cameras=0, instants=frames, received=0, expected=0)
         if engine.grid is None:
-            told = [follower.take_alone(request) for follower in self.options.followers]
+            told = [follower.take_alone(request) for follower in self._options.followers]
             if any(told):
                 yield replace(before, done=True, message="; ".join(filter(None, told)))
                 return
         if request.wait_ready_s:
             wait_s, nodes = request.wait_ready_s, request.nodes
-            async for reason in reasons_until_ready(engine, self.options.clock, wait_s, nodes):
+            async for reason in reasons_until_ready(engine, self._options.clock, wait_s, nodes):
                 yield replace(before, message=f"waiting for the rig: {reason}")
             asked_ns = self.now_ns()
         if coarse := coarse_nodes(engine.roster.by_name()):
@@ -207,7 +207,7 @@ class ActiveBursts:
         # Without a camera there is no grid: that is said when the burst is ordered.
         order = BurstOrder(frames=1) if grid is None else order_of(request, asked_ns, grid.period_ns)
         session = await self.order(order, name=request.name, note=request.note)
-        for follower in self.options.followers:
+        for follower in self._options.followers:
             follower.take_part(session)
         while not session.finished.is_set():
             yield session.status
@@ -223,11 +223,11 @@ class ActiveBursts:
         self._check_number(order.at_leader_ns)
         prefix = name or (RECORDING if order.video else UNNAMED)
         check_name(f"{prefix}-{MAX_FOLDER_NUMBER}", "take")
-        self.engine.orders.check(self.engine.grid, order)
-        image_bytes = expected_image_bytes(self.engine.roster.by_name(), self._image_bytes)
+        self._engine.orders.check(self._engine.grid, order)
+        image_bytes = expected_image_bytes(self._engine.roster.by_name(), self._image_bytes)
         # A recording may be stopped at any time.
         frames = min(order.frames, SURE_FRAMES) if order.video else order.frames
-        root = self.options.sessions
+        root = self._options.sessions
         without = check_room(root, image_bytes, frames, self.spools)
         if without.keys() >= image_bytes.keys():
             lacking = "; ".join(f"{name}: {why}" for name, why in without.items())
@@ -239,13 +239,13 @@ class ActiveBursts:
         number = max(self._last_number + 1, folder if prefix == UNNAMED else 0)
         self._last_number = number
         try:
-            burst = self.engine.trigger(
+            burst = self._engine.trigger(
                 self.now_ns(), dataclasses.replace(order, number=number, without=without)
             )
         except SimulshotError:
             await asyncio.to_thread(writer.discard)
             raise
-        facts = {member.name: member.camera for member in self.engine.roster.by_name()}
+        facts = {member.name: member.camera for member in self._engine.roster.by_name()}
         session = BurstSession.begin(burst, facts, writer, self._disk, short_timeouts=self._silent)
         self._bursts[number] = self.newest = session
         session.without = "; ".join(f"without {name}: {why}" for name, why in without.items())
@@ -254,14 +254,14 @@ class ActiveBursts:
         try:
             pins = {
                 name: member.pin
-                for name, member in self.engine.roster.members.items()
+                for name, member in self._engine.roster.members.items()
                 if name in burst.clients
             }
-            await session.write_plan(self.engine.config.instance, note, pins)
+            await session.write_plan(self._engine.config.instance, note, pins)
         except SimulshotError as error:
             await session.finish_now(error.what, silent=False)
             raise
-        self.pump.turn()
+        self._pump.turn()
         return session
 
     @property
@@ -303,7 +303,7 @@ class ActiveBursts:
         if session is None or session.finished.is_set():
             raise BadInputError(f"burst {number} is not under way", hint="a saved one is a session")
         self._cancelled.add(number)
-        self.engine.orders.cancel(session.burst, self.now_ns())
+        self._engine.orders.cancel(session.burst, self.now_ns())
         await session.finish_now(CANCELLED, silent=False)
 
     async def end(self, number: int | None = None) -> None:
@@ -319,7 +319,8 @@ class ActiveBursts:
         """Order no instants of a session beyond those that every node can have heard of."""
         frames = frames_until(session.burst, self.now_ns())
         if frames < session.burst.frames:
-            ended = self.engine.orders.end(session.burst, frames, self.now_ns())
+            ended = self._engine.orders.end(session.burst, frames, self.now_ns())
+            self._pump.turn()
             if not session.finished.is_set():
                 await session.end(ended)
 
@@ -331,7 +332,7 @@ class ActiveBursts:
         another machine's, a CancelledBurstError where it was cancelled, TryAgainError where its session is in
         use.
         """
-        of_this_run = report.leader == self.engine.config.instance
+        of_this_run = report.leader == self._engine.config.instance
         session = self._bursts.get(report.burst) if of_this_run else None
         if session is None and (done := await self.resumed.answer_finished(report, pin)) is not None:
             return done
@@ -387,7 +388,7 @@ class ActiveBursts:
             now_ns = self.now_ns()
             lost: Mapping[str, str] = {
                 member.name: f"lost: {member.report.message}"
-                for member in self.engine.roster.by_name()
+                for member in self._engine.roster.by_name()
                 if member.report.state is NodeState.LOST
             }
             for session in (*tuple(self._bursts.values()), *self.resumed.sessions()):

@@ -41,7 +41,7 @@ class LeaderNode:
         self.address = Address(reachable_host(options.host, bound.family), port)
         """Where other machines do."""
         self.news = options.news
-        self._engine, self._clock, self._names = engine, options.clock, names
+        self.engine, self._clock, self._names = engine, options.clock, names
         self._sealed = sealed = None if options.trust.is_open else SealedLeader(engine)
         self.enrolment = Enrolment(options.trust, self.news, sealed)
         self._pump = Pump(sealed or engine, options.clock, self._drain)
@@ -50,8 +50,10 @@ class LeaderNode:
         if options.spool is not None:
             self._local = LocalNodes(self.own_address, options.spool, self.news, self.address.host)
         viewfinders = Viewfinders()
-        self._rig = RigState(self.address, self.bursts, viewfinders, self._local)
-        self.service = LeaderService(self._rig, self.bursts, self._local, viewfinders, self.enrolment)
+        self._rig = RigState(self.address, options, engine, self.bursts, viewfinders, self._local)
+        self.service = LeaderService(
+            options, engine, self._pump, self._rig, self.bursts, self._local, viewfinders, self.enrolment
+        )
         self._server = TransferServer(ToLeader, self.service.serve, trust=options.trust)
 
     @classmethod
@@ -103,7 +105,7 @@ class LeaderNode:
             await self._local.close()
         for follower in self.options.followers:
             await follower.close()
-        self._engine.leave()
+        self.engine.leave()
         self._pump.turn()
         self._pump.close()
         if self.options.beacons is not None:
@@ -114,7 +116,7 @@ class LeaderNode:
     @property
     def instance(self) -> int:
         """This run of the leader, by which nodes tell it from the next."""
-        return self._engine.config.instance
+        return self.engine.config.instance
 
     def status(self) -> RigStatus:
         """The whole rig at this moment."""
@@ -125,25 +127,27 @@ class LeaderNode:
 
         Raises IncompleteError that names those that are not, when the time is over.
         """
-        async for _ in reasons_until_ready(self._engine, self._clock, timeout_s, nodes):
+        async for _ in reasons_until_ready(self.engine, self._clock, timeout_s, nodes):
             pass
 
     def shared_grid(self) -> SharedGrid | None:
         """Return the grid of instants, None before the first camera."""
-        return None if self._engine.grid is None else SharedGrid(self._engine.grid)
+        return None if self.engine.grid is None else SharedGrid(self.engine.grid)
 
     def _drain(self) -> None:
         now_ns = self._clock.now_ns()
-        send_due_beacon(self.options.beacons, self._engine, now_ns, self._sealed)
+        send_due_beacon(self.options.beacons, self.engine, now_ns, self._sealed)
         self.enrolment.look(now_ns)
-        while (event := self._engine.next_event()) is not None:
+        while (event := self.engine.next_event()) is not None:
             if isinstance(event, BurstAnswered):
                 self.bursts.note_answer(event)
-            elif event.change in ("joined", "returned", "forgotten") and self._names is not None:
-                try:
-                    self._names.keep()
-                except SimulshotError as error:
-                    self.news.say_of_disk(None, str(error))
+            else:
+                self.service.note_change(event)
+                if event.change in ("joined", "returned", "forgotten") and self._names is not None:
+                    try:
+                        self._names.keep()
+                    except SimulshotError as error:
+                        self.news.say_of_disk(None, str(error))
             self.news.note(event)
         for news in self._rig.look_at_rates(now_ns):
             self.news.note(news)

@@ -16,17 +16,23 @@ from capture_app.common.errors import (
 )
 from capture_app.common.tasks import end
 from capture_app.net.channel import Channel
+from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.leader.settings import RigSettings
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState, Watcher
-from capture_app.node.pairing import Asked, Enrolment, check_allowed, is_node
+from capture_app.node.pairing import Asked, Enrolment, is_node
 from capture_app.protocol import messages, orders
+from capture_app.protocol.permissions import check_allowed
 from capture_app.protocol.status import NodeDetail
+from capture_app.sync.rig.events import NodeChanged
+from capture_app.sync.rig.leader import Leader
 
-FORGET_CHECKS, FORGET_CHECK_S = 60, 0.05
+DEPARTURE_TIMEOUT_S = 3.0
+"""Time that an ended node has to say goodbye, or to be noticed by its silence."""
 UNDECIDED_S = 0.1
 """How long an answer to a report waits for other cameras, on which it depends which instants are wanted."""
 WorkingOn = dict[tuple[int, int, str], BurstSession]
@@ -78,18 +84,24 @@ class LeaderService:
 
     def __init__(
         self,
+        options: LeaderOptions,
+        engine: Leader,
+        pump: Pump,
         rig: RigState,
         bursts: ActiveBursts,
         local: LocalNodes | None,
         viewfinders: Viewfinders,
         enrolment: Enrolment,
     ) -> None:
-        """`local` starts nodes on this machine; None where this leader does not."""
+        """`local` starts nodes on this machine; None if this leader runs none."""
         self.stop_wanted = asyncio.Event()
         """Set when an operator wants this leader to end."""
+        self._options, self._engine, self._pump = options, engine, pump
         self._rig, self._bursts, self._local, self._viewfinders = rig, bursts, local, viewfinders
         self._enrolment = enrolment
-        self._settings = RigSettings(bursts.options.sessions, viewfinders, bursts.options.news)
+        self._settings = RigSettings(options.sessions, viewfinders, options.news)
+        self._departures: dict[str, asyncio.Event] = {}
+        """Nodes that are being removed, by name; set when the roster has lost or removed one."""
         self._speaking: dict[str, Channel[messages.ToLeader]] = {}
         """The one stream of each node that brings images."""
 
@@ -104,7 +116,7 @@ class LeaderService:
                     if isinstance(message, messages.ImageUpload):
                         answers.add(await self._take_image(channel, message, working_on))
                         continue
-                    check_allowed(channel.who, messages.sender_role(message))
+                    check_allowed(channel.who, message)
                     self._check_speaker(channel, message, principal)
                     if isinstance(message, messages.NodeStream) and not message.shows:
                         self._end_speech(principal, channel)
@@ -147,9 +159,8 @@ class LeaderService:
         """
         match message:
             case messages.NodeStream():
-                if not is_node(
-                    channel.who, self._bursts.engine.roster.members.get(message.camera), message.instance
-                ):
+                member = self._engine.roster.members.get(message.camera)
+                if not is_node(channel.who, member, message.instance):
                     raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
                 channel.trust()
             case messages.CameraReport() | messages.SpoolSpace():
@@ -206,7 +217,7 @@ class LeaderService:
                     async for status in progress:
                         await channel.send(messages.BurstAnswer(burst=status))
             case orders.WatchRequest():
-                await Watcher(channel, self._rig, self._bursts.options.news, self._viewfinders).serve()
+                await Watcher(channel, self._rig, self._options.news, self._viewfinders).serve()
             case messages.NodeStream():
                 giving = asyncio.create_task(self._settings.give(message.camera))
                 try:
@@ -249,14 +260,13 @@ class LeaderService:
                 await self._bursts.cancel(burst)
             case orders.EndBurst(burst=number):
                 await self._bursts.end(number)
-                self._bursts.pump.turn()
             case orders.ExposeAppPhones(exposure_ns=exposure_ns, iso=iso):
-                for follower in self._bursts.options.followers:
+                for follower in self._options.followers:
                     follower.expose(exposure_ns, iso)
             case orders.InvitePhone():
                 return await self._nodes().phones.invitation()
             case orders.StopRig():
-                self._bursts.options.news.add("stopped by an operator")
+                self._options.news.add("stopped by an operator")
                 self.stop_wanted.set()
         return orders.Done(names=names)
 
@@ -269,31 +279,38 @@ class LeaderService:
 
     def _taken(self) -> list[str]:
         """Names of nodes that are here, and of other machines; a lost one may come back under its name."""
-        here = [name for name in self._bursts.engine.roster.members if self._is_here(name)]
-        trust = self._bursts.options.trust
+        roster, trust = self._engine.roster, self._options.trust
+        here = [name for name in roster.members if self._is_here(name)]
         own_pin = "" if trust.is_open else trust.identity.pin
-        return here + [name for name, pin in self._bursts.engine.roster.owners.items() if pin != own_pin]
+        return here + [name for name, pin in roster.owners.items() if pin != own_pin]
 
     def _is_here(self, name: str) -> bool:
-        member = self._bursts.engine.roster.members.get(name)
+        member = self._engine.roster.members.get(name)
         return member is not None and not member.lost
 
+    def note_change(self, change: NodeChanged) -> None:
+        """Take in a change of the roster: a node that is being removed may have departed."""
+        departure = self._departures.get(change.name)
+        if departure is not None and not self._is_here(change.name):
+            departure.set()
+
     async def _remove(self, name: str) -> None:
-        members, is_local = (
-            self._bursts.engine.roster.members,
-            self._local is not None and name in self._local.names,
-        )
+        members = self._engine.roster.members
+        is_local = self._local is not None and name in self._local.names
         is_phone = self._is_here(name) and members[name].camera.kind == PHONE
-        if self._local is not None and is_local:
-            await self._local.remove(name)
-        elif is_phone:
-            await self._viewfinders.put_off(name)
         if is_local or is_phone:
-            # It says goodbye as it ends; one that had to be killed is noticed by its silence.
-            for _ in range(FORGET_CHECKS):
-                if not self._is_here(name):
-                    break
-                await asyncio.sleep(FORGET_CHECK_S)
+            departure = self._departures.setdefault(name, asyncio.Event())
+            try:
+                if self._local is not None and is_local:
+                    await self._local.remove(name)
+                else:
+                    await self._viewfinders.put_off(name)
+                if self._is_here(name):
+                    with contextlib.suppress(TimeoutError):
+                        async with asyncio.timeout(DEPARTURE_TIMEOUT_S):
+                            await departure.wait()
+            finally:
+                self._departures.pop(name, None)
             if name not in members:
                 return
         if self._is_here(name):
@@ -302,5 +319,5 @@ class LeaderService:
                 f"{name} runs on {where}, not as a process of the leader's",
                 hint="stop its capture-app node there",
             )
-        self._bursts.engine.forget(name)
-        self._bursts.pump.turn()
+        self._engine.forget(name)
+        self._pump.turn()

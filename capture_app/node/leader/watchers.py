@@ -12,6 +12,7 @@ from capture_app.common.tasks import end
 from capture_app.net.channel import Channel
 from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.leader.readiness import review_rates, rig_advice
 from capture_app.node.leader.snapshots import node_statuses, page_of
 from capture_app.node.leader.viewfinders import Viewfinders
@@ -20,6 +21,7 @@ from capture_app.protocol.news import Log
 from capture_app.protocol.orders import NewsAnswer, PreviewSeen, PreviewsWanted
 from capture_app.protocol.status import Preview, RigStatus
 from capture_app.session.files.disk import free_bytes
+from capture_app.sync.rig.leader import Leader
 from capture_app.sync.timekeeping.rates import HostOffRate, RateVote
 
 LOOK_EVERY_NS = 10_000_000_000
@@ -37,12 +39,15 @@ class RigState:
     def __init__(
         self,
         address: Address,
+        options: LeaderOptions,
+        engine: Leader,
         bursts: ActiveBursts,
         viewfinders: Viewfinders,
         local: LocalNodes | None,
     ) -> None:
         """`address` is where nodes join; `local` are those of this machine, None where it runs none."""
-        self._address, self._bursts, self._viewfinders = address, bursts, viewfinders
+        self._address, self._options, self._engine = address, options, engine
+        self._bursts, self._viewfinders = bursts, viewfinders
         self._local = local
         self._host_rate, self._rates = HostRate(), RateVote()
         self._rates_due_ns: int | None = None
@@ -51,7 +56,7 @@ class RigState:
 
     def status(self, after: str | None = None) -> RigStatus:
         """All of it at this moment; of the nodes a page, those `after` that name, where that is given."""
-        options, engine, bursts = self._bursts.options, self._bursts.engine, self._bursts
+        options, engine, bursts = self._options, self._engine, self._bursts
         now_ns = options.clock.now_ns()
         grid, members = engine.grid, engine.roster.by_name()
         page, further, words = page_of(members, after)
@@ -84,7 +89,7 @@ class RigState:
         if self._rates_due_ns is not None and now_ns < self._rates_due_ns:
             return []
         self._rates_due_ns = now_ns + REVIEW_EVERY_NS
-        members = self._bursts.engine.roster.by_name()
+        members = self._engine.roster.by_name()
         return review_rates(self._rates, members, self._host_rate.slewing_ppm(now_ns))
 
     def _room(self, now_ns: int) -> int | None:
@@ -95,7 +100,7 @@ class RigState:
         if self._free_bytes is None or now_ns - self._looked_ns >= LOOK_EVERY_NS:
             self._looked_ns, self._free_bytes = now_ns, None
             with suppress(DiskError):
-                self._free_bytes = free_bytes(self._bursts.options.sessions)
+                self._free_bytes = free_bytes(self._options.sessions)
         return self._free_bytes
 
 

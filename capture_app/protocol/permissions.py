@@ -1,0 +1,69 @@
+"""Rights of a machine on a stream: the one role that each message requires of its sender."""
+
+from capture_app.common.errors import UnknownMachineError
+from capture_app.protocol import messages, orders, pairing, status
+from capture_app.protocol.message import Message
+from capture_app.trust.known_machines import Role
+from capture_app.trust.trust import Peer
+
+SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
+    # Anyone, paired or not: become known with a code or a pin.
+    None: (pairing.EnrolRequest, pairing.PairingWord, pairing.PairingProof),
+    # A camera: a key for its datagrams, its own streams, reports, images and previews. That it uses only its
+    # own name is checked where it joins and where it opens a stream.
+    Role.CAMERA: (
+        messages.KeyRequest,
+        messages.NodeStream,
+        messages.CameraReport,
+        messages.ImageUpload,
+        messages.SpoolSpace,
+        orders.Vitals,
+        orders.ControlsAnswer,
+        orders.StampKept,
+        status.Preview,
+        status.NodeDetail,
+    ),
+    # A relay: whatever a machine below it may send, on that machine's behalf.
+    Role.RELAY: (pairing.SpeaksFor,),
+    # An operator: see the rig, take bursts, change what runs and how, let further machines in.
+    Role.OPERATOR: (
+        messages.StatusRequest,
+        messages.BurstRequest,
+        orders.WatchRequest,
+        orders.PreviewsWanted,
+        orders.PreviewSeen,
+        orders.DetailRequest,
+        orders.ControlsRequest,
+        orders.KeepStamp,
+        orders.AddCamera,
+        orders.AddSimulated,
+        orders.RemoveCamera,
+        orders.CancelBurst,
+        orders.EndBurst,
+        orders.InvitePhone,
+        orders.ExposeAppPhones,
+        orders.StopRig,
+        pairing.Invite,
+    ),
+}
+"""Messages to a leader or a relay, by the role that a machine must have to send them; None: no role."""
+
+_REQUIRED = {kind: role for role, kinds in SENDERS.items() for kind in kinds}
+
+
+def required_role(message: Message) -> Role | None:
+    """Return the role that a message requires of its sender; None if anyone may send it."""
+    if isinstance(message, messages.KeyRequest) and message.is_relay:
+        return Role.RELAY
+    return _REQUIRED[type(message)]
+
+
+def check_allowed(who: Peer, message: Message) -> None:
+    """Check that a machine may send a message. Raises UnknownMachineError with the command that allows it."""
+    role = required_role(message)
+    if role is not None and not who.may(role):
+        known = "not known here" if who.is_stranger else f"known here as {' and '.join(sorted(who.roles))}"
+        raise UnknownMachineError(
+            f"this machine is {known}, not as {role}",
+            hint=f"on the leader's machine: capture-app trust invite --as {role}",
+        )

@@ -11,7 +11,7 @@ from capture_app.simulation.profiles import PROFILES, SensorProfile
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.frame_grid import FrameGrid
-from capture_app.sync.phase.grid_choice import CameraPhase, GridChoice
+from capture_app.sync.phase.grid_phase_choice import CameraPhase, GridPhaseChoice
 
 S = 1_000_000_000
 PAPERS_SLEEP_NS = S
@@ -170,7 +170,7 @@ def restart_together(
     count from the moment that all cameras know their phase. `starts_known` start latencies were seen before.
     """
     rng = random.Random(seed)
-    grid_choice = GridChoice(FrameGrid(0, profile.period_ns))
+    grid_choice = GridPhaseChoice(FrameGrid(0, profile.period_ns))
     benches = [
         Bench(
             profile,

@@ -18,7 +18,8 @@ from benchmarks.simulated.virtual_rig import Timer, VirtualTime
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.simulation.links import Channel, Link
 from capture_app.sync.engine import Address
-from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
+from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import Relay
 

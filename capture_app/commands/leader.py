@@ -138,7 +138,7 @@ def leader(
     from capture_app.node.leader.options import LeaderOptions
     from capture_app.node.leader.standby import lead_in_turn
     from capture_app.protocol.news import Log
-    from capture_app.sync.rig.leader import RigConfig
+    from capture_app.sync.rig.rig_config import RigConfig
 
     is_apps_grid = android_app and fps is None
     rig = RigConfig(

@@ -15,7 +15,8 @@ from capture_app.interop.app_protocol import TIME_PORT, Method, encode_call
 from capture_app.net.channel import Channel
 from capture_app.phones import wire
 from capture_app.phones.phone import Phone
-from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
+from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.wire.codec import WireError, decode, encode
 from capture_app.trust.keys import LeaderKeys
 from capture_app.trust.known_machines import Role

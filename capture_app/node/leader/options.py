@@ -10,7 +10,7 @@ from capture_app.net.multicast import BeaconSender
 from capture_app.node.burst.resumed_bursts import RETURN_NS
 from capture_app.node.leader.followers import RigFollower
 from capture_app.protocol.news import Log
-from capture_app.sync.rig.leader import RigConfig
+from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.tree.succession import Continued
 from capture_app.trust.trust import Trust
 

@@ -221,7 +221,7 @@ LEAST_BAR_S = 4e-4
 """Where all edges leave less, some contradict each other: they are then trusted less."""
 READOUTS, EXPOSURES = 100, 3
 """How many ways are tried that a camera may read its rows, and expose them."""
-MOST_PPM = 3 * CRYSTAL_PPM
+MAX_DRIFT_PPM = 3 * CRYSTAL_PPM
 
 Pair = tuple[Flash, Flash]
 Range = tuple[float, float]
@@ -260,7 +260,7 @@ def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -
             for flash in others:
                 nearest = min(seen, key=lambda of: abs(of.rough_s - flash.rough_s - offset_s))
                 # Clocks that run apart move flashes far from this one by more.
-                slack_s = near_s + MOST_PPM * 1e-6 * abs(flash.rough_s - other.rough_s)
+                slack_s = near_s + MAX_DRIFT_PPM * 1e-6 * abs(flash.rough_s - other.rough_s)
                 near = abs(nearest.rough_s - flash.rough_s - offset_s) < slack_s
                 if near and nearest.step == flash.step:
                     pairs.append((nearest, flash))
@@ -347,9 +347,9 @@ def _range(edge: Edge, readout_s: Array, tolerance_s: float) -> Array:
 
 def _lines(at: Array, least: Array, most: Array) -> tuple[Range, Range] | tuple[None, None]:
     """The least and most offset (at 0) and rate of lines between `least` and `most` (ways, n) at (n,)."""
-    away = np.abs(at) * MOST_PPM * 1e-6
+    away = np.abs(at) * MAX_DRIFT_PPM * 1e-6
     low, high = (least - away).max(1), (most + away).min(1)
-    slow, fast = np.full(len(least), -MOST_PPM * 1e-6), np.full(len(least), MOST_PPM * 1e-6)
+    slow, fast = np.full(len(least), -MAX_DRIFT_PPM * 1e-6), np.full(len(least), MAX_DRIFT_PPM * 1e-6)
     for i in range(len(at)):
         for j in range(len(at)):
             if at[i] >= at[j]:

@@ -13,6 +13,7 @@ from capture_app.sync.phase.estimator import TIMEOUT_FRAMES, FrameStamp, PhaseEs
 from capture_app.sync.phase.frame_grid import Drift, FrameGrid, Setpoint
 from capture_app.sync.phase.frame_line import PHASE_FRAMES, QUANTIZED_FRAMES
 from capture_app.sync.phase.injection import FrameDurationActuator, InjectionActuator
+from capture_app.sync.phase.period_choice import MAX_DRIFT_PPM
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 
@@ -162,7 +163,6 @@ FRAMES_TO_OUTVOTE, UNALIKE = 5, 4.0
 expected must be no more than so many times the noise off the others."""
 JUDGED_STARTS_FRAMES = 10
 """Once so many frames have come after a start, it shows whether the first one could have been believed."""
-HOPELESS_PPM = 1000.0
 HOLD_NS = {
     PhaseControl.FRAME_DURATION: 0,
     PhaseControl.INJECTION: 2_000_000_000,
@@ -414,7 +414,7 @@ class Aligner:
 
     def _find_problem(self, now: PhaseEstimate, grid: FrameGrid) -> str:
         doubt_ppm = 3e6 * self.phase.period_sigma_ns / self.phase.period_ns
-        if abs(now.drift_ppm) - doubt_ppm > HOPELESS_PPM:
+        if abs(now.drift_ppm) - doubt_ppm > MAX_DRIFT_PPM:
             return (
                 f"this camera runs at {1e9 / now.period_ns:.3f} frames/s and the rig at"
                 f" {1e9 / grid.period_ns:.3f}, too different to align"

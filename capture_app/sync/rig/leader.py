@@ -4,24 +4,22 @@ Time replies are stamped when they leave, and go first.
 """
 
 import random
-from bisect import bisect_left, bisect_right
 from collections import deque
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Iterable
+from dataclasses import dataclass, field
 
 from msgspec import structs
 
-from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.errors import BadInputError
-from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
+from capture_app.common.node_state import NodeState
 from capture_app.sync.engine import Address
-from capture_app.sync.phase.aligner import HOPELESS_PPM
 from capture_app.sync.phase.frame_grid import FrameGrid
-from capture_app.sync.phase.grid_choice import GridChoice
+from capture_app.sync.phase.grid_phase_choice import GridPhaseChoice
 from capture_app.sync.reference_broadcast import Broadcaster
 from capture_app.sync.rig.events import LeaderEvent, NodeChanged
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.orders import BurstOrder, Orders
+from capture_app.sync.rig.rig_config import CurrentConfig, RigConfig
 from capture_app.sync.rig.roster import Member, Roster, camera_phases
 from capture_app.sync.rig.uplink import Uplink
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, FIRST_PACE_NS
@@ -48,7 +46,6 @@ from capture_app.sync.wire.messages import (
     JoinRefusal,
     MemberReports,
     Notice,
-    RigConfigMessage,
     TimeRequest,
     Trigger,
     TriggerAck,
@@ -58,122 +55,8 @@ from capture_app.sync.wire.messages import (
 )
 from capture_app.sync.wire.principal import Principal
 
-SLOWEST_VIDEO_NS = 1_000_000_000
-"""A camera with longer frames lays the grid only where no other is here."""
 FEW_CAMERAS, UPDATE_EVERY_NS = 20, 200_000
 """The grid of more than a few cameras is updated once in so long for each of them, not at each heartbeat."""
-
-
-@dataclass(frozen=True, slots=True, kw_only=True)
-class RigConfig:
-    """How a rig's frames are to be aligned."""
-
-    period_ns: int | None = None
-    """From one frame to the next; None: as most cameras have it."""
-    align_row: float | None = None
-    """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
-    max_delay_ns: int = 0
-    """A burst that is asked for now may be delayed by so much to reach the best predicted alignment."""
-    grid_phase_ns: int | None = None
-    """Instants are so much after whole periods of leader time, and stay so; None: cameras lay the grid."""
-
-
-@dataclass(slots=True)
-class CurrentConfig:
-    """What a leader tells all its clients, as it is at present."""
-
-    leader: int
-    """Its run."""
-    config: RigConfig
-    grid_choice: GridChoice | None = None
-    upstream: UpstreamMap | None = None
-    """A relay's map from its clock to the root's; clients chain it to their estimates."""
-    in_holdover: bool = False
-    """Whether a relay has no leader at present, or that one is in holdover."""
-    continues: UpstreamMap | None = None
-    """From the root's time to that of the leader whose place it took."""
-    grid_is_of_cameras: bool = False
-    """Whether the grid has the period of a camera, or the one asked for, and keeps it."""
-
-    @property
-    def grid(self) -> FrameGrid | None:
-        """The grid of instants that all cameras are moved onto; None before the first client."""
-        return None if self.grid_choice is None else self.grid_choice.grid
-
-    def lay_grid(self, camera: CameraFacts, now_ns: int) -> bool:
-        """Lay the grid at the rate of the first camera; whether it has changed."""
-        is_camera = camera.kind not in WITHOUT_CAMERA
-        if self.grid_choice is not None and (self.grid_is_of_cameras or not is_camera):
-            return False
-        self.grid_is_of_cameras = is_camera or self.config.period_ns is not None
-        period_ns, phase_ns = self.config.period_ns or camera.period_ns, self.config.grid_phase_ns
-        phase_ns = now_ns if phase_ns is None else phase_ns
-        grid = FrameGrid(now_ns - (now_ns - phase_ns) % period_ns, period_ns)
-        if self.grid_choice is not None and grid.period_ns == self.grid_choice.grid.period_ns:
-            return False
-        self.grid_choice = GridChoice(grid)
-        return True
-
-    def is_held(self, camera: CameraFacts) -> bool:
-        """Whether a camera can be held on the present grid."""
-        grid = self.grid
-        return grid is not None and abs(camera.period_ns - grid.period_ns) <= _near_ns(grid.period_ns)
-
-    def follow_cameras(self, cameras: Sequence[Member], now_ns: int) -> bool:
-        """Lay the grid at the rate of most machines, each by most of its cameras; whether it has changed.
-
-        In a rig that asks nobody each camera counts as a machine. Of equals the present one stays; rates of
-        stills, not of video, are for rigs that have nothing else. Without any camera the next one lays it.
-        """
-        grid = self.grid
-        if grid is None or self.config.period_ns is not None or not self.grid_is_of_cameras:
-            return False
-        if not cameras:
-            self.grid_is_of_cameras = False
-            return False
-        machines: dict[str, list[int]] = {}
-        for camera in cameras:
-            machines.setdefault(camera.pin or camera.name, []).append(camera.camera.period_ns)
-        best_ns = _most(grid.period_ns, [_most(grid.period_ns, own) for own in machines.values()])
-        if best_ns == grid.period_ns:
-            return False
-        self.grid_choice = GridChoice(FrameGrid(now_ns, best_ns))
-        return True
-
-    def message(self, pace_ns: int) -> RigConfigMessage:
-        """Return what is told; `pace_ns` is the mean time between two requests that the leader bears."""
-        assert self.grid_choice is not None, "the first hello sets the grid"
-        grid = self.grid_choice.grid
-        return RigConfigMessage(
-            leader=self.leader,
-            anchor_leader_ns=grid.anchor_leader_ns,
-            period_ns=grid.period_ns,
-            align_row=self.config.align_row,
-            meeting_leader_ns=self.grid_choice.meeting_leader_ns,
-            pace_ns=pace_ns,
-            upstream=self.upstream,
-            in_holdover=self.in_holdover,
-            continues=self.continues,
-        )
-
-
-def _most(present_ns: int, periods_ns: Sequence[int]) -> int:
-    """The period near most of these, one of video where any is; the present one where none is better."""
-    ordered = sorted(periods_ns)
-
-    def support(period_ns: int) -> tuple[bool, int]:
-        near_ns = _near_ns(period_ns)
-        held = bisect_right(ordered, period_ns + near_ns) - bisect_left(ordered, period_ns - near_ns)
-        return held > 0 and period_ns <= SLOWEST_VIDEO_NS, held
-
-    best_ns = max(dict.fromkeys(periods_ns), key=support)
-    return best_ns if support(best_ns) > support(present_ns) else present_ns
-
-
-def _near_ns(period_ns: int) -> float:
-    return period_ns * HOPELESS_PPM * 1e-6
-
-
 TOLD_EVERY_NS, TOLD_AGAIN_NS, MOST_TOLD = 5_000_000_000, 600_000_000_000, 256
 """Of each machine that is refused one reason is told in so long, the same one again later."""
 SLOWEST_PACE_NS = 60_000_000_000
@@ -191,7 +74,7 @@ class LeaderConfig:
 
     instance: int
     transfer_port: int
-    rig: RigConfig = RigConfig()
+    rig: RigConfig = field(default_factory=RigConfig)
     exchanges_per_s: float = 20_000.0
     """Time requests that all clients together may send at most; with more clients each of them sends fewer.
     A leader that has too much to do asks for less."""
@@ -222,7 +105,7 @@ class Leader:
         self.config = config
         self.current = CurrentConfig(config.instance, config.rig, continues=config.continues)
         if config.grid is not None:
-            self.current.grid_choice, self.current.grid_is_of_cameras = GridChoice(config.grid), True
+            self.current.grid_choice, self.current.grid_is_of_cameras = GridPhaseChoice(config.grid), True
         self.impostures = 0
         """Messages in the name of another than who sealed them."""
         self._uplink = uplink

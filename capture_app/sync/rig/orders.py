@@ -6,7 +6,8 @@ from dataclasses import dataclass, replace
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.common.errors import BadInputError, NoCameraHereError
 from capture_app.sync.phase.frame_grid import FrameGrid
-from capture_app.sync.phase.grid_choice import MOST_PPM, CameraPhase
+from capture_app.sync.phase.grid_phase_choice import CameraPhase
+from capture_app.sync.phase.period_choice import MAX_DRIFT_PPM
 from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.frame_selection import (
     MAX_BURST_NS,
@@ -30,7 +31,7 @@ def spread_ns(grid: FrameGrid, phases: Sequence[CameraPhase], at_leader_ns: int)
     for phase in phases:
         # A stream that is held by its frames' durations does not drift.
         ppm = 0.0 if phase.phase_control == PhaseControl.FRAME_DURATION else phase.drift_ppm
-        if phase.frame_leader_ns is not None and abs(ppm) < MOST_PPM:
+        if phase.frame_leader_ns is not None and abs(ppm) < MAX_DRIFT_PPM:
             drifted_ns = ppm * 1e-6 * (at_leader_ns - phase.frame_leader_ns)
             errors.append(grid.phase_error(phase.frame_leader_ns) + drifted_ns)
     return max(errors) - min(errors) if errors else 0.0

@@ -11,7 +11,7 @@ from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.names import is_name
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.sync.engine import Address
-from capture_app.sync.phase.grid_choice import WEIGHTS, CameraPhase
+from capture_app.sync.phase.grid_phase_choice import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.wire.messages import (
     MAX_DEPTH,

@@ -12,7 +12,7 @@ import msgspec
 from capture_app.common.node_state import RELAY
 from capture_app.sync.engine import Address
 from capture_app.sync.phase.frame_grid import FrameGrid
-from capture_app.sync.phase.grid_choice import GridChoice
+from capture_app.sync.phase.grid_phase_choice import GridPhaseChoice
 from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import TimeClientEvent
@@ -170,7 +170,7 @@ class Relay:
         grid = FrameGrid(above.anchor_leader_ns, above.period_ns)
         moved = (leader.grid, current.config.align_row) != (grid, above.align_row)
         if current.grid_choice is None or moved:
-            current.grid_choice = GridChoice(grid)
+            current.grid_choice = GridPhaseChoice(grid)
         # Without a parent no stream is restarted: what suits the other cameras is not known.
         current.grid_choice.meeting_leader_ns = above.meeting_leader_ns if number is not None else None
         current.config = replace(current.config, align_row=above.align_row)

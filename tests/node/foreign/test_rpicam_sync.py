@@ -16,7 +16,7 @@ from capture_app.node.leader.options import LeaderOptions
 from capture_app.protocol.news import Log
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_grid import FrameGrid
-from capture_app.sync.rig.leader import RigConfig
+from capture_app.sync.rig.rig_config import RigConfig
 from tests.node.joining import joined
 from tests.waiting import PATIENCE_S, patience
 

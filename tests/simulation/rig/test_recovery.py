@@ -18,7 +18,8 @@ from msgspec import structs
 
 from capture_app.common.node_state import NodeState
 from capture_app.sync.engine import Address
-from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
+from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.rig.time_client import MOST_EVENTS
 from capture_app.sync.timekeeping.timekeeper import OUTSTANDING
 from capture_app.sync.tree.member import TreeMember

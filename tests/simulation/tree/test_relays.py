@@ -9,7 +9,7 @@ from benchmarks.simulated.clock_tree import ROOT
 from capture_app.common.node_state import NodeState
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.events import BurstAnswered, LeaderNews, NodeChanged
-from capture_app.sync.rig.leader import RigConfig
+from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.messages import Hello
 from tests.simulation.rig.rigs import checked_error_ns

@@ -2,7 +2,8 @@
 
 import random
 
-from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
+from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.wire.codec import decode, encode, request_at, request_before_t0
 from capture_app.sync.wire.messages import CLOCK, Hello, Welcome
 

@@ -7,8 +7,9 @@ import pytest
 from capture_app.common.errors import BadInputError
 from capture_app.common.node_state import NodeState
 from capture_app.sync.rig.events import NodeChanged
-from capture_app.sync.rig.leader import Leader, LeaderConfig, RigConfig
+from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.orders import BurstOrder
+from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.rig.roster import FORGET_LOST_NS, MAX_CLIENTS
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import Goodbye, Heartbeat, HeartbeatAck, Hello, Report, Welcome

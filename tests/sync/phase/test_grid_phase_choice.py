@@ -6,10 +6,10 @@ from hypothesis import strategies as st
 
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.sync.phase.frame_grid import FrameGrid
-from capture_app.sync.phase.grid_choice import (
+from capture_app.sync.phase.grid_phase_choice import (
     PATIENCE_NS,
     CameraPhase,
-    GridChoice,
+    GridPhaseChoice,
     WeightedDrift,
     best_shift,
 )
@@ -21,40 +21,40 @@ S = 1_000_000_000
 
 
 @pytest.fixture
-def grid_choice() -> GridChoice:
-    return GridChoice(FrameGrid(0, PERIOD))
+def grid_choice() -> GridPhaseChoice:
+    return GridPhaseChoice(FrameGrid(0, PERIOD))
 
 
 def webcam(name: str, at_ns: int | None, ppm: float = 0.0, control: str = "reset") -> CameraPhase:
     return CameraPhase(name, PhaseControl(control), at_ns, ppm, MS)
 
 
-def test_the_goal_moves_to_most_of_the_cameras_and_to_their_middle(grid_choice: GridChoice) -> None:
+def test_the_goal_moves_to_most_of_the_cameras_and_to_their_middle(grid_choice: GridPhaseChoice) -> None:
     cameras = [webcam("a", 10 * MS), webcam("b", PERIOD + 11 * MS), webcam("c", 25 * MS)]
     assert grid_choice.update(cameras, 0)
     assert grid_choice.grid == FrameGrid(10 * MS + MS // 2, PERIOD)
     assert grid_choice.meeting_leader_ns is not None, "one of them is to be restarted"
 
 
-def test_a_camera_alone_is_never_restarted(grid_choice: GridChoice) -> None:
+def test_a_camera_alone_is_never_restarted(grid_choice: GridPhaseChoice) -> None:
     assert grid_choice.update([webcam("a", 14 * MS)], 0)
     assert grid_choice.grid.anchor_leader_ns == 14 * MS
     assert not grid_choice.update([webcam("a", 14 * MS)], S)
     assert grid_choice.meeting_leader_ns is None
 
 
-def test_a_camera_that_cannot_move_at_all_outweighs_all_others(grid_choice: GridChoice) -> None:
+def test_a_camera_that_cannot_move_at_all_outweighs_all_others(grid_choice: GridPhaseChoice) -> None:
     others = [webcam(str(n), 5 * MS) for n in range(20)]
     grid_choice.update([webcam("fixed", 20 * MS, control="none"), *others], 0)
     assert abs(grid_choice.grid.phase_error(20 * MS)) <= MS
 
 
-def test_cameras_that_inject_do_not_move_the_goal(grid_choice: GridChoice) -> None:
+def test_cameras_that_inject_do_not_move_the_goal(grid_choice: GridPhaseChoice) -> None:
     assert not grid_choice.update([webcam("a", 9 * MS, control="injection")], 0)
     assert grid_choice.grid == FrameGrid(0, PERIOD)
 
 
-def test_nobody_is_restarted_before_all_have_told_their_phase(grid_choice: GridChoice) -> None:
+def test_nobody_is_restarted_before_all_have_told_their_phase(grid_choice: GridPhaseChoice) -> None:
     cameras = [webcam("a", 5 * MS), webcam("b", 20 * MS), webcam("c", None)]
     assert not grid_choice.update(cameras, 0)
     assert grid_choice.meeting_leader_ns is None
@@ -62,7 +62,7 @@ def test_nobody_is_restarted_before_all_have_told_their_phase(grid_choice: GridC
     assert grid_choice.meeting_leader_ns is not None, "but not for ever"
 
 
-def test_cameras_that_will_meet_are_not_restarted(grid_choice: GridChoice) -> None:
+def test_cameras_that_will_meet_are_not_restarted(grid_choice: GridPhaseChoice) -> None:
     cameras = [webcam("a", 0, ppm=100.0), webcam("b", 2500_000, ppm=-100.0)]
     grid_choice.update(cameras, 0)
     assert grid_choice.meeting_leader_ns is not None
@@ -81,7 +81,7 @@ phases = st.tuples(controls, frames_ns, st.floats(), st.integers(1, 2**40))
 def test_whatever_cameras_say_a_goal_comes_of_it(
     said: list[tuple[PhaseControl, int | None, float, int]], now_ns: int
 ) -> None:
-    grid_choice = GridChoice(FrameGrid(0, PERIOD))
+    grid_choice = GridPhaseChoice(FrameGrid(0, PERIOD))
     for again in range(3):
         grid_choice.update([CameraPhase(str(n), *s) for n, s in enumerate(said)], now_ns + again)
         assert grid_choice.grid.period_ns == PERIOD

@@ -10,6 +10,7 @@ from math import ceil
 
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.sync.phase.frame_grid import FrameGrid
+from capture_app.sync.phase.period_choice import MAX_DRIFT_PPM
 
 WEIGHTS = {PhaseControl.NONE: 1000, PhaseControl.RESET: 1}
 """Weight of a camera in the choice of the grid, by its phase control; others can move to any grid."""
@@ -21,8 +22,6 @@ AHEAD_S = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 1
 """Meeting instants that are compared, from now; further ahead, crystals wander."""
 EARLY_COST = 0.1
 """Cost of meeting before all restarts are done, as a share of the time between: some will drift away."""
-MOST_PPM = 1000.0
-"""Cameras that drift faster than this do not count: they suit no grid for long."""
 MOST_OUTSIDE = 100
 """More cameras outside their tolerance than this make no difference."""
 PATIENCE_NS = 3_000_000_000
@@ -92,7 +91,7 @@ def best_shift(drifts: Sequence[WeightedDrift], ahead_ns: float, period_ns: int)
     return round((shift + period_ns / 2) % period_ns - period_ns / 2), best
 
 
-class GridChoice:
+class GridPhaseChoice:
     """The rig's grid, moved to suit the cameras that can only be restarted, and when they are to meet it."""
 
     def __init__(self, grid: FrameGrid) -> None:
@@ -176,7 +175,7 @@ class GridChoice:
         weight = WEIGHTS.get(camera.phase_control)
         if weight is None or camera.frame_leader_ns is None:
             return None
-        if not abs(camera.drift_ppm) < MOST_PPM:
+        if not abs(camera.drift_ppm) < MAX_DRIFT_PPM:
             return None
         drift = camera.drift_ppm * 1e-6
         since_ns = now_leader_ns - camera.frame_leader_ns

@@ -1,0 +1,42 @@
+"""Choice of a rig's frame period: that of most machines, each represented by most of its own cameras.
+
+One machine has one vote, so that a host with many cameras, or a faulty one, does not decide for the others.
+Periods that one rig can hold count as equal; a period of video is preferred to one of stills.
+"""
+
+from bisect import bisect_left, bisect_right
+from collections.abc import Iterable, Sequence
+
+MAX_DRIFT_PPM = 1000.0
+"""Largest drift of a camera against the grid at which its frames can still be held on it."""
+MAX_VIDEO_PERIOD_NS = 1_000_000_000
+"""A camera with a longer period takes stills, and decides only if no other camera is here."""
+
+
+def choose_period(present_ns: int, machines: Iterable[Sequence[int]]) -> int:
+    """Return the period in ns for a rig, from those of each machine's cameras; of equals the present one."""
+    return _most_common(present_ns, [_most_common(present_ns, periods_ns) for periods_ns in machines])
+
+
+def can_hold(period_ns: int, grid_period_ns: int) -> bool:
+    """Whether a camera with a period can be held on a grid with another one."""
+    return abs(period_ns - grid_period_ns) <= _tolerance_ns(grid_period_ns)
+
+
+def _most_common(present_ns: int, periods_ns: Sequence[int]) -> int:
+    ordered = sorted(periods_ns)
+
+    def support(period_ns: int) -> tuple[bool, int]:
+        tolerance_ns = _tolerance_ns(period_ns)
+        first, end = (
+            bisect_left(ordered, period_ns - tolerance_ns),
+            bisect_right(ordered, period_ns + tolerance_ns),
+        )
+        return end > first and period_ns <= MAX_VIDEO_PERIOD_NS, end - first
+
+    best_ns = max(dict.fromkeys(periods_ns), key=support)
+    return best_ns if support(best_ns) > support(present_ns) else present_ns
+
+
+def _tolerance_ns(period_ns: int) -> float:
+    return period_ns * MAX_DRIFT_PPM * 1e-6

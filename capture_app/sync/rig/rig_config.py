@@ -1,0 +1,104 @@
+"""Configuration of a rig: what its leader was asked for, and what it sends its clients at present."""
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+from capture_app.common.camera_facts import CameraFacts
+from capture_app.common.node_state import WITHOUT_CAMERA
+from capture_app.sync.phase.frame_grid import FrameGrid
+from capture_app.sync.phase.grid_phase_choice import GridPhaseChoice
+from capture_app.sync.phase.period_choice import can_hold, choose_period
+from capture_app.sync.rig.roster import Member
+from capture_app.sync.wire.messages import RigConfigMessage, UpstreamMap
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RigConfig:
+    """How a rig's frames are to be aligned."""
+
+    period_ns: int | None = None
+    """From one frame to the next; None: as most cameras have it."""
+    align_row: float | None = None
+    """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
+    max_delay_ns: int = 0
+    """A burst that is asked for now may be delayed by so much to reach the best predicted alignment."""
+    grid_phase_ns: int | None = None
+    """Instants are so much after whole periods of leader time, and stay so; None: cameras lay the grid."""
+
+
+@dataclass(slots=True)
+class CurrentConfig:
+    """What a leader tells all its clients, as it is at present."""
+
+    leader: int
+    """Its run."""
+    config: RigConfig
+    grid_choice: GridPhaseChoice | None = None
+    upstream: UpstreamMap | None = None
+    """A relay's map from its clock to the root's; clients chain it to their estimates."""
+    in_holdover: bool = False
+    """Whether a relay has no leader at present, or that one is in holdover."""
+    continues: UpstreamMap | None = None
+    """From the root's time to that of the leader whose place it took."""
+    grid_is_of_cameras: bool = False
+    """Whether the grid has the period of a camera, or the one asked for, and keeps it."""
+
+    @property
+    def grid(self) -> FrameGrid | None:
+        """The grid of instants that all cameras are moved onto; None before the first client."""
+        return None if self.grid_choice is None else self.grid_choice.grid
+
+    def lay_grid(self, camera: CameraFacts, now_ns: int) -> bool:
+        """Lay the grid at the rate of the first camera; whether it has changed."""
+        is_camera = camera.kind not in WITHOUT_CAMERA
+        if self.grid_choice is not None and (self.grid_is_of_cameras or not is_camera):
+            return False
+        self.grid_is_of_cameras = is_camera or self.config.period_ns is not None
+        period_ns, phase_ns = self.config.period_ns or camera.period_ns, self.config.grid_phase_ns
+        phase_ns = now_ns if phase_ns is None else phase_ns
+        grid = FrameGrid(now_ns - (now_ns - phase_ns) % period_ns, period_ns)
+        if self.grid_choice is not None and grid.period_ns == self.grid_choice.grid.period_ns:
+            return False
+        self.grid_choice = GridPhaseChoice(grid)
+        return True
+
+    def is_held(self, camera: CameraFacts) -> bool:
+        """Whether a camera can be held on the present grid."""
+        grid = self.grid
+        return grid is not None and can_hold(camera.period_ns, grid.period_ns)
+
+    def follow_cameras(self, cameras: Sequence[Member], now_ns: int) -> bool:
+        """Lay the grid again if another period suits these cameras better; return whether it has changed.
+
+        On an open rig each camera counts as a machine. Without any camera the next one lays the grid.
+        """
+        grid = self.grid
+        if grid is None or self.config.period_ns is not None or not self.grid_is_of_cameras:
+            return False
+        if not cameras:
+            self.grid_is_of_cameras = False
+            return False
+        machines: dict[str, list[int]] = {}
+        for camera in cameras:
+            machines.setdefault(camera.pin or camera.name, []).append(camera.camera.period_ns)
+        best_ns = choose_period(grid.period_ns, machines.values())
+        if best_ns == grid.period_ns:
+            return False
+        self.grid_choice = GridPhaseChoice(FrameGrid(now_ns, best_ns))
+        return True
+
+    def message(self, pace_ns: int) -> RigConfigMessage:
+        """Return what is told; `pace_ns` is the mean time between two requests that the leader bears."""
+        assert self.grid_choice is not None, "the first hello sets the grid"
+        grid = self.grid_choice.grid
+        return RigConfigMessage(
+            leader=self.leader,
+            anchor_leader_ns=grid.anchor_leader_ns,
+            period_ns=grid.period_ns,
+            align_row=self.config.align_row,
+            meeting_leader_ns=self.grid_choice.meeting_leader_ns,
+            pace_ns=pace_ns,
+            upstream=self.upstream,
+            in_holdover=self.in_holdover,
+            continues=self.continues,
+        )

@@ -1,1 +1,1 @@
-"""The subcommands of `capture-app`, one module each; every one imports what it needs when it runs."""
+"""The subcommands of `capture-app`, one module each; each imports what it needs when it runs."""

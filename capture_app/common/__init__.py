@@ -1,1 +1,1 @@
-"""What every room may use: errors, names, text, clocks, addresses, facts of cameras and states of nodes."""
+"""Basics for every room: errors, names, text, clocks, addresses, camera facts and node states."""

@@ -1,1 +1,1 @@
-"""Reading and writing on a terminal: output, progress, errors and help of commands."""
+"""Terminal input and output of commands: help, options, progress, errors, JSON."""

@@ -1,1 +1,1 @@
-"""What other programs of the field speak: phones with libsoftwaresync or RecSync, and rpicam-apps."""
+"""Protocols of other programs: phones with libsoftwaresync or RecSync, and rpicam-apps."""

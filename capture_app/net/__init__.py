@@ -1,1 +1,1 @@
-"""The pump between the engine and the network: datagrams for time and triggers, streams for images."""
+"""Network transport: datagrams for time and triggers, streams for images, discovery of leaders."""

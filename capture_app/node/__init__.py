@@ -1,4 +1,1 @@
-"""Nodes as processes: a leader, a camera, a relay, built of engine, network, driver and sessions.
-
-From the ground up: `wire`, `burst`, `leader` and `camera`, `relay`.
-"""
+"""The processes of a rig: a leader, a camera node and a relay, each a sync engine on a network and a disk."""

@@ -1,5 +1,1 @@
-"""A panel that shows the time to cameras: what is lit when, where it is, and its time read off pictures.
-
-One description (`Panel`) serves whoever draws the panel and whoever reads it. Imports `session` and what lies
-below it.
-"""
+"""LED and screen panels that display the time: their pattern, detection, and time as read from images."""

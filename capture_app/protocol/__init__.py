@@ -1,1 +1,1 @@
-"""Messages between operators, leaders and nodes over streams: status, orders, pairing, transfer, events."""
+"""Messages between operators, leaders and nodes over streams, and the role that each requires."""

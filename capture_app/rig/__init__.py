@@ -1,1 +1,1 @@
-"""The way to a running rig: connect to it or start it, watch it, take bursts and recordings, operate it."""
+"""Access to a running rig: start it or connect to it, watch it, take bursts and recordings, operate it."""

@@ -1,1 +1,1 @@
-"""Sensors, links and rigs in virtual time, made of `devices` and `network`; `rendering` films `scenes`."""
+"""Simulated cameras, sensors and network links, with rendered images."""

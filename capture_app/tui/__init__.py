@@ -1,1 +1,1 @@
-"""The terminal UI: renders status snapshots and posts what the user asked for."""
+"""The terminal UI: displays a rig's status and sends the user's orders."""

@@ -1,4 +1,1 @@
-"""The command `batch`: many sessions and instants as independent units, in processes or on SLURM.
-
-Imports `multiview`, `report`, `calibration`, `session` and `common`.
-"""
+"""Many sessions and instants as independent work units, on this machine or a cluster."""

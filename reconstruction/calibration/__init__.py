@@ -1,4 +1,1 @@
-"""The command `calibrate`, the rig and its calibration: from a board, from motion or from a file.
-
-Imports `session`, `pairs` and `common`.
-"""
+"""Calibration of a rig from a board, from motion or from a file."""

@@ -1,1 +1,1 @@
-"""The commands of `reconstruct`, one module each."""
+"""The subcommands of `reconstruct`, one module each."""

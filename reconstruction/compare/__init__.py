@@ -1,4 +1,1 @@
-"""The commands `compare` and `tolerance`: the same work on synchronized and on offset frames, side by side.
-
-Runs the other commands' wings as studies; nothing imports it but the command line.
-"""
+"""Comparison of synchronized with offset frames: the same studies under both conditions."""

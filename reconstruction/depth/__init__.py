@@ -1,4 +1,1 @@
-"""Depth from many views: plane sweep, PatchMatch, consistency, fusion, mesh.
-
-Arrays in, arrays out: imports `common` alone.
-"""
+"""Depth from many views: plane sweep, consistency check, fusion, mesh. Arrays in, arrays out."""

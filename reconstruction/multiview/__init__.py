@@ -1,4 +1,1 @@
-"""The command `multiview`: depth, cloud and mesh of an instant from all cameras, and its scores.
-
-Imports `depth`, `scores`, `calibration`, `session` and `common`.
-"""
+"""Depth maps, point cloud and mesh of an instant from all cameras."""

@@ -1,4 +1,1 @@
-"""The command `panorama` and the one engine of panoramas, that of comparisons too.
-
-Imports `pairs`, `scores`, `session` and `common`.
-"""
+"""Panoramas of one instant, stitched from all cameras."""

@@ -1,4 +1,1 @@
-"""The reports of `compare` and `tolerance`: one HTML page each, made from templates, and its words.
-
-Renders `scores`; computes nothing.
-"""
+"""Reports of comparisons: one HTML page each, from templates."""

@@ -1,4 +1,1 @@
-"""What is measured on a result, with its uncertainty, and the structure of `metrics.json`.
-
-Imports `session` and `common`.
-"""
+"""Measures of a result, with their uncertainty."""

@@ -1,4 +1,1 @@
-"""A session for reconstruction: its images, instants, offset conditions and movers.
-
-Imports `common`; the only wing that opens sessions.
-"""
+"""A session for reconstruction: its images, instants, conditions and moving regions."""

@@ -1,4 +1,1 @@
-"""The command `stereo`: depth from a pair by rectification and semi-global matching.
-
-Imports `scores`, `calibration`, `pairs`, `session` and `common`.
-"""
+"""Depth from a stereo pair by rectification and semi-global matching."""

@@ -1,4 +1,1 @@
-"""How late one camera's pictures are against another's, measured from what moves in them.
-
-Imports `session`, `calibration`, `pairs` and `common`.
-"""
+"""Time offsets between cameras, measured from motion in their images."""

@@ -1,1 +1,1 @@
-"""GigE Vision and USB3 Vision cameras, by the system's aravis library."""
+"""GigE Vision and USB3 Vision cameras through the system's aravis library."""

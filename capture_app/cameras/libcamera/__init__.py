@@ -1,1 +1,1 @@
-"""Cameras of libcamera, those of the Raspberry Pi first, by the system's own Python bindings."""
+"""Cameras of libcamera, such as the Raspberry Pi's, through the system's Python bindings."""

@@ -1,1 +1,1 @@
-"""Replay: a session or a video as a live camera."""
+"""Recordings, sessions or videos, replayed as live cameras."""

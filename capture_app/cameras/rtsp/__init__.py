@@ -1,1 +1,1 @@
-"""IP cameras by RTSP: the connection, its packets, the sender's clock, and the camera of them."""
+"""IP cameras over RTSP: connection, RTP packets, the sender's clock, and the camera itself."""

@@ -1,1 +1,1 @@
-"""The driver of USB webcams and other Video4Linux2 cameras."""
+"""USB webcams and other Video4Linux2 cameras."""

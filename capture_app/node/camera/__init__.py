@@ -1,4 +1,1 @@
-"""The process with one camera: driver, engine, spool and upload.
-
-Imports `wire`; a sibling of `leader`, which it only meets over the network.
-"""
+"""The process that runs one camera: driver, engine, spool and upload."""

@@ -1,4 +1,1 @@
-"""How the times of cameras that were never synchronized go together, measured from their recordings.
-
-Imports `format`; opens recordings, and writes nothing.
-"""
+"""Alignment of unsynchronized recordings: offsets and rates from sound, flashes and camera metadata."""

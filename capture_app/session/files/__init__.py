@@ -1,4 +1,1 @@
-"""Files that survive a power cut: durable writes, locks, output folders, full disks.
-
-The ground of `session`: imports no other wing.
-"""
+"""Files that survive a power cut: durable writes, locks, output folders, free space."""

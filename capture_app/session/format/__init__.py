@@ -1,4 +1,1 @@
-"""What a session's files mean: manifest, plan, journal, calibration, ground truth, and their checks.
-
-Imports `files`; reads and writes no folder by itself.
-"""
+"""Contents of a session's files: manifest, burst plan, journal, calibration, ground truth."""

@@ -1,4 +1,1 @@
-"""Reading a session: opening, verifying and summarizing it, without changing it.
-
-Imports `format` and `files`.
-"""
+"""Open, verify and summarize a session without changing it."""

@@ -1,4 +1,1 @@
-"""Writing a session image by image, completing it, and recovering it after a crash.
-
-Imports `reading`, `format` and `files`.
-"""
+"""Write a session image by image, complete it, and recover it after a crash."""

@@ -1,1 +1,1 @@
-"""From a scene to the picture a rolling-shutter camera takes of it; imports `scenes` and `devices`."""
+"""Images of a scene as a rolling-shutter camera sees them."""

@@ -1,1 +1,1 @@
-"""From time messages to a time map: arithmetic that imports nothing but the standard library."""
+"""Clock filter: from time messages to a time map between two clocks."""

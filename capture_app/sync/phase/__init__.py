@@ -1,4 +1,1 @@
-"""One camera's frames brought into phase: shared grid, aligner, actuators.
-
-Imports `clock`, `stamps` and `wire` (camera commands); knows one camera and no other node.
-"""
+"""Phase alignment of one camera's stream with the frame grid of the rig."""

@@ -1,4 +1,1 @@
-"""A node keeps its leader's time: when it asks, what it makes of the answers, and whether that will do.
-
-Imports `clock`, `phase` (the leader's grid), `reference_broadcast` and `wire`; knows no members.
-"""
+"""Timekeeping of a client: when to send time requests, and how good the clock is."""

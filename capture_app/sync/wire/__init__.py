@@ -1,4 +1,1 @@
-"""What nodes send each other and tell their cameras: messages, beacons, camera commands.
-
-Imports `clock` only, whose time maps travel in messages.
-"""
+"""Messages between nodes over datagrams, and their encoding."""

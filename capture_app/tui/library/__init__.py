@@ -1,4 +1,1 @@
-"""The mode Sessions: what is on disk, looked at, named, sent on to commands and to other programs.
-
-May import `jobs` and `widgets` beside the files of `tui` itself, and no other mode.
-"""
+"""The mode Sessions: browse, rename, export and process what is on disk."""

@@ -1,1 +1,1 @@
-"""What modes share: lines, plots, pictures, contact sheets."""
+"""Widgets that modes share: lines, plots, images, contact sheets."""

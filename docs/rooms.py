@@ -89,7 +89,7 @@ def picture() -> str:
             width = (COLUMN_PX - GAP_PX * (len(row) - 1)) / len(row)
             for place, room in enumerate(row):
                 x, y = left + place * (width + GAP_PX), TOP_PX + at * (ROW_PX + GAP_PX)
-                name, what = room.partition(".")[2], escape(words.get(room, ""))
+                name, what = room.partition(".")[2], escape(words.get(room, "").replace("`", ""))
                 size = min(11.0, 1.75 * width / max(1, len(what)))
                 boxes.append(
                     f'<rect x="{x:.0f}" y="{y}" width="{width:.0f}" height="{ROW_PX}" rx="6" fill="#eef3fb" '

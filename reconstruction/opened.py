@@ -13,7 +13,7 @@ from typing import Any, Generic, TypeVar
 import numpy as np
 
 from capture_app.console.usage import Verbosity, set_verbosity, verbosity
-from capture_app.session.exporters.common.point_cloud import PointCloud, read_ply
+from capture_app.session.exporting.point_cloud import PointCloud, read_ply
 from capture_app.session.files.strangers import read_arrays
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.opened import OpenSession

@@ -13,8 +13,8 @@ from benchmarks.reconstruction.rendered_street import rendered_street
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
-from capture_app.session.importers.import_options import ImportOptions
-from capture_app.session.importers.recording import import_recording
+from capture_app.session.importing.import_options import ImportOptions
+from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from reconstruction.common.geometry import Array, View

@@ -7,7 +7,7 @@
 
 import subprocess
 import sys
-from itertools import chain
+from itertools import chain, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -18,15 +18,36 @@ from capture_app.commands.session_text import session_lines
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import name_like
 from capture_app.common.optional_packages import RECONSTRUCTION
+from capture_app.common.plugins import plugin_names
 from capture_app.common.text import count
 from capture_app.console.terminal import FiniteRange, answer, json_option, show_count, talk
 from capture_app.console.usage import examples
-from capture_app.session.exchange import FORMATS
+from capture_app.session.exporting.exporter import (
+    GROUP,
+    Exporter,
+    Option,
+    load_exporter,
+    load_exporters,
+    own_options,
+)
 from capture_app.session.reading.reader import Session
+
+
+class _ImportCommand(click.Command):
+    """A command whose help lists the importers."""
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write what is recognized, then the examples."""
+        from capture_app.session.importing.importer import load_importers
+
+        with formatter.section("Recognized"):
+            formatter.write_dl([(one.program, one.help) for one in load_importers()])
+        super().format_epilog(ctx, formatter)
 
 
 @click.command(
     "import",
+    cls=_ImportCommand,
     epilog=examples(
         "capture-app sessions import footage",
         "capture-app sessions import left=left.mp4 right=right.mp4 --name walk",
@@ -91,9 +112,7 @@ from capture_app.session.reading.reader import Session
     "--calibration",
     metavar="[NAME=]PATH",
     multiple=True,
-    help="Calibration: calibration.json of a session; OpenCV .npz/.yml/.xml of a camera or a pair or a "
-    "folder of these; Caliscope or Anipose .toml; Qualisys .qca.txt; EasyMocap, COLMAP or OpenCap folder; "
-    "rig_config.json; transforms.json.",
+    help="Calibration of all cameras or of NAME: a file or folder as listed below.",
 )
 @click.option(
     "--unit",
@@ -112,7 +131,7 @@ from capture_app.session.reading.reader import Session
 @click.option(
     "--recording",
     metavar="NAME",
-    help="Which of several recordings in the folder: Caliscope's by name, OpenCap's trial, RecSync's time.",
+    help="Which of several recordings in the folder, by its name.",
 )
 @click.option("--png", is_flag=True, help="Save video frames as PNG instead of JPEG.")
 @click.option("--name", show_default="that of the recording's folder", help="Name of the session.")
@@ -131,14 +150,13 @@ def import_command(
 
     In a folder of videos it finds which were taken together, a session each, and a calibration beside them;
     videos are aligned by all they have. It ends with what the session is good for, and the next line to type.
-    A camera is a folder of images, which are copied unchanged, a video file, or a folder written by
-    libsoftwaresync, RecSync or RecSyncNG on a phone. Folders of Caliscope, FreeMoCap and OpenCap are
-    recognized, with their times and calibration. So are .mcap files, bags of ROS, and what `sessions export`
-    made for COLMAP, nerfstudio, Pose2Sim and others, which becomes the session again that it was made of.
+    A camera is a folder of images, which are copied unchanged, a video file, or what one of the programs
+    below recorded with it. Their folders are recognized, with their times and calibration; what `sessions
+    export` made becomes the session again that it was made of.
     """
-    from capture_app.session.importers.import_options import ImportOptions
-    from capture_app.session.importers.open_sources import split_name
-    from capture_app.session.importers.recording import import_found
+    from capture_app.session.importing.import_options import ImportOptions
+    from capture_app.session.importing.importer import split_name
+    from capture_app.session.importing.recording import import_found
 
     keep_from_strangers()
     if name is None:
@@ -216,65 +234,91 @@ def _parse_time_shifts(texts: tuple[str, ...]) -> dict[str, float]:
     return found
 
 
-_FORMATS = "\b\n" + "\n".join(f"{name:<11} {what}" for name, what in FORMATS.items())
+_KINDS: dict[type[Any], dict[str, Any]] = {
+    bool: {"is_flag": True},
+    int: {"type": click.IntRange(min=0)},
+    float: {"type": FiniteRange(min=0, min_open=True)},
+    Path: {"type": ANY_PATH},
+}
+"""How an exporter's option is typed, by the type of its value."""
+_LOADED = f"{__name__}.loaded"
+
+
+class _ExportCommand(click.Command):
+    """A command with the options of the named format; of all formats for its help and for mistakes."""
+
+    def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
+        """Load the exporter that is named, and all others only where an option is not one of its own."""
+        words = [word for arg in args for word in (arg.split("=", 1) if arg.startswith("--to=") else [arg])]
+        named = [name for option, name in pairwise(words) if option == "--to"]
+        if len(named) != 1 or named[0] not in plugin_names(GROUP) or {"-h", "--help"} & set(args):
+            return super().parse_args(ctx, args)
+        ctx.meta[_LOADED] = {named[0]: load_exporter(named[0])}
+        try:
+            return super().parse_args(ctx, list(args))
+        except click.NoSuchOption:
+            del ctx.meta[_LOADED]
+            return super().parse_args(ctx, args)
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """See `click.Command`; the options of the formats stand behind those of all."""
+        to = click.Option(
+            ["--to", "name"], type=click.Choice(plugin_names(GROUP)), required=True, help="Format: see below."
+        )
+        stated: dict[str, tuple[type[Any], Option]] = {}
+        formats: dict[str, list[str]] = {}
+        for name, exporter in self._exporters(ctx).items():
+            for option, kind in own_options(exporter).items():
+                stated.setdefault(option, kind)
+                formats.setdefault(option, []).append(name)
+        own = [
+            click.Option(
+                [f"--{name.replace('_', '-')}"],
+                metavar=option.metavar or None,
+                help=f"For {', '.join(formats[name])}: {option.help}.",
+                **_KINDS.get(kind, {}),
+            )
+            for name, (kind, option) in stated.items()
+        ]
+        session, *general = super().get_params(ctx)
+        at = next(place for place, one in enumerate(general) if one.name == "as_json")
+        return [session, to, *general[:at], *own, *general[at:]]
+
+    def format_epilog(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write the formats, then the examples."""
+        with formatter.section("Formats"):
+            formatter.write_dl([(name, one.help) for name, one in self._exporters(ctx).items()])
+        super().format_epilog(ctx, formatter)
+
+    def _exporters(self, ctx: click.Context) -> dict[str, Exporter]:
+        if _LOADED not in ctx.meta:
+            ctx.meta[_LOADED] = load_exporters()
+        loaded: dict[str, Exporter] = ctx.meta[_LOADED]
+        return loaded
 
 
 @click.command(
     "export",
-    epilog=examples("capture-app sessions export sessions/burst-001 --to mp4 --out videos", after=_FORMATS),
+    cls=_ExportCommand,
+    epilog=examples("capture-app sessions export sessions/burst-001 --to mp4 --out videos"),
 )
 @click.argument("session", type=ANY_PATH)
-@click.option("--to", "name", type=click.Choice(list(FORMATS)), required=True, help="Format: see below.")
 @click.option("--out", type=ANY_PATH, metavar="DIR", required=True, help="New or empty folder to write.")
 @click.option(
-    "--hard-link", is_flag=True, help="Hard-link image files where possible instead of copying them."
+    "--hard-link", "link", is_flag=True, help="Hard-link image files where possible instead of copying them."
 )
 @click.option("--lossless", is_flag=True, help="Videos and redrawn pictures without loss: far larger.")
-@click.option(
-    "--instant",
-    type=click.IntRange(min=0),
-    metavar="N",
-    help="For colmap, nerfstudio, easyvolcap: one instant only, counted from 0.",
-)
-@click.option(
-    "--points",
-    type=ANY_PATH,
-    metavar="PLY",
-    help="For colmap, nerfstudio, n3dv: points to start from, as reconstruct multiview makes.",
-)
-@click.option(
-    "--masks",
-    type=ANY_PATH,
-    metavar="DIR",
-    help="For colmap, nerfstudio, easyvolcap: masks of what moves, as reconstruct movers makes.",
-)
-@click.option("--ros", is_flag=True, default=None, help="For mcap: a bag of ROS 2, for ros2 bag play.")
-@click.option(
-    "--whole",
-    is_flag=True,
-    help="For n3dv: whole pictures with black around them, not cut to what fills all films.",
-)
-@click.option(
-    "--near",
-    type=FiniteRange(min=0, min_open=True),
-    metavar="DEPTH",
-    help="For n3dv: smallest depth, in the calibration's unit.",
-)
-@click.option(
-    "--far", type=FiniteRange(min=0, min_open=True), metavar="DEPTH", help="For n3dv: largest depth."
-)
 @json_option
-def export(session: Path, name: str, out: Path, hard_link: bool, as_json: bool, **chosen: Any) -> None:
+def export(session: Path, name: str, out: Path, as_json: bool, **chosen: Any) -> None:
     """Convert SESSION to the format of another program.
 
     docs/exports.md describes how each format stores the times and what happens to missing images.
     """
-    from capture_app.session.exporters.common.exported_burst import ExportOptions
-    from capture_app.session.exporters.export_session import export_session
+    from capture_app.session.exporting.export_session import export_session
 
     keep_from_strangers()
-    options = ExportOptions(link=hard_link, **chosen)
-    report = export_session(Session.open(session), name, out, options, show_count("images"))
+    given = {option: value for option, value in chosen.items() if value is not None and value is not False}
+    report = export_session(Session.open(session), name, out, show_count("images"), **given)
     answer(as_json, report, [report.folder])
     for note in report.notes:
         talk(note)

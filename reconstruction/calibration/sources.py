@@ -13,7 +13,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.console.terminal import talk
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import MANIFEST
-from capture_app.session.importers.calibrations.reading import fit_calibration, read_views
+from capture_app.session.importing.calibrations import fit_calibration, read_views
 from reconstruction.calibration.boards import (
     calibrate_from_board,
     count_coverage,

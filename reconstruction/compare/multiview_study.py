@@ -10,7 +10,7 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.console.terminal import Progress
-from capture_app.session.exporters.common.point_cloud import PointCloud, write_ply
+from capture_app.session.exporting.point_cloud import PointCloud, write_ply
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.drawing import colour_depth, display_range, mark_movers
 from reconstruction.common.geometry import Array, View

@@ -4,7 +4,7 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.session.exporters.common.point_cloud import PointCloud, write_ply
+from capture_app.session.exporting.point_cloud import PointCloud, write_ply
 from reconstruction.common.geometry import Array
 from reconstruction.depth.colmap import read_fused_cloud
 from reconstruction.multiview.input_images import InputImage, find_movers

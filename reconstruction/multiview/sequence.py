@@ -22,9 +22,9 @@ from capture_app.common.errors import BadInputError, DiskFullError, TryAgainErro
 from capture_app.common.optional_packages import load_optional, require_reconstruction
 from capture_app.common.text import pretty_json
 from capture_app.console.terminal import Progress
-from capture_app.session.exporters.common.files import mask_path
-from capture_app.session.exporters.common.point_cloud import read_ply
-from capture_app.session.exporters.rrd import log_cameras, set_times
+from capture_app.session.exporting.files import mask_path
+from capture_app.session.exporting.point_cloud import read_ply
+from capture_app.session.exporting.rerun_stream import log_cameras, set_times
 from capture_app.session.files.disk import is_full
 from capture_app.session.files.durable import PART, sync_folder, write_atomic
 from capture_app.session.files.locks import lock_file

@@ -8,7 +8,7 @@ import cv2
 import numpy as np
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.exporters.common.point_cloud import read_ply
+from capture_app.session.exporting.point_cloud import read_ply
 from reconstruction.common.geometry import Array
 from reconstruction.scores.study_result import InstantClouds
 

@@ -9,7 +9,7 @@ from msgspec import Struct
 from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.console.terminal import Progress
 from capture_app.session.format.common_times import REFERENCE, CameraTimes
-from capture_app.session.importers.realigning import realign_session
+from capture_app.session.importing.realigning import realign_session
 from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.rig import Rig
 from reconstruction.session.dataset import Dataset

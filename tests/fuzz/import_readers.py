@@ -8,14 +8,14 @@ import msgspec
 
 from capture_app.common.errors import SimulshotError
 from capture_app.session.alignment.gopro import parse_payload, read_gps_clock
-from capture_app.session.exporters.export_session import export_session
+from capture_app.session.exporting.export_session import export_session
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
-from capture_app.session.importers.calibrations.reading import read_views
-from capture_app.session.importers.import_options import ImportOptions
-from capture_app.session.importers.open_sources import open_sources
-from capture_app.session.importers.rate_or_table import timeline_by_table
-from capture_app.session.importers.recording import import_recording
+from capture_app.session.importing.calibrations import read_views
+from capture_app.session.importing.import_options import ImportOptions
+from capture_app.session.importing.importer import open_sources
+from capture_app.session.importing.rate_or_table import timeline_by_table
+from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.file_headers import read_exif, size_of
 from capture_app.session.reading.reader import Session

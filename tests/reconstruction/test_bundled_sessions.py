@@ -6,7 +6,7 @@ from typing import Any
 
 import pytest
 
-from capture_app.session.exporters.common.point_cloud import read_ply
+from capture_app.session.exporting.point_cloud import read_ply
 from reconstruction.cli import run
 from tests.reconstruction.found import study, values
 

@@ -12,7 +12,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.exporters.common.point_cloud import read_ply
+from capture_app.session.exporting.point_cloud import read_ply
 from capture_app.session.reading.reader import Session
 from tests.reconstruction.conftest import Reconstruct, Scene, make_view, write_session
 

@@ -17,8 +17,8 @@ import pytest
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode, SimulshotError
 from capture_app.session.format.manifest import CALIBRATION, JOURNAL, MANIFEST
-from capture_app.session.importers.import_options import ImportOptions
-from capture_app.session.importers.recording import import_recording
+from capture_app.session.importing.import_options import ImportOptions
+from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.checksums import CHECKSUMS
 from capture_app.session.reading.decoding import image_size
 from capture_app.session.reading.reader import Session

@@ -9,8 +9,7 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
-from capture_app.session.exporters.common.exported_burst import ExportOptions
-from capture_app.session.exporters.export_session import export_session
+from capture_app.session.exporting.export_session import export_session
 from capture_app.session.library.changes import set_note
 from capture_app.session.library.listing import read_card
 from capture_app.session.reading.reader import Session
@@ -61,7 +60,7 @@ def test_a_recordings_manifest_stays_small_and_keeps_its_note(recording: Session
 def test_a_recording_is_exported_frame_by_frame(recording: Session, tmp_path: Path) -> None:
     export_session(recording, "mp4", tmp_path / "mp4")
     assert sorted(path.suffix for path in (tmp_path / "mp4").rglob("*.mp4")) == [".mp4", ".mp4"]
-    export_session(recording, "colmap", tmp_path / "colmap", ExportOptions(link=True))
+    export_session(recording, "colmap", tmp_path / "colmap", link=True)
     for image in recording.manifest.images:
         name = f"images/rig1/{image.camera}/{image.instant:06d}.jpg"
         assert (tmp_path / "colmap" / name).read_bytes() == recording.image_bytes(image)

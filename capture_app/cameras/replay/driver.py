@@ -54,7 +54,7 @@ def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name
 def _open(path: Path, camera: str | None, fps: float | None, node: str) -> "Recording":
     # Heavy: whoever lists cameras does without.
     from capture_app.cameras.replay.recordings import SessionRecording, SourceRecording
-    from capture_app.session.importers.open_sources import open_sources
+    from capture_app.session.importing.importer import open_sources
     from capture_app.session.reading.reader import Session
 
     if (path / MANIFEST).exists():

@@ -12,8 +12,9 @@ from msgspec import Meta, Struct
 from textual.content import Content
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.plugins import plugin_names
 from capture_app.common.text import ProgressStep, printable
-from capture_app.session.exchange import FORMATS
+from capture_app.session.exporting.exporter import GROUP
 from capture_app.tui.signs import Sign
 
 CAPTURE, RECONSTRUCT = "capture_app.cli", "reconstruction.cli"
@@ -148,12 +149,12 @@ EXPORTS: Mapping[str, Command] = {
     name: Command(
         f"export-{name}",
         f"Export to {name}",
-        what,
+        "",
         CAPTURE,
         ("sessions", "export"),
         fixed=("--to", name),
     )
-    for name, what in FORMATS.items()
+    for name in plugin_names(GROUP)
 }
 STUDIES = (COMPARE, MULTIVIEW, PANORAMA, TOLERANCE, CLOUDS, PANEL)
 """The commands that are offered for their results."""

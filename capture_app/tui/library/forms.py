@@ -2,6 +2,7 @@
 
 import os
 from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 
 from textual.content import Content
@@ -10,6 +11,7 @@ from textual.widgets import Input, OptionList, Static
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.names import check_name
 from capture_app.common.text import printable
+from capture_app.session.exporting.exporter import load_exporters
 from capture_app.session.library.changes import MAX_NOTE
 from capture_app.session.library.listing import SessionCard
 from capture_app.tui.jobs.run import EXPORTS, REPAIR, STUDIES, VERIFY, Command
@@ -174,9 +176,10 @@ def export_form(card: SessionCard, folder: Path, format_name: str) -> CommandFor
             raise BadInputError(f"{target} exists already: choose another folder")
         return command.line(card.folder, target, "")
 
-    texts = [str(_free_folder(folder / f"{card.name}-{name}")) for name in EXPORTS]
+    formats = {name: replace(EXPORTS[name], what=one.help) for name, one in load_exporters().items()}
+    texts = [str(_free_folder(folder / f"{card.name}-{name}")) for name in formats]
     title = f"Export {card.name}"
-    return CommandForm(title, EXPORTS, texts, typed, label="folder", chosen=format_name)
+    return CommandForm(title, formats, texts, typed, label="folder", chosen=format_name)
 
 
 def _free_folder(folder: Path) -> Path:

@@ -340,7 +340,7 @@ class SessionsView(ModeView):
         if chosen is not None:
             command, out = chosen[0], typed_path(chosen[1])
             self._settings.remember("sessions.export-folder", str(out.parent))
-            name = next(name for name, one in EXPORTS.items() if one is command)
+            name = next(name for name, one in EXPORTS.items() if one.name == command.name)
             self._settings.remember("sessions.export-format", name)
             self._start(command, entry, out=out)
 

@@ -19,8 +19,8 @@ from capture_app.interop.app_protocol import CALL_PORT, PERIOD_NS
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.news import Log
-from capture_app.session.importers.import_options import ImportOptions
-from capture_app.session.importers.recording import import_recording
+from capture_app.session.importing.import_options import ImportOptions
+from capture_app.session.importing.recording import import_recording
 from capture_app.sync.rig.frame_selection import Burst
 from tests.session.conftest import jpeg
 from tests.waiting import SLOW_PATIENCE_S, until

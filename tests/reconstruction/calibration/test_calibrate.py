@@ -11,9 +11,9 @@ import pytest
 from capture_app.board.boards import CharucoBoard
 from capture_app.board.detector import is_flat_board
 from capture_app.common.errors import BadInputError
-from capture_app.session.exporters.export_session import export_session
-from capture_app.session.importers.import_options import ImportOptions
-from capture_app.session.importers.recording import import_recording
+from capture_app.session.exporting.export_session import export_session
+from capture_app.session.importing.import_options import ImportOptions
+from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from reconstruction.calibration.boards import detect_board

@@ -8,8 +8,8 @@ import pytest
 
 from capture_app.common.errors import NotAvailableError
 from capture_app.console.terminal import Progress
-from capture_app.session.importers.import_options import ImportOptions
-from capture_app.session.importers.recording import import_recording
+from capture_app.session.importing.import_options import ImportOptions
+from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.rig import Rig
 from reconstruction.compare.stereo_study import StereoStudy

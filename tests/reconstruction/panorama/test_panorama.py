@@ -7,8 +7,8 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.importers.import_options import ImportOptions
-from capture_app.session.importers.recording import import_recording
+from capture_app.session.importing.import_options import ImportOptions
+from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
 from reconstruction.panorama.overlap import Overlaps
 from reconstruction.panorama.stitcher import PanoramaStitcher

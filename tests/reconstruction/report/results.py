@@ -8,7 +8,7 @@ import cv2
 import msgspec
 import numpy as np
 
-from capture_app.session.exporters.common.point_cloud import PointCloud, write_ply
+from capture_app.session.exporting.point_cloud import PointCloud, write_ply
 from reconstruction.scores.comparison_results import (
     BulletTime,
     BurstGrid,

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError, IncompleteError
-from capture_app.session.exporters.common.point_cloud import PointCloud, read_ply, write_ply
+from capture_app.session.exporting.point_cloud import PointCloud, read_ply, write_ply
 from reconstruction.report.embedding import MAX_POINTS, view_clouds
 from reconstruction.scores.study_result import InstantClouds
 

@@ -14,8 +14,8 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.session.importers.import_options import ImportOptions
-from capture_app.session.importers.recording import import_recording
+from capture_app.session.importing.import_options import ImportOptions
+from capture_app.session.importing.recording import import_recording
 from reconstruction.calibration.rig import calibrated_views
 from reconstruction.cli import run
 from reconstruction.common.geometry import Array

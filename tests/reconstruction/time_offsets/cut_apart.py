@@ -10,7 +10,7 @@ import numpy as np
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.common_times import CommonTimes
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
-from capture_app.session.importers.frame_matching import TimedFrame, timeline_by_times
+from capture_app.session.importing.frame_matching import TimedFrame, timeline_by_times
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from reconstruction.common.geometry import View

@@ -7,7 +7,7 @@ import pytest
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED, CameraTimes
-from capture_app.session.importers.realigning import realign_session
+from capture_app.session.importing.realigning import realign_session
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
 from capture_app.session.reading.verify import verify

@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.session.importers.import_options import ImportOptions
-from capture_app.session.importers.recording import import_recording
+from capture_app.session.importing.import_options import ImportOptions
+from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.rig import Rig
 from reconstruction.compare.timing_study import TimingStudy

@@ -9,8 +9,7 @@ from typing import Any
 import pytest
 from textual.widgets import Input, OptionList, Static
 
-from capture_app.session.exporters.common.exported_burst import ExportOptions
-from capture_app.session.exporters.export_session import export_session
+from capture_app.session.exporting.export_session import export_session
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.manifest import BurstRecord
 from capture_app.session.reading.reader import Session
@@ -204,7 +203,7 @@ async def test_a_path_that_none_can_be_is_no_folder_and_no_error(
 
 async def test_a_folder_of_videos_is_imported_by_a_key(sessions: Path, tmp_path: Path) -> None:
     films = tmp_path / "walk"
-    export_session(Session.open(sessions / "one"), "mp4", films, ExportOptions())
+    export_session(Session.open(sessions / "one"), "mp4", films)
     async with library(sessions) as pilot:
         await pilot.press("i")
         await settle(pilot)

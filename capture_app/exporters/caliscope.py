@@ -1,0 +1,76 @@
+"""Caliscope: a workspace with one recording, its frames' times, and the camera array."""
+
+import re
+from pathlib import Path
+
+from capture_app.session.exporting.exported_burst import ExportedBurst
+from capture_app.session.exporting.exporter import VIDEOS, Exporter
+from capture_app.session.exporting.lens import distortion_of, matrix_of, rodrigues, rotation_of
+from capture_app.session.exporting.tables import renaming_notes, toml_table
+from capture_app.session.exporting.videos import at_own_times, write_camera
+from capture_app.session.format.calibration import METRES, Calibration
+
+
+def write(burst: ExportedBurst, folder: Path) -> None:
+    """Write recordings/<session>/cam_N.mp4 and timestamps.csv, and camera_array.toml where calibrated.
+
+    Cameras keep the numbers of names such as cam_3, else they are numbered in the session's order from 0;
+    frame_time is in seconds since the earliest image.
+    Caliscope matches frames by frame_time; sync_index, the session's instant, is there for others.
+    """
+    recording = folder / "recordings" / burst.name
+    recording.mkdir(parents=True)
+    rows = ["sync_index,cam_id,frame_time\n"]
+    numbers = camera_numbers(burst.cameras)
+    for camera, number in numbers.items():
+        file = f"recordings/{burst.name}/cam_{number}.mp4"
+        shown = at_own_times(burst, camera)
+        write_camera(burst, folder / file, shown, camera, file=file)
+        rows += [f"{n},{number},{at // 10**9}.{at % 10**9:09d}\n" for n, at, _ in shown]
+    (recording / "timestamps.csv").write_text("".join(rows), encoding="utf-8")
+    burst.notes += renaming_notes({camera: f"cam_{number}" for camera, number in numbers.items()})
+    if burst.calibration is not None:
+        text = _camera_array(numbers, burst.calibration)
+        (folder / "camera_array.toml").write_text(text, encoding="utf-8")
+
+
+def camera_numbers(cameras: tuple[str, ...]) -> dict[str, int]:
+    """Caliscope's number of each camera: that of its name where all have one, else its place."""
+    found = [re.fullmatch(r"cam_?([0-9]{1,6})", name) for name in cameras]
+    given = [int(match[1]) for match in found if match]
+    if len(set(given)) == len(cameras):
+        return dict(zip(cameras, given, strict=True))
+    return {name: number for number, name in enumerate(cameras)}
+
+
+def _camera_array(numbers: dict[str, int], calibration: Calibration) -> str:
+    factor = METRES.get(calibration.unit, 1.0)
+    text = ""
+    for name, number in numbers.items():
+        camera = calibration.cameras[name]
+        text += toml_table(
+            ["cameras", str(number)],
+            {
+                "cam_id": number,
+                "size": [camera.width, camera.height],
+                "rotation_count": 0,
+                "ignore": False,
+                "matrix": matrix_of(camera).tolist(),
+                "distortions": distortion_of(camera).tolist(),
+                "translation": [float(value) * factor for value in camera.translation],
+                "rotation": list(rodrigues(rotation_of(camera))),
+                "fisheye": False,
+            },
+        )
+    return text
+
+
+EXPORTER = Exporter(
+    write=write,
+    help="recordings, timestamps.csv and camera_array.toml",
+    program="Caliscope",
+    calibration="optional",
+    uncalibrated="the session has no calibration: calibrate in Caliscope",
+    unit="m",
+    packages=VIDEOS,
+)

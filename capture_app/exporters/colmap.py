@@ -1,0 +1,150 @@
+"""COLMAP (4.x): images of one rig, rig_config.json, and with a calibration a sparse model as text."""
+
+import json
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from capture_app.common.text import count
+from capture_app.session.exporting.exported_burst import ExportedBurst
+from capture_app.session.exporting.exporter import Exporter, SceneOptions
+from capture_app.session.exporting.files import place, suffix_for, write_mask
+from capture_app.session.exporting.lens import (
+    Array,
+    distortion_of,
+    quaternion,
+    rotation_of,
+    translation_of,
+)
+from capture_app.session.exporting.point_cloud import PointCloud, read_ply
+from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.manifest import RIG
+
+_HALF_PIXEL = 0.5  # COLMAP's first pixel has its centre at (0.5, 0.5)
+_SPARSE = "sparse/0"
+
+
+def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
+    """Write images/rig1/<camera>/<instant>, rig_config.json, and sparse/0 where the session is calibrated.
+
+    The first camera is the rig's reference sensor; the model's world is the calibration's rig. An image that
+    stands in for a dropped frame is of another moment than its frame of the rig, and is left out.
+    """
+    kept = [
+        image
+        for instant in range(len(burst.instants_ns))
+        for camera in burst.cameras
+        if (image := burst.image_at(camera, instant)) is not None
+    ]
+    suffix = suffix_for(burst, kept)
+    names = {
+        (image.camera, image.instant): f"{RIG}/{image.camera}/{image.instant:06d}{suffix}" for image in kept
+    }
+    if len(kept) < len(burst.images):
+        left_out = count(len(burst.images) - len(kept), "image")
+        burst.notes.append(f"left out: {left_out} of other moments than their instants")
+    for image in kept:
+        name = names[image.camera, image.instant]
+        place(burst, image, folder, f"images/{name}")
+        # COLMAP finds no features where a mask is black.
+        write_mask(burst, options.masks, image, folder / "masks" / f"{name}.png", movers=0)
+        burst.put(image, f"images/{name}")
+    config = json.dumps(_rig_config(burst.cameras, burst.calibration), indent=1)
+    (folder / "rig_config.json").write_text(config + "\n", encoding="utf-8")
+    if burst.calibration is not None:
+        cloud = read_ply(options.points) if options.points else None
+        _write_model(burst, burst.calibration, names, cloud, folder / _SPARSE)
+
+
+def _rig_config(cameras: tuple[str, ...], calibration: Calibration | None) -> list[dict[str, object]]:
+    sensors: list[dict[str, object]] = []
+    for name in cameras:
+        sensor: dict[str, object] = {"image_prefix": f"{RIG}/{name}/"}
+        if name == cameras[0]:
+            sensor["ref_sensor"] = True
+        if calibration is not None:
+            camera = calibration.cameras[name]
+            if name != cameras[0]:
+                rotation, translation = _from_reference(calibration.cameras[cameras[0]], camera)
+                sensor["cam_from_rig_rotation"] = list(quaternion(rotation))
+                sensor["cam_from_rig_translation"] = [float(value) for value in translation]
+            sensor["camera_model_name"], sensor["camera_params"] = _model(camera)
+        sensors.append(sensor)
+    return [{"cameras": sensors}]
+
+
+def _write_model(
+    burst: ExportedBurst,
+    calibration: Calibration,
+    names: Mapping[tuple[str, int], str],
+    cloud: PointCloud | None,
+    folder: Path,
+) -> None:
+    """Write the model of these images, by camera and instant, and its points, which no image has seen."""
+    numbers = {name: number for number, name in enumerate(burst.cameras, 1)}
+    lenses = {name: calibration.cameras[name] for name in numbers}
+    reference = lenses[burst.cameras[0]]
+    poses = {name: _pose(rotation_of(lens), translation_of(lens)) for name, lens in lenses.items()}
+    cameras = []
+    for name, number in numbers.items():
+        model, parameters = _model(lenses[name])
+        cameras.append(f"{number} {model} {lenses[name].width} {lenses[name].height} {_numbers(parameters)}")
+    sensors = [
+        f"CAMERA {numbers[name]} 1 {_pose(*_from_reference(reference, lenses[name]))}"
+        for name in burst.cameras[1:]
+    ]
+    ids = {place: number for number, place in enumerate(names, 1)}
+    frames = []
+    for instant in sorted({instant for _, instant in ids}):
+        data = [f"CAMERA {numbers[c]} {ids[c, instant]}" for c in burst.cameras if (c, instant) in ids]
+        frames.append(f"{instant + 1} 1 {poses[burst.cameras[0]]} {len(data)} {' '.join(data)}")
+    images = [f"{ids[place]} {poses[place[0]]} {numbers[place[0]]} {name}\n" for place, name in names.items()]
+    points = []
+    if cloud is not None:
+        points = [
+            f"{number} {_numbers(point)} {' '.join(map(str, colour))} 0"
+            for number, (point, colour) in enumerate(
+                zip(cloud.points.tolist(), cloud.colours.tolist(), strict=True), 1
+            )
+        ]
+    rig = " ".join([f"1 {len(numbers)} CAMERA 1", *sensors])
+    lines = {"cameras": cameras, "rigs": [rig], "frames": frames, "images": images, "points3D": points}
+    folder.mkdir(parents=True)
+    for file, content in lines.items():
+        (folder / f"{file}.txt").write_text("".join(f"{line}\n" for line in content), encoding="utf-8")
+
+
+def _model(camera: CameraCalibration) -> tuple[str, list[float]]:
+    """COLMAP's camera model that holds the distortion, and its parameters in COLMAP's order."""
+    k1, k2, p1, p2, k3 = (float(value) for value in distortion_of(camera))
+    pinhole = [camera.fx, camera.fy, camera.cx + _HALF_PIXEL, camera.cy + _HALF_PIXEL]
+    if k3:
+        return "FULL_OPENCV", [*pinhole, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
+    if k1 or k2 or p1 or p2:
+        return "OPENCV", [*pinhole, k1, k2, p1, p2]
+    return "PINHOLE", pinhole
+
+
+def _from_reference(reference: CameraCalibration, camera: CameraCalibration) -> tuple[Array, Array]:
+    """Rotation and translation from the reference camera's coordinates to a camera's."""
+    rotation = rotation_of(camera) @ rotation_of(reference).T
+    return rotation, translation_of(camera) - rotation @ translation_of(reference)
+
+
+def _pose(rotation: Array, translation: Array) -> str:
+    return _numbers([*quaternion(rotation), *np.asarray(translation)])
+
+
+def _numbers(values: list[float]) -> str:
+    return " ".join(repr(float(value)) for value in values)
+
+
+EXPORTER = Exporter(
+    write=write,
+    help="images and rig_config.json; a model where calibrated",
+    program="COLMAP",
+    options=SceneOptions,
+    calibration="optional",
+    uncalibrated="the session has no calibration: COLMAP finds the cameras itself",
+)

@@ -1,0 +1,71 @@
+"""FreeMoCap: a recording folder of synchronized videos, and the calibration as its Anipose writes it."""
+
+from pathlib import Path
+
+import msgspec
+
+from capture_app.session.exporting.exported_burst import ExportedBurst, Redraw
+from capture_app.session.exporting.exporter import VIDEOS, Exporter
+from capture_app.session.exporting.lens import redrawing, without_k3
+from capture_app.session.exporting.tables import camera_tables, paired_names, renaming_notes
+from capture_app.session.exporting.videos import write_paired_videos
+
+_EXACT_PX = 0.01
+"""A lens that is fitted better than this needs no redrawn pictures."""
+
+
+def write(burst: ExportedBurst, folder: Path) -> None:
+    """Write synchronized_videos/<session>.id-<camera>.idx-N.mp4, as many frames each, and the calibration.
+
+    FreeMoCap 2 finds a camera by the id in its video's name, FreeMoCap 1 by the order of the names; both
+    count in millimetres. FreeMoCap 2 reads k1, k2, p1 and p2 and takes k3 for 0: a lens with k3 becomes the
+    nearest without, and where that is not the same the pictures are redrawn for it.
+    """
+    ids = camera_ids(burst.cameras, burst.name)
+    files = {
+        camera: f"synchronized_videos/{_stem(burst.name, found, number)}.mp4"
+        for number, (camera, found) in enumerate(ids.items())
+    }
+    burst.notes += renaming_notes(ids)
+    calibration = burst.calibration
+    redraws: dict[str, Redraw | None] = {}
+    if calibration is not None:
+        fitted = dict(calibration.cameras)
+        for name in burst.cameras:
+            fitted[name], worst_px = without_k3(calibration.cameras[name])
+            if worst_px > _EXACT_PX:
+                burst.drawn[name] = fitted[name]
+                redraws[name] = redrawing(calibration.cameras[name], fitted[name])
+                burst.notes.append(
+                    f"{name}: FreeMoCap knows no k3; the pictures are redrawn, by up to {worst_px:.2f} px, "
+                    "for the nearest lens without"
+                )
+        calibration = msgspec.structs.replace(calibration, cameras=fitted)
+        text = camera_tables(calibration, ids, "mm", numbered=True)
+        (folder / f"{burst.name}_camera_calibration.toml").write_text(text, encoding="utf-8")
+    write_paired_videos(burst, folder, files, redraws)
+
+
+def camera_ids(cameras: tuple[str, ...], recording: str) -> dict[str, str]:
+    """For each camera the id in its video's name: no dots, and files and ids in the same order."""
+    ids = {camera: name.replace(".", "_") for camera, name in paired_names(cameras).items()}
+    by_id = sorted(ids.values())
+    by_file = sorted(by_id, key=lambda found: _stem(recording, found, by_id.index(found)))
+    if by_id == by_file == list(ids.values()) and len(set(by_id)) == len(ids):
+        return ids
+    return {camera: f"cam_{number:03d}" for number, camera in enumerate(paired_names(cameras))}
+
+
+def _stem(recording: str, camera: str, number: int) -> str:
+    return f"{recording}.id-{camera}.idx-{number}"
+
+
+EXPORTER = Exporter(
+    write=write,
+    help="synchronized_videos and the camera calibration",
+    program="FreeMoCap",
+    calibration="optional",
+    uncalibrated="the session has no calibration: calibrate in FreeMoCap",
+    unit="mm",
+    packages=VIDEOS,
+)

@@ -1,0 +1,207 @@
+"""MCAP: compressed images, calibrations and transforms as Foxglove's messages, or as a bag of ROS 2.
+
+Foxglove's are protobuf, one chunk for each set of frames. The bag, written by `rosbags` as CDR, has the
+topics of ROS's image_transport: <camera>/image_raw/compressed beside <camera>/camera_info, and where cameras
+are in /tf_static; frames look along z, as REP 103 has it of optical frames.
+"""
+
+import re
+from collections.abc import Iterable
+from dataclasses import dataclass
+from itertools import chain, count
+from pathlib import Path
+from typing import Annotated, Any
+
+import msgspec
+import numpy as np
+
+from capture_app.common.optional_packages import load_optional
+from capture_app.session.exporting.exported_burst import ExportedBurst
+from capture_app.session.exporting.exporter import Exporter, ExportOptions, Option
+from capture_app.session.exporting.files import jpeg_or_png
+from capture_app.session.exporting.lens import (
+    Array,
+    centre_of,
+    distortion_of,
+    matrix_of,
+    quaternion,
+    rotation_of,
+)
+from capture_app.session.files.strangers import indented
+from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration
+from capture_app.session.format.export_record import with_images_listed
+from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
+from capture_app.session.format.message_types import ROS_BAGS, foxglove_message, ros_messages
+
+_CHUNK = 1 << 62  # a chunk ends where a set of frames does, never by its size
+_IMAGE, _INFO, _TF = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Options(ExportOptions):
+    ros: Annotated[bool, Option("a bag of ROS 2, for ros2 bag play", packages={"rosbags": "ros"})] = False
+
+
+def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
+    """Write <session>.mcap with the topics /<camera>/image, and /<camera>/calibration and /tf if calibrated.
+
+    log_time and publish_time are an image's leader_ns. Images are the session's own bytes, others than JPEG
+    and PNG as PNG. The manifest and the calibration are attached. With `ros` it is <session>/, a bag that
+    `ros2 bag play` takes.
+    """
+    (_write_bag if options.ros else _write_foxglove)(burst, folder, burst.calibration)
+
+
+def _write_foxglove(burst: ExportedBurst, folder: Path, calibration: Calibration | None) -> None:
+    mcap = load_optional("mcap.writer", "export", "MCAP")
+    file = f"{burst.name}.mcap"
+    with (folder / file).open("wb") as stream:
+        writer = mcap.Writer(
+            stream, chunk_size=_CHUNK, compression=mcap.CompressionType.NONE, enable_data_crcs=True
+        )
+        writer.start(library="simulshot")
+        messages = _FoxgloveMessages(writer, min(0, burst.origin_ns))
+        for instant in range(len(burst.instants_ns)):
+            images = [i for c in burst.cameras for i in burst.images_of(c) if i.instant == instant]
+            for image in sorted(images, key=lambda image: image.leader_ns):
+                if calibration is not None:
+                    messages.add_camera(image, calibration)
+                data, kind = jpeg_or_png(burst, image)
+                about = {"frame_id": image.camera, "data": data, "format": kind}
+                messages.add(f"/{image.camera}/image", "CompressedImage", image, **about)
+                burst.put(image, file, len(burst.frames))
+            writer.flush()
+        for name in (MANIFEST, CALIBRATION) if calibration else (MANIFEST,):
+            data = (burst.session.folder / name).read_bytes()
+            if name == MANIFEST and burst.session.manifest.videos:
+                data = indented(msgspec.json.encode(with_images_listed(burst.session.manifest)))
+            writer.add_attachment(0, 0, name, "application/json", data)
+        zero = {"session": burst.name, "log_time_zero_leader_ns": str(messages.zero_ns)}
+        writer.add_metadata("simulshot", zero)
+        writer.finish()
+
+
+class _FoxgloveMessages:
+    """Messages into an MCAP; `zero_ns` is the leader time that log_time, which has no sign, counts from."""
+
+    def __init__(self, writer: Any, zero_ns: int) -> None:
+        self._writer = writer
+        self.zero_ns = zero_ns
+        self._channels: dict[str, int] = {}
+
+    def add_camera(self, image: ImageRecord, calibration: Calibration) -> None:
+        camera = calibration.cameras[image.camera]
+        about = {"frame_id": image.camera, "width": camera.width, "height": camera.height}
+        lens = {name.upper(): values.tolist() for name, values in _lens(camera).items()}
+        topic = f"/{image.camera}/calibration"
+        self.add(topic, "CameraCalibration", image, distortion_model="plumb_bob", **about, **lens)
+        place, turn = _pose(camera, calibration)
+        frames = {"parent_frame_id": "rig", "child_frame_id": image.camera}
+        self.add("/tf", "FrameTransform", image, translation=place, rotation=turn, **frames)
+
+    def add(self, topic: str, name: str, image: ImageRecord, **fields: Any) -> None:
+        """Add a message of an image's time and instant."""
+        kind = foxglove_message(name)
+        if topic not in self._channels:
+            register = load_optional("mcap_protobuf.schema", "export", "MCAP").register_schema
+            schema = register(self._writer, kind)
+            self._channels[topic] = self._writer.register_channel(topic, "protobuf", schema)
+        seconds, nanos = divmod(image.leader_ns, 1_000_000_000)
+        message = kind(timestamp={"seconds": seconds, "nanos": nanos}, **fields)
+        data, at_ns = message.SerializeToString(deterministic=True), image.leader_ns - self.zero_ns
+        self._writer.add_message(self._channels[topic], at_ns, data, at_ns, sequence=image.instant)
+
+
+def _write_bag(burst: ExportedBurst, folder: Path, calibration: Calibration | None) -> None:
+    """Write <session>/; stamps, and when messages came, are leader_ns."""
+    rosbag2 = load_optional("rosbags.rosbag2", "ros", ROS_BAGS)
+    origin_ns, topics = min(0, burst.origin_ns), ros_topics(burst.cameras)
+    with rosbag2.Writer(folder / burst.name, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
+        messages = _RosMessages(writer, origin_ns)
+        images = sorted((i for c in burst.cameras for i in burst.images_of(c)), key=lambda one: one.leader_ns)
+        if calibration is not None and images:
+            places = [messages.place(images[0].leader_ns, name, calibration) for name in burst.cameras]
+            messages.add("/tf_static", _TF, images[0].leader_ns, transforms=places)
+        for number, image in enumerate(images):
+            topic, header = topics[image.camera], messages.header(image.leader_ns, image.camera)
+            if calibration is not None:
+                camera = calibration.cameras[image.camera]
+                about = {"header": header, "height": camera.height, "width": camera.width}
+                about |= {"distortion_model": "plumb_bob", "binning_x": 0, "binning_y": 0, **_lens(camera)}
+                whole = messages.make("sensor_msgs/msg/RegionOfInterest", 0, 0, 0, 0, False)
+                messages.add(f"{topic}/camera_info", _INFO, image.leader_ns, roi=whole, **about)
+            data, kind = jpeg_or_png(burst, image)
+            about = {"header": header, "format": kind, "data": np.frombuffer(data, np.uint8)}
+            messages.add(f"{topic}/image_raw/compressed", _IMAGE, image.leader_ns, **about)
+            burst.put(image, f"{burst.name}/{burst.name}.mcap", number)
+    if origin_ns:
+        burst.notes.append(f"stamps count from {origin_ns} ns of the leader's time: ROS's have no sign")
+
+
+class _RosMessages:
+    """Messages into a bag; `origin_ns` is the leader time that its stamps count from."""
+
+    def __init__(self, writer: Any, origin_ns: int) -> None:
+        self._writer, self._store, self._origin_ns = writer, ros_messages(), origin_ns
+        self._connections: dict[str, Any] = {}
+
+    def place(self, leader_ns: int, camera: str, calibration: Calibration) -> Any:
+        """The transform from a camera to the rig."""
+        at, turn = _pose(calibration.cameras[camera], calibration)
+        vector, quarter = (f"geometry_msgs/msg/{name}" for name in ("Vector3", "Quaternion"))
+        pose = self.make("geometry_msgs/msg/Transform", self.make(vector, **at), self.make(quarter, **turn))
+        header = self.header(leader_ns, "rig")
+        return self.make("geometry_msgs/msg/TransformStamped", header, camera, pose)
+
+    def make(self, kind: str, *values: Any, **fields: Any) -> Any:
+        """A message, or a part of one."""
+        return self._store.types[kind](*values, **fields)
+
+    def header(self, leader_ns: int, frame_id: str) -> Any:
+        """The header of what was so at that time."""
+        stamp = self.make("builtin_interfaces/msg/Time", *divmod(leader_ns - self._origin_ns, 1_000_000_000))
+        return self.make("std_msgs/msg/Header", stamp, frame_id)
+
+    def add(self, topic: str, kind: str, leader_ns: int, **fields: Any) -> None:
+        """Add a message that came at that time."""
+        if topic not in self._connections:
+            self._connections[topic] = self._writer.add_connection(topic, kind, typestore=self._store)
+        data = self._store.serialize_cdr(self.make(kind, **fields), kind)
+        self._writer.write(self._connections[topic], leader_ns - self._origin_ns, data)
+
+
+def ros_topics(cameras: Iterable[str]) -> dict[str, str]:
+    """Each camera's own topic as ROS takes it: letters, digits and _, no digit first."""
+    wished = {camera: re.sub(r"^(?=\d)", "cam", re.sub(r"\W", "_", camera)) for camera in cameras}
+    topics: dict[str, str] = {}
+    # A name that ROS takes as it is stays as it is.
+    for camera, own in sorted(wished.items(), key=lambda one: one[0] != one[1]):
+        numbered = chain((own,), (f"{own}_{number}" for number in count(2)))
+        topics[camera] = next(topic for name in numbered if (topic := f"/{name}") not in topics.values())
+    return topics
+
+
+def _lens(camera: CameraCalibration) -> dict[str, Array]:
+    """The numbers of a ROS camera_info; Foxglove has the same names in capital letters."""
+    matrix = matrix_of(camera)
+    projection = np.column_stack([matrix, np.zeros(3)]).ravel()
+    return {"d": distortion_of(camera), "k": matrix.ravel(), "r": np.eye(3).ravel(), "p": projection}
+
+
+def _pose(camera: CameraCalibration, calibration: Calibration) -> tuple[dict[str, float], dict[str, float]]:
+    """A camera's place in the rig, in metres, and how it is turned there."""
+    centre = centre_of(camera) * METRES.get(calibration.unit, 1.0)
+    turn = dict(zip("wxyz", quaternion(rotation_of(camera).T), strict=True))
+    return dict(zip("xyz", centre.tolist(), strict=True)), turn
+
+
+EXPORTER = Exporter(
+    write=write,
+    help="one .mcap for Foxglove and Rerun",
+    program="MCAP",
+    options=_Options,
+    calibration="optional",
+    uncalibrated="the session has no calibration: the file has images only",
+    unit="m",
+    packages={"mcap": "export"},
+)

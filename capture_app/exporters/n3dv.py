@@ -1,0 +1,222 @@
+"""Neural 3D Video: camNN.mp4, one frame an instant, poses_bounds.npy as LLFF defined it, and points."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Annotated
+
+import msgspec
+import numpy as np
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.exporting.exported_burst import ExportedBurst
+from capture_app.session.exporting.exporter import VIDEOS, Exporter, ExportOptions, Option, Points
+from capture_app.session.exporting.lens import (
+    Array,
+    centre_of,
+    picture_rays,
+    project_rays,
+    rays_of,
+    redrawing,
+    rotation_of,
+    translation_of,
+)
+from capture_app.session.exporting.point_cloud import PointCloud, read_ply, write_ply
+from capture_app.session.exporting.tables import renaming_notes
+from capture_app.session.exporting.videos import at_instants, spacing_notes, write_camera
+from capture_app.session.format.calibration import CameraCalibration
+
+WIDTH, HEIGHT = 2704, 2028
+"""The size of Neural 3D Video's own films; its loaders take every film for one of these and scale by that."""
+POINTS = "points3D_downsample2.ply"
+"""What 4DGaussians' loader calls the points that it starts from."""
+
+_MOST_POINTS = 40_000
+_MOST_FRAMES = 300
+_NEAR, _FAR = 0.2, 5.0
+"""Guessed bounds as shares of the distance at which the cameras' axes meet."""
+_NARROWER = 0.99
+"""The step by which a field of view is tried."""
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _Options(ExportOptions):
+    points: Points = None
+    whole: Annotated[
+        bool, Option("whole pictures with black around them, not cut to what fills all films")
+    ] = False
+    near: Annotated[float | None, Option("smallest depth, in the calibration's unit", "DEPTH")] = None
+    far: Annotated[float | None, Option("largest depth", "DEPTH")] = None
+
+
+def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
+    """Write the videos of the instants that every camera has, and a row of 17 numbers a camera.
+
+    The format's loaders know one focal length, no distortion, a principal point in the middle, and films of
+    2704x2028 pixels: the images are redrawn to that, cut to what all cameras can fill, or whole.
+    """
+    calibration, together = burst.calibration, burst.complete_instants()
+    assert calibration is not None
+    cameras = {name: calibration.cameras[name] for name in burst.cameras}
+    focal = (
+        min(map(_whole_focal, cameras.values()))
+        if options.whole
+        else max(map(_least_focal, cameras.values()))
+    )
+    rows = []
+    bounds = {name: _bounds(options, depth) for name, depth in focus_depths(cameras).items()}
+    wanted = {name: film_camera(camera, focal) for name, camera in cameras.items()}
+    burst.drawn.update(wanted)
+    for number, (name, camera) in enumerate(cameras.items()):
+        path, redraw = folder / f"cam{number:02d}.mp4", redrawing(camera, wanted[name])
+        shown = at_instants(burst, name, together)
+        write_camera(burst, path, shown, name, redraw=redraw, size=(WIDTH, HEIGHT))
+        rows.append([*_pose(wanted[name]).ravel(), *bounds[name]])
+    np.save(folder / "poses_bounds.npy", np.array(rows, np.float64))
+    cloud = read_ply(options.points) if options.points else _scattered(wanted, bounds)
+    write_ply(folder / POINTS, cloud.thinned(_MOST_POINTS), normals=True)
+    _add_notes(burst, options, together, min(_kept(cameras[name], wanted[name]) for name in cameras))
+
+
+def film_camera(camera: CameraCalibration, focal: float) -> CameraCalibration:
+    """A camera in the same place as a film of Neural 3D Video shows it: `focal` px, nothing distorted."""
+    return msgspec.structs.replace(
+        camera,
+        width=WIDTH,
+        height=HEIGHT,
+        fx=focal,
+        fy=focal,
+        cx=(WIDTH - 1) / 2,
+        cy=(HEIGHT - 1) / 2,
+        distortion=(0.0,) * 5,
+    )
+
+
+def focus_depths(cameras: Mapping[str, CameraCalibration]) -> dict[str, float]:
+    """For each camera the depth, in the calibration's unit, of the point nearest to all optical axes.
+
+    Where the axes do not meet in front of the cameras, ten times the widest distance between two.
+    """
+    centres = np.array([centre_of(camera) for camera in cameras.values()])
+    axes = np.array([rotation_of(camera)[2] for camera in cameras.values()])
+    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
+    normal = across.sum(axis=0)
+    widest = max((float(np.linalg.norm(a - b)) for a in centres for b in centres), default=0.0)
+    if np.linalg.cond(normal) < 1e4:
+        point = np.linalg.solve(normal, np.einsum("nij,nj->i", across, centres))
+        depths = np.einsum("nj,nj->n", axes, point - centres)
+        if depths.min() > 0:
+            return dict(zip(cameras, map(float, depths), strict=True))
+    return dict.fromkeys(cameras, 10 * widest or 1.0)
+
+
+def _whole_focal(camera: CameraCalibration) -> float:
+    """The longest focal length, px, with which a film shows the camera's whole picture."""
+    return float((np.array([WIDTH / 2, HEIGHT / 2]) / np.abs(picture_rays(camera)).max(axis=0)).min())
+
+
+def _least_focal(camera: CameraCalibration) -> float:
+    """The shortest focal length, px, with which the camera's picture still fills a film to its edges."""
+    across, down = np.linspace(-0.5, WIDTH - 0.5, 41), np.linspace(-0.5, HEIGHT - 0.5, 41)
+    edge = [(x, y) for x in across for y in (down[0], down[-1])]
+    edge += [(x, y) for y in down for x in (across[0], across[-1])]
+
+    def fills(focal: float) -> bool:
+        film = film_camera(camera, focal)
+        rays = (np.array(edge) - [film.cx, film.cy]) / focal
+        seen = project_rays(camera, rays)
+        margin = 1e-6
+        low, high = -0.5 - margin, np.array([camera.width, camera.height]) - 0.5 + margin
+        return bool(((seen >= low) & (seen <= high)).all())
+
+    # From a narrow view outwards: far outside its picture a lens's polynomial may turn back into it.
+    focal = 100 * max(WIDTH / camera.width, HEIGHT / camera.height) * max(camera.fx, camera.fy)
+    if not fills(focal):
+        raise BadInputError(
+            f"N3DV cannot hold a principal point outside the picture, ({camera.cx:.0f}, {camera.cy:.0f})",
+            hint="calibrate again",
+        )
+    while fills(focal * _NARROWER):
+        focal *= _NARROWER
+    low, high = focal * _NARROWER, focal
+    for _ in range(40):
+        middle = (low + high) / 2
+        low, high = (low, middle) if fills(middle) else (middle, high)
+    return high
+
+
+def _bounds(options: _Options, depth: float) -> tuple[float, float]:
+    near, far = options.near or _NEAR * depth, options.far or _FAR * depth
+    if near >= far:
+        raise BadInputError(f"the nearest depth, {near:.4g}, is not less than the farthest, {far:.4g}")
+    return near, far
+
+
+def _pose(camera: CameraCalibration) -> Array:
+    """LLFF's 3x5: the camera's down, right and back axes, its centre, and (height, width, focal length)."""
+    right, down, forward = rotation_of(camera)
+    intrinsics = np.array([camera.height, camera.width, camera.fx], np.float64)
+    return np.stack([down, right, -forward, centre_of(camera), intrinsics], axis=1)
+
+
+def _scattered(
+    cameras: Mapping[str, CameraCalibration], bounds: Mapping[str, tuple[float, float]]
+) -> PointCloud:
+    """Grey points strewn evenly through what the cameras see between near and far, where none are known."""
+    random = np.random.default_rng(0)
+    share = _MOST_POINTS // len(cameras)
+    points = []
+    for name, camera in cameras.items():
+        near, far = bounds[name]
+        depth = (random.uniform(near**3, far**3, share)) ** (1 / 3)
+        pixels = random.uniform(0, [WIDTH - 1, HEIGHT - 1], (share, 2))
+        local = np.column_stack([rays_of(camera, pixels), np.ones(share)]) * depth[:, None]
+        points.append((local - translation_of(camera)) @ rotation_of(camera))
+    every = np.concatenate(points)
+    return PointCloud(every, np.full(every.shape, 128, np.uint8))
+
+
+def _kept(camera: CameraCalibration, film: CameraCalibration) -> float:
+    """The share of a camera's picture that its film shows."""
+    seen = project_rays(film, picture_rays(camera))
+    inside = ((seen > -0.51) & (seen < [WIDTH - 0.49, HEIGHT - 0.49])).all(axis=1)
+    return float(inside.mean())
+
+
+def _add_notes(burst: ExportedBurst, options: _Options, together: list[int], least: float) -> None:
+    """Say what the films lack: `together` are their instants, `least` the smallest share of a picture."""
+    burst.notes += renaming_notes({camera: f"cam{number:02d}" for number, camera in enumerate(burst.cameras)})
+    left_out = len(burst.instants_ns) - len(together)
+    told = (
+        (
+            left_out,
+            f"{left_out} of {len(burst.instants_ns)} instants are left out: not every camera has them",
+        ),
+        (len(together) > _MOST_FRAMES, f"4DGaussians reads the first {_MOST_FRAMES} frames only"),
+        (
+            least < 0.995,
+            f"the films are cut to 4:3 and one angle of view: at least {100 * least:.0f} % of a picture; "
+            "`--whole` shows all, and black around it",
+        ),
+        (
+            options.points is None,
+            f"{POINTS} is of random points: `--points` takes those of reconstruct multiview",
+        ),
+        (
+            options.near is None or options.far is None,
+            "near and far are guessed from where the cameras look; `sessions export` takes --near and --far",
+        ),
+    )
+    burst.notes += [note for applies, note in told if applies]
+    burst.notes += spacing_notes([burst.instants_ns[instant] for instant in together], burst.period_ns)
+
+
+EXPORTER = Exporter(
+    write=write,
+    help="Neural 3D Video, 4DGaussians: camNN.mp4, poses, points",
+    program="N3DV",
+    options=_Options,
+    calibration="required",
+    complete_instants=True,
+    packages=VIDEOS,
+)

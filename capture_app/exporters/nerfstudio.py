@@ -1,0 +1,99 @@
+"""nerfstudio: transforms.json with poses in OpenGL's camera axes and the time of every image."""
+
+import json
+from pathlib import Path
+
+import numpy as np
+
+from capture_app.session.exporting.exported_burst import ExportedBurst
+from capture_app.session.exporting.exporter import Exporter, SceneOptions
+from capture_app.session.exporting.files import place, suffix_for, write_mask
+from capture_app.session.exporting.lens import centre_of, distortion_of, rotation_of
+from capture_app.session.exporting.point_cloud import read_ply, write_ply
+from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.format.manifest import ImageRecord
+
+_POINTS = "sparse_pc.ply"
+_HALF_PIXEL = 0.5  # nerfstudio's first pixel has its centre at (0.5, 0.5)
+
+
+def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
+    """Write images/<camera>/<instant> and transforms.json, points and masks if given.
+
+    `time` runs from 0 at the burst's first image to 1 at its last, each image at its own; `leader_ns` beside
+    it is exact. Without a second instant every `time` is 0. nerfstudio itself ignores it.
+    """
+    calibration = burst.calibration
+    assert calibration is not None
+    images = [image for camera in burst.cameras for image in burst.images_of(camera)]
+    if options.masks:
+        # Of a dropped frame's substitute nobody makes a mask, and nerfstudio wants all or none.
+        images = [image for image in images if not image.substitute]
+    suffix = suffix_for(burst, images)
+    span_ns = max(image.leader_ns for image in images) - burst.origin_ns
+    several = len({image.instant for image in images}) > 1
+    entries = []
+    for image in images:
+        file = f"images/{image.camera}/{image.instant:06d}{suffix}"
+        place(burst, image, folder, file)
+        time = (image.leader_ns - burst.origin_ns) / span_ns if several else 0.0
+        entry = _entry(file, image, calibration.cameras[image.camera], time)
+        if options.masks:
+            # Black is what nerfstudio leaves out of its losses.
+            entry["mask_path"] = f"masks/{image.camera}/{image.instant:06d}.png"
+            write_mask(burst, options.masks, image, folder / str(entry["mask_path"]), movers=0)
+        entries.append(entry)
+        burst.put(image, file)
+    content: dict[str, object] = {
+        "camera_model": "OPENCV",
+        "time_origin_leader_ns": burst.origin_ns,
+        "time_span_ns": span_ns if several else 0,
+        "unit": calibration.unit,
+        "frames": entries,
+    }
+    if options.points:
+        content["ply_file_path"] = _POINTS
+        write_ply(folder / _POINTS, read_ply(options.points), normals=True)
+    (folder / "transforms.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
+    if several:
+        burst.notes.append(
+            "nerfstudio itself takes all instants for one moment: `--instant` exports one; "
+            "4D methods read `time`"
+        )
+
+
+def _entry(file: str, image: ImageRecord, camera: CameraCalibration, time: float) -> dict[str, object]:
+    pose = np.eye(4)
+    # Columns are the camera's right, up and back: OpenCV's y and z turned round.
+    pose[:3, :3] = rotation_of(camera).T * [1.0, -1.0, -1.0]
+    pose[:3, 3] = centre_of(camera)
+    k1, k2, p1, p2, k3 = map(float, distortion_of(camera))
+    return {
+        "file_path": file,
+        "fl_x": camera.fx,
+        "fl_y": camera.fy,
+        "cx": camera.cx + _HALF_PIXEL,
+        "cy": camera.cy + _HALF_PIXEL,
+        "w": camera.width,
+        "h": camera.height,
+        "k1": k1,
+        "k2": k2,
+        "k3": k3,
+        "p1": p1,
+        "p2": p2,
+        "transform_matrix": pose.tolist(),
+        "time": time,
+        "camera": image.camera,
+        "instant": image.instant,
+        "leader_ns": image.leader_ns,
+        "uncertainty_ns": image.uncertainty_ns,
+    }
+
+
+EXPORTER = Exporter(
+    write=write,
+    help="transforms.json with the time of every image",
+    program="nerfstudio",
+    options=SceneOptions,
+    calibration="required",
+)

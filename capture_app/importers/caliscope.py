@@ -1,0 +1,91 @@
+"""Caliscope: a recording with its table of times, a workspace of such, and camera arrays.
+
+Anipose's calibrations are of the same form.
+"""
+
+import tomllib
+from collections.abc import Sequence
+from pathlib import Path
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.files.strangers import read_text
+from capture_app.session.importing.importer import Importer, open_sources
+from capture_app.session.importing.sources import Layout, videos_in
+from capture_app.session.importing.views import View, Views, numbers, rotation_of
+
+_TABLE, _ARRAY, _RECORDINGS = "timestamps.csv", "camera_array.toml", "recordings"
+_UP = 3
+"""How many folders above a recording the workspace may be, with the recording's own."""
+
+
+def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
+    """A recording's folder or a workspace. Raises BadInputError for a workspace of several recordings."""
+    if (path / _TABLE).is_file() and videos_in(path):
+        arrays = (parent / _ARRAY for parent in (path, *path.resolve().parents[: _UP - 1]))
+        return Layout(
+            path=path,
+            sources=tuple(open_sources([str(path)], png=png)),
+            timestamps=path / _TABLE,
+            calibration=next((array for array in arrays if array.is_file()), None),
+        )
+    if not ((path / _ARRAY).is_file() and (path / _RECORDINGS).is_dir()):
+        return None
+    inner = [path / _RECORDINGS / name for name in recordings_in(path) if recording in (None, name)]
+    if len(inner) == 1:
+        return open_recording(inner[0], png=png, recording=None)
+    what = "without a recording: none with videos and their timestamps.csv"
+    if inner:
+        what = f"of several recordings: {', '.join(one.name for one in inner)}"
+    raise BadInputError(
+        f"{path} is a Caliscope workspace {what}", hint=f"name one: {path / _RECORDINGS}/NAME"
+    )
+
+
+def recordings_in(folder: Path) -> list[str]:
+    """The names of the recordings in a workspace; else none."""
+    inner = (folder / _RECORDINGS).glob("*") if (folder / _ARRAY).is_file() else ()
+    return sorted(path.name for path in inner if (path / _TABLE).is_file() and videos_in(path))
+
+
+def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
+    """Read the cameras of a Caliscope or Anipose TOML; a rotation is a matrix or a Rodrigues vector.
+
+    Raises BadInputError, with the camera, for what is broken or not yet calibrated.
+    """
+    path = paths[0][1]
+    if path.suffix.lower() != ".toml":
+        return None
+    try:
+        content = tomllib.loads(read_text(path))
+    except tomllib.TOMLDecodeError as error:
+        raise BadInputError(f"cannot read the calibration {path}: {error}") from error
+    inner = content.get("cameras")
+    tables = inner if isinstance(inner, dict) else content
+    found = {key: table for key, table in tables.items() if isinstance(table, dict) and "matrix" in table}
+    if not found:
+        raise BadInputError(
+            f"{path} has no camera with a matrix", hint="is it Caliscope's camera_array.toml?"
+        )
+    views = {}
+    for key, table in found.items():
+        label = str(table.get("name", table.get("cam_id", table.get("port", key))))
+        where = f"{path}: camera {label}"
+        width, height = numbers(where, table, "size", 2)
+        views[label] = View(
+            matrix=numbers(where, table, "matrix", 9).reshape(3, 3),
+            distortion=numbers(where, table, "distortions", 4, 5, 8),
+            rotation=rotation_of(where, numbers(where, table, "rotation", 3, 9)),
+            translation=numbers(where, table, "translation", 3),
+            size=(int(width), int(height)),
+        )
+    return Views(views, path.name)
+
+
+IMPORTER = Importer(
+    program="Caliscope, Anipose",
+    help="a recording with timestamps.csv, or a workspace; a calibration's .toml",
+    open_recording=open_recording,
+    recordings_in=recordings_in,
+    read_calibration=read_calibration,
+    calibration_files=("camera_array.toml", "*calib*.toml", "*Calib*.toml"),
+)

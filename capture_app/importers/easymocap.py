@@ -1,0 +1,86 @@
+"""EasyMocap: a sequence with its calibration, intri.yml and extri.yml.
+
+Keys and conventions are those of its easymocap/mytools/camera_utils.py (read_camera, write_camera): `names`
+lists the cameras; K_NAME and dist_NAME (older: D_NAME) are OpenCV's, R_NAME a Rodrigues vector and T_NAME the
+translation of x_cam = R x_world + T, H_NAME and W_NAME the images' size where it was known.
+"""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.importing.importer import Importer, open_sources
+from capture_app.session.importing.opencv_storage import read_storage
+from capture_app.session.importing.sources import Layout
+from capture_app.session.importing.views import View, Views, numbers, rotation_of
+
+INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"
+_LONGEST_SIDE_PX = 1e6
+
+
+def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
+    """A sequence with its calibration; to EasyMocap, frames of equal number are one instant."""
+    if not all((path / name).is_file() for name in (INTRINSICS, EXTRINSICS)):
+        return None
+    place = next((path / name for name in ("videos", "images") if (path / name).is_dir()), path)
+    sources = tuple(open_sources([str(place)], png=png))
+    return Layout(path=place, sources=sources, same_frames=True, calibration=path)
+
+
+def _is_easymocap(path: Path) -> bool:
+    """Whether a path is a folder with both files, or one of them."""
+    folder = path if path.is_dir() else path.parent
+    named = path.is_dir() or path.name in (INTRINSICS, EXTRINSICS)
+    return named and any((folder / name).is_file() for name in (INTRINSICS, EXTRINSICS))
+
+
+def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
+    """Read both files of a folder, or of the folder of one of them. Raises BadInputError for what lacks."""
+    path = paths[0][1]
+    if not _is_easymocap(path):
+        return None
+    folder = path if path.is_dir() else path.parent
+    content: dict[str, Any] = {}
+    for name in (EXTRINSICS, INTRINSICS):
+        if not (folder / name).is_file():
+            raise BadInputError(
+                f"no {name} in {folder}", hint=f"EasyMocap needs both: {INTRINSICS}, {EXTRINSICS}"
+            )
+        content |= read_storage(folder / name)
+    listed = content.get("names") if isinstance(content.get("names"), list) else ()
+    labels = [f"{one:g}" if isinstance(one, int | float) else str(one) for one in listed or ()]
+    labels = [label for label in labels if label not in ("", "none")]
+    if not labels:
+        raise BadInputError(f"{folder / INTRINSICS} has no list of cameras, names", hint="is it EasyMocap's?")
+    return Views({name: _view(folder, name, content) for name in labels}, f"{INTRINSICS}, {EXTRINSICS}")
+
+
+def _view(folder: Path, name: str, content: dict[str, Any]) -> View:
+    where = f"{folder}: camera {name}"
+    given = (content.get(f"{key}_{name}") for key in ("dist", "D"))
+    distortion = next((one.ravel() for one in given if isinstance(one, np.ndarray)), np.zeros(5))
+    sides = [
+        round(side)
+        for side in (content.get(f"{key}_{name}") for key in "WH")
+        if isinstance(side, int | float) and 0 < side < _LONGEST_SIDE_PX
+    ]
+    return View(
+        matrix=numbers(where, content, f"K_{name}", 9).reshape(3, 3),
+        distortion=distortion,
+        rotation=rotation_of(where, numbers(where, content, f"R_{name}", 3)),
+        translation=numbers(where, content, f"T_{name}", 3),
+        size=(sides[0], sides[1]) if len(sides) == 2 else None,
+    )
+
+
+IMPORTER = Importer(
+    program="EasyMocap",
+    help="a sequence's videos or images with intri.yml and extri.yml; these as a calibration",
+    open_recording=open_recording,
+    read_calibration=read_calibration,
+    calibration_files=("intri.yml",),
+    priority=-1,
+)

@@ -1,0 +1,89 @@
+"""FreeMoCap, 1 and 2: a recording of videos with as many frames each.
+
+By its docs ("Recording folder structure") and its system/default_paths.py the videos are in
+`synchronized_videos` or, in version 2, `videos/synchronized`; by skellycam's parse_video_filename.py and
+recording_info.py they are named RECORDING.id-CAMERA.idx-N.mp4, and each has a table in
+`timestamps/camera_timestamps/RECORDING.cameraCAMERA.timestamps.csv` with a row a frame, whose
+`timestamp.perf_counter_ns.ns` is one computer's clock for all cameras. Lengths are in mm; the calibration is
+Anipose's.
+"""
+
+import csv
+import re
+import statistics
+from pathlib import Path
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.files.strangers import read_text
+from capture_app.session.importing.frame_matching import (
+    Instant,
+    TimedFrame,
+    Timeline,
+    check_order,
+    middle,
+    periods_of,
+)
+from capture_app.session.importing.importer import Importer, open_sources
+from capture_app.session.importing.sources import Layout, videos_in
+
+_VIDEOS = ("synchronized_videos", "videos/synchronized", "SyncedVideos")
+_NAME = re.compile(r".+\.id-([^.]+)\.idx-(\d+)")
+_TIME, _FRAME = "timestamp.perf_counter_ns.ns", "recording_frame_number"
+
+
+def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
+    """The recording in a folder. Raises BadInputError for tables of times that contradict themselves."""
+    videos = next((path / name for name in _VIDEOS if videos_in(path / name)), None)
+    if videos is None:
+        return None
+    # Calibrations name a camera by the id in SkellyCam's names.
+    found = {video: _NAME.fullmatch(video.stem) for video in videos_in(videos)}
+    named = {name[1] if name else video.stem: video for video, name in found.items()}
+    calibrations = sorted(path.glob("*camera_calibration.toml"))
+    tables = _tables(videos, named)
+    return Layout(
+        path=videos,
+        sources=tuple(open_sources([f"{name}={video}" for name, video in named.items()], png=png)),
+        timeline=_timeline(tables) if tables else None,
+        same_frames=True,
+        calibration=calibrations[0] if calibrations else None,
+        unit="mm" if calibrations else None,
+    )
+
+
+def _tables(videos: Path, named: dict[str, Path]) -> dict[str, Path]:
+    """The table of each camera; none unless every camera has one."""
+    folder = videos / "timestamps" / "camera_timestamps"
+    tables = {
+        name: folder / f"{video.stem.partition('.id-')[0]}.camera{name}.timestamps.csv"
+        for name, video in named.items()
+    }
+    return tables if all(table.is_file() for table in tables.values()) else {}
+
+
+def _timeline(tables: dict[str, Path]) -> Timeline:
+    """Frames of the same number are one instant, each at its own time."""
+    cameras = {name: _read(path) for name, path in tables.items()}
+    by_number: dict[int, dict[str, TimedFrame]] = {}
+    for name, frames in cameras.items():
+        check_order(str(tables[name]), frames)
+        for frame in frames:
+            by_number.setdefault(frame.index, {})[name] = frame
+    periods = periods_of(cameras)
+    instants = [Instant(middle(frames), frames) for _, frames in sorted(by_number.items())]
+    return Timeline(instants, round(statistics.median(periods.values())), periods)
+
+
+def _read(path: Path) -> list[TimedFrame]:
+    try:
+        rows = csv.DictReader(read_text(path).splitlines())
+        return [TimedFrame(int(row[_FRAME]), int(row[_TIME])) for row in rows]
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
+        raise BadInputError(f"{path} has no whole numbers {_FRAME} and {_TIME}") from error
+
+
+IMPORTER = Importer(
+    program="FreeMoCap",
+    help="a recording's synchronized videos, their tables of times, *_camera_calibration.toml",
+    open_recording=open_recording,
+)

@@ -1,0 +1,90 @@
+"""libsoftwaresync: the shots of a phone, by the leader's clock.
+
+It writes for each shot sync_metadata_TIME.txt (leader_sensor_timestamp_ns and local_sensor_timestamp_ns), and
+beside it img_TIME.jpg or img_TIME.nv21 with nv21_metadata_TIME.txt, in a folder for each shot.
+"""
+
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.files.strangers import read_text
+from capture_app.session.importing.frame_matching import TimedFrame
+from capture_app.session.importing.importer import Importer
+from capture_app.session.importing.sources import Images, upright
+from capture_app.session.reading.decoding import encode_image
+
+_METADATA = "sync_metadata_"
+_LEADER, _LOCAL = "leader_sensor_timestamp_ns", "local_sensor_timestamp_ns"
+
+_Shot = tuple[Path, int, int | None]
+"""An image, and when it was taken by the leader's clock and by the phone's, ns."""
+
+
+def is_camera(path: Path) -> bool:
+    """Whether a path is a folder with one phone's shots."""
+    return path.is_dir() and next(_metadata_in(path), None) is not None
+
+
+def open_camera(name: str, path: Path, *, png: bool, recording: str | None) -> Images:
+    """The shots of one phone; JPEG bytes are kept as they are. Raises BadInputError where there are none."""
+    shots = [shot for file in _metadata_in(path) if (shot := _shot(file)) is not None]
+    if not shots:
+        raise BadInputError(f"no image in {path} belongs to its sync_metadata files")
+    shots.sort(key=lambda shot: shot[1])
+    times = [TimedFrame(n, leader_ns, local_ns) for n, (_, leader_ns, local_ns) in enumerate(shots)]
+    files = [image for image, _, _ in shots]
+    source = Images(name, path, files, "libsoftwaresync", read=_read_shot, times=times)
+    source.suffix = ".jpg"
+    return source
+
+
+def _read_shot(file: Path) -> bytes:
+    return upright(file.read_bytes()) if file.suffix == ".jpg" else _from_nv21(file)
+
+
+def _metadata_in(folder: Path) -> Iterator[Path]:
+    """The metadata of all shots, in the folder or in one folder a shot."""
+    yield from sorted(folder.glob(f"{_METADATA}*.txt"))
+    yield from sorted(folder.glob(f"*/{_METADATA}*.txt"))
+
+
+def _shot(metadata: Path) -> _Shot | None:
+    times = _values(metadata)
+    if _LEADER not in times:
+        raise BadInputError(f"{metadata} has no {_LEADER}")
+    time = metadata.stem.removeprefix(_METADATA)
+    for image in (metadata.with_name(f"img_{time}{suffix}") for suffix in (".jpg", ".nv21")):
+        if image.is_file():
+            return image, times[_LEADER], times.get(_LOCAL)
+    return None
+
+
+def _values(path: Path) -> dict[str, int]:
+    """Numbers of `name: number` lines."""
+    found = re.findall(r"^(\w+):\s*(-?\d+)\s*$", read_text(path), re.MULTILINE)
+    return {key: int(value) for key, value in found}
+
+
+def _from_nv21(file: Path) -> bytes:
+    """Raw NV21 (a plane of brightness, then interleaved V and U at half the size) as JPEG."""
+    import cv2
+    import numpy as np
+
+    time = file.stem.removeprefix("img_")
+    size = _values(file.with_name(f"nv21_metadata_{time}.txt"))
+    width, height = size.get("width", 0), size.get("height", 0)
+    raw = np.frombuffer(file.read_bytes(), np.uint8)
+    if width <= 0 or height <= 0 or width % 2 or height % 2 or raw.size != width * height * 3 // 2:
+        raise BadInputError(f"{file} is not {width}x{height} pixels of NV21, as its metadata says")
+    return encode_image(cv2.cvtColor(raw.reshape(height * 3 // 2, width), cv2.COLOR_YUV2BGR_NV21))
+
+
+IMPORTER = Importer(
+    program="libsoftwaresync",
+    help="a folder a phone: sync_metadata_*.txt with img_*.jpg or .nv21",
+    is_camera=is_camera,
+    open_camera=open_camera,
+    priority=-1,
+)

@@ -1,0 +1,141 @@
+"""OpenCap: a session of trials, and the calibrations of its phones.
+
+By opencap-api's zipsession.py a download has `Videos/CamN/InputMedia/TRIAL/TRIAL.mov`, as the phone took it,
+beside it `TRIAL_sync.mp4` where OpenCap aligned it to the others by their motion, and
+`Videos/CamN/cameraIntrinsicsExtrinsics.pickle`, by opencap-core's utilsChecker.py: imageSize is (height,
+width), the board's squares are in mm. A pickle can hold anything, also programs: arrays and numbers are
+taken, all else is refused.
+"""
+
+import io
+import pickle
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+from capture_app.common.errors import BadInputError
+from capture_app.common.names import natural_order
+from capture_app.session.importing.importer import Importer, open_sources
+from capture_app.session.importing.sources import Layout, videos_in
+from capture_app.session.importing.views import View, Views, numbers
+
+_MEDIA, _SYNCHRONIZED = "InputMedia", "_sync"
+_PARAMETERS = "cameraIntrinsicsExtrinsics.pickle"
+_ALLOWED = {
+    *((f"numpy.{core}.multiarray", "_reconstruct") for core in ("core", "_core")),
+    *((f"numpy.{core}.multiarray", "scalar") for core in ("core", "_core")),
+    *((f"numpy.{core}.numeric", "_frombuffer") for core in ("core", "_core")),
+    ("numpy", "ndarray"),
+    ("numpy", "dtype"),
+    ("_codecs", "encode"),
+}
+
+
+def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
+    """A trial of a session. Raises BadInputError where it has several and `recording` names none of them."""
+    cameras = _cameras(path)
+    if not cameras:
+        return None
+    videos, trials = cameras[0].parents[1], recordings_in(path)
+    if recording is not None and recording not in trials:
+        raise BadInputError(f"{path} has no trial {recording}", hint=f"it has {', '.join(trials)}")
+    if recording is None and len(trials) != 1:
+        raise BadInputError(
+            f"{path} has {'several trials: ' + ', '.join(trials) if trials else 'no trial with a video'}",
+            hint="choose one: --recording NAME",
+        )
+    trial = recording or trials[0]
+    there = [camera for camera in cameras if videos_in(camera / trial)]
+    raw, aligned = (
+        [_video(camera / trial, name) for camera in there] for name in (trial, trial + _SYNCHRONIZED)
+    )
+    chosen = aligned if None not in aligned else raw
+    paths = [f"{camera.parent.name}={video}" for camera, video in zip(there, chosen, strict=True)]
+    if None in chosen:
+        raise BadInputError(f"{path}: not every camera has a video {trial}", hint="name them: NAME=PATH")
+    apart = f"{trial} was not aligned by OpenCap: its phones start a little apart"
+    pickles = all((camera.parent / _PARAMETERS).is_file() for camera in there)
+    return Layout(
+        path=videos,
+        sources=tuple(open_sources(paths, png=png)),
+        same_frames=chosen is aligned,
+        calibration=videos if pickles else None,
+        remark=apart if chosen is raw else "",
+    )
+
+
+def _video(folder: Path, stem: str) -> Path | None:
+    """The trial's video of a name; of the original also what it was named by its number on OpenCap's side."""
+    found = videos_in(folder)
+    named = [path for path in found if path.stem == stem]
+    if not named and not stem.endswith(_SYNCHRONIZED):
+        named = [path for path in found if not path.stem.endswith(_SYNCHRONIZED)]
+    return named[0] if named else None
+
+
+def recordings_in(folder: Path) -> list[str]:
+    """The names of the trials in a session; else none."""
+    trials = {trial.name for camera in _cameras(folder) for trial in camera.iterdir() if videos_in(trial)}
+    return sorted(trials)
+
+
+def _cameras(folder: Path) -> list[Path]:
+    videos = folder / "Videos" if (folder / "Videos").is_dir() else folder
+    return sorted(videos.glob(f"Cam*/{_MEDIA}"), key=lambda path: natural_order(path.parent.name))
+
+
+class _ArraysOnly(pickle.Unpickler):
+    def find_class(self, module: str, name: str) -> Any:
+        if (module, name) not in _ALLOWED:
+            raise pickle.UnpicklingError(f"it holds {module}.{name}, which is no array")
+        return super().find_class(module, name)
+
+
+def _is_calibration(path: Path) -> bool:
+    """Whether a path is such a pickle, or a folder of cameras that have one each."""
+    return any(path.glob(f"*/{_PARAMETERS}")) if path.is_dir() else path.suffix in (".pickle", ".pkl")
+
+
+def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
+    """Read pickles, each with the camera it is of (or '': that of its folder), or a folder of cameras.
+
+    Raises BadInputError, with the file, for what is broken or not yet calibrated.
+    """
+    if not _is_calibration(paths[0][1]):
+        return None
+    files: dict[str, Path] = {}
+    for name, path in paths:
+        for file in sorted(path.glob(f"*/{_PARAMETERS}")) if path.is_dir() else [path]:
+            files[name or file.resolve().parent.name] = file
+    return Views({name: _view(file) for name, file in files.items()}, _PARAMETERS, "mm")
+
+
+def _view(file: Path) -> View:
+    try:
+        content = _ArraysOnly(io.BytesIO(file.read_bytes())).load()
+    except OSError as error:
+        raise BadInputError(f"cannot read {file}: {error.strerror}") from error
+    except Exception as error:  # a broken pickle may raise anything
+        raise BadInputError(f"cannot read the calibration {file}: {error}") from error
+    if not isinstance(content, dict):
+        raise BadInputError(f"{file} does not hold OpenCap's camera parameters")
+    where = str(file)
+    size = numbers(where, content, "imageSize", 2)
+    return View(
+        matrix=numbers(where, content, "intrinsicMat", 9).reshape(3, 3),
+        distortion=numbers(where, content, "distortion", 4, 5),
+        rotation=numbers(where, content, "rotation", 9).reshape(3, 3),
+        translation=numbers(where, content, "translation", 3),
+        size=(round(size[1]), round(size[0])),
+    )
+
+
+IMPORTER = Importer(
+    program="OpenCap",
+    help="a session of trials; its cameraIntrinsicsExtrinsics.pickle as a calibration",
+    open_recording=open_recording,
+    recordings_in=recordings_in,
+    read_calibration=read_calibration,
+    calibration_per_camera=True,
+    priority=-1,
+)

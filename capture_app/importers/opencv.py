@@ -1,0 +1,164 @@
+"""Calibrations as OpenCV's users save them: .npz, or YAML and XML of cv2.FileStorage."""
+
+import re
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+
+import numpy as np
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.files.strangers import read_arrays
+from capture_app.session.importing.importer import Importer
+from capture_app.session.importing.opencv_storage import read_storage
+from capture_app.session.importing.views import Array, View, Views, numbers, rotation_of
+
+_MATRIX = ("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsics")
+_DISTORTION = ("dist", "d", "distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion")
+_ROTATION, _TRANSLATION = ("r", "rvec", "rotation"), ("t", "tvec", "translation")
+_SIDES = ("image_width", "image_height")
+_SUFFIXES = (".npz", ".yml", ".yaml", ".xml")
+
+Content = Mapping[str, Array]
+_IDENTITY: Content = {"r": np.eye(3), "t": np.zeros(3)}
+
+
+def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
+    """Read OpenCV calibration files, each with the camera it is of, or '' for the file of the pair.
+
+    A camera's file has its matrix (mtx, K, camera_matrix, ...) and distortion, and may have its pose
+    (R or rvec, T or tvec; x_cam = R x_rig + T). The pair's file has the R and T of cv2.stereoCalibrate,
+    x_second = R x_first + T, and may have the matrices too (K1 D1 K2 D2). A folder is searched for files
+    whose names begin with the cameras'. Raises BadInputError for what is missing or broken.
+    """
+    first = paths[0][1]
+    if not first.is_dir() and first.suffix.lower() not in _SUFFIXES:
+        return None
+    own, pair = _assign(paths, cameras)
+    contents = {name: _load(path) for name, path in own.items()}
+    if pair is not None:
+        contents.update(_split_pair(_load(pair), pair, cameras, contents))
+    elif len(contents) > 1 and all(_find(content, _ROTATION) is None for content in contents.values()):
+        raise BadInputError(
+            "these calibrations have no R and T", hint="give the stereo calibration's file too"
+        )
+    if len(contents) == 1 and len(cameras) == 1:
+        contents = {name: {**_IDENTITY, **content} for name, content in contents.items()}
+    views = {
+        name: _view(f"{own.get(name, pair)}: camera {name}", content) for name, content in contents.items()
+    }
+    files = [*own.values(), *([pair] if pair else [])]
+    return Views(views, ", ".join(dict.fromkeys(path.name for path in files)))
+
+
+def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[dict[str, Path], Path | None]:
+    own: dict[str, Path] = {}
+    rest: list[Path] = []
+    for name, path in paths:
+        if name and name not in cameras:
+            hint = f"it has {', '.join(cameras)}"
+            raise BadInputError(f"{path} names camera {name}, which is not in the recording", hint=hint)
+        if name:
+            own[name] = path
+        elif path.is_dir():
+            found, others = _search(path, cameras)
+            own.update(found)
+            rest.extend(others)
+        else:
+            rest.append(path)
+    if len(rest) > 1:
+        files = ", ".join(path.name for path in rest)
+        raise BadInputError(
+            f"cannot tell which cameras {files} belong to", hint="give --calibration NAME=FILE"
+        )
+    return own, rest[0] if rest else None
+
+
+def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list[Path]]:
+    files = sorted(path for path in folder.iterdir() if path.suffix.lower() in _SUFFIXES)
+    own: dict[str, Path] = {}
+    for name in cameras:
+        start = re.escape(name)
+        # The whole word first, so that cam1 does not take cam10's file; then L takes left.npz.
+        for pattern in (rf"{start}(?![A-Za-z0-9])", start):
+            alike = [file for file in files if re.match(pattern, file.stem, re.IGNORECASE)]
+            if len(alike) == 1:
+                own[name] = alike[0]
+                break
+        else:
+            have = ", ".join(file.name for file in files) or "no OpenCV file"
+            raise BadInputError(
+                f"no single file in {folder} begins with {name!r}; it has {have}",
+                hint="say which is whose: --calibration NAME=FILE",
+            )
+    return own, [file for file in files if file not in own.values()]
+
+
+def _load(path: Path) -> Content:
+    """The numbers that a file has, by names in small letters."""
+    if path.suffix.lower() not in _SUFFIXES:
+        hint = (
+            "known: OpenCV .npz .yml .yaml .xml, Caliscope .toml, Qualisys .qca.txt, COLMAP, nerfstudio, ..."
+        )
+        raise BadInputError(f"{path} is not a calibration file of a known format", hint=hint)
+    values = read_arrays(path) if path.suffix.lower() == ".npz" else read_storage(path)
+    return {
+        key.lower(): np.atleast_1d(np.asarray(value, np.float64))
+        for key, value in values.items()
+        if isinstance(value, int | float) or (isinstance(value, np.ndarray) and value.dtype.kind in "biuf")
+    }
+
+
+def _split_pair(
+    content: Content, path: Path, cameras: Sequence[str], own: Mapping[str, Content]
+) -> dict[str, Content]:
+    rotation, translation = _find(content, _ROTATION), _find(content, _TRANSLATION)
+    if rotation is None or translation is None:
+        raise BadInputError(f"{path} has no R and T; it has {', '.join(content) or 'nothing'}")
+    if len(cameras) != 2:
+        hint = "give one file a camera, each with its R and T"
+        raise BadInputError(
+            f"{path} calibrates a pair, but the recording has {len(cameras)} cameras", hint=hint
+        )
+    poses = (_IDENTITY, {"r": rotation, "t": translation})
+    split: dict[str, Content] = {}
+    for number, (name, pose) in enumerate(zip(cameras, poses, strict=True), 1):
+        numbered = {
+            key.rstrip("12").rstrip("_"): value for key, value in content.items() if key.endswith(str(number))
+        }
+        sizes = {key: content[key] for key in _SIDES if key in content}
+        split[name] = {**sizes, **numbered, **own.get(name, {}), **pose}
+    return split
+
+
+def _view(where: str, content: Content) -> View:
+    matrix, rotation, translation = (_find(content, keys) for keys in (_MATRIX, _ROTATION, _TRANSLATION))
+    if matrix is None or matrix.shape != (3, 3):
+        raise BadInputError(f"{where} has no 3x3 camera matrix", hint=f"looked for {', '.join(_MATRIX)}")
+    if rotation is None or translation is None:
+        raise BadInputError(f"{where} has no R and T")
+    if rotation.size not in (3, 9) or translation.size != 3:
+        shapes = f"{rotation.shape} and {translation.shape}"
+        raise BadInputError(f"{where}: R and T have shapes {shapes}, not those of a pose")
+    distortion = _find(content, _DISTORTION)
+    sides = [int(numbers(where, content, key, 1)[0]) for key in _SIDES if key in content]
+    return View(
+        matrix=matrix,
+        distortion=np.zeros(5) if distortion is None else distortion.ravel(),
+        rotation=rotation_of(where, rotation.ravel()),
+        translation=translation.ravel(),
+        size=(sides[0], sides[1]) if len(sides) == 2 else None,
+    )
+
+
+def _find(content: Content, keys: Sequence[str]) -> Array | None:
+    return next((content[key] for key in keys if key in content), None)
+
+
+IMPORTER = Importer(
+    program="OpenCV",
+    help="a calibration's .npz, .yml or .xml of a camera or a pair, or a folder of these",
+    read_calibration=read_calibration,
+    calibration_files=("*calib*.npz", "*calib*.yml", "*calib*.xml"),
+    calibration_per_camera=True,
+    priority=-3,
+)

@@ -1,0 +1,83 @@
+"""Qualisys's calibrations, .qca.txt.
+
+Its cameras look along -z with y up, and `transform` holds the camera's axes as rows (r11 r12 r13 is the
+camera's x axis in the room) and its position. Pixels are in 64ths; the distortion, OpenCV's, is not.
+"""
+
+import xml.etree.ElementTree as ET
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.importing.importer import Importer
+from capture_app.session.importing.views import Array, View, Views
+
+_SUBPIXELS = 64.0
+_OPENCV_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])
+
+
+def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
+    """Read the cameras of a .qca.txt by their serials. Raises BadInputError, with the camera, if broken."""
+    path = paths[0][1]
+    if not _is_qualisys(path):
+        return None
+    try:
+        root = ET.parse(path).getroot()  # noqa: S314 - expat resolves no external entities and limits the rest
+    except (OSError, ET.ParseError) as error:
+        raise BadInputError(f"cannot read the calibration {path}: {error}") from error
+    views = {}
+    for number, camera in enumerate(root.iter("camera"), 1):
+        label = camera.get("serial") or str(number)
+        views[label] = _view(f"{path}: camera {label}", camera)
+    if not views:
+        raise BadInputError(f"{path} has no cameras", hint="is it a Qualisys calibration?")
+    return Views(views, path.name, "mm")
+
+
+def _view(where: str, camera: ET.Element) -> View:
+    left, top, right, bottom = _attributes(where, camera, "fov_video", "left", "top", "right", "bottom")
+    fu, fv, cu, cv, skew = (
+        _attributes(
+            where, camera, "intrinsic", "focalLengthU", "focalLengthV", "centerPointU", "centerPointV", "skew"
+        )
+        / _SUBPIXELS
+    )
+    bends = [*(f"radialDistortion{n}" for n in (1, 2)), *(f"tangentalDistortion{n}" for n in (1, 2))]
+    axes = _attributes(where, camera, "transform", *(f"r{row}{column}" for row in "123" for column in "123"))
+    rotation = _OPENCV_FROM_QUALISYS @ axes.reshape(3, 3)
+    return View(
+        matrix=np.array([[fu, skew, cu - left], [0.0, fv, cv - top], [0.0, 0.0, 1.0]]),
+        distortion=_attributes(where, camera, "intrinsic", *bends, "radialDistortion3"),
+        rotation=rotation,
+        translation=-rotation @ _attributes(where, camera, "transform", "x", "y", "z"),
+        size=(round(right - left) + 1, round(bottom - top) + 1),
+    )
+
+
+def _attributes(where: str, camera: ET.Element, tag: str, *keys: str) -> Array:
+    element = camera.find(tag)
+    if element is None:
+        raise BadInputError(f"{where} has no <{tag}>")
+    try:
+        return np.array([float(element.attrib[key]) for key in keys])
+    except KeyError as error:
+        raise BadInputError(f"{where}: <{tag}> has no {error.args[0]}") from None
+    except ValueError as error:
+        raise BadInputError(f"{where}: <{tag}>: {error}") from None
+
+
+def _is_qualisys(path: Path) -> bool:
+    if path.is_dir() or path.suffix.lower() not in (".txt", ".xml"):
+        return False
+    with path.open("rb") as file:
+        return b"<calibration" in file.read(4096)
+
+
+IMPORTER = Importer(
+    program="Qualisys",
+    help="a calibration's .qca.txt",
+    read_calibration=read_calibration,
+    calibration_files=("*.qca.txt",),
+)

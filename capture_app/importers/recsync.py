@@ -1,0 +1,119 @@
+"""RecSync and RecSyncNG: a video of each phone, its frames by the leader's clock.
+
+RecSync (MobileRoboticsSkoltech/RecSync-android, MainActivity.java and CSVLogger.java) writes on each phone
+RecSync/VID/VID_TIME.mp4 and RecSync/TIME.csv: a line a frame, its time by the leader's clock in ns. RecSyncNG
+(DFKI-SignLanguage/RecSync-android) writes RecSync/VID/PREFIX_TIME.mp4 and RecSync/PREFIX_TIME.csv there; its
+file_server.py collects both in PREFIX/CLIENT/, and its PostProcessVideos.py makes of them CLIENT.mp4 and
+CLIENT.csv, whose second column tells frames that were put in (black) where the phone dropped one.
+"""
+
+import re
+from collections.abc import Sequence
+from pathlib import Path
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.files.strangers import read_text
+from capture_app.session.format.manifest import IMAGE_SUFFIXES
+from capture_app.session.importing.frame_matching import TimedFrame, check_order
+from capture_app.session.importing.importer import Importer
+from capture_app.session.importing.sources import Source, Video
+
+_VIDEOS, _HEADING = "VID", "timestamp"
+
+
+class PhoneVideo(Video):
+    """A video of one phone with RecSync; its table gives each frame's leader time."""
+
+    kind = "RecSync"
+
+    def __init__(self, name: str, path: Path, *, png: bool = False) -> None:
+        super().__init__(name, path, png=png)
+        table = table_of(path)
+        if table is None:
+            raise BadInputError(f"{path} has no table of times")
+        self._table, self._rows = table, _rows(table)
+
+    def embedded_times(self) -> Sequence[TimedFrame]:
+        """When each frame was taken; if table and video differ in length, as many as the shorter has."""
+        rows = self._rows[: len(self.numbers)]
+        if len(self._rows) != len(self.numbers):
+            of = f"{len(self._rows)} times for {len(self.numbers)} frames"
+            self.remark = f"{self._table} has {of}: the first {len(rows)} are taken"
+        frames = [TimedFrame(number, at_ns) for number, (at_ns, put_in) in enumerate(rows) if not put_in]
+        if len(frames) < len(rows):
+            fillers = f"{len(rows) - len(frames)} of {len(rows)} frames are fillers"
+            self.remark = f"{self._table}: {fillers} and left out"
+        check_order(str(self._table), frames)
+        return frames
+
+
+def is_camera(path: Path) -> bool:
+    """Whether a path is one phone's folder, or a video with its table of times."""
+    if path.is_dir():
+        return bool(_pairs_in(path))
+    return path.suffix.lower() not in IMAGE_SUFFIXES and table_of(path) is not None
+
+
+def open_camera(name: str, path: Path, *, png: bool, recording: str | None) -> Source:
+    """The video of a phone. Raises BadInputError where `recording` does not tell one of several."""
+    if not path.is_dir():
+        return PhoneVideo(name, path, png=png)
+    pairs = _pairs_in(path)
+    chosen = [video for video in pairs if recording is None or recording in video.stem]
+    if len(chosen) == 1:
+        return PhoneVideo(name, chosen[0], png=png)
+    several = "several recordings"
+    hint = f"--recording {pairs[0].stem}, or choose one: {name}={pairs[0]}"
+    if recording is not None:
+        several = f"{len(chosen)} recordings named like {recording}"
+        hint = "--recording takes a part of one's name that no other has"
+    raise BadInputError(f"{path} has {several}: {', '.join(video.name for video in pairs)}", hint=hint)
+
+
+def table_of(video: Path) -> Path | None:
+    """RecSync's table of a video's times, beside it or beside the folder VID that it is in."""
+    folders = (video.parent, video.parent.parent) if video.parent.name == _VIDEOS else (video.parent,)
+    for folder in folders:
+        for stem in (video.stem, video.stem.removeprefix("VID_")):
+            table = folder / f"{stem}.csv"
+            # It begins with a time in ns, or with RecSyncNG's heading, or has nothing in it.
+            if table.is_file() and re.match(rf"(-?\d{{1,19}}\s*|{_HEADING}.*|)$", _first_line(table)):
+                return table
+    return None
+
+
+def _first_line(table: Path) -> str:
+    with table.open("rb") as file:
+        lines = file.read(4096).decode("utf-8", "replace").splitlines()
+    return next((line for line in lines if line.strip() and not line.startswith("#")), "")
+
+
+def _pairs_in(folder: Path) -> list[Path]:
+    """The videos with a table of one phone; those of RecSyncNG's postprocessing are a camera each."""
+    places = (folder, folder / _VIDEOS, folder / "RecSync" / _VIDEOS, folder / "TMP_MROB" / _VIDEOS)
+    videos = [path for place in places for path in sorted(place.glob("*.mp4"))]
+    tables = {path: table for path in videos if (table := table_of(path)) is not None}
+    return [path for path, table in tables.items() if not _first_line(table).startswith(_HEADING)]
+
+
+def _rows(table: Path) -> list[tuple[int, bool]]:
+    """The time in ns of every frame, and whether it was put in where the phone dropped one."""
+    rows: list[tuple[int, bool]] = []
+    for number, line in enumerate(read_text(table).splitlines(), 1):
+        text, _, made = (part.strip() for part in line.partition(","))
+        if not text or text.startswith("#") or (number == 1 and text == _HEADING):
+            continue
+        if not re.fullmatch(r"-?\d{1,19}", text):
+            raise BadInputError(f"{table}, line {number}: {text!r} is not a time in ns")
+        rows.append((int(text), made == "Generated"))
+    if not rows:
+        raise BadInputError(f"{table} has no times")
+    return rows
+
+
+IMPORTER = Importer(
+    program="RecSync, RecSyncNG",
+    help="a folder a phone: RecSync/VID/*.mp4 with their .csv; --recording takes a part of a name",
+    is_camera=is_camera,
+    open_camera=open_camera,
+)

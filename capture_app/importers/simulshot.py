@@ -1,0 +1,186 @@
+"""simulshot: an export is the session again that it was made of; a session's calibration is one for others.
+
+An export has `frames.csv` and `simulshot.json`, an MCAP of ours the session's manifest and calibration
+attached.
+"""
+
+import csv
+from collections import Counter
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.files.strangers import decode_struct, read_struct, read_text
+from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.export_record import FRAMES, RECORD, ExportRecord, read_record
+from capture_app.session.format.manifest import (
+    CALIBRATION,
+    IMAGE_SUFFIXES,
+    MANIFEST,
+    SCHEMA_VERSION,
+    ImageRecord,
+    Manifest,
+    check_references,
+    inside,
+)
+from capture_app.session.importing.bags import MCAP, attachments, read_bag
+from capture_app.session.importing.frame_matching import Instant, TimedFrame, Timeline
+from capture_app.session.importing.importer import Importer
+from capture_app.session.importing.sources import VIDEO_SUFFIXES, Images, Layout, Source, Video
+from capture_app.session.importing.views import View, Views, pinhole, read_json
+
+Place = tuple[str, int]
+"""A camera and an instant of the session that was exported."""
+
+_OF_THE_FRAME = (
+    "uncertainty_ns", "hard_bound_ns", "exposure_start_ns", "exposure_ns", "gain", "white_balance",
+    "sequence", "outlier_ns", "alignment_offset_ns", "substitute", "late",
+)  # fmt: skip
+_LEFT_OUT = "the export does not have it"
+
+
+def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
+    """An export, or an MCAP of one. Raises BadInputError where what it says of itself is broken."""
+    if path.suffix.lower() == MCAP and path.is_file():
+        attached = attachments(path)
+        if MANIFEST not in attached:
+            return None
+        bag = read_bag(path)
+        return _layout(path, _record(path, attached), bag.sources, bag.places)
+    return _open_export(path, png) if (path / RECORD).is_file() else None
+
+
+def _open_export(folder: Path, png: bool) -> Layout:
+    record, rows = read_record(folder), _rows(folder)
+    endings = {file.suffix.lower() for file, _ in rows.values()}
+    if MCAP in endings:
+        found = [*folder.glob("*.mcap"), *(path.parent for path in folder.glob("*/metadata.yaml"))]
+        if len(found) != 1:
+            raise BadInputError(f"{folder} does not have one .mcap but {len(found)}")
+        return _layout(folder, record, read_bag(found[0]).sources, _in_order(rows))
+    if not endings <= {*IMAGE_SUFFIXES, *VIDEO_SUFFIXES}:
+        raise BadInputError(f"{folder} is an export for {record.format}, which cannot be read back")
+    sources: list[Source] = []
+    places: dict[Place, int] = {}
+    for camera in record.manifest.cameras:
+        own = {at: row for at, row in rows.items() if at[0] == camera.name and row[0].is_file()}
+        if not own:
+            continue
+        files = [file for file, _ in own.values()]
+        if files[0].suffix.lower() in VIDEO_SUFFIXES:
+            video = Video(camera.name, files[0], png=png)
+            video.use_embedded_times()
+            sources.append(video)
+            places.update({at: number for at, (_, number) in own.items()})
+        else:
+            sources.append(Images(camera.name, files[0].parent, files, "exported images"))
+            places.update({at: index for index, at in enumerate(own)})
+    if not sources:
+        raise BadInputError(f"{folder} has none of the files that its {FRAMES} names")
+    return _layout(folder, record, sources, places)
+
+
+def _in_order(rows: Mapping[Place, tuple[Path, int]]) -> dict[Place, int]:
+    """Which frame of its camera each place is, where the frames of all are numbered together."""
+    seen: Counter[str] = Counter()
+    places = {}
+    for at in sorted(rows, key=lambda at: rows[at][1]):
+        places[at] = seen[at[0]]
+        seen[at[0]] += 1
+    return places
+
+
+def _layout(
+    path: Path, record: ExportRecord, sources: Sequence[Source], places: Mapping[Place, int]
+) -> Layout:
+    """The layout of what was exported; `places` says which frame of its source is of which place."""
+    order = [camera.name for camera in record.manifest.cameras]
+    sources = sorted((one for one in sources if one.name in order), key=lambda one: order.index(one.name))
+    return Layout(
+        program=f"simulshot: the session {record.manifest.name}, exported for {record.format}",
+        path=path,
+        sources=tuple(sources),
+        timeline=_timeline(record.manifest, places, {source.name for source in sources}),
+        record=record,
+    )
+
+
+def _rows(folder: Path) -> dict[Place, tuple[Path, int]]:
+    """The file, and the number of its frame, of every place that the export has."""
+    path = folder / FRAMES
+    try:
+        return {
+            (row["camera"], int(row["instant"])): (inside(folder, row["file"]), int(row["frame"]))
+            for row in csv.DictReader(read_text(path).splitlines())
+            if row["file"] and row["content"] in ("image", "substitute")
+        }
+    except (KeyError, TypeError, ValueError, csv.Error) as error:
+        raise BadInputError(f"{path} is not the table of an export: {error}") from error
+
+
+def _timeline(manifest: Manifest, places: Mapping[Place, int], cameras: set[str]) -> Timeline:
+    recorded = {(image.camera, image.instant): image for image in manifest.images}
+    # A frame that stands for two instants is in an export once.
+    by_content = {(at[0], recorded[at].sha256): index for at, index in places.items() if at in recorded}
+    why = {(gone.camera, gone.instant): gone.reason for gone in manifest.missing}
+    instants = []
+    for number, at_ns in enumerate(manifest.burst.instants_ns):
+        here = {name: recorded[name, number] for name in cameras if (name, number) in recorded}
+        frames = {
+            name: _timed(index, image)
+            for name, image in here.items()
+            if (index := places.get((name, number), by_content.get((name, image.sha256)))) is not None
+        }
+        if here and not frames:  # an export of some of the instants
+            continue
+        gone = {name: why.get((name, number), _LEFT_OUT) for name in cameras if name not in frames}
+        instants.append(Instant(at_ns, frames, gone))
+    periods = {camera.name: camera.facts.period_ns for camera in manifest.cameras if camera.name in cameras}
+    return Timeline(instants, manifest.burst.period_ns, periods)
+
+
+def _timed(index: int, image: ImageRecord) -> TimedFrame:
+    further: dict[str, Any] = {key: getattr(image, key) for key in _OF_THE_FRAME}
+    return TimedFrame(index, image.leader_ns, image.local_ns, further)
+
+
+def _record(path: Path, attached: Mapping[str, bytes]) -> ExportRecord:
+    manifest = decode_struct(path / MANIFEST, attached[MANIFEST], Manifest, SCHEMA_VERSION)
+    check_references(path / MANIFEST, manifest)
+    data = attached.get(CALIBRATION)
+    calibration = None if data is None else decode_struct(path / CALIBRATION, data, Calibration, 1)
+    return ExportRecord(format="mcap", manifest=manifest, calibration=calibration)
+
+
+def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
+    """Read a calibration.json, or that of a session's folder. Raises BadInputError where it is broken."""
+    path = paths[0][1]
+    path = path / CALIBRATION if (path / CALIBRATION).is_file() else path
+    content = read_json(path)
+    if not isinstance(content, dict) or not isinstance(content.get("cameras"), dict) or "frames" in content:
+        return None
+    own = read_struct(path, Calibration, 1)
+    views = {
+        name: View(
+            matrix=pinhole(of.fx, of.fy, of.cx, of.cy),
+            distortion=np.array(of.distortion, np.float64),
+            rotation=np.array(of.rotation, np.float64),
+            translation=np.array(of.translation, np.float64),
+            size=(of.width, of.height),
+        )
+        for name, of in own.cameras.items()
+    }
+    return Views(views, own.source or path.name, own.unit)
+
+
+IMPORTER = Importer(
+    program="simulshot",
+    help="an export, which becomes its session again; calibration.json, or its session, as a calibration",
+    open_recording=open_recording,
+    read_calibration=read_calibration,
+    calibration_files=(CALIBRATION,),
+    priority=1,
+)

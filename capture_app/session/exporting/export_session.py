@@ -1,0 +1,130 @@
+"""Exports a session in one of the formats, into a folder that appears whole or not at all.
+
+What an export needs is decided here alone, by what its `Exporter` states.
+"""
+
+from dataclasses import fields
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.optional_packages import load_optional
+from capture_app.session.exporting.exported_burst import ExportedBurst, Progress
+from capture_app.session.exporting.exporter import (
+    Exporter,
+    ExportOptions,
+    load_exporter,
+    load_exporters,
+    own_options,
+)
+from capture_app.session.exporting.tables import write_frames
+from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
+from capture_app.session.files.strangers import encode_checked, indented
+from capture_app.session.format.calibration import METRES, Calibration, check_lens
+from capture_app.session.format.export_record import RECORD, ExportRecord, with_images_listed
+from capture_app.session.format.manifest import CALIBRATION
+from capture_app.session.reading.reader import Session
+
+
+class ExportReport(msgspec.Struct, frozen=True, kw_only=True):
+    """The result of an export: its folder, the number of images in the session, and notes for the user."""
+
+    folder: str
+    format: str
+    images: int
+    notes: tuple[str, ...] = ()
+
+
+def export_session(
+    session: Session,
+    name: str,
+    out: Path,
+    progress: Progress = lambda done, total: None,
+    **options: Any,
+) -> ExportReport:
+    """Export a session to the folder `out`, which must not exist or be empty.
+
+    `options` are those of `ExportOptions` and of the format. Raises BadInputError for an unknown format or
+    option, a folder with content, or a session that cannot be exported so; IncompleteError where an image is
+    missing; NotAvailableError where a package is.
+    """
+    exporter = load_exporter(name)
+    if out.is_symlink() or (out.exists() and not out.is_dir()):
+        raise BadInputError(f"{out} is not a folder", hint="name a folder that does not exist yet")
+    if out.resolve().is_relative_to(session.folder.resolve()):
+        raise BadInputError(f"{out} lies inside the session", hint="choose a folder outside it")
+    output = OutputFolder(out, replaces_nothing)
+    chosen = _make_options(name, exporter, options)
+    burst = ExportedBurst(session, chosen, progress, options.get("instant"))
+    _check_needs(exporter, burst, options)
+    try:
+        with output:
+            exporter.write(burst, output.folder, *([chosen] if exporter.options is not ExportOptions else []))
+            write_frames(burst, output.folder)
+            calibration = session.calibration()
+            if calibration is not None:
+                cameras = calibration.cameras | burst.drawn
+                calibration = msgspec.structs.replace(calibration, cameras=cameras)
+            manifest = with_images_listed(session.manifest)
+            record = ExportRecord(format=name, manifest=manifest, calibration=calibration)
+            (output.folder / RECORD).write_bytes(indented(encode_checked(record)))
+    except OSError as error:
+        raise SimulshotError(
+            f"cannot write {error.filename or out}: {error.strerror or error}", hint="nothing was exported"
+        ) from error
+    return ExportReport(folder=str(out), format=name, images=len(burst.images), notes=tuple(burst.notes))
+
+
+def _make_options(name: str, exporter: Exporter, given: dict[str, Any]) -> ExportOptions:
+    known = {one.name for one in fields(exporter.options)}
+    for option in given:
+        if option not in known:
+            formats = [other for other, one in load_exporters().items() if option in own_options(one)]
+            hint = f"it is for {', '.join(formats)}" if formats else ""
+            raise BadInputError(f"{name} takes no --{option}", hint=hint)
+    return exporter.options(**given)
+
+
+def _check_needs(exporter: Exporter, burst: ExportedBurst, given: dict[str, Any]) -> None:
+    """Give the burst its calibration. Raises BadInputError or NotAvailableError for what is missing."""
+    own = own_options(exporter)
+    wanted = [exporter.packages, *(own[one][1].packages for one in given if one in own)]
+    for module, extra in (item for packages in wanted for item in packages.items()):
+        load_optional(module, extra, f"an export for {exporter.program}")
+    if exporter.complete_instants and not burst.complete_instants():
+        raise BadInputError(
+            f"{burst.session.folder}: no instant has an image of every camera, which {exporter.program} needs"
+        )
+    calibration = burst.session.calibration()
+    if exporter.calibration == "unused":
+        return
+    if calibration is not None:
+        _check_calibration(exporter, burst, calibration)
+        burst.calibration = calibration
+    elif exporter.calibration == "required":
+        raise BadInputError(
+            f"{burst.session.folder} has no calibration, which {exporter.program} needs",
+            hint=f"put a {CALIBRATION} into the session (docs/session-format.md)",
+        )
+    elif exporter.uncalibrated:
+        burst.notes.append(exporter.uncalibrated)
+
+
+def _check_calibration(exporter: Exporter, burst: ExportedBurst, calibration: Calibration) -> None:
+    """Check that all cameras are calibrated for their images; the user is told where it is in no length."""
+    for camera in burst.cameras:
+        where = f"{burst.session.folder / CALIBRATION}: {camera}"
+        if camera not in calibration.cameras:
+            raise BadInputError(f"{where} is not calibrated, which {exporter.program} needs")
+        lens, (width, height) = calibration.cameras[camera], burst.size(camera)
+        if (lens.width, lens.height) != (width, height):
+            made = f"{lens.width}x{lens.height}"
+            raise BadInputError(
+                f"{where} is calibrated for {made} pixels, but its images are {width}x{height}"
+            )
+        check_lens(where, lens)
+    if exporter.unit and calibration.unit not in METRES:
+        note = f"the calibration is in {calibration.unit!r}; it is written as if that were {exporter.unit}"
+        burst.notes.append(note)

@@ -1,0 +1,178 @@
+"""A burst being exported: its images in order, each checked against its record, and where each one went."""
+
+import hashlib
+from collections.abc import Callable
+from dataclasses import dataclass
+from itertools import pairwise
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.common.errors import BadInputError, IncompleteError
+from capture_app.session.exporting.exporter import ExportOptions
+from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.manifest import MANIFEST, ImageRecord
+from capture_app.session.reading.decoding import decode_image
+from capture_app.session.reading.reader import Session
+
+Picture = NDArray[np.uint8]
+Redraw = Callable[[Picture], Picture]
+"""Makes of a camera's picture what another lens had taken."""
+Progress = Callable[[int, int], None]
+"""Called with the number of images written so far and of all."""
+
+_VERIFY = "capture-app sessions verify shows all that is wrong"
+
+
+@dataclass(frozen=True, slots=True)
+class Frame:
+    """One place in an export: `file` inside the export and the number of its frame there, from 0.
+
+    `image` is None for a blank frame; without `file` the camera and instant are not in the export.
+    """
+
+    camera: str
+    instant: int
+    file: str = ""
+    frame: int = 0
+    image: ImageRecord | None = None
+
+
+class ExportedBurst:
+    """The images of a session, by camera and instant. Cameras without any image are left out.
+
+    Raises BadInputError where the manifest contradicts itself: images doubled, or times that go backwards.
+    """
+
+    calibration: Calibration | None = None
+    """The calibration of all cameras, for an exporter that reads it; never None where it requires one."""
+
+    def __init__(
+        self, session: Session, options: ExportOptions, progress: Progress, instant: int | None = None
+    ) -> None:
+        """`instant`: export this one only. Raises BadInputError where it has no image."""
+        manifest = session.manifest
+        self.session, self.options = session, options
+        self.name = session.name
+        self.instants_ns = manifest.burst.instants_ns
+        self.period_ns = manifest.burst.period_ns
+        self.recorded = self.images = _images_by_place(session)
+        """The session's images, and those of them that may be exported."""
+        self.frames: list[Frame] = []
+        """Where the images are in the export."""
+        self.drawn: dict[str, CameraCalibration] = {}
+        """Cameras whose pictures are exported as another lens would have taken them, and that lens."""
+        if instant is not None:
+            self.images = {place: image for place, image in self.images.items() if place[1] == instant}
+            if not self.images:
+                raise BadInputError(
+                    f"{session.folder} has no image of instant {instant}",
+                    hint=f"there are 0 to {len(self.instants_ns) - 1}",
+                )
+        filmed = {camera for camera, _ in self.images}
+        self.cameras = tuple(camera.name for camera in manifest.cameras if camera.name in filmed)
+        if not self.cameras:
+            raise BadInputError(f"{session.folder} has no images to export")
+        self.notes: list[str] = [
+            f"{one.name} has no images" for one in manifest.cameras if one.name not in filmed
+        ]
+        _check_times(self)
+        self.origin_ns = min(image.leader_ns for image in self.images.values())
+        """Leader time of the earliest image: the zero of every time that an export counts from its start."""
+        self._progress, self._done = progress, 0
+
+    def put(self, image: ImageRecord, file: str, frame: int = 0) -> None:
+        """Note where an image is in the export."""
+        self.frames.append(Frame(image.camera, image.instant, file, frame, image))
+
+    def images_of(self, camera: str) -> list[ImageRecord]:
+        """A camera's images in order, each frame once: not again as a substitute for a dropped one."""
+        kept: list[ImageRecord] = []
+        for image in self._in_order(camera):
+            if not kept or image.leader_ns > kept[-1].leader_ns:
+                kept.append(image)
+            elif kept[-1].substitute:
+                kept[-1] = image
+        return kept
+
+    def image_at(self, camera: str, instant: int) -> ImageRecord | None:
+        """The image that belongs to an instant, or None: a dropped frame's substitute is of another."""
+        image = self.images.get((camera, instant))
+        return None if image is None or image.substitute else image
+
+    def complete_instants(self) -> list[int]:
+        """The instants of which every camera has its image."""
+        return [
+            instant
+            for instant in range(len(self.instants_ns))
+            if all(self.image_at(camera, instant) for camera in self.cameras)
+        ]
+
+    def size(self, camera: str) -> tuple[int, int]:
+        """Width and height in pixels of a camera's images."""
+        facts = self.session.camera(camera).facts
+        return facts.width, facts.height
+
+    def pixels(self, image: ImageRecord, redraw: Redraw | None = None) -> Picture:
+        """An image's pixels, redrawn if need be; see `load`."""
+        pixels = self.load(image)[1]
+        return redraw(pixels) if redraw else pixels
+
+    def load(self, image: ImageRecord) -> tuple[bytes, Picture]:
+        """An image's file bytes and its pixels, height x width x BGR of 8 bits, not turned by EXIF.
+
+        Raises IncompleteError where the file is missing, BadInputError where it is not what was saved, cannot
+        be decoded, or is not of its camera's size.
+        """
+        path = self.session.image_file(image)
+        try:
+            data = self.session.image_bytes(image)
+        except FileNotFoundError:
+            raise IncompleteError(f"{path} is missing", hint=_VERIFY) from None
+        except OSError as error:
+            raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+        if len(data) != image.bytes or hashlib.sha256(data).hexdigest() != image.sha256:
+            raise BadInputError(f"{path} is not the image that was saved", hint=_VERIFY)
+        self._done += 1
+        self._progress(min(self._done, len(self.images)), len(self.images))
+        pixels = decode_image(data, colour=True)
+        if pixels is None:
+            raise BadInputError(f"{path} is not an image that can be decoded", hint=_VERIFY)
+        width, height = self.size(image.camera)
+        if pixels.shape[:2] != (height, width):
+            raise BadInputError(
+                f"{path} is {pixels.shape[1]}x{pixels.shape[0]} pixels; {image.camera} takes {width}x{height}"
+            )
+        return data, pixels
+
+    def _in_order(self, camera: str) -> list[ImageRecord]:
+        places = ((camera, instant) for instant in range(len(self.instants_ns)))
+        return [self.images[place] for place in places if place in self.images]
+
+
+def _images_by_place(session: Session) -> dict[tuple[str, int], ImageRecord]:
+    where = session.folder / MANIFEST
+    images: dict[tuple[str, int], ImageRecord] = {}
+    paths: set[tuple[Path, int]] = set()
+    for image in session.manifest.images:
+        place = session.image_place(image)
+        if (image.camera, image.instant) in images or place in paths:
+            raise BadInputError(f"{where} lists {image.path} of {image.camera} twice", hint=_VERIFY)
+        images[image.camera, image.instant] = image
+        paths.add(place)
+    return images
+
+
+def _check_times(burst: ExportedBurst) -> None:
+    where = burst.session.folder / MANIFEST
+    for index, (before_ns, after_ns) in enumerate(pairwise(burst.instants_ns), 1):
+        if after_ns <= before_ns:
+            raise BadInputError(f"{where}: instant {index} is not after instant {index - 1}", hint=_VERIFY)
+    for camera in burst.cameras:
+        for last, image in pairwise(burst._in_order(camera)):
+            same = image.leader_ns == last.leader_ns
+            if image.leader_ns < last.leader_ns or (same and not (image.substitute or last.substitute)):
+                raise BadInputError(
+                    f"{where}: the times of {camera} go backwards at instant {image.instant}", hint=_VERIFY
+                )

@@ -1,0 +1,91 @@
+"""A session's image files and masks of movers in another program's folders, byte for byte where it allows."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+
+from capture_app.common.errors import BadInputError, IncompleteError
+from capture_app.session.exporting.exported_burst import ExportedBurst, Picture, Redraw
+from capture_app.session.format.manifest import FrameRecord, ImageRecord
+from capture_app.session.reading.decoding import encode_image
+
+_SAME = {".jpeg": ".jpg", ".mjpeg": ".jpg", ".tif": ".tiff"}
+
+
+def suffix_for(burst: ExportedBurst, images: list[ImageRecord]) -> str:
+    """The one file name ending for all of these images: their own, or .png where they differ."""
+    endings = {_ending(burst, image) for image in images}
+    return endings.pop() if len(endings) == 1 else ".png"
+
+
+def place(
+    burst: ExportedBurst, image: ImageRecord, folder: Path, file: str, redraw: Redraw | None = None
+) -> None:
+    """Put an image into a folder: its own bytes, or the same pixels as PNG where the ending says so.
+
+    A changed picture is JPEG of quality 98, or PNG. Raises as `ExportedBurst.load` does, for a file that is
+    not the image that was saved.
+    """
+    data, pixels = burst.load(image)
+    target = folder / file
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if redraw is not None:
+        target.write_bytes(encode_image(redraw(pixels), target.suffix, quality=98))
+    elif _ending(burst, image) != target.suffix:
+        target.write_bytes(encode_image(pixels, target.suffix, quality=98))
+    elif burst.options.link and not isinstance(image, FrameRecord):
+        os.link(burst.session.image_file(image).resolve(), target)
+    else:
+        target.write_bytes(data)
+
+
+def jpeg_or_png(burst: ExportedBurst, image: ImageRecord) -> tuple[bytes, str]:
+    """An image's own bytes if they are JPEG or PNG, else its pixels as PNG; and `jpeg` or `png`.
+
+    Raises as `ExportedBurst.load` does.
+    """
+    data, pixels = burst.load(image)
+    kind = {".jpg": "jpeg", ".png": "png"}.get(_ending(burst, image))
+    return (data, kind) if kind else (encode_image(pixels, ".png"), "png")
+
+
+def _ending(burst: ExportedBurst, image: ImageRecord) -> str:
+    ending = burst.session.image_file(image).suffix.lower()
+    return _SAME.get(ending, ending)
+
+
+def mask_path(folder: Path, camera: str, instant: int) -> Path:
+    """Where an image's mask lies in a folder of masks."""
+    return folder / camera / f"{instant:06d}.png"
+
+
+def write_mask(
+    burst: ExportedBurst,
+    masks: Path | None,
+    image: ImageRecord,
+    target: Path,
+    *,
+    movers: int,
+    redraw: Redraw | None = None,
+) -> None:
+    """Write an image's mask of the folder `masks`, if given, with `movers`, 0 or 255, where something moves.
+
+    Raises IncompleteError where the folder lacks it, BadInputError where it is not of the image's size.
+    """
+    import cv2
+
+    if masks is None:
+        return
+    path = mask_path(masks, image.camera, image.instant)
+    if not path.is_file():
+        raise IncompleteError(f"{path} is missing", hint="reconstruct movers makes masks of all images")
+    mask = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_GRAYSCALE)
+    if mask is None or mask.shape[::-1] != burst.size(image.camera):
+        size = "x".join(map(str, burst.size(image.camera)))
+        raise BadInputError(f"{path} is not a picture of {size} pixels")
+    white: Picture = np.where(mask > 127, 255, 0).astype(np.uint8)
+    if redraw:
+        white = np.where(redraw(white) > 127, 255, 0).astype(np.uint8)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_bytes(encode_image(white if movers else 255 - white, ".png"))

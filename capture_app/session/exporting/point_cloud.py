@@ -1,0 +1,95 @@
+"""Point clouds as PLY: read as COLMAP and Open3D write them, written as Gaussian splatting reads them."""
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.common.errors import BadInputError, IncompleteError
+from capture_app.session.exporting.lens import Array
+
+_TYPES = {
+    "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
+    "int8": "i1", "uint8": "u1", "int16": "i2", "uint16": "u2", "int32": "i4", "uint32": "u4",
+    "float": "f4", "float32": "f4", "double": "f8", "float64": "f8",
+}  # fmt: skip
+_ORDERS = {"binary_little_endian": "<", "binary_big_endian": ">", "ascii": "="}
+_GREY = 128
+
+
+@dataclass(frozen=True, slots=True)
+class PointCloud:
+    """Points (n, 3) in the rig's coordinates and the calibration's unit, and their colours (n, 3), RGB."""
+
+    points: Array
+    colours: NDArray[np.uint8]
+
+    def thinned(self, most: int) -> "PointCloud":
+        """At most so many of the points, drawn at random but the same ones every time."""
+        if len(self.points) <= most:
+            return self
+        kept = np.sort(np.random.default_rng(0).choice(len(self.points), most, replace=False))
+        return PointCloud(self.points[kept], self.colours[kept])
+
+
+def read_ply(path: Path) -> PointCloud:
+    """The vertices of a PLY file; grey where it has no colours.
+
+    Raises IncompleteError where it is missing, BadInputError where it is no PLY of points.
+    """
+    try:
+        data = path.read_bytes()
+    except FileNotFoundError:
+        raise IncompleteError(f"{path} is missing", hint="a point cloud as PLY belongs there") from None
+    except OSError as error:
+        raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+    try:
+        vertices = _vertices(data)
+        points = np.stack([vertices[name].astype(np.float64) for name in ("x", "y", "z")], axis=1)
+    except (ValueError, KeyError, IndexError, UnicodeDecodeError) as error:
+        raise BadInputError(f"{path} is not a PLY file of points that can be read") from error
+    names = vertices.dtype.names or ()
+    colours = np.full((len(points), 3), _GREY, np.uint8)
+    if all(name in names and vertices[name].dtype == np.uint8 for name in ("red", "green", "blue")):
+        colours = np.stack([vertices[name] for name in ("red", "green", "blue")], axis=1)
+    kept = np.isfinite(points).all(axis=1)
+    if not kept.any():
+        raise BadInputError(f"{path} has no points")
+    return PointCloud(points[kept], colours[kept])
+
+
+def write_ply(path: Path, cloud: PointCloud, *, normals: bool = False) -> None:
+    """Write points and colours, binary and little-endian; with `normals` of 0 for programs that want some."""
+    zeros = [("normal", "<f4", 3)] if normals else []
+    rows = np.zeros(len(cloud.points), [("at", "<f4", 3), *zeros, ("colour", "u1", 3)])
+    rows["at"], rows["colour"] = cloud.points, cloud.colours
+    floats = ("x", "y", "z", "nx", "ny", "nz")[: 6 if normals else 3]
+    properties = [f"property float {name}" for name in floats]
+    properties += [f"property uchar {name}" for name in ("red", "green", "blue")]
+    count = f"element vertex {len(rows)}"
+    head = "\n".join(["ply", "format binary_little_endian 1.0", count, *properties, "end_header\n"])
+    path.parent.mkdir(parents=True, exist_ok=True)
+    path.write_bytes(head.encode() + rows.tobytes())
+
+
+def _vertices(data: bytes) -> NDArray[np.void]:
+    head, found, body = data.partition(b"end_header")
+    lines = [line.split() for line in head.decode("ascii").splitlines() if line.strip()]
+    if not found or lines[0] != ["ply"]:
+        raise ValueError("no header")
+    order = _ORDERS[next(line[1] for line in lines if line[0] == "format")]
+    elements = [line for line in lines if line[0] == "element"]
+    if elements[0][1] != "vertex":
+        raise ValueError("vertices are not first")
+    count, fields = int(elements[0][2]), []
+    start = lines.index(elements[0])
+    end = lines.index(elements[1]) if len(elements) > 1 else len(lines)
+    for line in lines[start + 1 : end]:
+        if line[0] == "property":
+            fields.append((line[2], order + _TYPES[line[1]]))
+    body = body[body.index(b"\n") + 1 :]
+    if order == "=":
+        rows = [tuple(map(float, row.split())) for row in body.decode("ascii").splitlines()[:count]]
+        return np.array(rows, [(name, kind) for name, kind in fields])
+    return np.frombuffer(body, fields, count)

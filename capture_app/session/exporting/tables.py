@@ -1,0 +1,142 @@
+"""Small text files beside an export: exact times as CSV, calibrated cameras as TOML and in OpenCV's YAML."""
+
+import csv
+import io
+import json
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+
+from capture_app.common.names import natural_order
+from capture_app.session.exporting.exported_burst import ExportedBurst, Frame
+from capture_app.session.exporting.lens import (
+    Array,
+    distortion_of,
+    matrix_of,
+    rodrigues,
+    rotation_of,
+    translation_of,
+)
+from capture_app.session.format.calibration import METRES, Calibration
+from capture_app.session.format.export_record import FRAMES
+from capture_app.session.format.manifest import ImageRecord
+
+_BARE = re.compile(r"[A-Za-z0-9_-]+")
+_RESERVED = ("metadata", "capture_volume", "charuco", "checkerboard")
+"""Tables of these programs' calibrations that are no cameras."""
+
+_TIMES = ("leader_ns", "residual_ns", "uncertainty_ns", "hard_bound_ns")
+
+
+def write_frames(burst: ExportedBurst, folder: Path) -> None:
+    """Write `frames.csv`: a row for every camera and instant of the session, exported or not."""
+    by_place = {(frame.camera, frame.instant): frame for frame in burst.frames}
+    text = io.StringIO()
+    rows = csv.writer(text, lineterminator="\n")
+    rows.writerow(["file", "frame", "camera", "instant", "content", *_TIMES])
+    for instant in range(len(burst.instants_ns)):
+        for camera in burst.cameras:
+            image = burst.recorded.get((camera, instant))
+            frame = by_place.get((camera, instant), Frame(camera, instant, image=image))
+            number = frame.frame if frame.file else ""
+            numbers = [image and getattr(image, name) for name in _TIMES]
+            times = ["" if one is None else one for one in numbers]
+            rows.writerow([frame.file, number, camera, instant, _content(frame, image), *times])
+    (folder / FRAMES).write_text(text.getvalue(), encoding="utf-8")
+
+
+def paired_names(cameras: Iterable[str]) -> dict[str, str]:
+    """For each camera the name of its video and of its table, in the order in which programs pair them.
+
+    It is the camera's own, unless sorting by letters and by numbers disagree or a name means something else.
+    """
+    by_letters = sorted(cameras)
+    by_numbers = sorted(by_letters, key=natural_order)
+    if by_letters == by_numbers and not set(by_letters) & set(_RESERVED):
+        return {name: name for name in by_letters}
+    return {name: f"cam_{number:03d}_{name}" for number, name in enumerate(by_numbers)}
+
+
+def renaming_notes(names: Mapping[str, str]) -> list[str]:
+    """For the user: which cameras have another name in the export."""
+    return [f"{name} is {camera}" for camera, name in names.items() if name != camera]
+
+
+def camera_tables(
+    calibration: Calibration, names: Mapping[str, str], unit: str, *, numbered: bool = False
+) -> str:
+    """Anipose's TOML, which FreeMoCap and Pose2Sim read: a table a camera, rotations by Rodrigues.
+
+    `names` are `paired_names`; translations are written in `unit` where the calibration's is a length.
+    `numbered` adds the id and the index by which FreeMoCap 2 finds a camera.
+    """
+    factor = METRES[calibration.unit] / METRES[unit] if calibration.unit in METRES else 1.0
+    text = ""
+    for number, (name, key) in enumerate(names.items()):
+        camera = calibration.cameras[name]
+        table = {
+            "name": key,
+            **({"id": key, "index": number} if numbered else {}),
+            "size": [camera.width, camera.height],
+            "matrix": matrix_of(camera).tolist(),
+            "distortions": distortion_of(camera).tolist(),
+            "rotation": list(rodrigues(rotation_of(camera))),
+            "translation": [float(value) * factor for value in camera.translation],
+            "fisheye": False,
+        }
+        text += toml_table([key], table)
+    return text + toml_table(["metadata"], {"adjusted": False, "error": 0.0})
+
+
+def toml_table(name: Sequence[str], values: Mapping[str, object]) -> str:
+    """The TOML table at the path `name`, of numbers, booleans, strings and lists, as JSON writes them."""
+    lines = (f"{key} = {json.dumps(value)}\n" for key, value in values.items())
+    title = ".".join(part if _BARE.fullmatch(part) else json.dumps(part) for part in name)
+    return f"[{title}]\n{''.join(lines)}\n"
+
+
+def _content(frame: Frame, image: ImageRecord | None) -> str:
+    if image is None:
+        return "blank" if frame.file else "missing"
+    if frame.image is None:
+        return "blank"
+    if not frame.file:
+        return "left out"
+    return "substitute" if image.substitute else "image"
+
+
+def yaml_names(cameras: Iterable[str]) -> dict[str, str]:
+    """For each camera a name that FileStorage allows in a key: `paired_names`, without dots."""
+    names = {camera: name.replace(".", "_") for camera, name in paired_names(cameras).items()}
+    if len(set(names.values())) == len(names):
+        return names
+    return {camera: f"cam_{number:03d}" for number, camera in enumerate(names)}
+
+
+def write_cameras(folder: Path, calibration: Calibration, names: Mapping[str, str], centre: float) -> None:
+    """Write intri.yml and extri.yml, in metres where the calibration's unit is a length.
+
+    `centre` is where the reader has the first pixel's centre: 0 after OpenCV, or 0.5.
+    """
+    metres = METRES.get(calibration.unit, 1.0)
+    head = "%YAML:1.0\n---\nnames:\n" + "".join(f'  - "{name}"\n' for name in names.values())
+    intri, extri = head, head
+    for camera_name, name in names.items():
+        camera = calibration.cameras[camera_name]
+        matrix = matrix_of(camera)
+        matrix[:2, 2] += centre
+        intri += _matrix(f"K_{name}", matrix) + _matrix(f"dist_{name}", distortion_of(camera)[None])
+        intri += f"H_{name}: {camera.height}\nW_{name}: {camera.width}\n"
+        rotation = rotation_of(camera)
+        extri += _matrix(f"R_{name}", [[value] for value in rodrigues(rotation)])
+        extri += _matrix(f"Rot_{name}", rotation)
+        extri += _matrix(f"T_{name}", (translation_of(camera) * metres)[:, None])
+    (folder / "intri.yml").write_text(intri, encoding="utf-8")
+    (folder / "extri.yml").write_text(extri, encoding="utf-8")
+
+
+def _matrix(key: str, rows: Array | list[list[float]]) -> str:
+    values = ", ".join(repr(float(value)) for row in rows for value in row)
+    return (
+        f"{key}: !!opencv-matrix\n  rows: {len(rows)}\n  cols: {len(rows[0])}\n  dt: d\n  data: [{values}]\n"
+    )

@@ -1,0 +1,135 @@
+"""Videos of a burst: H.264 in MP4, every frame at its own time, counted in microseconds."""
+
+import math
+from collections.abc import Iterable, Mapping, Sequence
+from fractions import Fraction
+from pathlib import Path
+
+import numpy as np
+
+from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.optional_packages import load_optional
+from capture_app.session.exporting.exported_burst import ExportedBurst, Frame, Picture, Redraw
+from capture_app.session.format.manifest import ImageRecord
+
+TIME_BASE = Fraction(1, 1_000_000)
+_QUALITY = {"crf": "15", "preset": "veryfast", "bf": "0"}
+_LOSSLESS = {"qp": "0", "preset": "veryfast", "bf": "0"}
+_BT601 = 6  # ITU-T H.273's number for the matrix that JPEG uses too
+_LIMITED_RANGE = 1
+
+
+def write_video(
+    path: Path,
+    frames: Iterable[tuple[int, Picture]],
+    size: tuple[int, int],
+    period_ns: int,
+    *,
+    lossless: bool = False,
+) -> None:
+    """Encode frames, each with its time in ns since the file's zero, to 1 us; `size` is (width, height).
+
+    `period_ns` is how long the last frame stands. Odd sizes keep their size by unreduced colour. Lossless
+    is H.264 of the very RGB values. Raises NotAvailableError without PyAV, BadInputError where two frames
+    share a microsecond.
+    """
+    av = load_optional("av", "export", "writing videos")
+    width, height = size
+    last_us = -math.inf
+    scaler = av.video.reformatter.Interpolation
+    # Without accurate rounding every picture comes out darker by half a level.
+    rounding = scaler.BICUBIC | scaler.ACCURATE_RND | scaler.FULL_CHR_H_INP
+    try:
+        # In milliseconds, MP4's default, the time before the first frame would lose its microseconds.
+        with av.open(str(path), "w", format="mp4", options={"movie_timescale": "1000000"}) as container:
+            rate = Fraction(1_000_000_000, period_ns).limit_denominator()
+            stream = container.add_stream("libx264rgb" if lossless else "libx264", rate=rate)
+            stream.width, stream.height = width, height
+            stream.time_base = stream.codec_context.time_base = TIME_BASE
+            unreduced = "yuv444p" if width % 2 or height % 2 else "yuv420p"
+            stream.pix_fmt, stream.options = ("bgr24", _LOSSLESS) if lossless else (unreduced, _QUALITY)
+            if not lossless:
+                stream.codec_context.colorspace = _BT601
+                stream.codec_context.color_range = _LIMITED_RANGE
+            for since_ns, picture in frames:
+                since_us = (since_ns + 500) // 1000
+                if since_us <= last_us:
+                    raise BadInputError(f"{path.name}: two frames within the same microsecond, {since_us}")
+                last_us = since_us
+                frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
+                if not lossless:
+                    frame = frame.reformat(format=stream.pix_fmt, interpolation=rounding)
+                frame.pts, frame.time_base = since_us, TIME_BASE
+                frame.duration = max(1, period_ns // 1000)
+                container.mux(stream.encode(frame))
+            container.mux(stream.encode(None))
+    except av.FFmpegError as error:
+        if isinstance(error, OSError):
+            raise OSError(error.errno, error.strerror, str(path)) from error
+        raise SimulshotError(f"cannot encode {path.name} ({width}x{height}): {error}") from error
+
+
+Shown = tuple[int, int, ImageRecord | None]
+"""A frame of a video: its instant, its time in ns since the video's zero, and its image; None for black."""
+
+
+def at_own_times(burst: ExportedBurst, camera: str) -> list[Shown]:
+    """A camera's frames at the images' own times since the burst's first, none where an image is missing."""
+    return [(one.instant, one.leader_ns - burst.origin_ns, one) for one in burst.images_of(camera)]
+
+
+def at_instants(burst: ExportedBurst, camera: str, instants: Sequence[int]) -> list[Shown]:
+    """One frame for each of these instants, at the instant's time since the first of them."""
+    times_ns = burst.instants_ns
+    return [(n, times_ns[n] - times_ns[instants[0]], burst.image_at(camera, n)) for n in instants]
+
+
+def write_camera(
+    burst: ExportedBurst,
+    path: Path,
+    shown: Sequence[Shown],
+    camera: str,
+    *,
+    redraw: Redraw | None = None,
+    size: tuple[int, int] | None = None,
+    file: str = "",
+) -> None:
+    """Write a camera's video; `redraw` changes its pictures, to `size`; `file` is its name in the export."""
+    width, height = size or burst.size(camera)
+    black = np.zeros((height, width, 3), np.uint8)
+    frames = (
+        (since_ns, black if image is None else burst.pixels(image, redraw)) for _, since_ns, image in shown
+    )
+    path.parent.mkdir(parents=True, exist_ok=True)
+    write_video(path, frames, (width, height), burst.period_ns, lossless=burst.options.lossless)
+    burst.frames += [Frame(camera, n, file or path.name, k, image) for k, (n, _, image) in enumerate(shown)]
+
+
+def write_paired_videos(
+    burst: ExportedBurst,
+    folder: Path,
+    files: Mapping[str, str],
+    redraws: Mapping[str, Redraw | None] | None = None,
+) -> None:
+    """Write for each camera the file inside `folder`, a frame for each instant; black where it has none.
+
+    For programs that take frame n of all videos for one moment. Notes black frames and uneven spacing.
+    """
+    instants = range(len(burst.instants_ns))
+    for camera, file in files.items():
+        redraw = (redraws or {}).get(camera)
+        write_camera(
+            burst, folder / file, at_instants(burst, camera, instants), camera, redraw=redraw, file=file
+        )
+    blank = sum(frame.image is None for frame in burst.frames)
+    if blank:
+        burst.notes.append(f"{blank} frames are black: their images are missing or of another moment")
+    burst.notes += spacing_notes(burst.instants_ns, burst.period_ns)
+
+
+def spacing_notes(times_ns: Iterable[int], period_ns: int) -> list[str]:
+    """A note where a program that counts frames at a constant rate would be misled by these times."""
+    gaps = np.diff(np.array(list(times_ns), np.int64))
+    if len(gaps) == 0 or np.ptp(gaps) <= period_ns // 20:
+        return []
+    return ["the instants are unevenly spaced: programs that count frames at one rate get their times wrong"]

@@ -1,0 +1,21 @@
+"""Types of messages in MCAP files and bags: Foxglove's in protobuf, which Rerun reads too, and ROS 2's."""
+
+from functools import cache
+from typing import Any
+
+from capture_app.common.optional_packages import load_optional
+
+ROS_BAGS = "ROS bags"
+"""What the package rosbags is needed for, in words."""
+
+
+def foxglove_message(name: str) -> Any:
+    """The class of a message of Foxglove's, such as CompressedImage. Raises NotAvailableError."""
+    return getattr(load_optional(f"foxglove_schemas_protobuf.{name}_pb2", "export", "MCAP"), name)
+
+
+@cache
+def ros_messages() -> Any:
+    """The messages of ROS 2, as of Humble. Raises NotAvailableError without rosbags."""
+    typesys = load_optional("rosbags.typesys", "ros", ROS_BAGS)
+    return typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)

@@ -1,1 +1,0 @@
-"""Importers: recordings of other programs become sessions."""

@@ -1,0 +1,145 @@
+"""Aligns the videos of a recording that have no common times, by what all of them hold."""
+
+import dataclasses
+from collections.abc import Callable, Collection, Mapping, Sequence
+from functools import cache, partial
+from typing import Any, Literal
+
+from msgspec.structs import replace
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.alignment.clock_line import chain_cameras
+from capture_app.session.alignment.flashes import match_flashes, read_lights
+from capture_app.session.alignment.gopro import match_gps_clocks, read_gps_clock
+from capture_app.session.alignment.tracks import match_sounds, match_timecodes, read_sound, read_timecode
+from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
+from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times
+from capture_app.session.importing.sources import Source, Video
+
+AlignBy = Literal["auto", "none", "flash", "gopro", "sound", "timecode"]
+"""What a recording without common times is aligned by; auto: of each pair of cameras, by the one with the
+least error."""
+
+
+_OF_VIDEO_TIMES = ("sound", "flash", "gopro")
+
+
+def align_recording(
+    sources: Sequence[Source],
+    timeline: Timeline,
+    unknown: CommonTimes,
+    by: AlignBy,
+    *,
+    sound_error_s: float,
+    rate_given: bool = False,
+    talk: Callable[[str], None],
+) -> CommonTimes:
+    """The state of the times after alignment, each camera's with it; `unknown` where nothing tells.
+
+    `talk` is called with what each method says of the cameras, where it is not in the state's reason.
+    `sound_error_s` (95 %): what the sounds of two cameras' pictures may be apart though they were one.
+    `rate_given`: frames are timed by a rate, not by their videos, so that sound has other times. Raises
+    BadInputError where a method was asked for that these sources cannot have.
+    """
+    videos = [source for source in sources if isinstance(source, Video)]
+    if by == "none" or len(videos) < len(sources):
+        if by not in ("auto", "none"):
+            raise BadInputError(f"--align {by} is for videos", hint="these are images: leave it out")
+        return unknown
+    if by in _OF_VIDEO_TIMES and rate_given:
+        raise BadInputError(
+            f"--align {by} takes the videos' own times", hint="--times video instead of --fps"
+        )
+    names = [source.name for source in videos]
+    starts_s = {name: min(frame.leader_ns for frame in of) / 1e9 for name, of in timeline.cameras().items()}
+    # The most trustworthy first: a GoPro's timecode is its own clock's, hardly ever set to the second.
+    methods: dict[AlignBy, tuple[Callable[[Video], Any], Callable[[Any, Any], CameraTimes]]] = {
+        "sound": (lambda of: read_sound(of.path), partial(match_sounds, error_s=sound_error_s)),
+        "flash": (lambda of: read_lights(of.path), match_flashes),
+        "gopro": (lambda of: read_gps_clock(of.path), match_gps_clocks),
+        "timecode": (lambda of: read_timecode(of.path, starts_s[of.name]), match_timecodes),
+    }
+    measured = {
+        method: cache(partial(_against, match, {one.name: read(one) for one in videos}))
+        for method, (read, match) in methods.items()
+        if by in ("auto", method) and not (method in _OF_VIDEO_TIMES and rate_given)
+    }
+    cameras = chain_cameras(names, lambda first, second: _least(first, second, measured.values()))
+    said = {method: _describe(against, cameras) for method, against in measured.items()}
+    if any(of.offset_ns is None for of in cameras.values()):
+        reasons = [unknown.reason, *(f"not aligned by {method}: {text}" for method, text in said.items())]
+        return CommonTimes(state=unknown.state, reason=", ".join(reasons))
+    for method, text in said.items():
+        talk(f"by {method}: {text}")
+    used = sorted({of.source for of in cameras.values()} - {REFERENCE})
+    return CommonTimes(
+        state="aligned", reason=f"by {' and '.join(used)}", reference=names[0], cameras=cameras
+    )
+
+
+def _describe(against: Callable[[str, str], CameraTimes], cameras: Mapping[str, CameraTimes]) -> str:
+    """What one method says of each camera against the first; alike reasons once."""
+    first, *others = cameras
+    found: dict[str, list[str]] = {}
+    for name in others:
+        text = (of := against(first, name)).reason
+        if of.offset_ns is not None:
+            bar_ms = (of.uncertainty_ns or 0) / 1e6
+            agrees = cameras[name].offset_ns is None or _agree(of, cameras[name])
+            text = (
+                f"{of.offset_ns / 1e6:+.1f} ± {bar_ms:.1f} ms{'' if agrees else ', not taken: others differ'}"
+            )
+        found.setdefault(text, []).append(name)
+    return "; ".join(f"{', '.join(of)}: {text}" for text, of in found.items())
+
+
+def _least(first: str, second: str, measured: Collection[Callable[[str, str], CameraTimes]]) -> CameraTimes:
+    """The offset with the least error of a pair, of those that no more trustworthy one contradicts.
+
+    Its rate is the best known of theirs.
+    """
+    kept: list[CameraTimes] = []
+    found = [against(first, second) for against in measured]
+    for one in found:
+        if one.offset_ns is not None and all(_agree(one, other) for other in kept):
+            kept.append(one)
+    if not kept:
+        return CameraTimes(reason="; ".join(one.reason for one in found))
+    best = min(kept, key=lambda one: one.uncertainty_ns or 0)
+    rate = min(kept, key=lambda one: one.rate_uncertainty_ppm or 0.0)
+    return replace(best, rate_ppm=rate.rate_ppm, rate_uncertainty_ppm=rate.rate_uncertainty_ppm)
+
+
+def _agree(one: CameraTimes, other: CameraTimes) -> bool:
+    """Whether two measurements of a camera may both be right, at the epoch of the first."""
+    at_ns = one.epoch_local_ns
+    apart_ns = abs(one.leader_from_local(at_ns) - other.leader_from_local(at_ns))
+    return apart_ns <= (one.uncertainty_at_ns(at_ns) or 0) + (other.uncertainty_at_ns(at_ns) or 0)
+
+
+def with_common_times(timeline: Timeline, common: CommonTimes) -> Timeline:
+    """The frames at the recording's times, matched anew."""
+    cameras = {
+        name: [_at_common_time(frame, common.cameras[name]) for frame in frames]
+        for name, frames in timeline.cameras().items()
+    }
+    return timeline_by_times("the recording", cameras)
+
+
+def _at_common_time(frame: TimedFrame, times: CameraTimes) -> TimedFrame:
+    own_ns = frame.leader_ns if frame.local_ns is None else frame.local_ns
+    further = {**frame.further, "uncertainty_ns": times.uncertainty_at_ns(own_ns)}
+    return dataclasses.replace(
+        frame, leader_ns=times.leader_from_local(own_ns), local_ns=own_ns, further=further
+    )
+
+
+def _against(
+    match: Callable[[Any, Any], CameraTimes], read: Mapping[str, Any], first: str, second: str
+) -> CameraTimes:
+    """The second camera's times against the first's, by what was read of both; else why there are none."""
+    if isinstance(read[first], str):
+        return CameraTimes(reason=f"{first}: {read[first]}")
+    if isinstance(read[second], str):
+        return CameraTimes(reason=read[second])
+    return match(read[first], read[second])

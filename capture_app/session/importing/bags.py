@@ -1,0 +1,244 @@
+"""Recordings of messages: each topic of pictures is a camera, by the stamps in them.
+
+An .mcap of Foxglove's CompressedImage, CameraCalibration and FrameTransform (docs.foxglove.dev, "Message
+schemas"), in protobuf; or sensor_msgs CompressedImage (JPEG, PNG) and Image (rgb8, bgr8, mono8) of ROS, in a
+rosbag2 folder, a ROS 1 .bag, or an .mcap of ROS alone, when they came beside their stamps. A camera has the
+lens of its frame or namespace; a transform is where the child is in the parent's coordinates.
+"""
+
+from collections.abc import Collection, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.names import is_name, name_like
+from capture_app.common.optional_packages import load_optional
+from capture_app.session.format.message_types import ROS_BAGS, foxglove_message, ros_messages
+from capture_app.session.importing.frame_matching import TimedFrame
+from capture_app.session.importing.sources import Source
+from capture_app.session.importing.views import View, Views, view_at
+from capture_app.session.reading.decoding import encode_image, image_size
+
+MCAP = ".mcap"
+_FOXGLOVE = "foxglove."
+_PICTURES = (
+    "foxglove.CompressedImage", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image"
+)  # fmt: skip
+_LENSES = ("foxglove.CameraCalibration", "sensor_msgs/msg/CameraInfo")
+_POSES = ("foxglove.FrameTransform", "tf2_msgs/msg/TFMessage")
+_CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1, "8UC1": 1, "8UC3": 3}
+
+
+def is_bag(path: Path) -> bool:
+    """Whether a path is an .mcap, a folder of rosbag2, or a bag of ROS 1."""
+    return (path / "metadata.yaml").is_file() if path.is_dir() else path.suffix.lower() in (MCAP, ".bag")
+
+
+class _Message(NamedTuple):
+    """A message of some type on a topic, when it arrived (ns), and its number there where it has one."""
+
+    topic: str
+    kind: str
+    arrived_ns: int
+    sequence: int
+    content: Any
+
+    @property
+    def frame_id(self) -> str:
+        return str(self.content.frame_id if self.kind.startswith(_FOXGLOVE) else self.content.header.frame_id)
+
+    @property
+    def timed(self) -> tuple[int, int | None]:
+        """By its stamp, and when it arrived where that is told apart; ns."""
+        if self.kind.startswith(_FOXGLOVE):
+            stamp = self.content.timestamp
+            return stamp.seconds * 1_000_000_000 + stamp.nanos or self.arrived_ns, None
+        stamp = self.content.header.stamp
+        return stamp.sec * 1_000_000_000 + stamp.nanosec or self.arrived_ns, self.arrived_ns
+
+
+class TopicPictures(Source):
+    """The pictures of one topic, in the order of the recording; compressed ones byte for byte."""
+
+    numbered = False
+
+    def __init__(self, name: str, path: Path, first: _Message, count: int) -> None:
+        self.name, self.path, self._topic = name, path, first.topic
+        self.numbers, self.kind = range(count), "MCAP" if first.kind.startswith(_FOXGLOVE) else "ROS"
+        format_ = getattr(first.content, "format", "").lower()
+        if format_ and "png" not in format_ and "jp" not in format_:
+            raise BadInputError(
+                f"{path}: {first.topic} has images of format {format_!r}; JPEG and PNG are read"
+            )
+        self.suffix = ".png" if "png" in format_ else ".jpg"
+
+    def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
+        """See `Source.frames`."""
+        wanted = set(indices)
+        for index, message in enumerate(_messages(self.path, _PICTURES, [self._topic])):
+            if index in wanted:
+                data = _picture(f"{self.path}: {self._topic}", message.content)
+                size = image_size(data)
+                if size is None:
+                    raise BadInputError(f"{self.path}: {self._topic} has an image that cannot be decoded")
+                yield index, data, size
+
+
+@dataclass(frozen=True, slots=True)
+class Bag:
+    """The cameras of a recording, the times of their frames and their calibration where it is complete."""
+
+    sources: list[Source]
+    times: dict[str, list[TimedFrame]]
+    """The frames of each camera, in the order of the stamps."""
+    places: dict[tuple[str, int], int]
+    """Which of its camera's frames a message is, by camera and the number that the message has."""
+    views: Views | None
+
+
+def read_bag(path: Path) -> Bag:
+    """The cameras of a recording. Raises BadInputError where it has no pictures that can be read."""
+    first: dict[str, _Message] = {}
+    times: dict[str, list[TimedFrame]] = {}
+    numbers: dict[str, list[int]] = {}
+    lenses: dict[str, _Message] = {}
+    poses: dict[str, tuple[str, Any]] = {}
+    for message in _messages(path, (*_PICTURES, *_LENSES, *_POSES)):
+        topic, kind, _, sequence, content = message
+        if kind in _PICTURES:
+            frames = times.setdefault(first.setdefault(topic, message).topic, [])
+            frames.append(TimedFrame(len(frames), *message.timed))
+            numbers.setdefault(topic, []).append(sequence)
+        elif kind in _LENSES:
+            lenses[topic] = message
+        elif kind.startswith(_FOXGLOVE):
+            poses[content.child_frame_id] = content.parent_frame_id, content
+        else:
+            poses |= {one.child_frame_id: (one.header.frame_id, one.transform) for one in content.transforms}
+    if not first:
+        raise BadInputError(
+            f"{path} has no foxglove.CompressedImage in protobuf and no pictures of sensor_msgs",
+            hint="images of other schemas are not read",
+        )
+    names = _camera_names({topic: of.frame_id for topic, of in first.items()})
+    return Bag(
+        [TopicPictures(name, path, first[topic], len(times[topic])) for topic, name in names.items()],
+        {name: sorted(times[topic], key=lambda frame: frame.leader_ns) for topic, name in names.items()},
+        {(name, one): index for topic, name in names.items() for index, one in enumerate(numbers[topic])},
+        _views(path, {names[topic]: of for topic, of in first.items()}, lenses, poses),
+    )
+
+
+def _camera_names(frames: Mapping[str, str]) -> dict[str, str]:
+    """Each topic's camera: its frame_id where that is a name and no other topic's, else the topic's own."""
+    ids = list(frames.values())
+    return {
+        topic: own if is_name(own) and ids.count(own) == 1 else name_like(topic.strip("/"), f"camera{number}")
+        for number, (topic, own) in enumerate(frames.items())
+    }
+
+
+def _views(
+    path: Path,
+    cameras: Mapping[str, _Message],
+    lenses: Mapping[str, _Message],
+    poses: Mapping[str, tuple[str, Any]],
+) -> Views | None:
+    """The calibration, where every camera has a lens and a place in the same coordinates."""
+    views: dict[str, View] = {}
+    for name, picture in cameras.items():
+        lens = _lens_of(picture, lenses.values())
+        if lens is None or picture.frame_id not in poses:
+            return None
+        _, pose = poses[picture.frame_id]
+        turn, at = pose.rotation, pose.translation
+        k, d = (lens.K, lens.D) if hasattr(lens, "K") else (lens.k, lens.d)
+        views[name] = view_at(
+            f"{path}: {picture.frame_id}",
+            k,
+            d,
+            (turn.w, turn.x, turn.y, turn.z),
+            (at.x, at.y, at.z),
+            (lens.width, lens.height),
+        )
+    one_world = len({poses[picture.frame_id][0] for picture in cameras.values()}) == 1
+    return Views(views, path.name, "m") if one_world else None
+
+
+def _lens_of(picture: _Message, lenses: Collection[_Message]) -> Any:
+    """The lens of a picture's namespace and frame, else of its frame, else of its namespace; or None."""
+    near = [one for one in lenses if picture.topic.startswith(f"{one.topic.rpartition('/')[0]}/")]
+    own = [one for one in lenses if one.frame_id == picture.frame_id]
+    chosen = [one for one in near if one in own] or own or near
+    return chosen[0].content if chosen else None
+
+
+def _picture(where: str, message: Any) -> bytes:
+    if not hasattr(message, "encoding"):
+        return bytes(message.data)
+    channels = _CHANNELS.get(message.encoding)
+    if channels is None:
+        raise BadInputError(f"{where} has pictures of {message.encoding}; {', '.join(_CHANNELS)} are read")
+    rows = np.asarray(message.data, np.uint8).reshape(message.height, message.step)
+    pixels = rows[:, : message.width * channels].reshape(message.height, message.width, channels)
+    if message.encoding == "rgb8":
+        pixels = pixels[:, :, ::-1]
+    return encode_image(np.ascontiguousarray(pixels), ".jpg")
+
+
+def attachments(path: Path) -> dict[str, bytes]:
+    """What is attached to an .mcap, by name. Raises BadInputError where it is not intact."""
+    if path.suffix.lower() != MCAP:
+        return {}
+    with intact(path), path.open("rb") as stream:
+        reader = load_optional("mcap.reader", "export", "MCAP").make_reader(stream)
+        return {one.name: one.data for one in reader.iter_attachments()}
+
+
+def _messages(path: Path, kinds: Collection[str], topics: Sequence[str] = ()) -> Iterator[_Message]:
+    """The messages of these types, on these topics or on all, as they came."""
+    with intact(path):
+        if path.suffix.lower() == MCAP:
+            with path.open("rb") as stream:
+                reader = load_optional("mcap.reader", "export", "MCAP").make_reader(stream)
+                for schema, channel, one in reader.iter_messages(topics or None, log_time_order=False):
+                    if schema is None or schema.name not in kinds:
+                        continue
+                    if channel.message_encoding == _ENCODINGS[schema.name.startswith(_FOXGLOVE)]:
+                        content = _decode(schema.name, one.data)
+                        yield _Message(channel.topic, schema.name, one.log_time, one.sequence, content)
+            return
+        reader = load_optional("rosbags.highlevel", "ros", ROS_BAGS).AnyReader
+        with reader([path], default_typestore=ros_messages()) as found:
+            connections = [one for one in found.connections if one.msgtype in kinds]
+            chosen = [one for one in connections if not topics or one.topic in topics]
+            for of, at_ns, raw in found.messages(connections=chosen) if chosen else ():
+                yield _Message(of.topic, of.msgtype, at_ns, 0, found.deserialize(raw, of.msgtype))
+
+
+_ENCODINGS = {True: "protobuf", False: "cdr"}
+"""How messages are encoded: Foxglove's (True) and those of ROS 2."""
+
+
+def _decode(kind: str, data: bytes) -> Any:
+    if not kind.startswith(_FOXGLOVE):
+        return ros_messages().deserialize_cdr(data, kind)
+    return foxglove_message(kind.removeprefix(_FOXGLOVE)).FromString(data)
+
+
+@contextmanager
+def intact(path: Path) -> Iterator[None]:
+    """Whatever a reader says of a broken recording becomes a BadInputError."""
+    try:
+        yield
+    except OSError as error:
+        raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+    except SimulshotError:
+        raise
+    except Exception as error:  # of a broken file its readers raise a dozen kinds
+        what = "MCAP" if path.suffix.lower() == MCAP else "bag"
+        raise BadInputError(f"{path} is not an intact {what}: {error}") from error

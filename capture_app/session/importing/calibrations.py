@@ -1,0 +1,135 @@
+"""Calibrations of other programs, each read by its importer and converted to this project's convention."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Literal
+
+import msgspec
+import numpy as np
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.format.calibration import (
+    METRES,
+    Calibration,
+    CameraCalibration,
+    Matrix3,
+    check_lens,
+)
+from capture_app.session.importing.importer import load_importers
+from capture_app.session.importing.rate_or_table import match_name
+from capture_app.session.importing.views import Array, View, Views
+
+Fit = Literal["exact", "crop", "scale"]
+"""What to do where images are not of the size that their camera was calibrated at.
+
+exact   refuse them, unless the aspect ratio is the same: then scale
+crop    the images are the calibrated ones, cropped or extended at the right or the bottom
+scale   they are the calibrated ones, scaled separately along each axis
+"""
+
+
+def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views:
+    """Read calibration files, each with the camera it is of (or ''), for cameras in the rig's order.
+
+    One file or folder that holds all cameras, or one of each camera, by what the importers read. Raises
+    BadInputError for anything else.
+    """
+    for _, path in paths:
+        if not path.exists():
+            raise BadInputError(f"no calibration at {path}")
+    first = paths[0][1]
+    for importer in load_importers():
+        views = importer.read_calibration(paths, cameras)
+        if views is not None:
+            if len(paths) > 1 and not importer.calibration_per_camera:
+                raise BadInputError(f"{first} holds all cameras", hint="give that one only")
+            return views
+    raise BadInputError(
+        f"{first} is not a calibration of a known format",
+        hint="capture-app sessions import --help lists the formats",
+    )
+
+
+def fit_calibration(
+    views: Views, sizes: Mapping[str, tuple[int, int]], *, unit: str | None = None, fit: Fit = "exact"
+) -> Calibration:
+    """The calibration of a recording's cameras, given their image sizes (width, height) in pixels.
+
+    Lengths are converted to metres from the file's own unit, else from `unit` (default m); a unit that
+    is not known (such as a board's square) is kept and named. Raises BadInputError where a camera has no
+    calibration, where its numbers cannot be a camera's, or where the size does not fit.
+    """
+    if unit is not None and views.unit is not None and unit != views.unit:
+        raise BadInputError(f"{views.source} is in {views.unit}, not in {unit}", hint="leave out --unit")
+    given = views.unit or unit or views.assumed_unit
+    labels = {match_name(label, list(sizes)): label for label in views.cameras}
+    lacking = [name for name in sizes if name not in labels]
+    if lacking:
+        of = ", ".join(views.cameras)
+        raise BadInputError(
+            f"{views.source} calibrates {of}: nothing for {', '.join(lacking)} of the recording"
+        )
+    scale = METRES.get(given, 1.0)
+    cameras = {
+        name: _camera(f"{views.source}: camera {name}", views.cameras[labels[name]], size, scale, fit)
+        for name, size in sizes.items()
+    }
+    return Calibration(cameras=cameras, unit="m" if given in METRES else given, source=views.source)
+
+
+def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: Fit) -> CameraCalibration:
+    if not np.isfinite(view.matrix).all():
+        raise BadInputError(f"{where} has numbers that are not finite")
+    (fx, skew, cx), (_, fy, cy), _ = view.matrix.tolist()
+    camera = CameraCalibration(
+        width=size[0],
+        height=size[1],
+        fx=fx,
+        fy=fy,
+        cx=cx,
+        cy=cy,
+        rotation=_rows(view.rotation),
+        translation=(*(view.translation.ravel() * metres).tolist(),),
+        distortion=(*view.distortion.ravel().tolist(),),
+    )
+    check_lens(where, camera)
+    if abs(skew) > 0.01:
+        raise BadInputError(f"{where} has a skew of {skew:.3g} pixels; only a skew of 0 is supported")
+    if abs(view.matrix[2] - [0, 0, 1]).max() > 1e-6:
+        raise BadInputError(f"{where} has no camera matrix: its last row is not 0, 0, 1")
+    x, y = _factors(where, view.size, size, fit)
+    left, _, right = np.linalg.svd(view.rotation)
+    return msgspec.structs.replace(
+        camera,
+        fx=fx * x,
+        fy=fy * y,
+        cx=(cx + 0.5) * x - 0.5,
+        cy=(cy + 0.5) * y - 0.5,
+        rotation=_rows(left @ right),
+        distortion=(*camera.distortion, *[0.0] * 5)[:5],
+    )
+
+
+def _factors(
+    where: str, calibrated: tuple[int, int] | None, size: tuple[int, int], fit: Fit
+) -> tuple[float, float]:
+    if calibrated is None or calibrated == size:
+        return 1.0, 1.0
+    if min(calibrated) < 1:
+        raise BadInputError(f"{where} is calibrated for {calibrated[0]}x{calibrated[1]} pixels")
+    x, y = size[0] / calibrated[0], size[1] / calibrated[1]
+    if fit == "crop":
+        return 1.0, 1.0
+    if fit == "scale" or abs(x / y - 1) < 1e-3:
+        return x, y
+    taken = f"{size[0]}x{size[1]}"
+    turned = "; are they turned by 90 degrees?" if calibrated == size[::-1] else ""
+    raise BadInputError(
+        f"{where} is calibrated for {calibrated[0]}x{calibrated[1]} pixels, its images are {taken}{turned}",
+        hint="--fit crop if their right or bottom is cut off, --fit scale if they are stretched",
+    )
+
+
+def _rows(matrix: Array) -> Matrix3:
+    first, second, third = (tuple(row) for row in matrix.tolist())
+    return first, second, third

@@ -1,0 +1,235 @@
+"""Finds the clips in a stranger's folder, and which of them were taken together: names, folders, and dates.
+
+Dates are those that cameras write into their videos (`creation_time`). Clocks of cameras are often wrong:
+dates part clips only where each part then has several, or where a clip that is alone is also of quite
+another length. Folders are of a camera each, unless what is in one of them was taken at the same time, or
+its names say that it is a take.
+"""
+
+import re
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from datetime import datetime
+from functools import partial
+from itertools import combinations
+from pathlib import Path
+from statistics import median
+from typing import Any
+
+from capture_app.common.names import name_like, natural_order
+from capture_app.common.text import count
+from capture_app.session.alignment.tracks import read_container
+from capture_app.session.importing.embedded_times import has_video_times
+from capture_app.session.importing.importer import load_importers
+from capture_app.session.importing.sources import images_in, videos_in
+
+_DEPTH = 4
+"""Folders of a camera's card: CAMERA/DCIM/100GOPRO, say."""
+_CAMERA = re.compile(
+    r"cam|left|right|front|back|side|top|view|gopro|phone|pixel|ipad|galaxy|canon|sony|angle"
+)
+_TAKE = re.compile(r"take|trial|run|scene|shot|day|session|try|attempt|walk|jump|20\d\d")
+_CALIBRATION = re.compile(r"calib|intrinsic|extrinsic|board|checker|charuco", re.IGNORECASE)
+_SLACK_S = 2.0
+_ALIKE = 2.0
+"""Clips of one take are at most so many times as long as each other."""
+
+
+@dataclass(frozen=True, slots=True)
+class Clip:
+    """A video: how long it is, and when it began by its camera's clock, s; None where it does not say."""
+
+    path: Path
+    seconds: float
+    began_s: float | None
+
+    def together(self, other: "Clip") -> bool:
+        """Whether both ran at one time, by their dates."""
+        if self.began_s is None or other.began_s is None:
+            return False
+        first, second = sorted((self, other), key=lambda one: one.began_s or 0.0)
+        return (second.began_s or 0.0) <= (first.began_s or 0.0) + first.seconds + _SLACK_S
+
+
+@dataclass(frozen=True, slots=True)
+class Shoot:
+    """Clips that were taken together, by camera; `name` is empty where the folder has no others."""
+
+    name: str
+    clips: Mapping[str, Clip]
+
+
+def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
+    """The clips of a folder, and lines about what was left out and why.
+
+    No shoots where it has no videos, in itself or in its folders.
+    """
+    shoots: list[Shoot] = []
+    left_out: list[str] = []
+    own = _usable(videos_in(folder), left_out)
+    inner = {path: clips for path in sorted(folder.iterdir()) if (clips := _clips_below(path, left_out))}
+    boards = [path for path in inner if _CALIBRATION.search(path.name)]
+    for path in boards if len(inner) > len(boards) or own else ():
+        left_out.append(f"{path.name}: looks like calibration; reconstruct calibrate takes it")
+        del inner[path]
+    if len(inner) == 1 and not own:
+        # What cannot be read there was said already, when its clips were looked for.
+        shoots, deeper = find_shoots(next(iter(inner)))
+        return shoots, [*(line for line in left_out if line not in deeper), *deeper]
+    if len(own) >= max(1, len(inner)):
+        left_out += [f"{path.name}: {count(len(clips), 'clip')} beside" for path, clips in inner.items()]
+        shoots = _of_one_folder(own, left_out)
+    elif inner:
+        left_out += [f"{clip.path.name}: beside the cameras' folders" for clip in own]
+        shoots = _of_folders(inner, left_out)
+    if shoots:
+        beside = [path for path in sorted(folder.iterdir()) if path.is_dir() and images_in(path)]
+        left_out += [f"{path.name}: images beside videos" for path in beside]
+    return shoots, left_out
+
+
+def find_calibration(folder: Path) -> Path | None:
+    """A calibration that lies in a folder, or in one of its folders that is named so."""
+    inner = [path for path in sorted(folder.iterdir()) if path.is_dir() and _CALIBRATION.search(path.name)]
+    for place in (folder, *inner):
+        for importer in load_importers():
+            for pattern in importer.calibration_files:
+                file = next(iter(sorted(place.glob(pattern))), None)
+                if file is not None:
+                    return place if importer.calibration_per_camera else file
+    return None
+
+
+def _usable(paths: Sequence[Path], left_out: list[str]) -> list[Clip]:
+    clips = []
+    for path in sorted(paths, key=lambda path: natural_order(path.name)):
+        if path.name.startswith("."):
+            continue
+        read = read_container(path, partial(_read, path)) if has_video_times() else Clip(path, 0.0, None)
+        if isinstance(read, Clip):
+            clips.append(read)
+        else:
+            left_out.append(f"{path.name}: {read}")
+    return clips
+
+
+def _read(path: Path, _: Any, container: Any) -> Clip | str:
+    if not container.streams.video or next(container.decode(video=0), None) is None:
+        return "it has no pictures"
+    stream = container.streams.video[0]
+    seconds = float(stream.duration * stream.time_base) if stream.duration else 0.0
+    dates = [_date_s(of.metadata.get("creation_time", "")) for of in (container, stream)]
+    # The zero of QuickTime's dates, 1904, is no date.
+    return Clip(path, seconds, next((date_s for date_s in dates if date_s > 0), None))
+
+
+def _date_s(text: str) -> float:
+    """The time since 1970 of a date; 0 where it is none, or written as no other camera writes it."""
+    try:
+        return datetime.fromisoformat(text).timestamp()
+    except ValueError:
+        return 0.0
+
+
+def _clips_below(folder: Path, left_out: list[str], depth: int = _DEPTH) -> list[Clip]:
+    if not folder.is_dir() or folder.name.startswith(".") or not depth:
+        return []
+    clips = _usable(videos_in(folder), left_out)
+    for path in sorted(folder.iterdir()):
+        clips += _clips_below(path, left_out, depth - 1)
+    return clips
+
+
+def _of_one_folder(clips: list[Clip], left_out: list[str]) -> list[Shoot]:
+    """By dates, where they part the clips sensibly; else by names such as cam1_take2; else all together."""
+    groups = _by_date(clips)
+    several = [group for group in groups if len(group) > 1]
+    if len(several) > 1 and all(clip.began_s is not None for clip in clips):
+        alone = [group[0] for group in groups if len(group) == 1]
+        left_out += [f"{clip.path.name}: by its date, nothing was taken with it" for clip in alone]
+        return [_shoot(f"{number}", group) for number, group in enumerate(several, 1)]
+    if len(several) == 1:
+        usual = median(clip.seconds for clip in several[0])
+        for clip in [group[0] for group in groups if len(group) == 1]:
+            if clip.began_s is not None and not usual / _ALIKE <= clip.seconds <= usual * _ALIKE:
+                left_out.append(f"{clip.path.name}: of another date and another length")
+                clips = [one for one in clips if one is not clip]
+    return _by_names(clips) or [_shoot("", clips)]
+
+
+def _by_date(clips: Sequence[Clip]) -> list[list[Clip]]:
+    groups: list[list[Clip]] = []
+    for clip in sorted(clips, key=lambda clip: clip.began_s or 0.0):
+        if groups and any(clip.together(other) for other in groups[-1]):
+            groups[-1].append(clip)
+        else:
+            groups.append([clip])
+    return groups
+
+
+def _by_names(clips: Sequence[Clip]) -> list[Shoot]:
+    """Shoots of names in two parts that make a grid, cameras by takes; none where there is no such grid."""
+    words = [tuple(re.split(r"[\s_\-.]+", clip.path.stem)) for clip in clips]
+    if len({len(of) for of in words}) != 1:
+        return []
+    varying = [k for k in range(len(words[0])) if len({of[k] for of in words}) > 1]
+    if len(varying) != 2:
+        return []
+    grid = {(of[varying[0]], of[varying[1]]): clip for of, clip in zip(words, clips, strict=True)}
+    sides = [sorted({pair[k] for pair in grid}, key=natural_order) for k in (0, 1)]
+    if len(grid) != len(clips) or len(clips) != len(sides[0]) * len(sides[1]):
+        return []
+    takes = 0 if _are_takes(sides[0]) and not _are_takes(sides[1]) else 1
+    return [
+        Shoot(
+            take, {name_like(pair[1 - takes], "cam"): of for pair, of in grid.items() if pair[takes] == take}
+        )
+        for take in sides[takes]
+    ]
+
+
+def _are_takes(names: Sequence[str]) -> bool:
+    text = " ".join(names).lower()
+    return _TAKE.search(text) is not None and _CAMERA.search(text) is None
+
+
+def _of_folders(inner: Mapping[Path, list[Clip]], left_out: list[str]) -> list[Shoot]:
+    within = any(one.together(other) for clips in inner.values() for one, other in combinations(clips, 2))
+    stems = {clip.path.stem for clips in inner.values() for clip in clips}
+    named = _are_takes([path.name for path in inner]) or (
+        _CAMERA.search(" ".join(stems).lower()) is not None
+        and _CAMERA.search(" ".join(path.name for path in inner).lower()) is None
+    )
+    if within or (named and all(len(clips) > 1 for clips in inner.values())):
+        return [_shoot(path.name, clips) for path, clips in inner.items()]
+    cameras = {name_like(path.name, f"cam{n}"): clips for n, (path, clips) in enumerate(inner.items())}
+    if all(len(clips) == 1 for clips in cameras.values()):
+        return [Shoot("", {name: clips[0] for name, clips in cameras.items()})]
+    shoots: list[Shoot] = []
+    first = max(cameras, key=lambda name: len(cameras[name]))
+    for number, clip in enumerate(cameras[first]):
+        of = {name: match for name, clips in cameras.items() if (match := _match(clip, number, clips))}
+        shoots.append(Shoot(f"{number + 1}", of))
+    taken = {of.path for shoot in shoots for of in shoot.clips.values() if len(shoot.clips) > 1}
+    left = [clip for clips in cameras.values() for clip in clips if clip.path not in taken]
+    left_out += [f"{clip.path.parent.name}/{clip.path.name}: nothing was taken with it" for clip in left]
+    return [shoot for shoot in shoots if len(shoot.clips) > 1]
+
+
+def _match(clip: Clip, number: int, clips: Sequence[Clip]) -> Clip | None:
+    """Another camera's clip of the same name, else of the same time, else of the same number."""
+    rules: tuple[Callable[[Clip], bool], ...] = (
+        lambda other: other.path.stem == clip.path.stem,
+        clip.together,
+    )
+    for rule in rules:
+        if any(rule(other) for other in clips):
+            return next(other for other in clips if rule(other))
+    dated = clip.began_s is not None and all(other.began_s is not None for other in clips)
+    return clips[number] if not dated and number < len(clips) else None
+
+
+def _shoot(name: str, clips: Sequence[Clip]) -> Shoot:
+    names = [name_like(clip.path.stem, f"cam{number}") for number, clip in enumerate(clips)]
+    unique = [own if names.count(own) == 1 else f"{own}-{n}" for n, own in enumerate(names)]
+    return Shoot(name_like(name, ""), dict(zip(unique, clips, strict=True)))

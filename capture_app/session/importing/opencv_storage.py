@@ -1,0 +1,100 @@
+"""YAML and XML of OpenCV's cv2.FileStorage.
+
+They are read without OpenCV, whose parser broken files corrupt, by its documentation of FileStorage: a map of
+names to numbers, texts, lists and matrices, which have rows, cols (or sizes), dt (a letter for the type, the
+number of channels before it) and data.
+"""
+
+import math
+import re
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree as ET
+
+import numpy as np
+import yaml
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.files.strangers import read_regular
+from capture_app.session.importing.views import Array
+
+MOST_BYTES = 8 << 20
+"""A calibration has some kilobytes, also with all points it was made of."""
+_MATRICES = "opencv-matrix", "opencv-nd-matrix"
+_DTYPE = re.compile(r"(\d*)[a-z]")
+
+
+def read_storage(path: Path) -> dict[str, Any]:
+    """What a file holds, by name: matrices as float64 rows x columns (x channels), numbers, texts, lists.
+
+    Raises BadInputError for a file that cannot be read, or is not of this format.
+    """
+    try:
+        data = read_regular(path)
+        if len(data) > MOST_BYTES:
+            raise ValueError(f"it has {len(data)} bytes, too many for a calibration")
+        content = _read_xml(data) if path.suffix.lower() == ".xml" else _read_yaml(data)
+    except OSError as error:
+        raise BadInputError(f"cannot read the calibration {path}: {error.strerror or error}") from error
+    except (yaml.YAMLError, ET.ParseError, ValueError, OverflowError, RecursionError) as error:
+        reason = " ".join(str(error).split()) or "not OpenCV's format"
+        raise BadInputError(f"cannot read the calibration {path}: {reason}") from error
+    if not isinstance(content, dict):
+        raise BadInputError(f"cannot read the calibration {path}: it is no list of names and values")
+    return {str(key): value for key, value in content.items()}
+
+
+class _Loader(yaml.SafeLoader):
+    """YAML with OpenCV's matrices."""
+
+
+def _yaml_matrix(loader: _Loader, node: yaml.Node) -> Array:
+    if not isinstance(node, yaml.MappingNode):
+        raise ValueError("a matrix is not a map")
+    return _matrix(loader.construct_mapping(node, deep=True))
+
+
+for name in _MATRICES:
+    _Loader.add_constructor(f"tag:yaml.org,2002:{name}", _yaml_matrix)
+
+
+def _read_yaml(data: bytes) -> Any:
+    # OpenCV writes %YAML:1.0, with a colon that YAML does not know.
+    text = data.decode("utf-8")
+    return yaml.load(text.partition("\n")[2] if text.startswith("%YAML") else text, _Loader)  # noqa: S506
+
+
+def _read_xml(data: bytes) -> Any:
+    root = ET.fromstring(data)  # noqa: S314 - no entity is resolved from elsewhere, and the size is bounded
+    if root.tag != "opencv_storage":
+        raise ValueError("it is not OpenCV's XML")
+    return {element.tag: _xml_value(element) for element in root}
+
+
+def _xml_value(element: ET.Element) -> Any:
+    if element.get("type_id") in _MATRICES:
+        return _matrix({part.tag: (part.text or "").strip() for part in element})
+    if len(element):
+        items = [_xml_value(part) for part in element]
+        return items if all(part.tag == "_" for part in element) else dict(zip(element, items, strict=True))
+    text = (element.text or "").strip()
+    try:
+        return float(text)
+    except ValueError:
+        return text.strip('"')
+
+
+def _matrix(parts: dict[Any, Any]) -> Array:
+    sizes = _items(parts.get("sizes")) if "sizes" in parts else [parts.get("rows"), parts.get("cols")]
+    dtype = _DTYPE.fullmatch(str(parts.get("dt", "")))
+    if dtype is None or None in sizes or "data" not in parts:
+        raise ValueError("a matrix lacks its size, dt or data")
+    shape = [*(int(str(size)) for size in sizes), *([int(dtype[1])] if dtype[1] else [])]
+    values = np.array([float(str(item)) for item in _items(parts["data"])], np.float64)
+    if min(shape) < 0 or math.prod(shape) != len(values):
+        raise ValueError(f"a matrix has {len(values)} numbers, not {' x '.join(map(str, shape))}")
+    return values.reshape(shape)
+
+
+def _items(value: Any) -> list[Any]:
+    return value.split() if isinstance(value, str) else value if isinstance(value, list) else [value]

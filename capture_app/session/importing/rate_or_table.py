@@ -1,0 +1,214 @@
+"""Matches the frames of a recording to instants by a constant rate or by a table of times."""
+
+import csv
+import re
+import statistics
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from decimal import Decimal
+from fractions import Fraction
+from itertools import pairwise
+from pathlib import Path
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.files.strangers import read_text
+from capture_app.session.importing.frame_matching import (
+    Instant,
+    TimedFrame,
+    Timeline,
+    check_order,
+    middle,
+    timeline_by_times,
+)
+from capture_app.session.importing.sources import Source
+
+_CAMERA = ("camera", "cam_id", "cam", "port", "camera_id")
+_FRAME = ("frame", "frame_index", "frame_number")
+_GROUP = ("sync_index", "instant")
+_TIMES = {"time": 9, "frame_time": 9, "timestamp": 9, "time_s": 9, "time_ms": 6, "time_us": 3, "time_ns": 0}
+"""Column names of a time and the power of ten of its unit in ns."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    camera: str
+    frame: int | None
+    group: str | None
+    leader_ns: int | None
+
+
+def times_by_rate(sources: Sequence[Source], fps: float) -> dict[str, list[TimedFrame]]:
+    """The frames of each camera by its own numbers, which are 1/fps apart; number 0 is at 0 ns.
+
+    Raises BadInputError for a rate that is none.
+    """
+    period, numbers = _period_of(fps), _numbers(sources)
+    return {
+        name: [TimedFrame(index, round(number * period)) for index, number in enumerate(of)]
+        for name, of in numbers.items()
+    }
+
+
+def timeline_by_rate(sources: Sequence[Source], fps: float) -> Timeline:
+    """Frames of the same number are of one instant, numbers are 1/fps apart; the lowest is at 0 ns.
+
+    Raises BadInputError for a rate that is none, or where no two cameras share a number.
+    """
+    period, numbers = _period_of(fps), _numbers(sources)
+    indices = {name: {number: index for index, number in enumerate(of)} for name, of in numbers.items()}
+    every = sorted(set().union(*indices.values()))
+    shared = [number for number in every if sum(number in of for of in indices.values()) > 1]
+    if len(sources) > 1 and not shared:
+        raise BadInputError(
+            "no two cameras share a frame number",
+            hint="frames of one instant need the same number in their file names; else use --timestamps",
+        )
+    times_ns = {number: round((number - every[0]) * period) for number in every}
+    instants = [
+        Instant(at_ns, {name: TimedFrame(of[n], at_ns) for name, of in indices.items() if n in of})
+        for n, at_ns in times_ns.items()
+    ]
+    return Timeline(instants, round(period), dict.fromkeys(indices, round(period)))
+
+
+def timeline_by_table(sources: Sequence[Source], path: Path) -> Timeline:
+    """Frames matched by a CSV: columns camera, time and a frame number or a sync_index.
+
+    Rows of one sync_index are one instant, and the rows of a camera are its frames in order; without
+    a sync_index, frames less than half a period apart are one instant. An empty time is a dropped frame.
+    Raises BadInputError, with the line, for a table that does not fit itself or the recording.
+    """
+    rows = _read_table(path, [source.name for source in sources])
+    timed = {one.name: _number_rows(path, one.name, rows, len(one.numbers)) for one in sources}
+    periods = {name: _period(path, name, [frame.leader_ns for _, frame in of]) for name, of in timed.items()}
+    cameras = {
+        name: sorted((frame for _, frame in of), key=lambda frame: frame.index) for name, of in timed.items()
+    }
+    for name, frames in cameras.items():
+        check_order(f"{path}: camera {name}", frames)
+    if any(row.group is None for row in rows):
+        return timeline_by_times(str(path), cameras)
+    instants = _by_group(path, rows, timed)
+    for before, after in pairwise(instants):
+        if after.leader_ns <= before.leader_ns:
+            raise BadInputError(f"{path}: two instants are at the same time, {after.leader_ns} ns")
+    return Timeline(instants, round(statistics.median(periods.values())), periods)
+
+
+def _period_of(fps: float) -> Fraction:
+    if not 0.001 <= fps <= 1e6:
+        raise BadInputError(f"frame rate {fps:g} is out of range (0.001 to 1e6)", hint="for example --fps 60")
+    return 1_000_000_000 / Fraction(str(fps))
+
+
+def _numbers(sources: Sequence[Source]) -> dict[str, Sequence[int]]:
+    """Each camera's frame numbers; the order, where not all of them have numbers of their own."""
+    own = all(source.numbered for source in sources)
+    return {source.name: (source.numbers if own else range(len(source.numbers))) for source in sources}
+
+
+def match_name(label: str, names: Sequence[str]) -> str | None:
+    """The camera that a label of a file means: the same name, else the only one with its number.
+
+    `0` and `port_0` both mean `cam_0` where no other camera ends in 0.
+    """
+    for name in names:
+        if name.casefold() == label.casefold():
+            return name
+    number = _number(label)
+    alike = [name for name in names if number is not None and _number(name) == number]
+    return alike[0] if len(alike) == 1 else None
+
+
+def _number(text: str) -> int | None:
+    found = re.search(r"(\d+)$", text)
+    return int(found[1]) if found else None
+
+
+def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
+    text = read_text(path, encoding="utf-8-sig")
+    header = text.partition("\n")[0]
+    delimiter = next((mark for mark in ",;\t" if mark in header), ",")
+    reader = csv.DictReader(text.splitlines(), delimiter=delimiter, skipinitialspace=True)
+    columns = {str(name).strip().lower(): str(name) for name in reader.fieldnames or ()}
+    camera, time, frame, group = (
+        next((columns[name] for name in known if name in columns), None)
+        for known in (_CAMERA, _TIMES, _FRAME, _GROUP)
+    )
+    if camera is None or time is None or (frame is None and group is None):
+        raise BadInputError(
+            f"{path} has the columns {', '.join(columns) or '(none)'}",
+            hint=f"it needs {_CAMERA[0]}, {_FRAME[0]} or {_GROUP[0]}, and one of {', '.join(_TIMES)}",
+        )
+    ns = 10 ** _TIMES[time.strip().lower()]
+    rows = []
+    for line in reader:
+        name = match_name((line[camera] or "").strip(), names)
+        if name is None:
+            continue
+        where = f"{path}, line {reader.line_num}"
+        rows.append(
+            _Row(
+                camera=name,
+                frame=_parse(where, line[frame], None) if frame else None,
+                group=(line[group] or "").strip() if group else None,
+                leader_ns=_parse(where, line[time], ns),
+            )
+        )
+    for name in names:
+        if not any(row.camera == name and row.leader_ns is not None for row in rows):
+            raise BadInputError(f"{path} has no times of camera {name}")
+    return rows
+
+
+def _parse(where: str, text: str | None, ns: int | None) -> int | None:
+    """The time in a cell, in units of `ns`, or without one the frame number; None for an empty cell."""
+    cell = (text or "").strip()
+    try:
+        if not cell or ns is None:
+            return int(cell) if cell else None
+        return int((Decimal(cell) * ns).to_integral_value())
+    except (ArithmeticError, ValueError):
+        raise BadInputError(f"{where}: {text!r} is not {'a time' if ns else 'a frame number'}") from None
+
+
+def _number_rows(path: Path, name: str, rows: Sequence[_Row], count: int) -> list[tuple[_Row, TimedFrame]]:
+    """The rows of a camera that have a frame, each with that frame's index in the source."""
+    own = [row for row in rows if row.camera == name and row.leader_ns is not None]
+    if any(row.frame is None for row in own):
+        own.sort(key=lambda row: row.leader_ns or 0)
+        if len(own) != count:
+            raise BadInputError(f"{path} has {len(own)} times of camera {name}, which has {count} frames")
+        own = [replace(row, frame=index) for index, row in enumerate(own)]
+    numbers = [-1 if row.frame is None else row.frame for row in own]
+    for number in numbers:
+        if not 0 <= number < count:
+            raise BadInputError(f"{path} names frame {number} of camera {name}, which has {count} frames")
+    if len(set(numbers)) < len(numbers):
+        raise BadInputError(f"{path} names a frame of camera {name} twice")
+    return [(row, TimedFrame(n, row.leader_ns or 0)) for n, row in zip(numbers, own, strict=True)]
+
+
+def _period(path: Path, name: str, times_ns: Sequence[int]) -> int:
+    steps = [after - before for before, after in pairwise(sorted(times_ns))]
+    if not steps or min(steps) <= 0:
+        reason = "has only one time" if not steps else "has a time twice"
+        raise BadInputError(f"{path}: camera {name} {reason}")
+    return round(statistics.median(steps))
+
+
+def _by_group(
+    path: Path, rows: Sequence[_Row], timed: Mapping[str, list[tuple[_Row, TimedFrame]]]
+) -> list[Instant]:
+    groups: dict[str, dict[str, TimedFrame]] = {}
+    for name, of in timed.items():
+        for row, frame in of:
+            if groups.setdefault(str(row.group), {}).setdefault(name, frame) is not frame:
+                raise BadInputError(f"{path} has instant {row.group} of camera {name} twice")
+    dropped = {(row.group, row.camera) for row in rows if row.leader_ns is None}
+    reason = "dropped by the camera: the table gives no time"
+    instants = [
+        Instant(middle(frames), frames, {name: reason for name in timed if (group, name) in dropped})
+        for group, frames in groups.items()
+    ]
+    return sorted(instants, key=lambda instant: instant.leader_ns)

@@ -1,0 +1,103 @@
+"""Gives an imported session the common times that were measured of it: its images are paired anew."""
+
+from collections.abc import Mapping
+
+import msgspec
+
+from capture_app.common.errors import NotApplicableError
+from capture_app.session.alignment.clock_line import compose
+from capture_app.session.files.output_folder import OutputFolder
+from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
+from capture_app.session.importing.aligning import with_common_times
+from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times
+from capture_app.session.importing.recording import missing_images
+from capture_app.session.reading.reader import Session
+from capture_app.session.writing.session_writer import SessionWriter
+
+_KEPT = ("sequence", "exposure_ns", "gain", "white_balance")
+"""What is kept of an image, beside its bytes and its own time."""
+
+
+def realign_session(session: Session, cameras: Mapping[str, CameraTimes], source: str) -> Session:
+    """Replace a session by itself with these offsets and rates of its cameras' present times, in one step.
+
+    Raises NotApplicableError for one that was not imported, or keeps its frames in videos; BadInputError and
+    TryAgainError as writing a session does.
+    """
+    manifest, before = session.manifest, session.manifest.burst.common_times
+    if manifest.origin != "imported":
+        raise NotApplicableError(
+            f"{manifest.name} was not imported: its times are not each camera's own",
+            hint="the times of a captured session were measured when it was taken",
+        )
+    if manifest.videos:
+        raise NotApplicableError(f"{manifest.name} keeps its frames in videos", hint="import the videos anew")
+    lacking = [f"{name}: {of.reason}" for name, of in cameras.items() if of.offset_ns is None]
+    if lacking:
+        raise NotApplicableError(f"not every camera's offset is known: {'; '.join(lacking)}")
+    together = {
+        name: _since_own(of, before.cameras.get(name) if before else None) for name, of in cameras.items()
+    }
+    reference = next((name for name, of in cameras.items() if of.uncertainty_ns == 0), "")
+    common = CommonTimes(state="aligned", reason=f"by {source}", reference=reference, cameras=together)
+    timeline = with_common_times(_timeline(session), common)
+    with (
+        OutputFolder(session.folder, lambda _: None) as output,
+        SessionWriter(output.folder, manifest.name, manifest.created, manifest.software) as writer,
+    ):
+        _write_images(session, timeline, writer)
+        calibration = session.calibration()
+        if calibration is not None:
+            writer.set_calibration(calibration)
+        burst = msgspec.structs.replace(
+            manifest.burst,
+            instants_ns=tuple(instant.leader_ns for instant in timeline.instants),
+            common_times=common,
+        )
+        names = [camera.name for camera in manifest.cameras]
+        missing = missing_images(writer, names, timeline.instants, None)
+        writer.finish(manifest.cameras, burst, missing, manifest.origin, manifest.note)
+    return Session.open(session.folder)
+
+
+def _since_own(now: CameraTimes, before: CameraTimes | None) -> CameraTimes:
+    """What leads from a camera's own times to the new ones, where `now` begins at an earlier alignment's.
+
+    That one's errors have no part in it: what was measured now is measured of the pictures.
+    """
+    if before is None or before.offset_ns is None:
+        return now
+    if now.source == REFERENCE:
+        return before
+    return compose(
+        now, msgspec.structs.replace(before, uncertainty_ns=0, rate_uncertainty_ppm=0.0, source=now.source)
+    )
+
+
+def _timeline(session: Session) -> Timeline:
+    """The session's frames by their own times; a frame's index is its image's place in the manifest."""
+    cameras: dict[str, list[TimedFrame]] = {}
+    for place, image in enumerate(session.manifest.images):
+        own_ns = image.leader_ns if image.local_ns is None else image.local_ns
+        kept = {name: getattr(image, name) for name in _KEPT}
+        cameras.setdefault(image.camera, []).append(TimedFrame(place, own_ns, own_ns, kept))
+    for frames in cameras.values():
+        frames.sort(key=lambda frame: frame.leader_ns)
+    return timeline_by_times(session.manifest.name, cameras)
+
+
+def _write_images(session: Session, timeline: Timeline, writer: SessionWriter) -> None:
+    for number, instant in enumerate(timeline.instants):
+        for name, frame in instant.frames.items():
+            image = session.manifest.images[frame.index]
+            file = session.image_file(image)
+            writer.add_image(
+                file.read_bytes(),
+                camera=name,
+                instant=number,
+                suffix=file.suffix,
+                leader_ns=frame.leader_ns,
+                local_ns=frame.local_ns,
+                residual_ns=frame.leader_ns - instant.leader_ns,
+                **frame.further,
+            )

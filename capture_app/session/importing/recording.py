@@ -1,0 +1,336 @@
+"""Recordings of other programs become sessions: frames matched in time, bytes kept as they are.
+
+An export of one of our sessions keeps that session's records.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+
+from msgspec import structs
+
+from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.errors import BadInputError
+from capture_app.common.names import check_name
+from capture_app.common.text import count
+from capture_app.session.alignment.tracks import SOUND_M_PER_S
+from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
+from capture_app.session.format.calibration import Calibration
+from capture_app.session.format.common_times import CommonTimes
+from capture_app.session.format.export_record import ExportRecord
+from capture_app.session.format.manifest import BurstRecord, CameraRecord, Manifest, MissingImage
+from capture_app.session.importing.aligning import align_recording, with_common_times
+from capture_app.session.importing.calibrations import fit_calibration, read_views
+from capture_app.session.importing.clips import find_calibration, find_shoots
+from capture_app.session.importing.frame_matching import Instant, Timeline, with_own_times
+from capture_app.session.importing.import_options import ImportOptions
+from capture_app.session.importing.importer import (
+    is_program_camera,
+    open_sources,
+    recognize_recording,
+    recordings_in,
+    split_name,
+)
+from capture_app.session.importing.sources import Layout, Source
+from capture_app.session.importing.time_source import clock_state, make_timeline
+from capture_app.session.reading.reader import Session
+from capture_app.session.writing.session_writer import SessionWriter
+
+IMPORTED = "imported"
+_NO_FRAME, _UNREADABLE = "the recording has no frame of it", "the frame could not be decoded"
+
+
+def camera_records(
+    sources: Sequence[Source],
+    sizes: Mapping[str, tuple[int, int]],
+    timeline: Timeline,
+    exported: Manifest | None,
+) -> list[CameraRecord]:
+    """A record of each camera; `sizes` are widths and heights in pixels."""
+    known = {
+        camera.name: structs.replace(
+            camera,
+            facts=structs.replace(camera.facts, width=sizes[camera.name][0], height=sizes[camera.name][1]),
+        )
+        for camera in (exported.cameras if exported else ())
+        if camera.name in sizes
+    }
+    return [
+        known[source.name]
+        if source.name in known
+        else CameraRecord(
+            name=source.name,
+            facts=CameraFacts(
+                kind=IMPORTED,
+                model=source.kind,
+                width=sizes[source.name][0],
+                height=sizes[source.name][1],
+                period_ns=timeline.camera_periods_ns[source.name],
+                timestamp_source=TimestampSource.UNKNOWN,
+                phase_control=PhaseControl.NONE,
+            ),
+        )
+        for source in sources
+    ]
+
+
+def burst_record(
+    instants: Sequence[Instant], timeline: Timeline, common: CommonTimes | None, exported: Manifest | None
+) -> BurstRecord:
+    """The burst of these instants; that which was exported, if all of its instants are there."""
+    times_ns = tuple(instant.leader_ns for instant in instants)
+    if exported is not None and exported.burst.instants_ns == times_ns:
+        return exported.burst
+    common = exported.burst.common_times if exported else common
+    return BurstRecord(instants_ns=times_ns, period_ns=timeline.period_ns, common_times=common)
+
+
+def missing_images(
+    writer: SessionWriter, names: Sequence[str], instants: Sequence[Instant], exported: Manifest | None
+) -> list[MissingImage]:
+    """What the session lacks, with the reasons."""
+    times_ns = exported.burst.instants_ns if exported else ()
+    gone = exported.missing if exported else ()
+    dropped = {(one.camera, times_ns[one.instant]) for one in gone if one.dropped}
+    return [
+        MissingImage(
+            camera=name,
+            instant=number,
+            reason=instant.why_missing.get(name, _UNREADABLE if name in instant.frames else _NO_FRAME),
+            dropped=(name, instant.leader_ns) in dropped,
+        )
+        for number, instant in enumerate(instants)
+        for name in names
+        if not writer.image(name, number)
+    ]
+
+
+def origin_of(writer: SessionWriter, instants: Sequence[Instant], exported: Manifest | None) -> str:
+    """The origin of a session: what was exported and came back bit for bit is still what it was."""
+    if exported is None:
+        return IMPORTED
+    times_ns = exported.burst.instants_ns
+    recorded = {(image.camera, times_ns[image.instant]): image.sha256 for image in exported.images}
+    saved = {
+        (name, instant.leader_ns): writer.image(name, number)
+        for number, instant in enumerate(instants)
+        for name in instant.frames
+    }
+    same = all(image and image.sha256 == recorded.get(place) for place, image in saved.items())
+    return exported.origin if same else IMPORTED
+
+
+Progress = Callable[[int, int], None]
+"""Called after each frame with the number of frames done and of all."""
+
+Talk = Callable[[str], None]
+"""Called with a line for each assumption."""
+
+
+def import_recording(
+    paths: Sequence[str],
+    root: Path,
+    name: str,
+    options: ImportOptions,
+    progress: Progress = lambda done, total: None,
+    talk: Talk = lambda said: None,
+) -> Session:
+    """Write the session root/name from `NAME=PATH` cameras or one folder of them.
+
+    Raises BadInputError for anything that cannot be used; no session is left behind then.
+    """
+    check_name(name, "session")
+    layout = _layout(paths, options, talk)
+    options = _with_layout(layout, options) if layout else options
+    sources = layout.sources if layout else open_sources(paths, png=options.png, recording=options.recording)
+    common = clock_state(sources, options)
+    timeline = make_timeline(sources, options)
+    for remark in filter(None, (source.remark for source in sources)):
+        talk(remark)
+    if common is not None and common.unknown:
+        timeline = with_own_times(timeline)
+        common = align_recording(
+            sources,
+            timeline,
+            common,
+            options.align,
+            sound_error_s=options.sound_distance_m / SOUND_M_PER_S + options.sound_delay_ms / 1000,
+            rate_given=options.fps is not None,
+            talk=talk,
+        )
+        talk(
+            f"{common.words}; docs/synchronizing.md says how to align it" if common.unknown else common.words
+        )
+    if common is not None and common.cameras:
+        timeline = with_common_times(timeline, common)
+    instants = _chosen(timeline, options)
+    names = [source.name for source in sources]
+    places = [split_name(text) for text in options.calibration]
+    views = read_views(places, names) if places else layout.views if layout else None
+    # Other times than its own would contradict the rest of an exported session's record.
+    taken = layout.record.manifest if layout and layout.record and timeline is layout.timeline else None
+    with (
+        OutputFolder(root / name, replaces_nothing) as output,
+        SessionWriter(output.folder, name, taken.created if taken else "") as writer,
+    ):
+        sizes = _write_images(writer, sources, instants, options, progress)
+        record = layout.record if layout else None
+        calibration = _calibration_of(record, sizes) if record and not views else None
+        if views is not None:
+            calibration = fit_calibration(views, sizes, unit=options.unit, fit=options.fit)
+        elif options.beside is not None:
+            try:
+                views = read_views([("", options.beside)], names)
+                calibration = fit_calibration(views, sizes, unit=options.unit, fit=options.fit)
+                talk(f"calibration: {options.beside}")
+            except BadInputError as error:
+                talk(f"calibration: {options.beside} is not taken: {error}")
+        if calibration is not None:
+            writer.set_calibration(calibration)
+        writer.finish(
+            camera_records(sources, sizes, timeline, taken),
+            burst_record(instants, timeline, common, taken),
+            missing_images(writer, names, instants, taken),
+            origin_of(writer, instants, taken),
+            options.note or (taken.note if taken else ""),
+        )
+    return Session.open(root / name)
+
+
+def import_found(
+    paths: Sequence[str],
+    root: Path,
+    name: str,
+    options: ImportOptions,
+    progress: Progress = lambda done, total: None,
+    talk: Talk = lambda said: None,
+) -> list[Session]:
+    """Write a session of each recording that is found: of a stranger's folder, what was taken together.
+
+    Raises as `import_recording` does.
+    """
+    given, folder = split_name(paths[0])
+    wanted = options.recording
+    if len(paths) > 1 or given or not folder.is_dir():
+        return [import_recording(paths, root, name, options, progress, talk)]
+    recordings = [one for one in recordings_in(folder) if wanted in (None, one)]
+    if len(recordings) > 1:
+        talk(f"{folder} has {count(len(recordings), 'recording')}, a session each: {', '.join(recordings)}")
+        chosen = [(paths, one, replace(options, recording=one)) for one in recordings]
+    elif _has_program_cameras(folder) or recognize_recording(folder, recording=wanted):
+        chosen = [(paths, "", options)]
+    else:
+        found, left_out = find_shoots(folder)
+        options = replace(options, beside=None if options.calibration else find_calibration(folder))
+        for shoot in found:
+            clips = (f"{camera} = {clip.path.relative_to(folder)}" for camera, clip in shoot.clips.items())
+            talk(f"found {shoot.name or 'one recording'}: {', '.join(clips)}")
+        for line in left_out:
+            talk(f"left out {line}")
+        shoots = [shoot for shoot in found if wanted in (None, shoot.name)]
+        chosen = [
+            ([f"{camera}={clip.path}" for camera, clip in shoot.clips.items()], shoot.name, options)
+            for shoot in shoots
+        ] or [(paths, "", options)]
+    return [
+        import_recording(
+            sources, root, f"{name}-{one}" if one and len(chosen) > 1 else name, of, progress, talk
+        )
+        for sources, one, of in chosen
+    ]
+
+
+def _layout(paths: Sequence[str], options: ImportOptions, talk: Talk) -> Layout | None:
+    if len(paths) != 1:
+        return None
+    name, path = split_name(paths[0])
+    layout = None if name else recognize_recording(path, png=options.png, recording=options.recording)
+    if layout is None or (layout.record is not None and options.tell_times):
+        return None
+    talk(f"{layout.path} is of {layout.program}")
+    if layout.remark:
+        talk(layout.remark)
+    if layout.record is not None and options.offsets_ms:
+        raise BadInputError(
+            f"{path} has the times of its session, which --time-shift-ms would contradict",
+            hint="import it without, and give reconstruct --time-shift-ms",
+        )
+    return layout
+
+
+def _with_layout(layout: Layout, options: ImportOptions) -> ImportOptions:
+    """The options, with what the folder knows where the user says nothing else."""
+    calibrated = bool(options.calibration) or layout.calibration is None
+    return replace(
+        options,
+        synchronized=options.synchronized or layout.same_frames,
+        known=layout.timeline,
+        timestamps=options.timestamps if options.tell_times else layout.timestamps,
+        calibration=options.calibration if calibrated else (str(layout.calibration),),
+        unit=options.unit if calibrated or options.unit else layout.unit,
+    )
+
+
+def _has_program_cameras(folder: Path) -> bool:
+    return any(path.is_dir() and is_program_camera(path) for path in (folder, *folder.iterdir()))
+
+
+def _calibration_of(record: ExportRecord, sizes: Mapping[str, tuple[int, int]]) -> Calibration | None:
+    """The calibration that was exported. Raises BadInputError where the images are of another size now."""
+    for name, camera in record.calibration.cameras.items() if record.calibration else ():
+        if sizes.get(name, (camera.width, camera.height)) != (camera.width, camera.height):
+            was, now = f"{camera.width}x{camera.height}", "x".join(map(str, sizes[name]))
+            raise BadInputError(
+                f"{name} was exported with {was} pixels and has {now} now",
+                hint="--calibration takes one that fits",
+            )
+    return record.calibration
+
+
+def _chosen(timeline: Timeline, options: ImportOptions) -> Sequence[Instant]:
+    total = len(timeline.instants)
+    if options.start < 0 or options.every < 1 or (options.count is not None and options.count < 1):
+        raise BadInputError("--start counts from 0, --count and --every from 1")
+    chosen = timeline.instants[options.start :: options.every][: options.count]
+    if not chosen:
+        raise BadInputError(f"the recording has {count(total, 'instant')}, none from {options.start} on")
+    return chosen
+
+
+def _write_images(
+    writer: SessionWriter,
+    sources: Sequence[Source],
+    instants: Sequence[Instant],
+    options: ImportOptions,
+    progress: Progress,
+) -> dict[str, tuple[int, int]]:
+    """Save the frames of all instants; width and height in pixels by camera."""
+    ms = options.uncertainty_ms
+    said = {} if ms is None else {"uncertainty_ns": round(ms * 1e6)}
+    total, done = sum(len(instant.frames) for instant in instants), 0
+    sizes: dict[str, tuple[int, int]] = {}
+    for source in sources:
+        wanted: dict[int, list[int]] = {}
+        for number, instant in enumerate(instants):
+            if source.name in instant.frames:
+                wanted.setdefault(instant.frames[source.name].index, []).append(number)
+        for index, data, size in source.frames(sorted(wanted)):
+            if sizes.setdefault(source.name, size) != size:
+                raise BadInputError(f"{source.path} has images of {sizes[source.name]} and of {size} pixels")
+            for number in wanted[index]:
+                instant, frame = instants[number], instants[number].frames[source.name]
+                known = {"local_ns": frame.local_ns, "sequence": index, **frame.further, **said}
+                writer.add_image(
+                    data,
+                    camera=source.name,
+                    instant=number,
+                    suffix=source.suffix,
+                    leader_ns=frame.leader_ns,
+                    residual_ns=frame.leader_ns - instant.leader_ns,
+                    **known,
+                )
+            done += 1
+            progress(done, total)
+        if source.name not in sizes:
+            raise BadInputError(f"{source.path} has no frame at any of the {len(instants)} instants")
+    return sizes

@@ -1,0 +1,235 @@
+"""Recordings become sessions: small ones made here, and real ones whose geometry must come out right."""
+
+import csv
+from collections.abc import Callable
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from numpy.typing import NDArray
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.importing.import_options import ImportOptions
+from capture_app.session.importing.recording import import_recording
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verify import verify
+
+Array = NDArray[np.float64]
+MakeImages = Callable[..., Path]
+
+
+@pytest.fixture
+def video(tmp_path: Path) -> Path:
+    """A video of ten frames, each brighter than the one before."""
+    folder = tmp_path / "videos"
+    folder.mkdir()
+    for name in ("cam0", "cam1"):
+        writer = cv2.VideoWriter(str(folder / f"{name}.avi"), cv2.VideoWriter.fourcc(*"MJPG"), 30, (64, 48))
+        for frame in range(10):
+            writer.write(np.full((48, 64, 3), 20 * frame + 10, np.uint8))
+        writer.release()
+    return folder
+
+
+def test_folders_of_images_keep_their_bytes(make_images: MakeImages, tmp_path: Path) -> None:
+    left = make_images("left", ["9.png", "10.png", "12.png"])
+    right = make_images("right", ["frame_0009.png", "frame_0010.png", "frame_0011.png"])
+    session = import_recording(
+        [str(left.parent)], tmp_path / "out", "rec", ImportOptions(fps=50, uncertainty_ms=1.5, note="hello")
+    )
+    assert verify(session) == []
+    manifest = session.manifest
+    assert (manifest.origin, manifest.note) == ("imported", "hello")
+    assert [camera.name for camera in manifest.cameras] == ["left", "right"]
+    assert manifest.burst.instants_ns == (0, 20_000_000, 40_000_000, 60_000_000)
+    assert [(gone.camera, gone.instant) for gone in manifest.missing] == [("left", 2), ("right", 3)]
+    instants = session.images_by_instant()
+    assert session.image_file(instants[1]["right"]).read_bytes() == (right / "frame_0010.png").read_bytes()
+    assert session.image_file(instants[3]["left"]).name == "000003.png"
+    assert instants[3]["left"].uncertainty_ns == 1_500_000
+    assert instants[3]["left"].sequence == 2
+    assert session.camera("left").clock is None
+
+
+def test_videos_give_the_frames_asked_for(video: Path, tmp_path: Path) -> None:
+    options = ImportOptions(fps=30, start=2, every=3, count=2, png=True)
+    session = import_recording([str(video)], tmp_path, "rec", options)
+    assert session.manifest.burst.instants_ns == (66_666_667, 166_666_667)
+    for instant, bright in zip(session.images_by_instant(), (50, 110), strict=True):
+        for record in instant.values():
+            image = cv2.imread(str(session.image_file(record)))
+            assert image is not None
+            assert abs(image.mean() - bright) < 3
+            assert record.path.endswith(".png")
+
+
+def test_an_unreadable_end_of_a_video_is_missing(video: Path, tmp_path: Path) -> None:
+    path = video / "cam1.avi"
+    data = path.read_bytes()
+    start = data.rindex(b"00dc", 0, data.rindex(b"idx1"))
+    path.write_bytes(data[: start + 8] + b"\0" * (len(data) - start - 8))
+    session = import_recording([str(video)], tmp_path, "rec", ImportOptions(fps=30))
+    gone = session.manifest.missing
+    assert gone
+    assert {record.camera for record in gone} == {"cam1"}
+    assert verify(session) == []
+
+
+@pytest.mark.parametrize(
+    ("options", "reason"),
+    [
+        (ImportOptions(fps=30, timestamps=Path("x")), "--fps, or a table"),
+        (ImportOptions(timestamps=Path("nowhere.csv")), "nowhere.csv"),
+        (ImportOptions(fps=30, start=10), "10 instants, none from 10"),
+        (ImportOptions(fps=30, every=0), "from 1"),
+        (ImportOptions(fps=30, calibration=("nowhere.npz",)), "no calibration at nowhere"),
+    ],
+)
+def test_bad_options_say_why_and_leave_nothing(
+    video: Path, tmp_path: Path, options: ImportOptions, reason: str
+) -> None:
+    with pytest.raises(BadInputError, match=reason):
+        import_recording([str(video)], tmp_path / "out", "rec", options)
+    assert not (tmp_path / "out" / "rec").exists()
+
+
+def test_bad_recordings_say_why_and_leave_nothing(make_images: MakeImages, tmp_path: Path) -> None:
+    folder = make_images("left", ["0.png", "1.png"])
+    out, options = tmp_path / "out", ImportOptions(fps=30)
+
+    def refuse(reason: str, *paths: str) -> None:
+        with pytest.raises(BadInputError, match=reason):
+            import_recording(list(paths), out, "rec", options)
+        assert not (out / "rec").exists()
+
+    refuse("nothing at", str(tmp_path / "nowhere"))
+    refuse("one camera: cam0=", str(folder))
+    refuse("two cameras are named left", str(folder.parent), f"left={folder}")
+    refuse("no images in", f"a={tmp_path}")
+    (folder / "1.png").write_bytes(b"not an image")
+    refuse(r"1\.png is not an image", str(folder.parent))
+    make_images("other", ["0.png"], width=20)
+    (folder / "1.png").write_bytes((folder.parent / "other" / "0.png").read_bytes())
+    refuse("has images of", f"left={folder}")
+    (folder / "2.jpg").write_bytes(b"x")
+    refuse("mixes", f"left={folder}")
+    (tmp_path / "a.mp4").write_bytes(b"not a video")
+    refuse("not a video", str(tmp_path / "a.mp4"))
+
+
+def parts(camera: CameraCalibration) -> tuple[Array, Array, Array, Array]:
+    matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
+    return matrix, np.array(camera.distortion), np.array(camera.rotation), np.array(camera.translation)
+
+
+def project(camera: CameraCalibration, points: Array) -> Array:
+    matrix, distortion, rotation, translation = parts(camera)
+    return cv2.projectPoints(points, cv2.Rodrigues(rotation)[0], translation, matrix, distortion)[0][:, 0]
+
+
+def triangulate(cameras: list[CameraCalibration], pixels: list[tuple[float, float]]) -> tuple[Array, Array]:
+    """The point (3,) of the least algebraic error, and its distance in pixels from each observation."""
+    rows = []
+    for camera, pixel in zip(cameras, pixels, strict=True):
+        matrix, distortion, rotation, translation = parts(camera)
+        x, y = cv2.undistortPoints(np.array([[pixel]], np.float64), matrix, distortion)[0, 0]
+        pose = np.hstack([rotation, translation[:, None]])
+        rows += [x * pose[2] - pose[0], y * pose[2] - pose[1]]
+    solution = np.linalg.svd(np.array(rows))[2][-1]
+    point = solution[:3] / solution[3]
+    seen = [project(camera, point[None])[0] for camera in cameras]
+    return point, np.linalg.norm(np.array(seen) - np.array(pixels, np.float64), axis=1)
+
+
+def ball_in(session: Session, camera: str) -> list[tuple[float, float] | None]:
+    """By instant, the centre in pixels of the one blob that is brighter than the scene without it."""
+    paths = [str(session.image_file(images[camera])) for images in session.images_by_instant()]
+    images = np.array([cv2.imread(path, cv2.IMREAD_GRAYSCALE) for path in paths], np.int16)
+    bright = (images - np.median(images, axis=0) > 20).astype(np.uint8)
+    found: list[tuple[float, float] | None] = []
+    for mask in bright:
+        _, _, stats, centres = cv2.connectedComponentsWithStats(cv2.medianBlur(mask, 3))
+        areas = stats[1:, cv2.CC_STAT_AREA]
+        x, y = centres[1 + int(areas.argmax())] if areas.size else (0.0, 0.0)
+        found.append((float(x), float(y)) if areas.size and areas.max() > 40 else None)
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.shared
+def test_the_ball_of_ball_launch_is_where_both_cameras_see_it(shared: Path, tmp_path: Path) -> None:
+    folder = shared / "footage" / "ball_launch"
+    options = ImportOptions(fps=60, calibration=(str(folder / "calibration"),), unit="in")
+    session = import_recording([str(folder)], tmp_path, "ball", options)
+    assert len(session.manifest.images) == 72
+    assert not session.manifest.missing
+    calibration = session.calibration()
+    assert calibration is not None
+    cameras = [calibration.cameras["L"], calibration.cameras["R"]]
+    baseline_m = float(np.linalg.norm(cameras[1].translation))
+    assert baseline_m == pytest.approx(0.517, abs=0.001)
+
+    left, right = ball_in(session, "L"), ball_in(session, "R")
+    errors: dict[int, list[float]] = {0: [], 4: []}
+    for late, of in errors.items():
+        for one, other in zip(left[4:19], right[4 + late :], strict=False):
+            if one and other:
+                of.append(float(triangulate(cameras, [one, other])[1].mean()))
+    assert len(errors[0]) > 8
+    assert np.median(errors[0]) < 0.6
+    assert np.median(errors[4]) > 2.5
+
+
+@pytest.mark.shared
+def test_a_man_on_a_beam_stands_on_the_floor_of_his_room(shared: Path, tmp_path: Path) -> None:
+    folder = shared / "footage" / "pose2sim_balancing"
+    qca = str(folder / "calibration" / "Calib.qca.txt")
+    options = ImportOptions(fps=60, count=4, calibration=(qca,))
+    with pytest.raises(
+        BadInputError, match="cam01 is calibrated for 1088x1920 pixels, its images are 1080x1920"
+    ):
+        import_recording([str(folder / "videos")], tmp_path, "beam", options)
+    options = ImportOptions(fps=60, count=4, calibration=(qca,), fit="crop")
+    session = import_recording([str(folder / "videos")], tmp_path, "beam", options)
+    calibration = session.calibration()
+    assert calibration is not None
+    cameras = [calibration.cameras[f"cam0{n}"] for n in (1, 2, 3, 4)]
+
+    # Read off the first frames by eye, to 3 pixels; the top of the round cap to 15.
+    cap, cap_px = triangulate(cameras, [(490, 331), (532, 399), (617, 419), (264, 485)])
+    assert cap_px.max() < 20
+    assert cap[2] == pytest.approx(1.7, abs=0.05)
+    near_right, right_px = triangulate(cameras[:2], [(279.3, 1361), (283.7, 1213.6)])
+    near_left, left_px = triangulate(cameras[:2], [(786, 1277.2), (802.9, 1267.7)])
+    far_left, far_left_px = triangulate(cameras[2:], [(519.9, 1499.4), (325.1, 1463.6)])
+    far_right, far_right_px = triangulate(cameras[2:], [(912.2, 1226.7), (884.9, 1429.6)])
+    assert max(e.max() for e in (right_px, left_px, far_left_px, far_right_px)) < 10
+    bolts = np.array([near_right, near_left, far_left, far_right])
+    assert abs(bolts[:, 2]).max() < 0.05  # metres above the floor of the treadmill
+    across = np.linalg.norm(bolts[[1, 2]] - bolts[[0, 3]], axis=1)
+    assert across[0] == pytest.approx(across[1], rel=0.03)
+
+
+@pytest.mark.shared
+def test_caliscope_points_project_where_they_were_seen(shared: Path, tmp_path: Path) -> None:
+    folder = shared / "footage" / "caliscope_4cam"
+    recording = folder / "calibration" / "extrinsic"
+    options = ImportOptions(
+        timestamps=recording / "timestamps.csv", count=3, calibration=(str(folder / "camera_array.toml"),)
+    )
+    session = import_recording([str(recording)], tmp_path, "board", options)
+    assert len(session.manifest.images) == 12
+    assert session.manifest.burst.period_ns == pytest.approx(1e9 / 6, rel=0.01)
+    first = session.images_by_instant()[0]
+    assert first["cam_3"].leader_ns - first["cam_2"].leader_ns == 10_619_350
+    calibration = session.calibration()
+    assert calibration is not None
+    with (recording / "stereotriangulated_points.csv").open() as file:
+        rows = [row for row in csv.DictReader(file) if row["pair"] == "(0, 1)"]
+    points = np.array([[float(row[key]) for key in ("x_pos", "y_pos", "z_pos")] for row in rows])
+    for side, name in (("A", "cam_0"), ("B", "cam_1")):
+        seen = np.array([[float(row[f"x_{side}"]), float(row[f"y_{side}"])] for row in rows])
+        away = np.linalg.norm(project(calibration.cameras[name], points) - seen, axis=1)
+        assert np.median(away) < 1

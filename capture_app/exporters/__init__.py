@@ -1,1 +1,1 @@
-"""Exporters: a module for each format that sessions are exported to, found by entry points."""
+"""Plugins that export a session: a module for each format."""

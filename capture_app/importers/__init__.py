@@ -1,1 +1,1 @@
-"""Importers: a module for each program whose recordings or calibrations are read, found by entry points."""
+"""Plugins that import recordings and calibrations: a module for each program."""

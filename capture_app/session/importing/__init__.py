@@ -1,4 +1,1 @@
-"""Importing recordings: what an importer states about itself, and what importers share.
-
-Sources, times, alignment, calibrations. The importers are plugins, in `capture_app/importers`.
-"""
+"""Import of recordings: what an importer states, image sources, times, alignment, calibrations."""

@@ -1,0 +1,92 @@
+"""CONTRIBUTING's exporter and importer, as written there, as a package outside the project."""
+
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from capture_app.common.errors import ExitCode
+from capture_app.session.format.export_record import RECORD
+from capture_app.session.reading.reader import Session
+from tests.documentation.pages import ROOT
+from tests.exporters.conftest import Make, make  # noqa: F401 - a fixture
+
+_RECIPE = re.compile(r"\*\*An? [a-z ]+\.\*\*.*?(?=\n\*\*An? |\Z)", re.DOTALL)
+_BLOCK = re.compile(r"```(python|toml)\n(.*?)```", re.DOTALL)
+_ENTRY = re.compile(r'\[project\.entry-points\."(.+)"\]\n(\S+) = "(\w+):(\w+)"')
+
+
+@pytest.fixture
+def package(tmp_path: Path) -> Path:
+    """The modules and metadata of an installed package, with a broken exporter and importer beside."""
+    folder = tmp_path / "site"
+    metadata = folder / "image_index-1.0.dist-info"
+    metadata.mkdir(parents=True)
+    (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: image-index\nVersion: 1.0\n")
+    entries = []
+    for recipe in _RECIPE.findall((ROOT / "CONTRIBUTING.md").read_text()):
+        blocks = dict(_BLOCK.findall(recipe))
+        entry = _ENTRY.search(blocks.get("toml", ""))
+        if entry is None or entry[1] not in ("simulshot.exporters", "simulshot.importers"):
+            continue
+        (folder / f"{entry[3]}.py").write_text(blocks["python"])
+        entries += [f"[{entry[1]}]", f"{entry[2]} = {entry[3]}:{entry[4]}", "broken = no_such_module:NOTHING"]
+    assert len(entries) == 6
+    (metadata / "entry_points.txt").write_text("\n".join(entries))
+    return folder
+
+
+def run(package: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
+    return subprocess.run(
+        [sys.executable, "-m", "capture_app.cli", "sessions", *arguments],
+        env={**os.environ, "PYTHONPATH": f"{package}:{ROOT}"},
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+
+
+def test_a_package_outside_adds_a_format_and_an_importer(make: Make, package: Path, tmp_path: Path) -> None:  # noqa: F811
+    session, out = make(), tmp_path / "out"
+    done = run(package, "export", str(session.folder), "--to", "image-index", "--out", str(out))
+    assert (done.returncode, done.stdout, done.stderr) == (0, f"{out}\n", "")
+    index = json.loads((out / "index.json").read_text())
+    assert len(index) == len(session.manifest.images)
+    again = run(package, "import", str(out), "--name", "again", "--out", str(tmp_path), "--json")
+    assert again.returncode == 0, again.stderr
+    assert Session.open(tmp_path / "again").manifest.burst == session.manifest.burst, "by its record"
+
+    (out / RECORD).unlink()  # another program does not write it
+    done = run(package, "import", str(out), "--name", "index", "--out", str(tmp_path), "--json")
+    assert done.returncode == 0, done.stderr
+    assert f"{out} is of Image index" in done.stderr
+    images = Session.open(tmp_path / "index").manifest.images
+    assert {(one.camera, one.leader_ns, one.sha256) for one in images} == {
+        (one.camera, one.leader_ns, one.sha256) for one in session.manifest.images
+    }
+    (out / "index.json").write_text("[3]")
+    done = run(package, "import", str(out), "--name", "bad", "--out", str(tmp_path))
+    assert done.returncode == ExitCode.BAD_INPUT
+    assert "is not an image index" in done.stderr
+
+
+@pytest.mark.parametrize("command", ["export", "import"])
+def test_help_lists_it_and_skips_what_is_broken(package: Path, command: str) -> None:
+    done = run(package, command, "--help")
+    assert done.returncode == 0
+    assert "images and index.json with their times" in done.stdout
+    (warning,) = done.stderr.splitlines()
+    assert "no_such_module" in warning
+    assert "'broken' of simulshot." in warning
+
+
+def test_an_option_of_another_format_is_named(make: Make, package: Path, tmp_path: Path) -> None:  # noqa: F811
+    arguments = ("export", str(make().folder), "--to", "image-index", "--out", str(tmp_path / "out"))
+    done = run(package, *arguments, "--points", "cloud.ply")
+    assert done.returncode == ExitCode.BAD_INPUT
+    assert "image-index takes no --points (it is for colmap, n3dv, nerfstudio)" in done.stderr
+    assert run(package, *arguments, "--pionts=3").returncode == ExitCode.USAGE

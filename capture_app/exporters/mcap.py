@@ -15,7 +15,6 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from capture_app.common.optional_packages import load_optional
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import Exporter, ExportOptions, Option
 from capture_app.session.exporting.files import jpeg_or_png
@@ -31,7 +30,7 @@ from capture_app.session.files.strangers import indented
 from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration
 from capture_app.session.format.export_record import with_images_listed
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
-from capture_app.session.format.message_types import ROS_BAGS, foxglove_message, ros_messages
+from capture_app.session.format.message_types import foxglove_message, ros_messages
 
 _CHUNK = 1 << 62  # a chunk ends where a set of frames does, never by its size
 _IMAGE, _INFO, _TF = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
@@ -53,10 +52,11 @@ def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
 
 
 def _write_foxglove(burst: ExportedBurst, folder: Path, calibration: Calibration | None) -> None:
-    mcap = load_optional("mcap.writer", "export", "MCAP")
+    from mcap import writer as mcap
+
     file = f"{burst.name}.mcap"
     with (folder / file).open("wb") as stream:
-        writer = mcap.Writer(
+        writer: Any = mcap.Writer(
             stream, chunk_size=_CHUNK, compression=mcap.CompressionType.NONE, enable_data_crcs=True
         )
         writer.start(library="simulshot")
@@ -103,8 +103,9 @@ class _FoxgloveMessages:
         """Add a message of an image's time and instant."""
         kind = foxglove_message(name)
         if topic not in self._channels:
-            register = load_optional("mcap_protobuf.schema", "export", "MCAP").register_schema
-            schema = register(self._writer, kind)
+            from mcap_protobuf.schema import register_schema
+
+            schema = register_schema(self._writer, kind)
             self._channels[topic] = self._writer.register_channel(topic, "protobuf", schema)
         seconds, nanos = divmod(image.leader_ns, 1_000_000_000)
         message = kind(timestamp={"seconds": seconds, "nanos": nanos}, **fields)
@@ -114,7 +115,8 @@ class _FoxgloveMessages:
 
 def _write_bag(burst: ExportedBurst, folder: Path, calibration: Calibration | None) -> None:
     """Write <session>/; stamps, and when messages came, are leader_ns."""
-    rosbag2 = load_optional("rosbags.rosbag2", "ros", ROS_BAGS)
+    from rosbags import rosbag2
+
     origin_ns, topics = min(0, burst.origin_ns), ros_topics(burst.cameras)
     with rosbag2.Writer(folder / burst.name, version=9, storage_plugin=rosbag2.StoragePlugin.MCAP) as writer:
         messages = _RosMessages(writer, origin_ns)
@@ -203,5 +205,5 @@ EXPORTER = Exporter(
     calibration="optional",
     uncalibrated="the session has no calibration: the file has images only",
     unit="m",
-    packages={"mcap": "export"},
+    packages=dict.fromkeys(("mcap", "mcap_protobuf", "foxglove_schemas_protobuf"), "export"),
 )

@@ -13,7 +13,7 @@ import pytest
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
 from capture_app.common.plugins import plugin_names
-from capture_app.session.exporting.exporter import GROUP
+from capture_app.session.exporting.exporter import GROUP, load_exporters
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, image_path
 from tests.exporters.conftest import Make, encode, picture
 from tests.session.conftest import edit_manifest
@@ -183,7 +183,13 @@ def test_an_unfinished_session(make: Make, refuses: Callable[..., None]) -> None
 
 @pytest.mark.parametrize(
     ("name", "package", "advised"),
-    [("mp4", "av", "av"), ("mcap", "mcap", "mcap"), ("rrd", "rerun", "rerun-sdk")],
+    [
+        ("mp4", "av", "av"),
+        ("n3dv", "av", "av"),
+        ("mcap", "mcap", "mcap"),
+        ("mcap", "mcap_protobuf", "mcap-protobuf-support"),
+        ("rrd", "rerun", "rerun-sdk"),
+    ],
 )
 def test_a_package_that_is_not_there(
     make: Make,
@@ -209,3 +215,14 @@ def test_a_full_disk_leaves_nothing(
 
     monkeypatch.setattr(export_session, "write_frames", full)
     refuses(make().folder, ExitCode.FAILURE, "is full")
+
+
+def test_the_table_of_formats_says_what_each_needs() -> None:
+    page = Path(__file__).parents[2] / "docs" / "exports.md"
+    rows = [line.split("|")[1:-1] for line in page.read_text().splitlines() if line.startswith("| `")]
+    calibrations = {row[0].strip(" `"): row[3].strip() for row in rows if " " not in row[0].strip()}
+    words = {"unused": "", "required": "yes"}
+    for name, exporter in load_exporters().items():
+        word = words.get(exporter.calibration, "for ")
+        assert calibrations[name].startswith(word), name
+        assert word or not calibrations[name], name

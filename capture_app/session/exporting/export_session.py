@@ -90,8 +90,8 @@ def _make_options(name: str, exporter: Exporter, given: dict[str, Any]) -> Expor
 def _check_needs(exporter: Exporter, burst: ExportedBurst, given: dict[str, Any]) -> None:
     """Give the burst its calibration. Raises BadInputError or NotAvailableError for what is missing."""
     own = own_options(exporter)
-    wanted = [exporter.packages, *(own[one][1].packages for one in given if one in own)]
-    for module, extra in (item for packages in wanted for item in packages.items()):
+    instead = (own[one][1].packages for one in given if one in own)
+    for module, extra in next(filter(None, instead), exporter.packages).items():
         load_optional(module, extra, f"an export for {exporter.program}")
     if exporter.complete_instants and not burst.complete_instants():
         raise BadInputError(

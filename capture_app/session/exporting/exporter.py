@@ -35,7 +35,7 @@ class Option:
     help: str
     metavar: str = ""
     packages: Mapping[str, str] = field(default_factory=dict)
-    """What it needs if it is given, as `Exporter.packages`."""
+    """Where it is given, these are needed in place of `Exporter.packages`."""
 
 
 Points = Annotated[Path | None, Option("points to start from, as reconstruct multiview makes", "PLY")]

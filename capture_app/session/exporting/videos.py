@@ -8,13 +8,12 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.common.errors import BadInputError, SimulshotError
-from capture_app.common.optional_packages import load_optional
 from capture_app.session.exporting.exported_burst import ExportedBurst, Frame, Picture, Redraw
 from capture_app.session.format.manifest import ImageRecord
 
 TIME_BASE = Fraction(1, 1_000_000)
-_QUALITY = {"crf": "15", "preset": "veryfast", "bf": "0"}
-_LOSSLESS = {"qp": "0", "preset": "veryfast", "bf": "0"}
+_QUALITY: dict[str, object] = {"crf": "15", "preset": "veryfast", "bf": "0"}
+_LOSSLESS: dict[str, object] = {"qp": "0", "preset": "veryfast", "bf": "0"}
 _BT601 = 6  # ITU-T H.273's number for the matrix that JPEG uses too
 _LIMITED_RANGE = 1
 
@@ -30,10 +29,11 @@ def write_video(
     """Encode frames, each with its time in ns since the file's zero, to 1 us; `size` is (width, height).
 
     `period_ns` is how long the last frame stands. Odd sizes keep their size by unreduced colour. Lossless
-    is H.264 of the very RGB values. Raises NotAvailableError without PyAV, BadInputError where two frames
-    share a microsecond.
+    is H.264 of the very RGB values. The caller has checked that PyAV is installed. Raises BadInputError where
+    two frames share a microsecond.
     """
-    av = load_optional("av", "export", "writing videos")
+    import av
+
     width, height = size
     last_us = -math.inf
     scaler = av.video.reformatter.Interpolation

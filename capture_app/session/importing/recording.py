@@ -217,7 +217,9 @@ def import_found(
     if len(recordings) > 1:
         talk(f"{folder} has {count(len(recordings), 'recording')}, a session each: {', '.join(recordings)}")
         chosen = [(paths, one, replace(options, recording=one)) for one in recordings]
-    elif _has_program_cameras(folder) or recognize_recording(folder, recording=wanted):
+    elif any(
+        path.is_dir() and is_program_camera(path) for path in (folder, *folder.iterdir())
+    ) or recognize_recording(folder, recording=wanted):
         chosen = [(paths, "", options)]
     else:
         found, left_out = find_shoots(folder)
@@ -269,10 +271,6 @@ def _with_layout(layout: Layout, options: ImportOptions) -> ImportOptions:
         calibration=options.calibration if calibrated else (str(layout.calibration),),
         unit=options.unit if calibrated or options.unit else layout.unit,
     )
-
-
-def _has_program_cameras(folder: Path) -> bool:
-    return any(path.is_dir() and is_program_camera(path) for path in (folder, *folder.iterdir()))
 
 
 def _calibration_of(record: ExportRecord, sizes: Mapping[str, tuple[int, int]]) -> Calibration | None:

@@ -12,7 +12,6 @@ import click
 from click.core import ParameterSource
 
 from capture_app import __version__
-from capture_app.cameras.rtsp.passwords import hide_password
 from capture_app.commands.options import (
     ADDRESS,
     attached_sessions_option,
@@ -22,6 +21,7 @@ from capture_app.commands.options import (
 )
 from capture_app.common.address import Address
 from capture_app.common.errors import NotAvailableError
+from capture_app.common.passwords import hide_password
 from capture_app.console.terminal import run_command_line, talk
 from capture_app.console.usage import add_verbosity, examples
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import Protocol, Self
 
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.common.camera_facts import CameraFacts, Control, ControlState
+from capture_app.common.camera_facts import CameraFacts, CameraListing, Control, ControlState
 from capture_app.common.clock import HostClock, NodeClock
 from capture_app.common.errors import CameraError
 from capture_app.session.format.calibration import CameraCalibration
@@ -106,19 +106,17 @@ def wait_for_start(
     return not closing.wait((start_ns - now_ns()) / 1e9)
 
 
-@dataclass(frozen=True, slots=True)
-class CameraListing:
-    """One camera: its spec, and what it is in words; or, where it is not usable, why."""
-
-    spec: str
-    kind: str
-    model: str
-    detail: str
-    usable: bool = True
-
-
 class CameraDriver(Protocol):
-    """What the module of a driver offers."""
+    """A plugin of the group `simulshot.cameras`, mostly a module; its entry point names the kind."""
+
+    SPEC: str
+    """How a spec of this kind is written, as `webcam:NUMBER[,key=value…]`."""
+    HELP: str
+    """Which cameras these are, in one line."""
+    NEEDS: str
+    """The extra or system package that must be installed; empty where none is."""
+    OPTIONS: Mapping[str, str]
+    """The options of a spec, and what each means; a spec with any other is refused before `open_camera`."""
 
     def open_camera(self, device: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
         """Open a camera for the node `name`, its timestamps in that node's clock.
@@ -128,4 +126,7 @@ class CameraDriver(Protocol):
         """
 
     def list_cameras(self) -> list[CameraListing]:
-        """The cameras that can be opened here, and those that are here and cannot."""
+        """Return the cameras of this machine, also those that cannot be used; none where they have no list.
+
+        It does not fail where what the driver needs is not installed.
+        """

@@ -8,7 +8,6 @@ from dataclasses import dataclass
 from functools import partial
 from typing import TYPE_CHECKING, Protocol
 
-from capture_app.cameras.v4l2.kernel import PixelFormat
 from capture_app.session.reading.decoding import decode_image, encode_image
 
 if TYPE_CHECKING:
@@ -119,6 +118,18 @@ class PixelPicture:
 def step_to(full: int, width: int | None) -> int:
     """Of every how many pixels a picture `full` wide is to be, to be at least `width` wide; None: of all."""
     return 1 if width is None else max(1, full // max(width, 1))
+
+
+@dataclass(frozen=True, slots=True)
+class PixelFormat:
+    """The picture as it lies in memory; sizes in pixels and bytes."""
+
+    fourcc: str
+    width: int
+    height: int
+    bytes_per_line: int
+    buffer_bytes: int = 0
+    """Memory that one frame takes at most."""
 
 
 def raw_picture(data: bytes, layout: PixelFormat) -> PixelPicture:

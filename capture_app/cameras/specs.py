@@ -1,36 +1,43 @@
-"""Which cameras there are, and how to open one by its spec, `KIND:DEVICE[,key=value…]`."""
+"""Camera specs, `KIND:DEVICE[,key=value…]`: the driver of a kind, opening a camera, reading its options."""
 
-import importlib
+import functools
 import math
-from collections.abc import Iterable, Mapping
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
 from pathlib import Path
 from typing import Any, cast
 from urllib.parse import urlsplit
 
-from capture_app.cameras.base import Camera, CameraDriver, CameraListing
-from capture_app.cameras.rtsp.passwords import hide_password
+from capture_app.cameras.base import Camera, CameraDriver
+from capture_app.common.camera_facts import SIMULATED
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import name_like
+from capture_app.common.passwords import hide_password
+from capture_app.common.plugins import load_plugin, load_plugins, plugin_names
 
-DRIVERS = {
-    "sim": ("capture_app.simulation.driver", "sim:PROFILE[,scene=NAME][,view=NAME][,key=value…]"),
-    "v4l2": ("capture_app.cameras.v4l2.driver", "v4l2:/dev/videoN[,key=value…]"),
-    "aravis": ("capture_app.cameras.aravis.driver", "aravis:ADDRESS[,key=value…]"),
-    "webcam": ("capture_app.cameras.webcam", "webcam:NUMBER[,key=value…]"),
-    "replay": ("capture_app.cameras.replay.driver", "replay:PATH[,camera=NAME][,key=value…]"),
-    "rtsp": ("capture_app.cameras.rtsp.camera", "rtsp://USER@HOST/PATH[,key=value…]"),
-    "libcamera": ("capture_app.cameras.libcamera.driver", "libcamera:ID[,key=value…]"),
-}
-"""By the kind that a spec begins with: the driver's module, by name, so that what drives simulated cameras
-may lie above; and how its specs are written."""
+GROUP = "simulshot.cameras"
+"""The entry points of camera drivers, by the kind that a spec begins with."""
+ATTRIBUTES = ("SPEC", "HELP", "NEEDS", "OPTIONS", "open_camera", "list_cameras")
+"""What a driver has, see `CameraDriver`."""
+
+
+@functools.cache
+def camera_kinds() -> tuple[str, ...]:
+    """Return the kinds of cameras that have a driver here; no driver is imported."""
+    return plugin_names(GROUP)
 
 
 def load_driver(kind: str) -> CameraDriver:
-    """Import the driver of a kind."""
-    return cast(CameraDriver, importlib.import_module(DRIVERS[kind][0]))
+    """Import the driver of a kind. Raises NotAvailableError where it does not load."""
+    return cast(CameraDriver, load_plugin(GROUP, kind, *ATTRIBUTES))
+
+
+def load_drivers() -> dict[str, CameraDriver]:
+    """Import all drivers, by kind, simulated cameras last; a broken one is named on stderr and left out."""
+    loaded = load_plugins(GROUP, *ATTRIBUTES)
+    return dict(sorted(loaded.items(), key=lambda item: item[0] == SIMULATED))
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,22 +60,25 @@ def parse_spec(spec: str) -> CameraSpec:
     """Take a camera's spec apart, without looking for the camera. Raises BadInputError."""
     spec = hide_password(spec)
     kind, _, rest = spec.strip().partition(":")
-    if kind not in DRIVERS:
-        forms = " or ".join(form for _, form in DRIVERS.values())
+    if kind not in camera_kinds():
+        forms = " or ".join(driver.SPEC for driver in load_drivers().values())
         raise BadInputError(f"unknown camera {spec!r}", hint=f"write {forms}")
-    hint = f"write {DRIVERS[kind][1]}"
     device, *parts = (part.strip() for part in rest.split(","))
     if not device:
-        raise BadInputError(f"camera {spec!r} names no device", hint=hint)
+        raise BadInputError(f"camera {spec!r} names no device", hint=_form(kind))
     options: dict[str, str] = {}
     for part in parts:
         key, equals, value = (piece.strip() for piece in part.partition("="))
         if not (key and equals and value):
-            raise BadInputError(f"camera {spec!r}: {part!r} is not key=value", hint=hint)
+            raise BadInputError(f"camera {spec!r}: {part!r} is not key=value", hint=_form(kind))
         if key in options:
             raise BadInputError(f"camera {spec!r} says {key} twice", hint="leave one out")
         options[key] = value
     return CameraSpec(kind, device, options)
+
+
+def _form(kind: str) -> str:
+    return f"write {load_driver(kind).SPEC}"
 
 
 def open_camera(spec: str, *, clock: NodeClock, name: str) -> Camera:
@@ -79,28 +89,12 @@ def open_camera(spec: str, *, clock: NodeClock, name: str) -> Camera:
     NotAvailableError for what this machine does not have.
     """
     parsed = parse_spec(spec)
-    return load_driver(parsed.kind).open_camera(parsed.device, parsed.options, clock=clock, name=name)
-
-
-def modes_of(spec: str) -> str:
-    """What the camera of a spec offers, in its driver's words; empty where it is not listed."""
-    parsed = parse_spec(spec)
-    listed = load_driver(parsed.kind).list_cameras()
-    return next((one.detail for one in listed if one.spec == f"{parsed.kind}:{parsed.device}"), "")
-
-
-def list_cameras() -> list[CameraListing]:
-    """The cameras of this machine, its real devices first, then the simulated models."""
-    kinds = sorted(DRIVERS, key=lambda kind: kind == "sim")
-    return [listing for kind in kinds for listing in load_driver(kind).list_cameras()]
-
-
-def refuse_unknown(options: Mapping[str, str], known: Iterable[str], camera: str) -> None:
-    """Raise BadInputError for an option that is none of those known; `camera` says of what, as `a webcam`."""
-    names = tuple(known)
-    for key in options:
-        if key not in names:
-            raise BadInputError(f"{camera} has no option {key!r}", hint=f"there are {', '.join(names)}")
+    driver = load_driver(parsed.kind)
+    for key in parsed.options:
+        if key not in driver.OPTIONS:
+            known = f"there are {', '.join(driver.OPTIONS)}" if driver.OPTIONS else "it has none"
+            raise BadInputError(f"{parsed.kind} cameras have no option {key!r}", hint=known)
+    return driver.open_camera(parsed.device, parsed.options, clock=clock, name=name)
 
 
 def read_number(
@@ -171,9 +165,8 @@ class CameraRequest:
         return round(1e6 / (self.fps or DEFAULT_FPS))
 
 
-def read_request(options: Mapping[str, str], known: Iterable[str], camera: str) -> CameraRequest:
-    """Read the options of a spec, those known to a driver. Raises BadInputError, naming the wrong one."""
-    refuse_unknown(options, known, camera)
+def read_request(options: Mapping[str, str], camera: str) -> CameraRequest:
+    """Read the options that drivers share. Raises BadInputError, which names the wrong one and `camera`."""
     asked: dict[str, Any] = {"format": options.get("format")}
     for key, (least, most) in (_WHOLE | _NUMBERS).items():
         number = read_number(options, key, camera, least=least, most=most)

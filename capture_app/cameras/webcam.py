@@ -8,11 +8,11 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from capture_app.cameras.base import Camera, CameraListing, OnFailure, OnFrame, wait_for_start
+from capture_app.cameras.base import Camera, OnFailure, OnFrame, wait_for_start
 from capture_app.cameras.frames import CapturedFrame, PixelPicture, step_to
 from capture_app.cameras.specs import DEFAULT_FPS, CameraRequest, read_request
 from capture_app.cameras.threaded import ThreadedCamera
-from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
+from capture_app.common.camera_facts import CameraFacts, CameraListing, PhaseControl, TimestampSource
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import BadInputError, CameraError
 from capture_app.session.reading.decoding import open_capture
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 KIND = "webcam"
+SPEC = f"{KIND}:NUMBER[,key=value…]"
+HELP = "Webcams by OpenCV, on systems other than Linux."
+NEEDS = ""
 OPTIONS = {
     "width": "pixels of the picture; a webcam may choose another size",
     "height": "the same",
@@ -196,7 +199,7 @@ def open_camera(number: str, options: Mapping[str, str], *, clock: NodeClock, na
     """
     if not (number.isascii() and number.isdecimal() and int(number) < 256):
         raise BadInputError(f"webcam:{number} is not a webcam", hint="they have numbers: webcam:0")
-    request = read_request(options, OPTIONS, "a webcam")
+    request = read_request(options, "a webcam")
     return WebcamCamera(functools.partial(Webcam, int(number), request)).in_clock(clock)
 
 

@@ -235,10 +235,10 @@ def characterize(spec: str, seconds: float, starts: int, moves: int, save: bool,
     overhead. Nodes use what restarts and injections do from their first command on. How late the stamps are
     it cannot tell.
     """
-    from capture_app.cameras.specs import modes_of, open_camera
     from capture_app.common.clock import HostClock
     from capture_app.measure import camera as measuring
     from capture_app.node.camera.device_profiles import DeviceProfiles
+    from capture_app.rig.cameras import modes_of, open_camera
 
     clock = HostClock()
     found = asyncio.run(

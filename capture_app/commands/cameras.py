@@ -154,7 +154,25 @@ def _lines(found: "CamerasControls") -> Iterator[str]:
             talk(f"{name}: {problem}")
 
 
+class CamerasGroup(click.Group):
+    """A group whose help lists the kinds of cameras that have a driver here."""
+
+    def format_options(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Write how each kind's spec is written, its options and what it needs, below the commands."""
+        from capture_app.rig.cameras import kinds_of_cameras
+
+        super().format_options(ctx, formatter)
+        rows = []
+        for driver in kinds_of_cameras().values():
+            needs = f" Needs {driver.NEEDS}." if driver.NEEDS else ""
+            options = f" Options: {', '.join(driver.OPTIONS)}." if driver.OPTIONS else ""
+            rows.append((driver.SPEC, driver.HELP + needs + options))
+        with formatter.section("Cameras"):
+            formatter.write_dl(rows)
+
+
 @click.group(
+    cls=CamerasGroup,
     invoke_without_command=True,
     epilog=examples("capture-app cameras"),
 )
@@ -165,7 +183,7 @@ def cameras(ctx: click.Context, as_json: bool) -> None:
 
     With a command: measure one, or start, show, calibrate or remove cameras of a running rig.
     """
-    from capture_app.cameras.specs import list_cameras
+    from capture_app.rig.cameras import list_cameras
 
     if ctx.invoked_subcommand is not None:
         if as_json:
@@ -198,7 +216,7 @@ def add(
 
     Cameras of other machines join by themselves: capture-app node.
     """
-    from capture_app.cameras.rtsp.passwords import reveal_password
+    from capture_app.common.passwords import reveal_password
     from capture_app.protocol.orders import AddCamera, AddSimulated
     from capture_app.rig.link import give_order
 

@@ -18,6 +18,16 @@ DELIVERY_NS = 5_000_000
 """How much later than a frame's readout a driver may stamp it, where nothing is known of it."""
 
 
+class CameraListing(Struct, frozen=True):
+    """A camera of this machine: its spec, and what it is in words; where it is not usable, why."""
+
+    spec: str
+    kind: str
+    model: str
+    detail: str
+    usable: bool = True
+
+
 class TimestampSource(StrEnum):
     """The moment of a frame that the driver stamps."""
 

@@ -12,17 +12,17 @@ from typing import Literal
 from msgspec import Struct
 
 from capture_app import __version__
-from capture_app.cameras.base import CameraListing
-from capture_app.cameras.specs import list_cameras
-from capture_app.cameras.v4l2.usb import UsbCamera, crowded_buses, usb_cameras
 from capture_app.common.address import Address
+from capture_app.common.camera_facts import CameraListing
 from capture_app.common.clock import EVERY_NS, HostRate
 from capture_app.common.errors import DiskError, SimulshotError
 from capture_app.common.text import count, megabytes
+from capture_app.common.usb import UsbCamera, crowded_buses, usb_cameras
 from capture_app.net.discovery import FoundLeader, LeaderBrowser, announced_hosts
 from capture_app.net.firewall import MDNS_PORT, Firewall, active_firewalls
 from capture_app.net.reach import find_obstacle
 from capture_app.net.wifi import power_saving, power_saving_remedy, saves_power, wifi_interfaces
+from capture_app.rig.cameras import list_cameras
 from capture_app.rig.link import ask_status
 from capture_app.session.files.disk import disk_error, free_bytes
 from capture_app.sync.rig.node_message import slewing

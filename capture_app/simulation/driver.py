@@ -1,4 +1,4 @@
-"""From the words of a spec, `sim:PROFILE,key=value…`, to a simulated camera."""
+"""Simulated cameras: listing the models, and opening one by the words of its spec."""
 
 import random
 from collections.abc import Callable, Mapping
@@ -6,9 +6,8 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from capture_app.cameras.base import CameraListing
-from capture_app.cameras.specs import read_number, refuse_unknown
-from capture_app.common.camera_facts import SIMULATED
+from capture_app.cameras.specs import read_number
+from capture_app.common.camera_facts import SIMULATED, CameraListing
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import BadInputError
 from capture_app.simulation.camera import SimulatedCamera, stable_seed
@@ -22,6 +21,9 @@ from capture_app.simulation.rendering.picture_source import (
 )
 from capture_app.simulation.sensor import Sensor
 
+SPEC = f"{SIMULATED}:PROFILE[,scene=NAME][,view=NAME][,key=value…]"
+HELP = "Simulated cameras of a phone, a Raspberry Pi or a webcam, that see a rendered scene."
+NEEDS = ""
 OPTIONS = {
     "scene": f"what it sees: a scene's name, {LED_PANEL}, or {TEST_CARD}, a test card (default)",
     "view": "the scene's view; default: the one named like the node",
@@ -64,7 +66,6 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
     Raises BadInputError for an unknown profile, scene, view, option or value, and NotAvailableError where
     this machine cannot render scenes.
     """
-    refuse_unknown(options, OPTIONS, _CAMERA)
     model = _adjusted(find_profile(profile), options)
     scale = read_number(options, "scale", _CAMERA, least=0.1, most=1)
     camera_seed = stable_seed(f"{name}/{_seed(options)}")

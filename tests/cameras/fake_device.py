@@ -6,10 +6,11 @@ import threading
 import time
 from fractions import Fraction
 
+from capture_app.cameras.frames import PixelFormat
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.kernel import VideoDevice
 
-MJPG = v4l2.PixelFormat("MJPG", 640, 480, 0)
+MJPG = PixelFormat("MJPG", 640, 480, 0)
 PERIOD_NS = 33_333_333
 START_OF_EXPOSURE = v4l2.BUF_FLAG_TIMESTAMP_MONOTONIC | v4l2.BUF_FLAG_SOURCE_START_OF_EXPOSURE
 JPEG = b"\xff\xd8 any bytes a camera calls a JPEG"
@@ -107,7 +108,7 @@ class FakeDevice(VideoDevice):
 class FickleDevice(FakeDevice):
     """A driver that offers one mode and takes another."""
 
-    def __init__(self, taken: v4l2.PixelFormat, rate: int) -> None:
+    def __init__(self, taken: PixelFormat, rate: int) -> None:
         super().__init__()
         self._taken, self._rate = taken, rate
 
@@ -120,7 +121,7 @@ class FickleDevice(FakeDevice):
     def intervals(self, fourcc: str, width: int, height: int) -> tuple[v4l2.FrameInterval, ...]:
         return rates(30, 15)
 
-    def set_format(self, fourcc: str, width: int, height: int) -> v4l2.PixelFormat:
+    def set_format(self, fourcc: str, width: int, height: int) -> PixelFormat:
         return self._taken
 
     def set_period(self, period: Fraction) -> Fraction:

@@ -1,13 +1,12 @@
 import subprocess
 import sys
-import types
-from typing import Any
 
 import pytest
 
-from capture_app.cameras import base, specs
-from capture_app.common.clock import HostClock, NodeClock, SimulatedClock
-from capture_app.common.errors import BadInputError, CameraError
+from capture_app.cameras import specs
+from capture_app.common.clock import HostClock, SimulatedClock
+from capture_app.common.errors import BadInputError
+from capture_app.rig.cameras import list_cameras
 from capture_app.simulation.profiles import PROFILES
 from tests.cameras.fake_camera import FakeCamera, frame
 
@@ -46,6 +45,10 @@ def test_a_camera_is_named_after_its_device(spec: str, label: str) -> None:
         ("sim:pi,,", "not key=value"),
         ("sim:pi,seed=", "not key=value"),
         ("sim:pi,seed=1,seed=2", "says seed twice"),
+        (
+            "v4l2:/dev/video0,zoom=2",
+            "v4l2 cameras have no option 'zoom' (there are width, height, fps, format)",
+        ),
     ],
 )
 def test_bad_specs_say_what_to_write(spec: str, needle: str) -> None:
@@ -55,7 +58,7 @@ def test_bad_specs_say_what_to_write(spec: str, needle: str) -> None:
 
 
 def test_every_simulated_camera_listed_opens() -> None:
-    listed = [listing for listing in specs.list_cameras() if listing.kind == "sim"]
+    listed = [listing for listing in list_cameras() if listing.kind == "sim"]
     assert [listing.spec for listing in listed] == [f"sim:{name}" for name in PROFILES]
     for listing in listed:
         camera = specs.open_camera(listing.spec, clock=HostClock(), name="a")
@@ -72,26 +75,6 @@ async def test_a_real_camera_is_translated_into_a_simulated_clock() -> None:
         await camera.start(lambda frame: timestamps.append(frame.timestamp_ns), lambda error: None)
         real.on_frame(frame(stream=1, timestamp_ns=10**15))
     assert timestamps == [10**15, clock.local_from_true(10**15)]
-
-
-def list_cameras_of_a_driver() -> list[base.CameraListing]:
-    return [base.CameraListing("new:1", "new", "One", "not allowed", usable=False)]
-
-
-def open_camera_of_a_driver(
-    device: str, options: dict[str, str], *, clock: NodeClock, name: str
-) -> base.Camera:
-    raise CameraError(f"{device} {options} for {name}")
-
-
-def test_a_driver_is_added_by_the_name_of_its_module(monkeypatch: pytest.MonkeyPatch) -> None:
-    driver: Any = types.ModuleType("a_new_driver")
-    driver.list_cameras, driver.open_camera = list_cameras_of_a_driver, open_camera_of_a_driver
-    monkeypatch.setitem(sys.modules, "a_new_driver", driver)
-    monkeypatch.setitem(specs.DRIVERS, "new", ("a_new_driver", "new:NUMBER"))
-    assert list_cameras_of_a_driver()[0] in specs.list_cameras()
-    with pytest.raises(CameraError, match=r"^1 \{'fps': '30'\} for a$"):
-        specs.open_camera("new:1,fps=30", clock=HostClock(), name="a")
 
 
 def test_opening_a_test_card_loads_no_heavy_library() -> None:

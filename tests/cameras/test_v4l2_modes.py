@@ -8,6 +8,7 @@ from typing import NoReturn
 
 import pytest
 
+from capture_app.cameras.frames import PixelFormat
 from capture_app.cameras.v4l2 import driver
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.driver import list_cameras, open_camera, open_video_node
@@ -75,7 +76,6 @@ def test_a_mode_that_is_not_offered_is_refused_with_those_that_are(options: dict
         {"fps": "fast"},
         {"fps": "1/0"},
         {"fps": "0"},
-        {"zoom": "2"},
     ],
 )
 def test_an_unreadable_option_is_named(options: dict[str, str]) -> None:
@@ -184,10 +184,10 @@ def test_the_period_is_the_one_the_driver_took() -> None:
 
 
 @pytest.mark.parametrize(
-    ("taken", "rate", "options"), [(v4l2.PixelFormat("MJPG", 320, 240, 0), 30, {}), (MJPG, 15, {"fps": "30"})]
+    ("taken", "rate", "options"), [(PixelFormat("MJPG", 320, 240, 0), 30, {}), (MJPG, 15, {"fps": "30"})]
 )
 def test_a_driver_that_takes_another_mode_is_refused(
-    taken: v4l2.PixelFormat, rate: int, options: dict[str, str]
+    taken: PixelFormat, rate: int, options: dict[str, str]
 ) -> None:
     with pytest.raises(CameraError, match="it offers MJPG 640x480 at 30, 15 fps"):
         configure(FickleDevice(taken, rate), parse_options(options))

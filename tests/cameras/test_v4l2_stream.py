@@ -9,7 +9,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.cameras.frames import CapturedFrame, JpegPicture, PixelPicture, raw_picture
+from capture_app.cameras.frames import CapturedFrame, JpegPicture, PixelFormat, PixelPicture, raw_picture
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.stream import V4L2Camera
 from capture_app.common.camera_facts import PhaseControl, TimestampSource
@@ -83,7 +83,7 @@ async def test_info_says_what_the_device_can_do(bench: Bench) -> None:
 )
 def test_half_a_second_is_buffered_where_memory_allows(frame_bytes: int, period_ns: int, count: int) -> None:
     device = FakeDevice()
-    V4L2Camera(device, v4l2.PixelFormat("MJPG", 640, 480, 0, frame_bytes), period_ns)
+    V4L2Camera(device, PixelFormat("MJPG", 640, 480, 0, frame_bytes), period_ns)
     assert device.asked_buffers == count
 
 
@@ -217,16 +217,16 @@ async def test_the_rate_is_held_in_the_dark_and_the_setting_given_back() -> None
 def test_raw_frames_become_jpegs_without_the_padding_of_their_lines() -> None:
     red = np.array([[76, 85, 76, 255] * 8] * 16, np.uint8)
     padded = np.pad(red, ((0, 0), (0, 6)), constant_values=200)
-    picture = decoded(raw_picture(padded.tobytes(), v4l2.PixelFormat("YUYV", 16, 16, 38)))
+    picture = decoded(raw_picture(padded.tobytes(), PixelFormat("YUYV", 16, 16, 38)))
     assert picture.shape == (16, 16, 3)
     assert np.abs(picture.astype(int) - [0, 0, 255]).max() < 12
 
     grey = np.tile(np.arange(0, 64, 4, dtype=np.uint8), (16, 1))
-    picture = decoded(raw_picture(grey.tobytes(), v4l2.PixelFormat("GREY", 16, 16, 16)))
+    picture = decoded(raw_picture(grey.tobytes(), PixelFormat("GREY", 16, 16, 16)))
     assert np.abs(picture.astype(int) - grey).max() < 8
 
     nv12 = np.concatenate([np.full((16, 16), 76), np.tile([85, 255], (8, 8))]).astype(np.uint8)
-    picture = decoded(raw_picture(nv12.tobytes(), v4l2.PixelFormat("NV12", 16, 16, 16)))
+    picture = decoded(raw_picture(nv12.tobytes(), PixelFormat("NV12", 16, 16, 16)))
     assert np.abs(picture.astype(int) - [0, 0, 255]).max() < 12
 
 
@@ -258,7 +258,7 @@ def test_a_preview_of_a_large_picture_is_decoded_small() -> None:
 def test_a_preview_of_a_raw_picture_leaves_pixels_out(
     fourcc: str, plane: np.ndarray, colour: tuple[int, int, int]
 ) -> None:
-    picture = raw_picture(plane.tobytes(), v4l2.PixelFormat(fourcc, 16, 16, plane.shape[1])).reduced(8)
+    picture = raw_picture(plane.tobytes(), PixelFormat(fourcc, 16, 16, plane.shape[1])).reduced(8)
     assert picture.shape == (8, 8, 3)
     assert np.abs(picture.astype(int) - colour).max() < 12
 

@@ -83,14 +83,6 @@ class DeviceControl:
 
 
 KIND = "aravis"
-OPTIONS = {
-    "width": "pixels of the picture, out of the middle of the sensor",
-    "height": "the same",
-    "fps": "frames a second (30)",
-    "exposure_us": "exposure, else what the camera has set",
-    "format": "pixel format by GenICam's name, such as Mono8 or BayerRG8",
-    "row_us": "step that the camera rounds a frame's duration to, where it is coarser than a microsecond",
-}
 _RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 _LATCHES = (("TimestampLatch", "TimestampLatchValue"), ("GevTimestampControlLatch", "GevTimestampValue"))
 """Features that read the counter, in ns and in ticks: of SFNC 2 and of GigE Vision 1."""

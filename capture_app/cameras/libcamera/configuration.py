@@ -8,8 +8,8 @@ from typing import Any, Literal
 
 from msgspec.structs import replace
 
+from capture_app.cameras.frames import PixelFormat
 from capture_app.cameras.specs import CameraRequest, read_request
-from capture_app.cameras.v4l2.kernel import PixelFormat
 from capture_app.common.camera_facts import (
     CameraFacts,
     PhaseControl,
@@ -23,12 +23,11 @@ FOURCC = {"MJPEG": "MJPG", "NV12": "NV12", "YUYV": "YUYV", "R8": "GREY"}
 """The library's formats that can be saved, the best first, and what V4L2 calls them."""
 BUFFERS = 6
 """A process that is held up for as many frames loses none; a command takes effect after as many."""
-OPTIONS = ("width", "height", "fps", "exposure-us", "gain", "format")
 
 
 def parse_options(options: Mapping[str, str]) -> CameraRequest:
     """Read width, height, fps, format, exposure-us and gain. Raises BadInputError, naming the wrong one."""
-    asked = read_request(options, OPTIONS, "a camera of libcamera")
+    asked = read_request(options, "a camera of libcamera")
     if asked.format is None:
         return asked
     fourcc = FOURCC.get(asked.format.upper(), asked.format.upper())

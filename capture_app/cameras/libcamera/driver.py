@@ -2,21 +2,33 @@
 
 from collections.abc import Iterator, Mapping
 
-from capture_app.cameras.base import Camera, CameraListing
+from capture_app.cameras.base import Camera
 from capture_app.cameras.libcamera.camera import LibcameraCamera
-from capture_app.cameras.libcamera.configuration import KIND, origin_of, parse_options
-from capture_app.cameras.libcamera.library import Library, load_library
+from capture_app.cameras.libcamera.configuration import FOURCC, KIND, origin_of, parse_options
+from capture_app.cameras.libcamera.library import PACKAGE, Library, load_library
 from capture_app.cameras.system_packages import is_installed
+from capture_app.common.camera_facts import CameraListing
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import NotAvailableError
+
+SPEC = f"{KIND}:ID[,key=value…]"
+HELP = "Cameras of a Raspberry Pi and others that libcamera drives, by its id or number."
+NEEDS = f"libcamera's Python bindings: sudo apt install {PACKAGE}"
+OPTIONS = {
+    "width": "pixels of the picture",
+    "height": "the same",
+    "fps": "frames a second",
+    "exposure-us": "exposure, else the camera chooses it",
+    "gain": "analogue gain, else the camera chooses it",
+    "format": f"one of {', '.join(FOURCC.values())}",
+}
 
 
 def open_camera(device: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
     """Open a camera by the library's id of it, or its number in the list.
 
-    Options are width, height (pixels), fps, format, exposure-us and gain. Raises BadInputError for an option
-    that cannot be read, CameraError where the camera is missing, busy or has no such mode, NotAvailableError
-    where the library is missing or too old.
+    See OPTIONS. Raises BadInputError for an option that cannot be read, CameraError where the camera is
+    missing, busy or has no such mode, NotAvailableError where the library is missing or too old.
     """
     wishes = parse_options(options)
     return LibcameraCamera(load_library(), device, wishes).in_clock(clock)

@@ -13,10 +13,9 @@ from dataclasses import dataclass
 from typing import Any
 
 from capture_app.cameras.base import wait_for_start
-from capture_app.cameras.frames import JpegPicture, PixelPicture, picture_from_buffer
+from capture_app.cameras.frames import JpegPicture, PixelFormat, PixelPicture, picture_from_buffer
 from capture_app.cameras.libcamera.controls import KnownControls
 from capture_app.cameras.libcamera.library import Library
-from capture_app.cameras.v4l2.kernel import PixelFormat
 
 _NOISE_NS = 1_000_000
 """Two readings, one after the other, differ by less, and a sleep is longer."""

@@ -1,4 +1,4 @@
-"""A recording as a live camera, `replay:PATH,key=value…`: played as it was taken, over and over."""
+"""A recording as a live camera: played as it was taken, over and over."""
 
 import asyncio
 import time
@@ -8,10 +8,10 @@ from typing import TYPE_CHECKING
 
 from msgspec.structs import replace
 
-from capture_app.cameras.base import Camera, CameraListing, OnFailure, OnFrame
+from capture_app.cameras.base import Camera, OnFailure, OnFrame
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.cameras.specs import read_number, refuse_unknown
-from capture_app.common.camera_facts import PhaseControl
+from capture_app.cameras.specs import read_number
+from capture_app.common.camera_facts import CameraListing, PhaseControl
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import BadInputError, CameraError, SimulshotError
 from capture_app.session.format.calibration import CameraCalibration
@@ -21,6 +21,9 @@ from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, Re
 if TYPE_CHECKING:
     from capture_app.cameras.replay.recordings import Recording
 
+SPEC = "replay:PATH[,camera=NAME][,key=value…]"
+HELP = "A session, a video or a folder of images, played as it was taken, over and over."
+NEEDS = ""
 OPTIONS = {
     "camera": "which of several cameras of the recording; default: the one named like the node",
     "fps": "rate of a video or of images, instead of their own times",
@@ -40,7 +43,6 @@ def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name
     Raises BadInputError for what is no recording, a camera it does not have, or an option that cannot be
     read, IncompleteError for a session that is not complete.
     """
-    refuse_unknown(options, OPTIONS, "a replay")
     fps, phase = read_number(options, "fps", "a replay", least=0.1, most=10_000), options.get("phase")
     if phase is not None and phase not in PHASES:
         raise BadInputError(f"phase={phase} of a replay", hint=f"one of {', '.join(PHASES)}")

@@ -9,16 +9,16 @@ from itertools import pairwise
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from capture_app.cameras.base import Camera, CameraListing, OnFailure, OnFrame
+from capture_app.cameras.base import Camera, OnFailure, OnFrame
 from capture_app.cameras.frames import CapturedFrame, PixelPicture, step_to
 from capture_app.cameras.rtsp.connection import GONE, Connection, VideoStream
 from capture_app.cameras.rtsp.packets import AccessUnit, AccessUnits, reported_ticks
-from capture_app.cameras.rtsp.passwords import reveal_password
 from capture_app.cameras.rtsp.sender_clock import SenderClock
 from capture_app.cameras.specs import read_request
 from capture_app.cameras.threaded import ThreadedCamera
 from capture_app.common.camera_facts import (
     CameraFacts,
+    CameraListing,
     PhaseControl,
     StampAccuracy,
     StampSource,
@@ -27,6 +27,7 @@ from capture_app.common.camera_facts import (
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import CameraError
 from capture_app.common.optional_packages import load_optional
+from capture_app.common.passwords import reveal_password
 from capture_app.common.tasks import end
 from capture_app.sync.wire.camera_commands import CameraCommand
 
@@ -35,6 +36,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 KIND = "rtsp"
+SPEC = "rtsp://USER@HOST/PATH[,key=value…]"
+HELP = "IP cameras, by their addresses."
+EXTRA = "rtsp"
+NEEDS = f"PyAV: the extra {EXTRA}"
 OPTIONS = {"fps": "its frames a second, where it does not say them and they are not whole"}
 REPORTS_S, FIRST_REPORTS = 8.0, 2
 """So long, or for so many, sender reports are waited for; RFC 3550 has one come each 2.5 to 7.5 s."""
@@ -239,7 +244,7 @@ class _Decoder:
 
 def load_av() -> Any:
     """PyAV. Raises NotAvailableError."""
-    return load_optional("av", "rtsp", "an IP camera")
+    return load_optional("av", EXTRA, "an IP camera")
 
 
 def open_camera(address: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
@@ -247,7 +252,7 @@ def open_camera(address: str, options: Mapping[str, str], *, clock: NodeClock, n
 
     Raises BadInputError for an address or an option that cannot be read, NotAvailableError without PyAV.
     """
-    fps = read_request(options, OPTIONS, "an IP camera").fps
+    fps = read_request(options, "an IP camera").fps
     load_av().logging.set_level(None)
     return RtspCamera(reveal_password(f"{KIND}:{address}"), fps).in_clock(clock)
 

@@ -8,14 +8,24 @@ from collections.abc import Iterator, Mapping
 from contextlib import closing
 from pathlib import Path
 
-from capture_app.cameras.base import Camera, CameraListing
+from capture_app.cameras.base import Camera
 from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.cameras.v4l2.kernel import VideoDevice
 from capture_app.cameras.v4l2.modes import check_capture, configure, offered_modes, parse_options
 from capture_app.cameras.v4l2.stream import V4L2Camera
+from capture_app.common.camera_facts import CameraListing
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import CameraError
 
+SPEC = "v4l2:/dev/videoN[,key=value…]"
+HELP = "USB webcams and other Video4Linux cameras of Linux."
+NEEDS = ""
+OPTIONS = {
+    "width": "pixels of the picture",
+    "height": "the same",
+    "fps": "frames a second",
+    "format": "pixel format, such as MJPG, YUYV or GREY",
+}
 VIDEO4LINUX_MAJOR = 81
 """Linux's number for the device nodes of Video4Linux."""
 WAKING_TRIES = 5
@@ -23,7 +33,7 @@ WAKING_PAUSE_S = 0.1
 
 
 def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
-    """Open a camera by its device node, with the options width, height (pixels), fps and format.
+    """Open a camera by its device node; see OPTIONS.
 
     Raises BadInputError for an option that cannot be read; CameraError where the device is missing, not a
     camera, busy, not permitted, without the mode asked for, or stamps frames in another clock;

@@ -1,10 +1,7 @@
-"""Video4Linux2 as the kernel speaks it: structs and ioctls.
+"""Video4Linux2 as the kernel speaks it: a method for each ioctl that a camera needs.
 
-The structs and constants of <linux/videodev2.h> as 64-bit little-endian kernels lay them out.
-
-Video4Linux2 as the kernel speaks it: one method for each ioctl that a camera needs.
-
-Every method raises OSError with the kernel's errno; `driver_error` turns that into words for a user.
+Structs and constants are those of <linux/videodev2.h>, as 64-bit little-endian kernels lay them out. Every
+method raises OSError with the kernel's errno; `driver_error` turns that into words for a user.
 """
 
 import errno
@@ -18,6 +15,7 @@ from dataclasses import dataclass
 from fractions import Fraction
 from typing import Any
 
+from capture_app.cameras.frames import PixelFormat
 from capture_app.common.errors import NotAvailableError
 
 CAPABILITY = struct.Struct("<16s32s32sIII12x")
@@ -132,18 +130,6 @@ class FrameInterval:
     def nearest(self, period: Fraction) -> Fraction:
         """The offered period in seconds nearest to the one asked for."""
         return min(max(period, self.shortest), self.longest)
-
-
-@dataclass(frozen=True, slots=True)
-class PixelFormat:
-    """The picture as it lies in memory; sizes in pixels and bytes."""
-
-    fourcc: str
-    width: int
-    height: int
-    bytes_per_line: int
-    buffer_bytes: int = 0
-    """Memory that one frame takes at most."""
 
 
 @dataclass(frozen=True, slots=True)

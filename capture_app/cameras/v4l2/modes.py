@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from fractions import Fraction
 
+from capture_app.cameras.frames import PixelFormat
 from capture_app.cameras.specs import DEFAULT_SIZE, CameraRequest, read_request
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.kernel import VideoDevice
@@ -13,7 +14,6 @@ USABLE_FORMATS = ("MJPG", "JPEG", "YUYV", "NV12", "GREY")
 """The pixel formats that can be saved, the best first: a camera's own JPEG is the smallest on the bus."""
 
 DEFAULT_PERIOD = Fraction(1, 30)
-_OPTIONS = ("width", "height", "fps", "format")
 _LISTED_MODES = 8
 _RATE_TOLERANCE = 0.01
 """Drivers round a frame rate: 29.97 and 30 fps are the same mode to a user."""
@@ -40,7 +40,7 @@ class Mode:
 
 def parse_options(options: Mapping[str, str]) -> CameraRequest:
     """Read the options width, height (pixels), fps and format. Raises BadInputError, naming the wrong one."""
-    asked = read_request(options, _OPTIONS, "a V4L2 camera")
+    asked = read_request(options, "a V4L2 camera")
     return asked if asked.format is None else replace(asked, format=asked.format.upper())
 
 
@@ -104,7 +104,7 @@ def choose_mode(path: str, offered: tuple[Mode, ...], wanted: CameraRequest) -> 
     return best, best.nearest_period(period)
 
 
-def configure(device: VideoDevice, wanted: CameraRequest) -> tuple[v4l2.PixelFormat, Fraction]:
+def configure(device: VideoDevice, wanted: CameraRequest) -> tuple[PixelFormat, Fraction]:
     """Set a camera to the best mode that was asked for; returns it and its frame period in seconds.
 
     Raises CameraError where the camera does not offer it or takes another, OSError from the driver.

@@ -17,7 +17,7 @@ from dataclasses import dataclass
 from msgspec import structs
 
 from capture_app.cameras.base import OnFailure, OnFrame, wait_for_start
-from capture_app.cameras.frames import CapturedFrame, picture_from_buffer
+from capture_app.cameras.frames import CapturedFrame, PixelFormat, picture_from_buffer
 from capture_app.cameras.threaded import ThreadedCamera
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2.driver_errors import driver_error
@@ -152,7 +152,7 @@ _SOURCES = {
 class V4L2Camera(ThreadedCamera):
     """A V4L2 camera that streams into mapped buffers; `driver.open_camera` makes one."""
 
-    def __init__(self, device: VideoDevice, layout: v4l2.PixelFormat, period_ns: int) -> None:
+    def __init__(self, device: VideoDevice, layout: PixelFormat, period_ns: int) -> None:
         """Take over a configured device. Raises CameraError for an unusable clock, OSError of the driver."""
         super().__init__("v4l2")
         self._device = device
@@ -334,7 +334,7 @@ class V4L2Camera(ThreadedCamera):
         self._on_failure(error)
 
 
-def _buffer_count(layout: v4l2.PixelFormat, period_ns: int) -> int:
+def _buffer_count(layout: PixelFormat, period_ns: int) -> int:
     affordable = _BUFFER_BYTES // max(1, layout.buffer_bytes)
     least, most = _BUFFER_COUNTS
     return max(least, min(most, affordable, -(-_BUFFERED_NS // period_ns)))

@@ -10,11 +10,11 @@ from typing import Self
 
 import msgspec
 
-from capture_app.cameras.rtsp.passwords import hide_password
 from capture_app.cameras.specs import parse_spec
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, NetworkError, SimulshotError
 from capture_app.common.names import check_name, free_name
+from capture_app.common.passwords import hide_password
 from capture_app.node.child import Child
 from capture_app.protocol.news import Log
 from capture_app.protocol.orders import PhoneInvited

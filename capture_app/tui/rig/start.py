@@ -14,13 +14,12 @@ from textual.content import Content
 from textual.widgets import OptionList
 from textual.widgets.option_list import Option
 
-from capture_app.cameras.base import CameraListing
-from capture_app.cameras.specs import DRIVERS, load_driver
 from capture_app.common.address import DEFAULT_PORT
-from capture_app.common.camera_facts import SIMULATED
+from capture_app.common.camera_facts import CameraListing
 from capture_app.common.text import count, printable
 from capture_app.node.leader.local_nodes import VIEWS
 from capture_app.protocol.orders import AddCamera, AddSimulated, Order
+from capture_app.rig.cameras import list_cameras
 from capture_app.rig.link import RigLink
 from capture_app.tui.rig.joining import (
     InviteScreen,
@@ -37,11 +36,6 @@ SCENES = {scene: len(views) for scene, views in VIEWS.items()}
 
 TITLE_WIDTH = 26
 """Leaves room for the code beside the list in a narrow terminal."""
-
-
-def find_cameras() -> list[CameraListing]:
-    """The cameras of this machine; opens devices, so it may take a second."""
-    return [camera for kind in DRIVERS if kind != SIMULATED for camera in load_driver(kind).list_cameras()]
 
 
 class _Choice(NamedTuple):
@@ -260,7 +254,7 @@ class StartPanel(Vertical):
     async def action_rescan(self) -> None:
         """Look for cameras and sessions again."""
         with telling(self):
-            found = await asyncio.to_thread(find_cameras) if self._local else []
+            found = await asyncio.to_thread(list_cameras, simulated=False) if self._local else []
             kept = len(list(self._sessions.glob("*/session.json")))
             if (found, kept) != (self._found, self._kept):
                 self._found, self._kept = found, kept

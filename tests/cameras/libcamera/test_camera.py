@@ -238,7 +238,6 @@ def test_an_old_library_is_refused_in_words() -> None:
 @pytest.mark.parametrize(
     ("options", "why"),
     [
-        ({"speed": "1"}, "no option 'speed'"),
         ({"width": "0"}, "width=0 of a camera of libcamera"),
         ({"fps": "fast"}, "fps=fast of a camera"),
         ({"exposure-us": "2.5"}, "exposure-us=2.5"),

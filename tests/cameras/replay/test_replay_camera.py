@@ -11,10 +11,11 @@ from msgspec.structs import replace
 
 from capture_app.cameras.base import Camera
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.cameras.specs import list_cameras, open_camera
+from capture_app.cameras.specs import open_camera
 from capture_app.common.camera_facts import PhaseControl, StampAccuracy, StampSource
 from capture_app.common.clock import HostClock, SimulatedClock
 from capture_app.common.errors import BadInputError, CameraError
+from capture_app.rig.cameras import list_cameras
 from capture_app.session.format.manifest import BurstRecord
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter

@@ -13,11 +13,11 @@ import pytest
 
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.rtsp.camera import RtspCamera
-from capture_app.cameras.rtsp.passwords import hide_password, reveal_password
 from capture_app.cameras.specs import open_camera, parse_spec
 from capture_app.common.camera_facts import PhaseControl, StampSource
 from capture_app.common.clock import HostClock
 from capture_app.common.errors import BadInputError, CameraError
+from capture_app.common.passwords import hide_password, reveal_password
 from capture_app.sync.wire.camera_commands import RestartStream
 from tests.cameras.rtsp.ip_camera import FPS, HEIGHT, WIDTH, IpCamera, number_shown
 from tests.waiting import until

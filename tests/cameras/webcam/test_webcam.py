@@ -11,11 +11,12 @@ import pytest
 from numpy.typing import NDArray
 
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.cameras.specs import CameraRequest, list_cameras, open_camera
+from capture_app.cameras.specs import CameraRequest, open_camera
 from capture_app.cameras.webcam import Webcam, WebcamCamera
 from capture_app.common.camera_facts import PhaseControl, StampSource, TimestampSource
 from capture_app.common.clock import HostClock
 from capture_app.common.errors import BadInputError, CameraError
+from capture_app.rig.cameras import list_cameras
 from capture_app.sync.wire.camera_commands import RestartStream, SetFrameDuration
 from tests.waiting import PATIENCE_S, patience, until
 

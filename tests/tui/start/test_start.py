@@ -5,8 +5,8 @@ from pathlib import Path
 import pytest
 from textual.widgets import OptionList
 
-from capture_app.cameras.base import CameraListing
 from capture_app.cameras.v4l2 import driver
+from capture_app.common.camera_facts import CameraListing
 from capture_app.common.errors import CameraError, UnknownMachineError
 from capture_app.protocol.orders import AddCamera, AddSimulated
 from capture_app.protocol.pairing import Invite

@@ -1,0 +1,46 @@
+"""Cameras of this machine, with or without a running rig: list them, ask one for its modes, open one."""
+
+import logging
+from collections.abc import Mapping
+
+from capture_app.cameras import specs
+from capture_app.cameras.base import Camera, CameraDriver
+from capture_app.common.camera_facts import SIMULATED, CameraListing
+from capture_app.common.clock import NodeClock
+from capture_app.common.text import first_line
+
+_log = logging.getLogger(__name__)
+
+
+def kinds_of_cameras() -> Mapping[str, CameraDriver]:
+    """Return the driver of each kind, which says how a spec is written, its options and what it needs."""
+    return specs.load_drivers()
+
+
+def list_cameras(*, simulated: bool = True) -> list[CameraListing]:
+    """Return the cameras of this machine, then the simulated models; opens devices, which may take a second.
+
+    A driver that fails is named on stderr and left out.
+    """
+    found: list[CameraListing] = []
+    for kind, driver in specs.load_drivers().items():
+        try:
+            found += driver.list_cameras() if simulated or kind != SIMULATED else ()
+        except Exception as error:  # noqa: BLE001 - a plugin raises what it likes, and the others still list
+            _log.warning("the driver of %s cameras cannot list them: %s", kind, first_line(error))
+    return found
+
+
+def modes_of(spec: str) -> str:
+    """Return what the camera of a spec offers, in its driver's words; empty where it is not listed.
+
+    Raises BadInputError for a spec that cannot be read.
+    """
+    parsed = specs.parse_spec(spec)
+    listed = specs.load_driver(parsed.kind).list_cameras()
+    return next((one.detail for one in listed if one.spec == f"{parsed.kind}:{parsed.device}"), "")
+
+
+def open_camera(spec: str, *, clock: NodeClock, name: str) -> Camera:
+    """Open a camera by its spec; see `cameras.specs.open_camera`."""
+    return specs.open_camera(spec, clock=clock, name=name)

@@ -7,7 +7,11 @@ from pathlib import Path
 MDNS_PORT = 5353
 _UFW_ENABLED = re.compile(r"^\s*ENABLED\s*=\s*yes\b", re.IGNORECASE | re.MULTILINE)
 
-_DROPS = re.compile(r"\b(drop|reject)\b")
+_DENIES = re.compile(r"\b(deny|drop|reject)\b", re.IGNORECASE)
+_COMMENT = re.compile(r"^\s*#(?!## tuple ).*$", re.MULTILINE)
+"""Of nftables and ufw; ufw says in lines that begin with "### tuple" what its other lines do."""
+_RULE = re.compile(r"<rule\b.*?</rule>|(?:(?!<rule\b)[^;\n])+", re.DOTALL)
+"""A rich rule of firewalld, which may have several lines, or a line or statement of any other."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -23,8 +27,13 @@ class Firewall:
     """Its rules, where this user may read them."""
 
     def opens(self, port: int) -> bool | None:
-        """Whether its rules name the port; None where they cannot be read."""
-        return None if self.rules is None else re.search(rf"\b{port}\b", self.rules) is not None
+        """Whether the first rule that names the port lets it in; None where the rules cannot be read."""
+        if self.rules is None:
+            return None
+        # firewalld heeds its rich rules before the plain list of open ports, wherever they stand.
+        rules = sorted(_RULE.findall(_COMMENT.sub("", self.rules)), key=lambda rule: "<rule" not in rule)
+        first = next((rule for rule in rules if re.search(rf"\b{port}\b", rule)), None)
+        return first is not None and _DENIES.search(first) is None
 
 
 def active_firewalls(root: Path = Path("/")) -> list[Firewall]:
@@ -43,7 +52,7 @@ def active_firewalls(root: Path = Path("/")) -> list[Firewall]:
     if (root / "etc/systemd/system/sysinit.target.wants/nftables.service").is_symlink():
         rules = _read(root / "etc/nftables.conf")
         # As it comes, it drops nothing. A further table cannot open what another one drops.
-        if rules is None or _DROPS.search(rules):
+        if rules is None or _DENIES.search(rules):
             line = "add a rule for port {port} to /etc/nftables.conf, then: sudo systemctl reload nftables"
             found.append(Firewall("nftables", line, line, rules))
     return found

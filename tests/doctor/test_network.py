@@ -72,6 +72,35 @@ def test_firewalld_and_nftables_say_how_they_are_opened(tmp_path: Path) -> None:
     assert "port 47010 to /etc/nftables.conf" in remedies[2]
 
 
+DENIED_IN_UFW = (
+    "### tuple ### deny any 47010 0.0.0.0/0 any 0.0.0.0/0 in\n-A ufw-user-input -p udp --dport 47010 -j DROP"
+)
+REJECTED_IN_FIREWALLD = """<zone><port port="47010" protocol="udp"/>
+  <rule family="ipv4">
+    <port port="47010" protocol="udp"/>
+    <reject/>
+  </rule></zone>"""
+OPEN_BESIDE_A_DENIAL = """<zone><port port="47010" protocol="udp"/>
+  <rule family="ipv4"><port port="22" protocol="tcp"/><drop/></rule></zone>"""
+
+
+@pytest.mark.parametrize(
+    ("rules", "opens"),
+    [
+        ("### tuple ### allow any 47010 0.0.0.0/0 any 0.0.0.0/0 in", True),
+        (DENIED_IN_UFW, False),
+        (f"-A ufw-user-input -p udp --dport 47010 -j ACCEPT\n{DENIED_IN_UFW}", True),
+        (REJECTED_IN_FIREWALLD, False),
+        (OPEN_BESIDE_A_DENIAL, True),
+        ("chain input { policy drop; udp dport 47010 accept; tcp dport 23 drop; }", True),
+        ("chain input { udp dport { 22, 47010 } drop; }", False),
+        ("# cameras come to 47010\nchain input { policy drop; }", False),
+    ],
+)
+def test_a_port_is_open_where_the_first_rule_of_it_lets_it_in(rules: str, opens: bool) -> None:
+    assert Firewall("x", "", "", rules).opens(47010) is opens
+
+
 def test_a_port_is_a_whole_number_in_the_rules() -> None:
     assert Firewall("x", "", "", "allow 147010").opens(47010) is False
     assert Firewall("x", "", "", None).opens(47010) is None

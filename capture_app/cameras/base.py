@@ -31,7 +31,7 @@ class Camera(ABC):
     """A camera driver. All methods are called on the event loop and must not block it."""
 
     _clock_of_node: NodeClock = HostClock()
-    _facts: CameraFacts
+    _facts: CameraFacts | None = None
     _on_frame: OnFrame
     _on_failure: OnFailure
 
@@ -54,7 +54,7 @@ class Camera(ABC):
 
         Raises CameraError before that.
         """
-        if not hasattr(self, "_facts"):
+        if self._facts is None:
             raise CameraError("this camera is known when it was started")
         return self._facts
 

@@ -19,6 +19,7 @@ class ThreadedCamera(Camera):
     """A camera with a worker of its own, so that a busy default executor never delays what it is asked."""
 
     _loop: asyncio.AbstractEventLoop
+    _was_started = False
 
     def __init__(self, name: str, worker: Executor | None = None) -> None:
         """`name` is that of its threads."""
@@ -27,9 +28,9 @@ class ThreadedCamera(Camera):
 
     def listen(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """See `Camera.listen`; on the loop that is told from now on. Raises CameraError the second time."""
-        if self._closing.is_set() or hasattr(self, "_loop"):
+        if self._closing.is_set() or self._was_started:
             raise CameraError("the camera was started already", hint="open it again")
-        self._loop = asyncio.get_running_loop()
+        self._loop, self._was_started = asyncio.get_running_loop(), True
         super().listen(on_frame, on_failure)
 
     async def stop(self) -> None:

@@ -134,7 +134,7 @@ class WebcamCamera(ThreadedCamera):
             while not self._closing.is_set():
                 if self._restart_ns is not None:
                     webcam.close()
-                    wait_for_start(self._restart_ns, self._facts.period_ns, self._closing, time.monotonic_ns)
+                    wait_for_start(self._restart_ns, self.facts.period_ns, self._closing, time.monotonic_ns)
                     webcam = self._open_webcam()
                     self._restart_ns = None
                     self._tell(_settle, self._restarted)

@@ -85,7 +85,7 @@ class PhoneCamera(Camera):
     @property
     def facts(self) -> CameraFacts:
         """What this camera is and can do; its exposure as it stands."""
-        return structs.replace(self._facts, exposure_ns=self._phone.exposure_ns)
+        return structs.replace(super().facts, exposure_ns=self._phone.exposure_ns)
 
     @property
     def device_clock(self) -> DeviceClock | None:

@@ -199,7 +199,7 @@ class SimulatedCamera(Camera):
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Start streaming. Raises CameraError if it streams already."""
         if self._started:
-            raise CameraError(f"the {self._facts.model} streams already")
+            raise CameraError(f"the {self.facts.model} streams already")
         self._started = True
         self.listen(on_frame, on_failure)
         true_ns = self._true_now_ns()
@@ -213,7 +213,7 @@ class SimulatedCamera(Camera):
         cannot do that.
         """
         if not self._started:
-            raise CameraError(f"the {self._facts.model} does not stream")
+            raise CameraError(f"the {self.facts.model} does not stream")
         true_ns = self._true_now_ns()
         if isinstance(command, InjectFrame):
             self._sensor.inject(command.exposure_ns, true_ns)
@@ -241,7 +241,7 @@ class SimulatedCamera(Camera):
         """Let the frames to come be exposed as the controls say."""
         self._sensor.set_exposure(self._controls.exposure_ns)
         exposure_ns = None if self._controls.automatic else self._controls.exposure_ns
-        self._facts = replace(self._facts, exposure_ns=exposure_ns)
+        self._facts = replace(self.facts, exposure_ns=exposure_ns)
 
     async def stop(self) -> None:
         """Stop streaming. Calling it twice is harmless."""
@@ -266,7 +266,7 @@ class SimulatedCamera(Camera):
         now_true_ns = self._true_now_ns()
         if self._fail_at_true_ns is not None and now_true_ns >= self._fail_at_true_ns:
             self._halt()
-            what = f"the {self._facts.model} went away"
+            what = f"the {self.facts.model} went away"
             self._on_failure(CameraError(what, hint="as its option fail_after_s asks"))
             return
         # The next timer first: the callback may stop the camera.

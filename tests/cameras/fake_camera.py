@@ -24,10 +24,6 @@ class FakeCamera(Camera):
         self.on_failure: OnFailure
         self.commands: asyncio.Queue[CameraCommand] = asyncio.Queue()
 
-    @property
-    def facts(self) -> CameraFacts:
-        return self._facts
-
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         self.listen(on_frame, on_failure)
         self.on_frame, self.on_failure = self._on_frame, self._on_failure

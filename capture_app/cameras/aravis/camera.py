@@ -32,11 +32,47 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.wire.camera_commands import CameraCommand, SetFrameDuration
 
 
-class LatchedClock:
+class FrameClock:
+    """The host's time of each frame, by its arrival alone; the base for counters that tell more."""
+
+    is_readable = False
+    """Whether the counter is read while the camera streams."""
+
+    def add_reading(self, sent_ns: int, counter_ns: int, answered_ns: int) -> None:
+        """Take in what the counter showed between two times of the host."""
+
+    def stamp_ns(self, frame: DeviceFrame) -> int | None:
+        """Return the host's time of a frame; None while it is not known."""
+        return frame.arrival_ns
+
+    def uncertainty_ns(self, host_ns: int) -> int:
+        """Return the 95 % error of a host's time by readings of the counter; 0 without them."""
+        return 0
+
+    def accuracy(self, now_ns: int) -> DeviceClock | None:
+        """Return how well the counter is known at a time of the host; None where it is not read."""
+        return None
+
+
+class ArrivalLine(FrameClock):
+    """A counter that cannot be read: a line of its stamps and when they arrive."""
+
+    def __init__(self) -> None:
+        self._clock = ArrivalClock()
+
+    def stamp_ns(self, frame: DeviceFrame) -> int | None:
+        """Return the host's time of a frame, late by the least delay of all that have arrived."""
+        self._clock.add_arrival(frame.counter_ns, frame.arrival_ns)
+        return self._clock.host_ns(frame.counter_ns)
+
+
+class LatchedClock(FrameClock):
     """A counter that can be read: each reading falls between the request and its answer.
 
     The sync engine's clock filter makes a line of them, as of the time messages of two machines.
     """
+
+    is_readable = True
 
     def __init__(self) -> None:
         self._filter = ClockFilter()
@@ -51,8 +87,12 @@ class LatchedClock:
         """The host's time of a reading of the counter; None where nothing is known of it yet."""
         return None if self._map is None else self._map.local_from_leader(counter_ns)
 
+    def stamp_ns(self, frame: DeviceFrame) -> int | None:
+        """Return the host's time of a frame's stamp; None before the first reading."""
+        return self.host_ns(frame.counter_ns)
+
     def uncertainty_ns(self, host_ns: int) -> int:
-        """95 % error of a host's time that `host_ns` gave."""
+        """Return the 95 % error of a host's time that `host_ns` gave."""
         return 0 if self._map is None else round(self._map.uncertainty_at(host_ns))
 
     def accuracy(self, now_ns: int) -> DeviceClock | None:
@@ -109,7 +149,7 @@ class AravisCamera(ThreadedCamera):
         self._silence_ns = silence_ns
         self._fetching: threading.Thread | None = None
         self._device: AravisDevice
-        self._clock: LatchedClock | ArrivalClock | None = None
+        self._clock = FrameClock()
         self._wanted_ns: deque[int] = deque()
         """Durations of one coming frame each, until they are asked for."""
         self._restore_at_ns: int | None = None
@@ -118,7 +158,7 @@ class AravisCamera(ThreadedCamera):
     @property
     def device_clock(self) -> DeviceClock | None:
         """The camera's counter against the host's clock; None where it cannot be read."""
-        return self._clock.accuracy(time.monotonic_ns()) if isinstance(self._clock, LatchedClock) else None
+        return self._clock.accuracy(time.monotonic_ns())
 
     async def controls(self) -> tuple[ControlState, ...]:
         """Exposure and gain as they stand. Raises CameraError."""
@@ -171,7 +211,7 @@ class AravisCamera(ThreadedCamera):
         if by_latch_ns is not None and abs(by_latch_ns - second.arrival_ns) < NEAR_NS:
             self._clock = latched
         elif second.counter_ns != first.counter_ns:
-            self._clock = ArrivalClock()
+            self._clock = ArrivalLine()
         self._facts = self._facts_of(device.facts)
 
     def _first_frame(self, device: AravisDevice) -> DeviceFrame:
@@ -187,7 +227,7 @@ class AravisCamera(ThreadedCamera):
 
     def _facts_of(self, told: CameraFacts) -> CameraFacts:
         """What the device tells of itself, with its stamps' moment where its counter can be read."""
-        if not isinstance(self._clock, LatchedClock):
+        if not self._clock.is_readable:
             return told
         # GenICam's SFNC has a frame's timestamp at its start; some cameras stamp the end of its exposure.
         doubt_ns = told.period_ns if told.exposure_ns is None else told.exposure_ns
@@ -217,7 +257,7 @@ class AravisCamera(ThreadedCamera):
             fresh_ns = now_ns if fresh else fresh_ns
             self._change_duration(now_ns, fresh=fresh)
             pace_ns = READING_NS if now_ns - begun_ns > SETTLING_NS else SOON_NS
-            if now_ns - read_ns >= pace_ns and isinstance(self._clock, LatchedClock):
+            if now_ns - read_ns >= pace_ns and self._clock.is_readable:
                 read_ns = now_ns
                 self._say(self._read_counter)
 
@@ -225,9 +265,7 @@ class AravisCamera(ThreadedCamera):
         sequence = self._numbers.count(frame.number)
         if frame.data is None or sequence is None:
             return  # its number is missing from the stream: a dropped frame like any other
-        if isinstance(self._clock, ArrivalClock):
-            self._clock.add_arrival(frame.counter_ns, frame.arrival_ns)
-        stamp_ns = frame.arrival_ns if self._clock is None else self._clock.host_ns(frame.counter_ns)
+        stamp_ns = self._clock.stamp_ns(frame)
         if stamp_ns is None or abs(stamp_ns - frame.arrival_ns) > NEAR_NS:
             _log.debug("frame %d has a stamp of another time", frame.number)
             return
@@ -239,9 +277,7 @@ class AravisCamera(ThreadedCamera):
             timestamp_ns=stamp_ns,
             picture=picture,
             exposure_ns=facts.exposure_ns,
-            clock_uncertainty_ns=(
-                self._clock.uncertainty_ns(stamp_ns) if isinstance(self._clock, LatchedClock) else 0
-            ),
+            clock_uncertainty_ns=self._clock.uncertainty_ns(stamp_ns),
         )
         self._tell(self._deliver, captured)
 
@@ -275,7 +311,7 @@ class AravisCamera(ThreadedCamera):
         except CameraError as error:
             _log.debug("the counter was not read: %s", error)  # the heartbeat tells whether it is gone
             return
-        if reading is not None and isinstance(self._clock, LatchedClock):
+        if reading is not None:
             self._clock.add_reading(*reading)
 
     def _say(self, word: Callable[..., None], *arguments: int) -> None:

@@ -186,7 +186,7 @@ class LibcameraCamera(ThreadedCamera):
         place in the period. Raises CameraError for what the camera cannot do, or without a stream.
         """
         asked_ns = self._clock.now_ns()
-        if isinstance(command, SetFrameDuration) and self._facts.phase_control is PhaseControl.FRAME_DURATION:
+        if isinstance(command, SetFrameDuration) and self.facts.phase_control is PhaseControl.FRAME_DURATION:
             self._stream.asked_us.append(round(command.duration_ns / 1000))
             return
         if not isinstance(command, RestartStream):
@@ -200,7 +200,7 @@ class LibcameraCamera(ThreadedCamera):
                 self._library.dispatch()
                 start_ns = asked_ns + command.delay_ns
                 await self._in_worker(
-                    self._stream.start_again_at, start_ns, self._facts.period_ns, self._closing
+                    self._stream.start_again_at, start_ns, self.facts.period_ns, self._closing
                 )
             except RuntimeError as error:
                 self._on_failure(CameraError(f"{self.id} does not start again: {error}"))
@@ -217,7 +217,7 @@ class LibcameraCamera(ThreadedCamera):
         settings, forget = new_settings(self._controls, control, value, self._told)
         self._stream.keep(settings, forget=forget)
         exposure_us = self._stream.settings.get("ExposureTime")
-        self._facts = with_exposure(self._facts, exposure_us, self._origin)
+        self._facts = with_exposure(self.facts, exposure_us, self._origin)
 
     async def _let_go(self) -> None:
         self._stream.running = False
@@ -241,20 +241,20 @@ class LibcameraCamera(ThreadedCamera):
             rows = round(period_us / row_us)
             rows += rows * row_us < least_us
             period_us = round((rows + INSIDE_ROW) * row_us)
-            self._facts = with_rows(self._facts, rows, row_us)
+            self._facts = with_rows(self.facts, rows, row_us)
         self._stream.period_us = period_us
         self._stream.keep(held_exposure(seen[-1].told, self._wishes))
         last = (await self._next_frames(in_effect))[-1]
         exposure_us = last.told.get("ExposureTime")
         if exposure_us is not None:
-            self._facts = with_exposure(self._facts, exposure_us, self._origin)
+            self._facts = with_exposure(self.facts, exposure_us, self._origin)
 
     async def _learn_period(self) -> None:
         """Learn at which rate a camera runs whose frame durations cannot be set."""
         seen = (await self._next_frames(UNSETTLED_FRAMES + PERIOD_FRAMES))[UNSETTLED_FRAMES:]
         stamps_ns = [frame.stamp_ns for frame in seen if frame.stamp_ns is not None]
         usual_ns = usual_period_ns(median(b - a for a, b in pairwise(stamps_ns)))
-        facts = structs.replace(self._facts, period_ns=usual_ns)
+        facts = structs.replace(self.facts, period_ns=usual_ns)
         self._facts = with_exposure(facts, self._wishes.exposure_us, self._origin)
 
     async def _next_frames(self, count: int) -> list[FinishedFrame]:
@@ -307,7 +307,7 @@ class LibcameraCamera(ThreadedCamera):
         if self._closing.is_set():
             return
         silent_s = (self._clock.now_ns() - self._last_frame_ns) / 1e9
-        if silent_s > max(SILENT_S, SILENT_PERIODS * self._facts.period_ns / 1e9):
+        if silent_s > max(SILENT_S, SILENT_PERIODS * self.facts.period_ns / 1e9):
             why = f"{self.id} delivers no frames any more"
             self._fail(CameraError(why, hint="check its cable, then start it again"))
         asyncio.get_running_loop().call_later(1.0, self._watch)

@@ -230,7 +230,7 @@ class V4L2Camera(ThreadedCamera):
         """Those that the device has, as they stand; none of one that is gone."""
         if self._closing.is_set():
             return ()
-        return await self._in_worker(read_controls, self._device, self._facts.model)
+        return await self._in_worker(read_controls, self._device, self.facts.model)
 
     async def set_control(self, control: Control, value: float | None) -> None:
         """Set a control, or let the camera choose it. Raises CameraError where it cannot."""
@@ -248,7 +248,7 @@ class V4L2Camera(ThreadedCamera):
     def _tell_exposure(self) -> None:
         """Have facts and frames tell the exposure as it stands, by which uvcvideo's stamps are late."""
         self._exposure_ns, self._gain = read_exposure(self._device)
-        facts = structs.replace(self._facts, exposure_ns=self._exposure_ns)
+        facts = structs.replace(self.facts, exposure_ns=self._exposure_ns)
         late = structs.replace(facts.assumed_stamp, source=StampSource.PROFILE)
         self._facts = structs.replace(facts, stamp=late) if self._is_uvc else facts
 
@@ -280,7 +280,7 @@ class V4L2Camera(ThreadedCamera):
         """In the worker: stop, wait until `start_ns` of the monotonic clock, start."""
         self._device.stream_off()
         self._prepare()
-        if wait_for_start(start_ns, self._facts.period_ns, self._closing, time.monotonic_ns):
+        if wait_for_start(start_ns, self.facts.period_ns, self._closing, time.monotonic_ns):
             self._device.stream_on()
 
     def _listen(self) -> None:

@@ -10,7 +10,7 @@ from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.errors import CameraError
-from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
+from capture_app.node.camera.supervisor import CameraStream, CameraSupervisor, NodeOptions
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 from tests.cameras.fake_camera import FACTS, PERIOD_NS, FakeCamera, frame
@@ -37,9 +37,12 @@ class Bench:
         self.starts_ns: list[int] = []
         self.failures: list[str] = []
         self.wanted: list[CameraCommand] = []
-        self.camera = CameraSupervisor(
-            NodeOptions(name="cam", open_camera=self._open, leaders=(), clock=self.clock), retry_s=0.0
-        )
+        self.supervisor: CameraSupervisor
+
+    async def start(self) -> None:
+        options = NodeOptions(name="cam", open_camera=self._open, leaders=(), clock=self.clock)
+        stream = await CameraStream.start(options)
+        self.supervisor = CameraSupervisor(options, stream, cast(Any, self), cast(Any, self), retry_s=0.0)
 
     async def next_camera(self) -> FakeCamera:
         return await asyncio.wait_for(self.opened.get(), 30)
@@ -52,7 +55,7 @@ class Bench:
     # As the pump
 
     def turn(self) -> None:
-        self.camera.collect_commands()
+        self.supervisor.collect_commands()
 
     # As the engine
 
@@ -79,9 +82,8 @@ class Bench:
 @pytest.fixture
 async def bench() -> AsyncIterator[Bench]:
     bench = Bench()
-    await bench.camera.start()
-    bench.camera.attach(cast(Any, bench), cast(Any, bench))
-    running = asyncio.gather(bench.camera.keep_open(), bench.camera.carry_out_commands())
+    await bench.start()
+    running = asyncio.gather(bench.supervisor.keep_open(), bench.supervisor.carry_out_commands())
     yield bench
     running.cancel()
     with contextlib.suppress(asyncio.CancelledError, CameraError):
@@ -113,12 +115,12 @@ async def test_a_camera_opened_again_goes_on_counting_streams(bench: Bench) -> N
 
 async def test_another_camera_in_its_place_is_an_error() -> None:
     bench = Bench()
-    await bench.camera.start()
+    await bench.start()
     first = await bench.next_camera()
     bench.next_facts = replace(FACTS, model="Another camera")
     first.on_failure(CameraError("unplugged"))
     with pytest.raises(CameraError, match="another camera is connected now: Another camera"):
-        await asyncio.wait_for(bench.camera.keep_open(), 30)
+        await asyncio.wait_for(bench.supervisor.keep_open(), 30)
 
 
 @pytest.mark.parametrize(

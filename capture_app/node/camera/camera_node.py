@@ -8,7 +8,6 @@ import secrets
 import socket
 from collections import deque
 from collections.abc import Collection, Mapping
-from dataclasses import replace
 from typing import Any
 
 import msgspec
@@ -23,7 +22,7 @@ from capture_app.common.node_state import NodeState
 from capture_app.net.multicast import BeaconReceiver
 from capture_app.net.udp import Pump, client_socket
 from capture_app.node.camera.burst_upload import BurstUpload, Spool
-from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
+from capture_app.node.camera.supervisor import CameraStream, CameraSupervisor, NodeOptions
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.join_watch import JoinWatch
@@ -94,15 +93,15 @@ class CameraNode:
                     f"{' and '.join(map(str, options.leaders))} are not of one kind (IPv4 and IPv6)",
                     hint="give all of them as IPv4, or all as IPv6",
                 )
-            watch, camera = JoinWatch(options.leaders, options.log), CameraSupervisor(options)
+            watch = JoinWatch(options.leaders, options.log)
             watch.look_ahead()
-            await camera.start()
+            stream = await CameraStream.start(options)
             try:
                 peers = tuple(peer for _, peer in found)
-                self._member = RigMember(options, instance, camera, uploader, peers)
+                self._member = RigMember(options, instance, stream, uploader, peers)
                 await self._member.run(client_socket(family), watch)
             finally:
-                await camera.camera.stop()
+                await stream.camera.stop()
 
     @property
     def standing(self) -> tuple[NodeState | None, str]:
@@ -117,19 +116,19 @@ class RigMember:
         self,
         options: NodeOptions,
         instance: int,
-        camera: CameraSupervisor,
+        stream: CameraStream,
         uploader: Uploader,
         peers: tuple[Address, ...],
     ) -> None:
         """`instance` is the run of the node, `peers` are where its leaders are."""
-        self.options, self.instance, self.controls = options, instance, camera.controls
+        self.options = options
         self._log, self._clock, self._profiles = options.log, options.clock, options.profiles
-        self._camera, self._uploader = camera, uploader
+        self._stream, self._uploader = stream, uploader
         self._samples: deque[ClockSample] = deque(maxlen=SAMPLES_KEPT)
         """The latest exchanges with the leader."""
         self._happened: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
         """Lines for the next burst's report."""
-        facts, tolerance_ns = camera.facts, options.tolerance_ns
+        facts, tolerance_ns = stream.facts, options.tolerance_ns
         if tolerance_ns is None:
             only_restarts = facts.phase_control is PhaseControl.RESET
             tolerance_ns = RESET_TOLERANCE_NS if only_restarts else DEFAULT_TOLERANCE_NS
@@ -155,14 +154,15 @@ class RigMember:
         keys = None if self._sealed is None else self._sealed.keys
         self._keys = KeyRequester(keys, request, self._engine.time, options.trust, self._pump)
         self._beacons = BeaconReceiver(self._receive_broadcast, self._clock, self._pump.turn)
-        self._viewfinder = Viewfinder(self)
+        self._camera = CameraSupervisor(options, stream, self._engine, self._pump)
+        self._viewfinder = Viewfinder(options, instance, self._camera.controls, self)
+        stream.receivers.append(self._viewfinder)
         self._host_rate = HostRate()
         self._last_state: NodeState | None = None
         self._is_leaving = False
 
     async def run(self, sock: socket.socket, watch: JoinWatch) -> None:
         """Take part over a UDP socket until cancelled."""
-        self._camera.attach(self._engine, self._pump, self._viewfinder)
         self._pump.start(sock)
         try:
             with ungrouped_errors():
@@ -170,7 +170,7 @@ class RigMember:
                     tasks.create_task(self._keys.run())
                     tasks.create_task(self._camera.keep_open())
                     tasks.create_task(self._camera.carry_out_commands())
-                    tasks.create_task(self.controls.run())
+                    tasks.create_task(self._camera.controls.run())
                     tasks.create_task(self._uploader.run())
                     tasks.create_task(self._viewfinder.run())
                     tasks.create_task(watch.run(self._engine.time))
@@ -202,15 +202,15 @@ class RigMember:
 
     def keep(self, measured: KeepStamp) -> bool:
         """Go by what was measured from now on; whether it is kept for the next time, too."""
-        facts, name, profiles, kept = self._camera.facts, self.options.name, self._profiles, True
+        facts, name, profiles, kept = self._stream.facts, self.options.name, self._profiles, True
         if measured.stamp is not None:
-            self._camera.set_stamp(measured.stamp)
+            self._stream.set_stamp(measured.stamp)
+            self._camera.note_exposure()
             self._pump.turn()
             kept = profiles is not None and profiles.save_stamp(name, facts, measured.stamp)
         if measured.way is not None:
-            clock = self._engine.time.timekeeper.clock
-            clock.way = replace(measured.way, late_ns=measured.way.late_ns + clock.late_ns)
-            kept = profiles is not None and profiles.save_way(name, self._failover.leader[0], clock.way)
+            way = self._engine.add_path_asymmetry(measured.way)
+            kept = profiles is not None and profiles.save_way(name, self._failover.leader[0], way)
         return kept
 
     def detail(self) -> NodeDetail:
@@ -226,7 +226,7 @@ class RigMember:
             exposure_ns=seen.vitals.exposure_ns,
             gain=seen.vitals.gain,
             white_balance=None if seen.newest is None else seen.newest.white_balance,
-            controls=self.controls.latest,
+            controls=self._camera.controls.latest,
             spool="" if spool is None else str(spool.folder),
             disk_free_bytes=None if spool is None else free_bytes(spool.folder),
         )
@@ -242,7 +242,7 @@ class RigMember:
         if self._is_leaving:
             return
         self._camera.collect_commands()
-        self._engine.time.timekeeper.rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
+        self._engine.note_host_slewing(self._host_rate.slewing_ppm(self._clock.now_ns()))
         self._keys.look()
         while (event := self._engine.next_event()) is not None:
             self._handle_event(event)
@@ -260,9 +260,9 @@ class RigMember:
         """Keep what brought the camera into phase: it is proven."""
         aligner = self._engine.aligner
         if self._profiles is not None and aligner.actuator.profile is not None:
-            self._profiles.save_injection(self._camera.facts, aligner.actuator.profile)
+            self._profiles.save_injection(self._stream.facts, aligner.actuator.profile)
         if self._profiles is not None and aligner.start_latencies_ns:
-            self._profiles.save_start_latencies(self._camera.facts, aligner.start_latencies_ns)
+            self._profiles.save_start_latencies(self._stream.facts, aligner.start_latencies_ns)
 
     def _handle_event(self, event: events.ClientEvent[CapturedFrame]) -> None:
         now_ns = self._clock.now_ns()
@@ -278,7 +278,7 @@ class RigMember:
             self._viewfinder.set_leader(leader)
             self._samples.clear()
             known = None if self._profiles is None else self._profiles.way(self.options.name, leader.host)
-            self._engine.time.timekeeper.clock.way = known
+            self._engine.set_path_asymmetry(known)
             self._beacons.follow(event.beacons, leader.host)
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")
@@ -292,14 +292,20 @@ class RigMember:
             self._uploader.extend_burst(picked)
             return
         name, leader, burst = self.options.name, picked.trigger.leader, picked.trigger.burst
-        facts, camera, streamed = self._camera.facts, self._camera.camera, picked.trigger.streamed
+        facts, camera, streamed = self._stream.facts, self._stream.camera, picked.trigger.streamed
         true_clock = self._clock if isinstance(self._clock, SimulatedClock) else None
         if facts.kind == SIMULATED and true_clock is None:
             true_clock = SimulatedClock(0)
         corrections, tolerance_ns = self._engine.aligner.corrections, self._engine.config.tolerance_ns
         plan = CameraPlan(
             camera=camera_record(
-                name, facts, picked, corrections, tolerance_ns, camera.device_clock, self.controls.held
+                name,
+                facts,
+                picked,
+                corrections,
+                tolerance_ns,
+                camera.device_clock,
+                self._camera.controls.held,
             ),
             reported=True,
             picking=streamed,

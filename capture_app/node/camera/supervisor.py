@@ -10,7 +10,7 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Protocol, Self
 
 from msgspec.structs import replace
 
@@ -36,9 +36,6 @@ from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.frame_selection import RING_BYTES, RING_NS
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 from capture_app.trust.trust import Trust
-
-if TYPE_CHECKING:
-    from capture_app.node.camera.viewfinder import Viewfinder
 
 REFUSALS = (SimulshotError, OSError)
 """What a camera may raise that is asked for its controls."""
@@ -204,63 +201,107 @@ class NodeOptions:
     """Called when an operator takes it off the rig, where whoever starts it can see to that."""
 
 
-class CameraSupervisor:
-    """Streams one camera into an engine, over as many failures of the device as there are."""
+class FrameReceiver(Protocol):
+    """Whatever is given the frames of a camera."""
 
-    def __init__(self, options: NodeOptions, *, retry_s: float = RETRY_S) -> None:
-        """A camera that has failed is opened again each `retry_s`."""
-        self._options, self._retry_s = options, retry_s
+    def add_frame(self, frame: CapturedFrame) -> None:
+        """Take in the next frame."""
+
+
+class CameraStream:
+    """A camera that streams, over as many openings of the device as there are; `start` makes one.
+
+    Each receiver is given each frame in order. Frames that come before there is a receiver are dropped.
+    """
+
+    camera: Camera
+    """The one that is open."""
+    facts: CameraFacts
+    """What the camera is and can do, and what is known of its stamps."""
+    failed: asyncio.Future[Exception]
+    """The error of the device once it has failed."""
+    started_ns: int
+    """When the camera was told to start, in ns of the node's clock."""
+
+    def __init__(self, options: NodeOptions) -> None:
+        self._options = options
         self._set_stamp: StampAccuracy | None = None
-        self.camera: Camera
-        """The one that is open, once it was."""
-        self.facts: CameraFacts
-        """What the camera is and can do, and what is known of its stamps."""
-        self._failed: asyncio.Future[Exception]
-        self._started_ns = 0
-        self._engine: Client[CapturedFrame] | None = None
-        self._pump: Pump
-        """What runs the engine."""
-        self._viewfinder: Viewfinder | None = None
+        self.receivers: list[FrameReceiver] = []
+
+    @classmethod
+    async def start(cls, options: NodeOptions) -> Self:
+        """Open a node's camera and start its stream. Raises what the camera raises."""
+        stream = cls(options)
+        await stream.open()
+        return stream
+
+    async def open(self) -> None:
+        """Open the camera, again where it has failed, and start its stream. Raises what the camera raises."""
+        self.camera = self._options.open_camera()
+        self.started_ns = self._options.clock.now_ns()
+        failed = self.failed = asyncio.get_running_loop().create_future()
+
+        def on_failure(error: Exception) -> None:
+            if not failed.done():
+                failed.set_result(error)
+
+        await self.camera.start(self._deliver, on_failure)
+        self.update_facts()
+
+    def set_stamp(self, stamp: StampAccuracy) -> None:
+        """Use a newly measured accuracy of the camera's stamps, from the next `update_facts` on."""
+        self._set_stamp = stamp
+
+    def update_facts(self) -> None:
+        """Read the camera's facts, with what is known of its stamps, as the leader and sessions get them."""
+        facts = self.camera.facts
+        told, just_set = facts.stamp_accuracy, self._set_stamp
+        if just_set is not None and just_set.exposure_ns == facts.exposure_ns:
+            self.facts = replace(facts, stamp=just_set)
+            return
+        profiles, measured = self._options.profiles, None
+        if profiles is not None and not told.is_exact:
+            measured = profiles.stamp(self._options.name, facts)
+        self.facts = replace(facts, stamp=measured or told)
+
+    def _deliver(self, frame: CapturedFrame) -> None:
+        for receiver in self.receivers:
+            receiver.add_frame(frame)
+
+
+class CameraSupervisor:
+    """Feeds an engine a camera's stream, carries out its commands, and reopens the camera when it fails."""
+
+    def __init__(
+        self,
+        options: NodeOptions,
+        stream: CameraStream,
+        engine: Client[CapturedFrame],
+        pump: Pump,
+        *,
+        retry_s: float = RETRY_S,
+    ) -> None:
+        """`pump` runs the engine; a camera that has failed is opened again each `retry_s`."""
+        self._options, self._retry_s = options, retry_s
+        self._stream, self._engine, self._pump = stream, engine, pump
         self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
         """Each with the local time in ns that the engine reckoned with."""
         self._engine_ns = 0
         self.controls = ControlKeeper(self)
         """Exposure, gain, white balance and focus."""
         self._streams_before = self._last_stream = 0
+        engine.stream_started(stream.started_ns)
+        stream.receivers.append(self)
 
-    async def start(self) -> None:
-        """Open the camera and start its stream. Raises what the camera raises."""
-        self.camera = self._options.open_camera()
-        self._started_ns = self._options.clock.now_ns()
-        self._failed = asyncio.get_running_loop().create_future()
-        failed = self._failed
-
-        def on_failure(error: Exception) -> None:
-            if not failed.done():
-                failed.set_result(error)
-
-        # A camera that was opened again counts its streams from the start; the engine's count goes on.
-        self._streams_before = self._last_stream + 1
-        await self.camera.start(self._deliver, on_failure)
-        self.facts = self._said_facts()
-
-    def set_stamp(self, stamp: StampAccuracy) -> None:
-        """Go by what was measured just now of how late the camera's stamps are."""
-        self._set_stamp = stamp
-        self.note_exposure()
-
-    def attach(
-        self, engine: Client[CapturedFrame], pump: Pump, viewfinder: "Viewfinder | None" = None
-    ) -> None:
-        """Give an engine all frames from now on, and then the viewfinder; `pump` runs that engine."""
-        self._engine, self._pump, self._viewfinder = engine, pump, viewfinder
-        engine.stream_started(self._started_ns)
+    @property
+    def camera(self) -> Camera:
+        """The one that is open."""
+        return self._stream.camera
 
     def collect_commands(self) -> None:
         """Queue what the engine asks of the camera, and hold its controls while frames of a burst come."""
-        if self._engine is not None:
-            self.controls.set_in_burst(self._engine.has_burst_pending)
-        while self._engine is not None and (command := self._engine.next_command()) is not None:
+        self.controls.set_in_burst(self._engine.has_burst_pending)
+        while (command := self._engine.next_command()) is not None:
             self._commands.put_nowait((command, self._engine_ns))
 
     async def keep_open(self) -> None:
@@ -269,7 +310,7 @@ class CameraSupervisor:
         Raises CameraError where another camera is there then.
         """
         while True:
-            error = await self._failed
+            error = await self._stream.failed
             self._options.log.say(f"camera failed: {error}")
             self._tell_engine(str(error))
             await self.camera.stop()
@@ -286,63 +327,50 @@ class CameraSupervisor:
             if isinstance(command, RestartStream):
                 delay_ns = command.delay_ns - (given_ns - reckoned_ns)
                 # Too late for the start aimed at: the same place in a later period is as good.
-                command = RestartStream(delay_ns if delay_ns >= 0 else delay_ns % self.facts.period_ns)
+                late = delay_ns < 0
+                command = RestartStream(delay_ns % self._stream.facts.period_ns if late else delay_ns)
             try:
                 await self.camera.apply(command)
             except CameraError as error:
                 self._options.log.say(f"camera refused a command: {error}")
                 continue
-            if isinstance(command, RestartStream) and self._engine is not None:
+            if isinstance(command, RestartStream):
                 # Cameras keep to this moment, or to whole periods after it, however late this loop is.
                 self._engine.stream_started(given_ns + command.delay_ns)
 
     async def _reopen(self) -> None:
-        before = self.facts
+        before = self._stream.facts
+        self._streams_before = self._last_stream + 1
         while True:
             await asyncio.sleep(self._retry_s)
             try:
-                await self.start()
+                await self._stream.open()
                 break
             except SimulshotError as reason:
                 await self.camera.stop()
                 self._tell_engine(str(reason))
         # A camera that was unplugged forgets its exposure; that makes it no other camera.
-        if replace(self.facts, exposure_ns=before.exposure_ns, stamp=before.stamp) != before:
-            raise CameraError(
-                f"another camera is connected now: {self.facts.model}", hint="start the node again"
-            )
-        if self._engine is not None:
-            self._engine.stream_started(self._started_ns)
-
-    def _said_facts(self) -> CameraFacts:
-        """What the camera is, and what is known of its stamps, as the leader and sessions are told."""
-        facts = self.camera.facts
-        told, just_set = facts.stamp_accuracy, self._set_stamp
-        if just_set is not None and just_set.exposure_ns == facts.exposure_ns:
-            return replace(facts, stamp=just_set)
-        profiles, measured = self._options.profiles, None
-        if profiles is not None and not told.is_exact:
-            measured = profiles.stamp(self._options.name, facts)
-        return replace(facts, stamp=measured or told)
+        facts = self._stream.facts
+        if replace(facts, exposure_ns=before.exposure_ns, stamp=before.stamp) != before:
+            raise CameraError(f"another camera is connected now: {facts.model}", hint="start the node again")
+        self._engine.stream_started(self._stream.started_ns)
 
     def note_exposure(self) -> None:
-        """Look whether the camera exposes otherwise now, and tell the engine."""
-        if (facts := self._said_facts()) != self.facts and self._engine is not None:
-            self.facts = facts
-            self._engine.update_camera(facts)
+        """Tell the engine if the camera's exposure, or what is known of its stamps, has changed."""
+        before = self._stream.facts
+        self._stream.update_facts()
+        if self._stream.facts != before:
+            self._engine.update_camera(self._stream.facts)
 
-    def _tell_engine(self, failure: str) -> None:
-        if self._engine is not None:
-            self._engine.fail(failure)
-            self._pump.turn()
-
-    def _deliver(self, frame: CapturedFrame) -> None:
-        if self._engine is None:
-            return
+    def add_frame(self, frame: CapturedFrame) -> None:
+        """Give the engine the next frame."""
+        # A camera that was opened again counts its streams from the start; the engine's count goes on.
         self._last_stream = self._streams_before + frame.stream
         stamp = FrameStamp(frame.sequence, self._last_stream, frame.timestamp_ns)
         self._engine_ns = self._options.clock.now_ns()
         self._engine.frame_arrived(stamp, frame, self._engine_ns, frame.picture.held_bytes)
         self._pump.turn()
-        if self._viewfinder is not None:
-            self._viewfinder.add_frame(frame)
+
+    def _tell_engine(self, failure: str) -> None:
+        self._engine.fail(failure)
+        self._pump.turn()

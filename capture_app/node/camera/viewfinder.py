@@ -8,13 +8,14 @@ import asyncio
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from contextlib import suppress
-from typing import TYPE_CHECKING, Any
+from typing import Any, Protocol
 
 from capture_app.cameras.frames import CapturedFrame, lower_priority
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError
 from capture_app.common.tasks import first_of, has_come
 from capture_app.net.channel import Channel, connect
+from capture_app.node.camera.supervisor import ControlKeeper, NodeOptions
 from capture_app.protocol.messages import FromLeader, NodeStream, Refusal
 from capture_app.protocol.orders import (
     ControlsAnswer,
@@ -27,11 +28,8 @@ from capture_app.protocol.orders import (
     StampKept,
     Vitals,
 )
-from capture_app.protocol.status import Preview
+from capture_app.protocol.status import NodeDetail, Preview
 from capture_app.session.reading.decoding import encode_image
-
-if TYPE_CHECKING:
-    from capture_app.node.camera.camera_node import RigMember
 
 RETRY_S = 2.0
 VITALS_EVERY_S = 1.0
@@ -41,14 +39,35 @@ RATE_WINDOW_NS = 2_000_000_000
 JPEG_QUALITY = 75
 
 
+class ShownMember(Protocol):
+    """The member of a rig whose camera a viewfinder shows."""
+
+    @property
+    def is_busy(self) -> bool:
+        """Whether previews must wait."""
+
+    def leader_ns(self, local_ns: int) -> int | None:
+        """The leader's time of a local one; None while it is not known."""
+
+    def detail(self) -> NodeDetail:
+        """Return all that the node knows of itself."""
+
+    def keep(self, measured: KeepStamp) -> bool:
+        """Use a measurement from now on; return whether it is saved for the next run, too."""
+
+
 class Viewfinder:
     """One camera's; keeps a stream to the leader open, over which this asks for what it wants to see."""
 
-    def __init__(self, node: "RigMember") -> None:
+    def __init__(
+        self, options: NodeOptions, instance: int, controls: ControlKeeper, member: ShownMember
+    ) -> None:
+        """`instance` is the run of the node."""
         self.stamps_ns: deque[int] = deque(maxlen=FRAMES_KEPT)
         """Timestamps of the latest frames, by the node's clock."""
         self.newest: CapturedFrame | None = None
-        self._node, self._name, self._trust = node, node.options.name, node.options.trust
+        self._options, self._instance, self._controls, self._member = options, instance, controls, member
+        self._name = options.name
         self._leader: Address | None = None
         self._leader_changed = asyncio.Event()
         self._channel: Channel[Any] | None = None
@@ -88,7 +107,7 @@ class Viewfinder:
                 assert self._leader is not None
                 self._leader_changed.clear()
                 with suppress(NetworkError):
-                    async with await connect(self._leader, FromLeader, trust=self._trust) as channel:
+                    async with await connect(self._leader, FromLeader, trust=self._options.trust) as channel:
                         if not self._leader_changed.is_set():
                             await self._serve(channel)
                 # A leader that is gone is another one when it is back, which is told by `set_leader`.
@@ -100,7 +119,7 @@ class Viewfinder:
         self._channel, self._wanted = channel, None
         self._wish_changed.clear()
         self._may_send.set()
-        await channel.send(NodeStream(camera=self._name, instance=self._node.instance, shows=True))
+        await channel.send(NodeStream(camera=self._name, instance=self._instance, shows=True))
         try:
             # No task group: one that is cancelled as its stream breaks off tells of the stream only.
             parts = await first_of(self._listen(channel), self._tell_vitals(channel), self._show(channel))
@@ -117,16 +136,14 @@ class Viewfinder:
                 case PreviewSeen():
                     self._may_send.set()
                 case DetailRequest():
-                    await channel.send(self._node.detail())
+                    await channel.send(self._member.detail())
                 case ControlsRequest(wanted=wanted):
-                    state = await (
-                        self._node.controls.apply(wanted) if wanted else self._node.controls.read()
-                    )
+                    state = await (self._controls.apply(wanted) if wanted else self._controls.read())
                     await channel.send(ControlsAnswer(camera=self._name, state=state))
                 case KeepStamp() if message.camera == self._name:
-                    await channel.send(StampKept(camera=self._name, kept=self._node.keep(message)))
+                    await channel.send(StampKept(camera=self._name, kept=self._member.keep(message)))
                 case RemoveCamera() if message.name == self._name:
-                    self._node.options.put_off()
+                    self._options.put_off()
                 case Refusal():
                     raise NetworkError(message.what)
                 case _:
@@ -154,22 +171,22 @@ class Viewfinder:
             await self._may_send.wait()
             await asyncio.sleep(max(0.0, due_s - loop.time()))
             frame = self.newest
-            if frame is None or frame is shown or self._node.is_busy:
+            if frame is None or frame is shown or self._member.is_busy:
                 await asyncio.sleep(BUSY_CHECK_S)
                 continue
             due_s, shown = loop.time() + 1 / wanted.fps, frame
             made = await loop.run_in_executor(self._thread, small_jpeg, frame, wanted.width)
-            if made is None or self._node.is_busy:
+            if made is None or self._member.is_busy:
                 continue
             jpeg, width, height = made
             self._may_send.clear()
-            leader_ns = self._node.leader_ns(frame.timestamp_ns)
+            leader_ns = self._member.leader_ns(frame.timestamp_ns)
             await channel.send(
                 Preview(camera=self._name, leader_ns=leader_ns, width=width, height=height), jpeg
             )
 
     def _fps(self) -> float | None:
-        since_ns = self._node.options.clock.now_ns() - RATE_WINDOW_NS
+        since_ns = self._options.clock.now_ns() - RATE_WINDOW_NS
         recent = [stamp for stamp in self.stamps_ns if stamp >= since_ns]
         if len(recent) < 2:
             return 0.0 if self.stamps_ns else None

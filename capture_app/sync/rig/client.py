@@ -13,7 +13,7 @@ from msgspec import structs
 
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.common.node_state import NodeState
-from capture_app.sync.clock.clock_filter import ClockSample
+from capture_app.sync.clock.clock_filter import ClockSample, KnownWay
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.aligner import Aligner
@@ -219,6 +219,20 @@ class Client(Generic[F]):
         """Note that the camera exposes otherwise now, or is known better: what is aligned follows."""
         self.config = replace(self.config, camera=camera)
         self.time.introduce_again(camera)
+
+    def set_path_asymmetry(self, known: KnownWay | None) -> None:
+        """Use what is known of the asymmetry of the path to the leader that is followed; None: nothing."""
+        self.time.timekeeper.clock.way = known
+
+    def add_path_asymmetry(self, measured: KnownWay) -> KnownWay:
+        """Correct the path's asymmetry by what a measurement found left of it; return the sum."""
+        clock = self.time.timekeeper.clock
+        clock.way = replace(measured, late_ns=measured.late_ns + clock.late_ns)
+        return clock.way
+
+    def note_host_slewing(self, slewing_ppm: float | None) -> None:
+        """Note by how much the host slews its own clock now, in ppm; None where that is not known."""
+        self.time.timekeeper.rate.host_slewing_ppm = slewing_ppm
 
     # What the outside sees
 

@@ -18,7 +18,7 @@ from capture_app.cameras.libcamera.stream import StampClock
 from capture_app.cameras.specs import CameraRequest
 from capture_app.common.node_state import NodeState
 from capture_app.net.udp import Pump
-from capture_app.node.camera.supervisor import CameraSupervisor, NodeOptions
+from capture_app.node.camera.supervisor import CameraStream, CameraSupervisor, NodeOptions
 from capture_app.protocol.news import Log
 from capture_app.simulation.links import Link
 from capture_app.sync.rig.client import Client, ClientConfig
@@ -70,22 +70,22 @@ class Node:
         self.rig, self.clock, self.name = rig, spec.clock, f"pi{number}"
         self.double: Camera = rig.library.cameras[number]
         self.channel = rig.link.open()
-        options = NodeOptions(
+        self.options = NodeOptions(
             name=self.name,
             open_camera=lambda: open_double(rig.library, number).in_clock(spec.clock),
             leaders=(),
             clock=spec.clock,
             log=Log(rig.said.append),
         )
-        self.supervisor = CameraSupervisor(options)
+        self.supervisor: CameraSupervisor
         self.client: Client[CapturedFrame]
         self._timer: asyncio.TimerHandle | None = None
 
     async def run(self, rng: random.Random) -> None:
-        await self.supervisor.start()
-        config = ClientConfig(self.name, rng.getrandbits(32), self.supervisor.facts, self.rig.tolerance_ns)
+        stream = await CameraStream.start(self.options)
+        config = ClientConfig(self.name, rng.getrandbits(32), stream.facts, self.rig.tolerance_ns)
         self.client = Client(config, rng)
-        self.supervisor.attach(self.client, cast(Pump, self))
+        self.supervisor = CameraSupervisor(self.options, stream, self.client, cast(Pump, self))
         self.turn()
         await self.supervisor.carry_out_commands()
 

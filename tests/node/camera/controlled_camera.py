@@ -9,9 +9,9 @@ from capture_app.cameras.base import Camera, OnFailure, OnFrame
 from capture_app.common.camera_facts import KELVIN, MICROSECONDS, CameraFacts, Control, ControlState, steps_of
 from capture_app.common.clock import HostClock
 from capture_app.common.errors import CameraError
-from capture_app.node.camera.camera_node import RigMember
 from capture_app.node.camera.supervisor import CameraSupervisor, ControlKeeper, NodeOptions
 from capture_app.node.camera.viewfinder import Viewfinder
+from capture_app.protocol.orders import KeepStamp
 from capture_app.protocol.status import NodeDetail
 from capture_app.sync.wire.camera_commands import CameraCommand
 from tests.facts import make_facts
@@ -100,12 +100,15 @@ class ShownNode:
 
     def __init__(self, name: str, instance: int, camera: Camera) -> None:
         self.options = NodeOptions(name=name, open_camera=lambda: camera, leaders=(), clock=StillClock())
-        self.instance, self.camera, self.is_busy = instance, camera, False
+        self.camera, self.is_busy = camera, False
         self.controls = keeper_of(camera)
-        self.viewfinder = Viewfinder(cast(RigMember, self))
+        self.viewfinder = Viewfinder(self.options, instance, self.controls, self)
 
     def leader_ns(self, local_ns: int) -> int:
         return local_ns + 7
 
     def detail(self) -> NodeDetail:
         return NodeDetail(camera=self.options.name, samples=((5, 6),))
+
+    def keep(self, measured: KeepStamp) -> bool:
+        return False

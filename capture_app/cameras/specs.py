@@ -14,6 +14,7 @@ from capture_app.common.camera_facts import SIMULATED
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import name_like
+from capture_app.common.optional_packages import DISTRIBUTION
 from capture_app.common.passwords import hide_password
 from capture_app.common.plugins import load_plugin, load_plugins, plugin_names
 
@@ -62,7 +63,8 @@ def parse_spec(spec: str) -> CameraSpec:
     kind, _, rest = spec.strip().partition(":")
     if kind not in camera_kinds():
         forms = " or ".join(driver.SPEC for driver in load_drivers().values())
-        raise BadInputError(f"unknown camera {spec!r}", hint=f"write {forms}")
+        hint = f"write {forms}" if forms else f"no driver is installed: install {DISTRIBUTION} anew"
+        raise BadInputError(f"unknown camera {spec!r}", hint=hint)
     device, *parts = (part.strip() for part in rest.split(","))
     if not device:
         raise BadInputError(f"camera {spec!r} names no device", hint=_form(kind))

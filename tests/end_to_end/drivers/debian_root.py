@@ -22,9 +22,10 @@ class NoRootError(Exception):
 
 def debian_root() -> Path:
     """Its root folder. Raises NoRootError where it cannot be made: without root, mmdebstrap or a network."""
-    requirements = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]["dependencies"]
+    project = tomllib.loads((REPOSITORY / "pyproject.toml").read_text())["project"]
+    requirements, entry_points = project["dependencies"], _entry_points(project["entry-points"])
     constraints = REPOSITORY / "constraints.txt"
-    made_of = "\n".join([SUITE, PACKAGES, *requirements, constraints.read_text()])
+    made_of = "\n".join([SUITE, PACKAGES, *requirements, entry_points, constraints.read_text()])
     cache = Path(os.environ.get("XDG_CACHE_HOME") or Path.home() / ".cache") / "simulshot-tests"
     root = cache / f"libcamera-{hashlib.sha256(made_of.encode()).hexdigest()[:16]}"
     if root.is_dir():
@@ -52,8 +53,18 @@ def debian_root() -> Path:
         str(constraints),
     )
     _run(sys.executable, "-m", "pip", "install", "--quiet", *chosen, *requirements)
+    # The code itself is the repository's; only its plugins are found by what an installer leaves.
+    metadata = site / f"{project['name']}-0.dist-info"
+    metadata.mkdir()
+    (metadata / "METADATA").write_text(f"Metadata-Version: 2.1\nName: {project['name']}\nVersion: 0\n")
+    (metadata / "entry_points.txt").write_text(entry_points)
     made.rename(root)
     return root
+
+
+def _entry_points(groups: dict[str, dict[str, str]]) -> str:
+    lines = [[f"[{group}]", *map(" = ".join, entries.items())] for group, entries in groups.items()]
+    return "\n".join(line for group in lines for line in group)
 
 
 def _run(*command: str) -> None:

@@ -90,7 +90,7 @@ class MadeComparison(Made[CompareResult]):
     """A comparison with pictures that are late; `folder` holds its report.html."""
 
     def per_instant(self, study: str) -> dict[str, Array]:
-        """What a study (`SUBJECTS`) measured at each instant, float64 by name, NaN = nothing there."""
+        """What a study measured at each instant, float64 by name, NaN = nothing there."""
         found = self.result.study(study)
         rows = found.per_instant if found is not None else ()
         names = dict.fromkeys(name for row in rows for name in row)
@@ -116,8 +116,8 @@ class ReconstructedSession(OpenSession):
         return _make(MadeMultiview, out, lambda folder: multiview(self.folder, folder, chosen))
 
     def compare(self, out: str | PathLike[str] | None = None, **options: Any) -> MadeComparison:
-        """Synchronized pictures against late ones. Options: `CompareOptions`."""
-        chosen = CompareOptions(**options)
+        """Synchronized pictures against late ones. Options: those of `CompareOptions` and its studies."""
+        chosen = CompareOptions.of(**options)
         return _make(MadeComparison, out, lambda folder: compare(self.folder, folder, chosen))
 
     def panorama(self, out: str | PathLike[str] | None = None, **options: Any) -> Made[PanoramaResult]:

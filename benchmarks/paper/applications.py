@@ -160,26 +160,22 @@ class _Measure(msgspec.Struct):
     offset: _Value | None = None
 
 
+class _Facts(msgspec.Struct):
+    thumbnails: tuple[tuple[str, ...], ...] = ()
+    synced_step_px: float | None = None
+    offset_step_px: float | None = None
+
+
 class _Study(msgspec.Struct):
     name: str
     measures: tuple[_Measure, ...] = ()
     pictures: tuple[_Picture, ...] = ()
-
-
-class _Burst(msgspec.Struct):
-    thumbnails: tuple[tuple[str, ...], ...]
-
-
-class _Sweep(msgspec.Struct):
-    synced_step_px: float | None = None
-    offset_step_px: float | None = None
+    facts: _Facts | None = None
 
 
 class _Metrics(msgspec.Struct):
     session: str
     studies: tuple[_Study, ...] = ()
-    burst: _Burst | None = None
-    bullet_time: _Sweep | None = None
 
 
 def compare_samples(folder: Path, *, quick: bool) -> list[Path]:
@@ -193,7 +189,7 @@ def compare_samples(folder: Path, *, quick: bool) -> list[Path]:
     made = []
     for session in dict.fromkeys(showing.session for showing in APPLICATIONS):
         made.append(folder / session)
-        compare(SAMPLES / session, made[-1], CompareOptions(**less))
+        compare(SAMPLES / session, made[-1], CompareOptions.of(**less))
     return made
 
 
@@ -244,12 +240,12 @@ def _fill_burst(application: Application, metrics: _Metrics, folder: Path, out: 
     """All pictures of the burst as one, and how far what moves goes from camera to camera."""
     measures: tuple[Measure, ...] = ()
     files: tuple[str, ...] = ()
-    if (sweep := metrics.bullet_time) is not None:
+    facts = {one.name: one.facts for one in metrics.studies}
+    if (sweep := facts.get("bullet_time")) is not None:
         measures = (Measure(SWEEP_STEP, "px", sweep.synced_step_px, sweep.offset_step_px),)
-    if metrics.burst is not None and metrics.burst.thumbnails:
+    if (grid := facts.get("burst")) is not None and grid.thumbnails:
         rows = [
-            np.concatenate([_thumbnail(folder / file) for file in row], axis=1)
-            for row in metrics.burst.thumbnails
+            np.concatenate([_thumbnail(folder / file) for file in row], axis=1) for row in grid.thumbnails
         ]
         files = (f"{application.key}.jpg",)
         _save(np.concatenate(rows), out / files[0])

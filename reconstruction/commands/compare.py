@@ -5,6 +5,7 @@ from typing import Any
 
 import click
 
+from capture_app.common.plugins import plugin_names
 from capture_app.console.terminal import FiniteRange, answer, json_option
 from capture_app.console.usage import examples
 from reconstruction.commands import options
@@ -19,7 +20,31 @@ def _refuse_synced(
     return value
 
 
-@click.command(epilog=examples("reconstruct compare sessions/burst-001 --offset-ms 66 --out compare"))
+class _CompareCommand(click.Command):
+    """The command with an option to choose studies, and the options of all that are installed."""
+
+    def get_params(self, ctx: click.Context) -> list[click.Parameter]:
+        """Load the studies; nothing else does before they run."""
+        from reconstruction.compare.comparison import installed_studies
+        from reconstruction.report.study_report import GROUP
+
+        chosen = click.Option(
+            ["--study", "studies"],
+            type=click.Choice(plugin_names(GROUP)),
+            multiple=True,
+            show_default="all",
+            help="Make this study and those that it needs. Repeat for several.",
+        )
+        own = [one for study in installed_studies() for one in options.study_options(study.Options)]
+        params = super().get_params(ctx)
+        out = [one.name for one in params].index("out")
+        return [*params[:out], chosen, *own, *params[out:]]
+
+
+@click.command(
+    cls=_CompareCommand,
+    epilog=examples("reconstruct compare sessions/burst-001 --offset-ms 66 --out compare"),
+)
 @options.session_argument
 @click.option(
     "--offset-ms",
@@ -28,33 +53,8 @@ def _refuse_synced(
     default=DEFAULT_OFFSET_MS,
     help="How late the second camera of a pair is, rounded to whole frames.",
 )
-@options.pair_option("--stereo-pair", "stereo", use="depth")
-@options.pair_option("--panorama-pair", "panorama", use="the panorama")
-@options.pair_option("--stitch-pair", "panorama", use="the panorama", hidden=True)
 @options.max_instants_option
 @options.time_shift_option
-@click.option(
-    "--max-multiview-instants",
-    "multiview_instants",
-    type=click.IntRange(min=0),
-    metavar="N",
-    default=3,
-    help="Use at most this many of them for depth from all cameras, which takes much longer; 0 for none.",
-)
-@click.option(
-    "--multiview-width",
-    type=click.IntRange(min=160),
-    metavar="PX",
-    default=640,
-    help="Reduce wider images to this width for depth from all cameras.",
-)
-@options.matcher_option
-@click.option(
-    "--poses/--no-poses",
-    default=None,
-    show_default="if much of the picture moves",
-    help="Also estimate the camera poses from single instants.",
-)
 @click.option(
     "--condition",
     "conditions",
@@ -82,5 +82,5 @@ def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
     from reconstruction.compare.comparison import CompareOptions
     from reconstruction.compare.comparison import compare as run
 
-    result = run(session, out, CompareOptions(**chosen))
+    result = run(session, out, CompareOptions.of(**chosen))
     answer(as_json, result, [result.verdict, f"report: {out / result.report}"])

@@ -1,12 +1,13 @@
 """Options that several commands share, and how their values are read."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from functools import wraps
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 import click
+import msgspec
 
 from capture_app.console.terminal import ParsedType, talk
 from reconstruction.common.memory import limited_memory, parse_size
@@ -40,6 +41,29 @@ def parse_instants(text: str) -> tuple[int, ...]:
             raise click.BadParameter(f"{text!r} is not a list of instants, as in 0-9,20")
         found += range(int(ends[0]), int(ends[1]) + 1)
     return tuple(dict.fromkeys(found))
+
+
+def flag(*names: str, **settings: Any) -> msgspec.Meta:
+    """Annotate a field of a study's `Options` with the names and settings of click's `Option`.
+
+    The field's default is the option's: `points: Annotated[int, flag("--points", help="...")] = 3`.
+    """
+    return msgspec.Meta(extra={"names": names, **settings})
+
+
+def pair_flag(*names: str, use: str, hidden: bool = False) -> msgspec.Meta:
+    """As `flag`, for two cameras and what they are used for; an earlier name is hidden."""
+    return flag(*names, hidden=hidden, **_pair_settings(use))
+
+
+def study_options(options: type[msgspec.Struct]) -> Iterator[click.Option]:
+    """Make the command line's options of a study's `Options`."""
+    hints = get_type_hints(options, include_extras=True)
+    for one in msgspec.structs.fields(options):
+        for meta in getattr(hints[one.name], "__metadata__", ()):
+            settings = dict(meta.extra)
+            default = str(one.default) if isinstance(one.default, str) else one.default
+            yield click.Option([*settings.pop("names"), one.name], default=default, **settings)
 
 
 CONDITION = ParsedType("condition", Condition.parse)
@@ -93,16 +117,18 @@ OFFSETS_HELP = (
 CONDITION_HELP = f"{SYNCED}: images of the same instant. {OFFSETS_HELP}"
 
 
-def pair_option(*names: str, use: str, hidden: bool = False) -> Callable[..., Any]:
-    """Make an option for two cameras and what they are used for; one of an earlier name is hidden."""
-    return click.option(
-        *names,
-        hidden=hidden,
-        type=parse_pair,
-        metavar="CAMERA,CAMERA",
-        show_default="chosen automatically",
-        help=f"The two cameras for {use}.",
-    )
+def pair_option(*names: str, use: str) -> Callable[..., Any]:
+    """Make an option for two cameras and what they are used for."""
+    return click.option(*names, **_pair_settings(use))
+
+
+def _pair_settings(use: str) -> dict[str, Any]:
+    return {
+        "type": parse_pair,
+        "metavar": "CAMERA,CAMERA",
+        "show_default": "chosen automatically",
+        "help": f"The two cameras for {use}.",
+    }
 
 
 session_argument = click.argument("session", type=click.Path(path_type=Path))
@@ -121,14 +147,13 @@ def _parse_matcher(ctx: click.Context, param: click.Parameter, value: str) -> "M
     return Matcher(value)
 
 
-matcher_option = click.option(
-    "--matcher",
-    type=click.Choice(["auto", "sweep", "patchmatch"]),
-    default="auto",
-    callback=_parse_matcher,
-    help="What finds depth from all cameras: sweep runs on the CPU, patchmatch is COLMAP's and needs an "
+MATCHER: dict[str, Any] = {
+    "type": click.Choice(["auto", "sweep", "patchmatch"]),
+    "callback": _parse_matcher,
+    "help": "What finds depth from all cameras: sweep runs on the CPU, patchmatch is COLMAP's and needs an "
     "NVIDIA GPU; auto is sweep, which finds more.",
-)
+}
+matcher_option = click.option("--matcher", default="auto", **MATCHER)
 max_instants_option = click.option(
     "--max-instants",
     type=click.IntRange(min=1),

@@ -1,137 +1,268 @@
-"""What studies of a comparison share: how they are run and skipped, a pair of cameras, and their pictures."""
+"""Base of all studies of a comparison: their context, needs and options, how one is skipped, its pictures."""
 
 from abc import ABC, abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
 from pathlib import Path
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import msgspec
 
 from capture_app.common.errors import NotAvailableError
+from capture_app.common.optional_packages import require_reconstruction
 from capture_app.console.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
 from reconstruction.common.native_libraries import ForeignError, opencv_calls
 from reconstruction.pairs import PairChoice
+from reconstruction.report.study_report import StudyReport
+from reconstruction.scores.comparison_results import OffsetTolerance
 from reconstruction.scores.study_result import Measure, Picture, StudyResult
 from reconstruction.scores.tally import SIDES
+from reconstruction.scores.timing import RigTiming, Timing
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition, FrameOffset
 from reconstruction.session.instants import choose_moving_instants, pair_instants
 
 SYNCHRONIZED, ALL_APART = Condition(SYNCED), Condition(DISTINCT)
-FLAT_PICTURES = ("stereo_depth", "multiview_depth")
-"""Flat colours with hard edges, kept as PNG; the others are JPEG."""
-PANELS = {"stereo_pair": 2, "stereo_closeup": 2}
-"""Panels side by side in a picture; the others have one."""
+TIMING = "timing"
+"""A study that needs to know how late the cameras are names this; it waits for all studies of a pair."""
+UNASKED = "it was not asked for"
 
 Pair = tuple[str, str]
 
 
-class Study(ABC):
-    """One kind of measurement, made synchronized and in another condition with all else equal."""
+class NoOptions(msgspec.Struct, frozen=True):
+    """The options of a study that has none."""
 
-    name: ClassVar[str]
-    """A key of `SUBJECTS`."""
 
-    def __init__(self, rig: Rig) -> None:
-        self.rig = rig
-        self.dataset = rig.dataset
-        self.motion = rig.motion
-        self.condition = ALL_APART
-        """What it compares with the synchronized condition if nothing else is asked for."""
-        self.found = StudyResult(name=self.name, skipped="it was not asked for", unasked=True)
+@dataclass(frozen=True, kw_only=True)
+class Context:
+    """What all studies of a comparison share; it does not change while they run."""
+
+    rig: Rig
+    offset: FrameOffset | None = None
+    """How late the second camera of a pair is; None = not at all."""
+    middle: int = 0
+    """The instant from whose images cameras are chosen."""
+    max_instants: int = 16
+    options: Mapping[str, Any] = field(default_factory=dict)
+    """Options of all studies, by the names of the fields of their `Options`."""
+    folder: Path | None = None
+    """Folder for pictures; None = no pictures."""
+    progress: Progress = field(default_factory=lambda: Progress(0, silent=True))
+
+
+@dataclass(frozen=True, kw_only=True)
+class Known:
+    """What is known when a study's turn comes: a first look at the session, and the results that it needs."""
+
+    moving_share: float = 1.0
+    uncalibrated: str = ""
+    """Why the cameras have no calibration; empty where they have one."""
+    studies: Mapping[str, StudyResult[Any]] = field(default_factory=dict)
+    timing: Timing | None = None
+    rig_timing: RigTiming | None = None
+    tolerance: OffsetTolerance | None = None
+
+    def study(self, name: str) -> StudyResult[Any] | None:
+        """The result of a study; None where it was skipped."""
+        found = self.studies.get(name)
+        return None if found is None or found.skipped else found
+
+
+class Study(StudyReport, ABC):
+    """One study of a comparison: what it needs, its options, how it is made, and how it is reported."""
+
+    needs: ClassVar[Sequence[str]] = ()
+    """Names of studies whose results it reads, made or skipped, or `TIMING`. Studies that do not wait for
+    each other may run side by side."""
+    needs_calibration: ClassVar[bool] = False
+    min_cameras: ClassVar[int] = 1
+    packages: ClassVar[Sequence[str]] = ()
+    """Packages of the extra `reconstruction` that it cannot do without."""
+    Options: ClassVar[type[msgspec.Struct]] = NoOptions
+    """Its options; `study_options.flag` says how each is typed."""
+
+    def __init__(self, context: Context) -> None:
+        self.context, self.progress = context, context.progress
+        self.rig, self.dataset, self.motion = context.rig, context.rig.dataset, context.rig.motion
+        names = {one.name for one in msgspec.structs.fields(self.Options)}
+        self.options: Any = self.Options(**{k: v for k, v in context.options.items() if k in names})
+        self.known = Known()
+        self.found: StudyResult[Any] = StudyResult(name=self.name, skipped=UNASKED, unasked=True)
 
     @property
-    @abstractmethod
     def steps(self) -> int:
-        """How many progress lines preparing it and comparing its own condition take at most."""
+        """How many progress lines it prints at most."""
+        return 0
+
+    def check(self) -> None:
+        """Refuse options that do not go with this session, before anything is computed.
+
+        Raises:
+            SimulshotError: an option cannot be used.
+        """
+
+    def unasked(self) -> str:
+        """Return why nobody asked for it, by its options and `known`; empty if it is to be made."""
+        return ""
 
     @abstractmethod
-    def prepare(self, middle: int, progress: Progress) -> None:
-        """Fix all that is the same in every condition, from pictures around the instant `middle`.
+    def measure(self) -> StudyResult[Any]:
+        """Make the study.
+
+        Raises:
+            ValueError: these cameras do not allow it.
+            NotAvailableError: a package is not installed.
+        """
+
+    def run(self, known: Known) -> StudyResult[Any]:
+        """Make the study, or say why it is skipped."""
+        self.known = known
+        if why := self.unasked():
+            self.found = self.skipped(why, unasked=True)
+            return self.found
+        try:
+            self._check_needs()
+            with opencv_calls(self.subject):
+                self.found = self.measure()
+        except (ValueError, ForeignError, NotAvailableError) as error:
+            self.found = self.skipped(str(error))
+        return self.found
+
+    def _check_needs(self) -> None:
+        if self.needs_calibration and self.known.uncalibrated:
+            raise ValueError(self.known.uncalibrated)
+        if len(self.dataset.cameras) < self.min_cameras:
+            raise ValueError(f"it takes {self.min_cameras} cameras")
+        for package in self.packages:
+            require_reconstruction(package, self.subject)
+
+    def skipped(self, why: str, *, unasked: bool = False) -> StudyResult[Any]:
+        """Return a result without measures, for this reason."""
+        return StudyResult(name=self.name, skipped=why, unasked=unasked)
+
+    def compare_condition(self, condition: Condition) -> StudyResult[Any] | None:
+        """Compare a further condition; None if the study knows no other."""
+        return None
+
+    def compare_session(self, rig: Rig) -> StudyResult[Any] | None:
+        """Compare with another session; None if the study cannot."""
+        return None
+
+
+class ConditionStudy(Study):
+    """A study that measures any condition against the synchronized one with all else equal."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self.condition = ALL_APART
+        """The condition that it compares with the synchronized one if nothing else is asked for."""
+
+    @abstractmethod
+    def prepare(self) -> None:
+        """Fix all that is the same in every condition, from images around the context's middle instant.
 
         Raises:
             ValueError: these cameras do not allow the measurement.
         """
 
     @abstractmethod
-    def compare(self, condition: Condition, progress: Progress, folder: Path | None = None) -> StudyResult:
+    def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[Any]:
         """Compare a condition with the synchronized one, with pictures of it where there is a folder.
 
         Raises:
             ValueError: the burst does not hold this condition.
-            NotAvailableError: it takes a library that is not installed here.
+            NotAvailableError: a package is not installed.
         """
 
-    @abstractmethod
-    def for_session(self, rig: Rig) -> Self:
-        """This study of another session's cameras."""
+    def adopt(self, ours: Self) -> None:
+        """Take over from the same study of the comparison's own session what both have to share."""
 
-    def run(self, middle: int, progress: Progress, folder: Path) -> None:
-        """Prepare the study and compare its own condition; pictures go into the folder."""
-        try:
-            with opencv_calls(self.found.subject):
-                self.prepare(middle, progress)
-                self.found = self.compare(self.condition, progress, folder)
-        except (ValueError, ForeignError, NotAvailableError) as error:
-            self.skip(str(error))
+    def measure(self) -> StudyResult[Any]:
+        """As `Study.measure`."""
+        self.prepare()
+        return self.compare(self.condition, self.context.folder)
 
-    def skip(self, why: str, *, unasked: bool = False) -> None:
-        """Measure nothing, for this reason."""
-        self.found = StudyResult(name=self.name, skipped=why, unasked=unasked)
-
-    def compare_condition(self, condition: Condition) -> StudyResult:
+    def compare_condition(self, condition: Condition) -> StudyResult[Any]:
         """Compare a further condition, or say why that is impossible."""
         if condition == self.condition:
             return self.found
+        self.progress = Progress(0, silent=True)
         try:
-            with opencv_calls(self.found.subject):
-                return self.compare(condition, Progress(0, silent=True))
+            with opencv_calls(self.subject):
+                return self.compare(condition)
         except (ValueError, ForeignError) as error:
-            return StudyResult(name=self.name, skipped=str(error))
+            return self.skipped(str(error))
 
-    def compare_session(self, rig: Rig) -> StudyResult:
-        """Compare with another session's synchronized pictures, not paired by instant; else as above."""
-        theirs = self.for_session(rig)
+    def compare_session(self, rig: Rig) -> StudyResult[Any]:
+        """Compare with another session's synchronized images, not paired by instant; else as above."""
+        middle = len(rig.dataset.instants_ns) // 2
         quiet = Progress(0, silent=True)
+        theirs = type(self)(replace(self.context, rig=rig, offset=None, middle=middle, progress=quiet))
+        theirs.known = self.known
+        theirs.adopt(self)
         try:
-            with opencv_calls(self.found.subject):
-                theirs.prepare(len(rig.dataset.instants_ns) // 2, quiet)
-                found = theirs.compare(SYNCHRONIZED, quiet)
+            with opencv_calls(self.subject):
+                theirs.prepare()
+                found = theirs.compare(SYNCHRONIZED)
         except (ValueError, ForeignError) as error:
-            return StudyResult(name=self.name, skipped=str(error))
+            return self.skipped(str(error))
         ours = self.found
         names = dict.fromkeys(one.name for one in (*ours.measures, *found.measures))
         measures = tuple(Measure(name=n, synced=ours.interval(n), offset=found.interval(n)) for n in names)
         return msgspec.structs.replace(found, measures=measures, per_instant=())
 
 
-class PairStudy(Study):
-    """A study of two cameras whose second is late."""
+class PairStudy(ConditionStudy):
+    """A study of two cameras whose second is late; its option for them is named as the study is."""
 
-    def __init__(self, rig: Rig, offset: FrameOffset | None, asked: Pair | None, max_instants: int) -> None:
-        """`offset`: how late, None = not at all; `asked`: the cameras, None = chosen from the images."""
-        super().__init__(rig)
-        self.offset = offset
-        self.asked = asked
-        self.max_instants = max_instants
+    needs_calibration = True
+    min_cameras = 2
+    measures_delay: ClassVar[bool] = False
+    """Whether `compare_instants` measures depth, of which a curve over the delay is made."""
+
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self.asked: Pair | None = getattr(self.options, self.name, None)
+        """The cameras; None = chosen from the images."""
         self.cameras: Pair = ("", "")
         self.reason = ""
 
     @property
     def steps(self) -> int:
         """One for choosing the cameras, and one for each instant."""
-        return 1 + min(len(self.offset.pairs) if self.offset else 0, self.max_instants)
+        offset = self.context.offset
+        return 1 + min(len(offset.pairs) if offset else 0, self.context.max_instants)
 
-    def for_session(self, rig: Rig) -> Self:
-        """This pair of another session, synchronized."""
-        theirs = type(self)(rig, None, self.cameras, self.max_instants)
-        theirs.reason = self.reason
-        return theirs
+    def check(self) -> None:
+        """As `Study.check`: the session has the cameras that were asked for."""
+        self.rig.check_pair(self.asked)
+
+    def adopt(self, ours: Self) -> None:
+        """Take the pair of the comparison's own session."""
+        self.asked, self.reason = ours.cameras, ours.reason
+
+    def compare_instants(
+        self,
+        pairs: Sequence[tuple[int, int]],
+        offsets_ms: dict[str, float],
+        *,
+        range_instants: Sequence[int] = (),
+        folder: Path | None = None,
+    ) -> StudyResult[Any]:
+        """Compare depth at `pairs` of instants: the first camera's, and the second's in the other condition.
+
+        The range of depths is that of `range_instants`, or of the pairs' own.
+
+        Raises:
+            ValueError: the two views overlap too little.
+        """
+        raise NotImplementedError
 
     def use_pair(self, choice: PairChoice) -> None:
-        """Use the chosen pair, the second late by the offset that was asked for.
+        """Use the chosen pair, the second late by the context's offset.
 
         Raises:
             ValueError: no pair could be chosen.
@@ -139,9 +270,10 @@ class PairStudy(Study):
         if choice.cameras is None:
             raise ValueError(choice.why)
         self.cameras, self.reason = choice.cameras, self.reason or choice.why
-        if self.offset is not None:
-            late = ((self.cameras[1], self.offset.asked_ms),)
-            self.condition = Condition(f"{self.offset.asked_ms:g}ms", named_ms=late)
+        offset = self.context.offset
+        if offset is not None:
+            late = ((self.cameras[1], offset.asked_ms),)
+            self.condition = Condition(f"{offset.asked_ms:g}ms", named_ms=late)
 
     def instant_pairs(self, condition: Condition) -> tuple[list[tuple[int, int]], dict[str, float]]:
         """The instants that the two cameras show, where something moves, and how late each camera is, ms.
@@ -160,19 +292,29 @@ class PairStudy(Study):
         else:
             found, late_ms = pair_instants(self.dataset, condition, first, second)
         nows = [now for now, _ in found]
-        chosen = set(choose_moving_instants(self.motion, self.cameras, nows, self.max_instants))
+        chosen = set(choose_moving_instants(self.motion, self.cameras, nows, self.context.max_instants))
         offsets_ms = {} if late_ms is None else {first: 0.0, second: late_ms}
         return [pair for pair in found if pair[0] in chosen], offsets_ms
 
 
+@dataclass(frozen=True)
+class PictureText:
+    """Title and caption of a picture; `flat` colours with hard edges are stored as PNG, others as JPEG."""
+
+    title: str
+    caption: str
+    flat: bool = False
+    panels: int = 1
+    """Panels side by side in it."""
+
+
 def write_pictures(
-    drawn: Mapping[str, Mapping[str, Array]], texts: Mapping[str, tuple[str, str]], out: Path
+    drawn: Mapping[str, Mapping[str, Array]], texts: Mapping[str, PictureText], out: Path
 ) -> tuple[Picture, ...]:
-    """Write pictures, drawn by side and key, into out/pictures; `texts` are titles and captions by key."""
+    """Write pictures, drawn by side and key, into out/pictures; `texts` are theirs by key."""
     pictures = []
-    for key, (title, caption) in texts.items():
-        suffix = "png" if key in FLAT_PICTURES else "jpg"
+    for key, text in texts.items():
+        suffix = "png" if text.flat else "jpg"
         paths = {side: save_picture(out, f"{key}_{side}.{suffix}", drawn[side][key]) for side in SIDES}
-        panels = PANELS.get(key, 1)
-        pictures.append(Picture(key=key, title=title, caption=caption, panels=panels, **paths))
+        pictures.append(Picture(key=key, title=text.title, caption=text.caption, panels=text.panels, **paths))
     return tuple(pictures)

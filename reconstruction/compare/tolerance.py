@@ -3,7 +3,7 @@
 import tempfile
 import time
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from itertools import pairwise
 from pathlib import Path
 
@@ -11,17 +11,18 @@ import cv2
 import msgspec
 import numpy as np
 
-from capture_app.common.errors import BadInputError
+from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress
 from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.outputs import comparison_folder, write_metrics
-from reconstruction.compare.stereo_study import StereoStudy
+from reconstruction.compare.study import Context, PairStudy
 from reconstruction.compare.timing_study import TimingStudy
+from reconstruction.report.study_report import study_reports
 from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
-from reconstruction.scores.comparison_results import InstantTolerance, OffsetTolerance
+from reconstruction.scores.comparison_results import DelayFacts, InstantTolerance, OffsetTolerance
 from reconstruction.scores.study_result import Interval, Measure, StudyResult
 from reconstruction.scores.tally import MIN_COUNT, MIN_FOR_INTERVAL
 from reconstruction.scores.timing import Timing, with_curve_peak, with_depth
@@ -35,6 +36,7 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.session.instants import choose_moving_instants
 from reconstruction.session.picture_checksums import picture_checks
 
+Point = StudyResult[DelayFacts]
 MAX_STEPS = 4
 """Offsets to either side."""
 CLEAR_PEAK = 0.15
@@ -43,13 +45,13 @@ LOSS = 0.1
 """The share of the synchronized value whose loss an offset may cause and still be tolerable."""
 
 
-def curve_measure(points: Sequence[StudyResult]) -> str:
+def curve_measure(points: Sequence[Point]) -> str:
     """What the curve shows: right depth where the truth is known, else any depth."""
     true = any(point.value("mover_within_2pct") is not None for point in points)
     return "mover_within_2pct" if true else "mover_coverage"
 
 
-def with_zero(compared: Sequence[StudyResult]) -> tuple[StudyResult, ...]:
+def with_zero(compared: Sequence[Point]) -> tuple[Point, ...]:
     """The points of the curve from the earliest to the latest; at zero stands the widest's synchronized."""
     widest = max(compared, key=lambda one: one.instants)
     measures = tuple(
@@ -60,12 +62,12 @@ def with_zero(compared: Sequence[StudyResult]) -> tuple[StudyResult, ...]:
         offsets_ms=dict.fromkeys(widest.cameras, 0.0),
         measures=measures,
         per_instant=(),
-        facts={"offset_frames": 0},
+        facts=DelayFacts(offset_frames=0),
     )
     return tuple(sorted([*compared, zero], key=lambda point: point.late_ms or 0.0))
 
 
-def instant_curves(points: Sequence[StudyResult], measure: str) -> tuple[InstantTolerance, ...]:
+def instant_curves(points: Sequence[Point], measure: str) -> tuple[InstantTolerance, ...]:
     """Every instant's own curve over the points."""
     pixels: dict[int, int] = {}
     found: dict[int, dict[float, float | None]] = {}
@@ -93,15 +95,13 @@ def _instant(instant: int, pixels: int, curve: list[tuple[float, float | None]])
     return InstantTolerance(instant=instant, mover_pixels=pixels, values=values, peak_ms=peak)
 
 
-def is_decreasing(points: Sequence[StudyResult], measure: str) -> bool:
+def is_decreasing(points: Sequence[Point], measure: str) -> bool:
     """Whether, to either side of zero, no point's interval lies wholly above that of the one before it."""
     pairs = [pair for side in _sides(points, measure) for pair in pairwise(side)]
     return bool(pairs) and all(after.ends[0] <= before.ends[1] for (_, before), (_, after) in pairs)
 
 
-def tolerable_offset_ms(
-    points: Sequence[StudyResult], measure: str, speed_px_per_ms: float | None
-) -> float | None:
+def tolerable_offset_ms(points: Sequence[Point], measure: str, speed_px_per_ms: float | None) -> float | None:
     """The offset at which a tenth is lost or half of what moves has moved by a pixel; None = neither."""
     limits = []
     for side in _sides(points, measure):
@@ -116,7 +116,7 @@ def tolerable_offset_ms(
     return min(limits) if limits else None
 
 
-def _sides(points: Sequence[StudyResult], measure: str) -> list[list[tuple[float, Interval]]]:
+def _sides(points: Sequence[Point], measure: str) -> list[list[tuple[float, Interval]]]:
     """What is known from zero to the earliest point, and to the latest, by the size of the offset."""
     known = [(p.late_ms or 0.0, one) for p in points if (one := p.interval(measure, "offset")) is not None]
     early = [(-ms, one) for ms, one in reversed(known) if ms <= 0]
@@ -164,13 +164,18 @@ def _measure(session: Path, stages: Path, options: ToleranceOptions) -> OffsetTo
     progress.step("calibration")
     rig.calibrate()
     progress.step("choosing cameras")
-    choice = rig.choose_stereo_pair(options.stereo, steps[-1].pairs[len(steps[-1].pairs) // 2][0])
-    if choice.cameras is None:
-        raise BadInputError(f"no depth can be made from {session}: {choice.why}")
-    progress.step("lateness of what moves")
-    timing = TimingStudy(rig).measure_pair(choice.cameras)
+    middle = steps[-1].pairs[len(steps[-1].pairs) // 2][0]
+    context = Context(rig=rig, middle=middle, max_instants=options.max_instants, progress=progress)
+    study = _depth_study()(context)
+    study.asked = options.stereo
     try:
-        curve = measure_curve(rig, choice.cameras, steps, options.max_instants, progress, timing)
+        study.prepare()
+    except ValueError as error:
+        raise BadInputError(f"no depth can be made from {session}: {error}") from error
+    progress.step("lateness of what moves")
+    timing = TimingStudy(rig).measure_pair(study.cameras)
+    try:
+        curve = measure_curve(type(study), context, study.cameras, steps, timing)
     except ValueError as error:
         raise BadInputError(f"no depth can be made from {session}: {error}") from error
     progress.last("curve")
@@ -178,7 +183,7 @@ def _measure(session: Path, stages: Path, options: ToleranceOptions) -> OffsetTo
         curve,
         session=str(session),
         time_shifts_ms=dict(options.time_shifts_ms),
-        reason=choice.why,
+        reason=study.reason,
         calibration=rig.source,
         seconds=time.monotonic() - began,
         memory_notes=memory_budget().notes,
@@ -210,38 +215,47 @@ def whole_frame_offsets(dataset: Dataset, most_ms: float) -> list[FrameOffset]:
     return [*(one.reversed for one in reversed(late)), *late]
 
 
+def _depth_study() -> type[PairStudy]:
+    """The installed study whose depth a curve over the delay is made of."""
+    for study in study_reports().values():
+        if issubclass(study, PairStudy) and study.measures_delay:
+            return study
+    raise NotAvailableError("no study of a pair's depth is installed", hint="install simulshot anew")
+
+
 def measure_curve(
-    rig: Rig,
+    kind: type[PairStudy],
+    context: Context,
     cameras: tuple[str, str],
     steps: list[FrameOffset],
-    max_instants: int,
-    progress: Progress,
     timing: Timing,
 ) -> OffsetTolerance:
-    """Measure the curve of a pair at these offsets, every point on the same moving pixels.
+    """Measure the curve of a pair by a study, at these offsets, every point on the same moving pixels.
 
     And on the same instants, where the burst has enough that reach all offsets.
 
     Raises:
         ValueError: the two views overlap too little, or no instant has its frames.
     """
+    rig = context.rig
     partners = [dict(pairs_with_images(rig.dataset, step, *cameras)) for step in steps]
     some = sorted(set().union(*partners))
     everywhere = [now for now in some if all(now in one for one in partners)]
     reach = everywhere if len(everywhere) >= MIN_FOR_INTERVAL else some
     if not reach:
         raise ValueError("no instant has its images at any of the offsets")
-    nows = choose_moving_instants(rig.motion, cameras, reach, max_instants)
-    progress.total += (len(nows) + 1) * len(steps)
-    study = StereoStudy(rig, None, cameras, max_instants)
-    study.prepare(nows[0], progress)
+    nows = choose_moving_instants(rig.motion, cameras, reach, context.max_instants)
+    context.progress.total += (len(nows) + 1) * len(steps)
+    study = kind(replace(context, offset=None, middle=nows[0]))
+    study.asked = cameras
+    study.prepare()
     compared = []
     for step, later in zip(steps, partners, strict=True):
         pairs = [(now, later[now]) for now in nows if now in later]
         if pairs:
             offsets_ms = {cameras[0]: 0.0, cameras[1]: step.actual_ms}
-            one = study.compare_instants(pairs, offsets_ms, progress, range_instants=nows)
-            compared.append(msgspec.structs.replace(one, facts={"offset_frames": step.frames}))
+            one = study.compare_instants(pairs, offsets_ms, range_instants=nows)
+            compared.append(msgspec.structs.replace(one, facts=DelayFacts(offset_frames=step.frames)))
     points, measure = with_zero(compared), curve_measure(compared)
     instants = instant_curves(points, measure)
     peaks = [one.peak_ms for one in instants if one.peak_ms is not None]

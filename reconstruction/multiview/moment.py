@@ -50,5 +50,6 @@ def write_moment(result: MultiviewResult, image: InputImage, depth: Array, fused
         "verdict": f"{result.fused_points:,} points from {len(result.views)} cameras.{moving}",
         "numbers_in": ("multiview.json",),
         "cloud": view_clouds(clouds, fused.parent, result.reference, len(result.views)),
+        "scripts": ("cloud.js",),
     }
     write_page(render_page(page, [Section("cloud.html")]), fused.parent)

@@ -4,9 +4,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 from reconstruction.report import wording
-from reconstruction.report.findings import Sides
 from reconstruction.scores.comparison_results import OffsetTolerance
-from reconstruction.scores.study_result import StudyResult
 
 
 @dataclass(frozen=True)
@@ -35,7 +33,6 @@ class Axes:
 
 
 TOLERANCE_AXES = Axes(480, 300, 62, 14, 34, 48, (0, 0.25, 0.5, 0.75, 1), "delay of one camera, ms")
-POSE_AXES = Axes(480, 220, 62, 10, 12, 48, (0, 0.5, 1), "camera pairs placed correctly, by instant")
 
 
 def tolerance_chart(tolerance: OffsetTolerance) -> dict[str, object]:
@@ -75,27 +72,3 @@ def tolerance_chart(tolerance: OffsetTolerance) -> dict[str, object]:
         "curves": curves,
         "mark": mark,
     }
-
-
-def pose_chart(poses: StudyResult, sides: Sides) -> dict[str, object]:
-    """Two bars for each instant: the share of camera pairs that were placed correctly; none of no instant.
-
-    Of each of the `bars`: its condition, x, y and height.
-    """
-    axes = POSE_AXES
-    step = (axes.width - axes.left - axes.right) / max(1, len(poses.per_instant))
-    width = round(min(28.0, step * 0.36), 1)
-    ticks, bars, told = [], [], []
-    for place, row in enumerate(poses.per_instant):
-        middle = axes.left + step * (place + 0.5)
-        words = []
-        for tone, name, left in (("synced", sides.first, -1.0), ("offset", sides.late, 0.0)):
-            share = row.get(f"{tone}_correct_pairs") or 0.0
-            # A share of 0 still gets a visible bar.
-            top = min(axes.y(share), axes.y(0) - 2)
-            bars.append((tone, round(middle + left * (width + 1), 1), top, round(axes.y(0) - top, 1)))
-            words.append(f"{name.lower()} {wording.share(share, decimals=0)}")
-        ticks.append((round(middle, 1), f"{row['instant']}"))
-        told.append(f"instant {row['instant']}: {', '.join(words)}")
-    label = f"Share of camera pairs placed correctly; {'; '.join(told)}"
-    return {"axes": axes, "label": label, "ticks": ticks, "bars": bars, "bar_width": width}

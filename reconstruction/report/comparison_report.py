@@ -5,19 +5,17 @@ from pathlib import Path
 from typing import Any
 
 from capture_app.common.text import count
-from reconstruction.report.charts import pose_chart
-from reconstruction.report.embedding import embed_image, view_clouds
+from reconstruction.report.embedding import embed_image
 from reconstruction.report.findings import (
     UNSYNCHRONIZED,
     claims,
-    describe_control,
     describe_delays,
     describe_exactness,
     describe_synchronization,
     name_sides,
 )
-from reconstruction.report.measures import STUDIES, describe_facts
-from reconstruction.report.page import Section, render_page, write_page
+from reconstruction.report.page import Section, as_template, render_page, write_page
+from reconstruction.report.study_report import reported, study_reports
 from reconstruction.report.tables import conditions_table, instants_table, study_table, timing_table
 from reconstruction.report.tolerance_report import tolerance_heading, tolerance_view
 from reconstruction.scores.comparison_results import CompareResult, ReportWords, WordTable
@@ -28,8 +26,6 @@ ORIGINS = {
     "captured": ("Captured", "pictures by this rig's cameras"),
     "imported": ("Imported", "recordings made elsewhere"),
 }
-HEROES = ("stereo_depth", "panorama")
-"""The picture of the first screen: where something is lost, not only elsewhere, in the late one."""
 
 
 def write_report(result: CompareResult, out: Path) -> Path:
@@ -46,8 +42,8 @@ def write_report(result: CompareResult, out: Path) -> Path:
 def report_words(result: CompareResult) -> ReportWords:
     """The tables of the measurements and what they call the conditions, without a page around them."""
     sides = name_sides(result)
-    made = [study for study in result.studies if not study.skipped]
-    tables = [study_table(study, name_sides(result, study.cameras)) for study in made]
+    made = [found for study, found in reported(result) if study.measures]
+    tables = [study_table(found, name_sides(result, found.cameras)) for found in made]
     return ReportWords(
         synced=sides.first,
         offset=sides.late,
@@ -64,32 +60,36 @@ def report_words(result: CompareResult) -> ReportWords:
     )
 
 
-def _view(result: CompareResult, found: StudyResult) -> dict[str, Any]:
+def _view(result: CompareResult, found: StudyResult[Any], out: Path) -> dict[str, Any]:
     """What a page shows of a study; without tables where it was skipped."""
-    text, sides, made = STUDIES[found.name], name_sides(result, found.cameras), not found.skipped
+    text, sides, made = study_reports()[found.name], name_sides(result, found.cameras), not found.skipped
     many = "all cameras" if len(found.cameras) > 2 else f"cameras {' and '.join(found.cameras)}"
-    return {
+    view = {
         "found": found,
         "text": text,
         "sides": sides,
-        "delays": describe_delays(found) if made else "",
-        "engine": text.engine.format(**describe_facts(found)) if made else "",
+        "delays": describe_delays(found) if made and text.measures else "",
+        "engine": text.engine(found) if made else "",
+        "details": text.details(found) if made else "",
+        "files": text.files(found) if made else {},
         "table": study_table(found, sides) if made else None,
         "instants": instants_table(f"Moving things, {many}", found, sides) if made else None,
     }
+    return view | (text.view(found, dict(sides.words), out) if made and text.section else {})
 
 
 def _page(result: CompareResult, out: Path) -> str:
     name = Path(result.session).name or result.session
-    sides, sweep = name_sides(result), result.bullet_time
-    views = {study.name: _view(result, study) for study in result.studies}
-    multiview, poses = result.study("multiview"), result.study("poses")
-    clouds = multiview.facts.get("clouds") if multiview is not None else None
+    sides, made = name_sides(result), reported(result)
+    views = {study.name: _view(result, study, out) for study in result.studies}
     word, words = ORIGINS.get(result.origin, ("", ""))
     size = f"{count(result.camera_count, 'camera')}, {count(result.instant_count, 'instant')}"
     two_claims, claims_note = claims(result)
-    pictures = _pair_pictures(views)
-    hero = next((shown for shown in pictures if shown[0].key in HEROES), None)
+    pictures = _pictures(views)
+    hero = next((shown for shown in pictures if shown[0].key == shown[1]["text"].hero), None)
+    with_why = [study for study, _ in made if study.why] + [
+        one for one in study_reports().values() if one.why
+    ]
     view = {
         "title": f"{name}: {sides.first.lower()} against {sides.late}",
         "kicker": f"{sides.first} against offset",
@@ -103,47 +103,46 @@ def _page(result: CompareResult, out: Path) -> str:
         "origin": f"{size}; {words}" if word else "",
         "exactness": describe_exactness(result),
         "hero": hero,
+        "why": as_template(with_why[0].why if with_why else ""),
+        "diagram": with_why[0].diagram if with_why else "",
         "views": views,
-        "cloud": view_clouds(clouds, out, str(multiview.facts["reference"]), len(multiview.cameras))
-        if multiview is not None and clouds
-        else None,
+        "scripts": list(dict.fromkeys(script for study, _ in made for script in study.scripts)),
         "pictures": [shown for shown in pictures if shown is not hero],
-        "sweep_sides": name_sides(result, sweep.cameras if sweep else ()),
         "image": lambda path, panels=1: embed_image(out / path, panels),
         "tolerance": tolerance_view(result.tolerance) if result.tolerance else None,
-        "control": describe_control(result),
+        "pairs": any(study.measures and len(found.cameras) == 2 for study, found in made),
+        "control": next(filter(None, (study.control_sentence(result, found) for study, found in made)), ""),
         "synchronization": describe_synchronization(result),
-        "pose_chart": pose_chart(poses, views["poses"]["sides"]) if poses is not None else None,
         "timing_table": timing_table(result.rig_timing) if result.rig_timing is not None else None,
         "conditions_table": conditions_table(result),
     }
-    return render_page(view, _sections(result, len(pictures) > (hero is not None)))
+    return render_page(view, _sections(result, views, len(pictures) > (hero is not None)))
 
 
-def _pair_pictures(views: Mapping[str, dict[str, Any]]) -> list[tuple[Picture, dict[str, Any]]]:
-    """The pictures that compare a pair; those with a slider come first, they show the difference at once."""
+def _pictures(views: Mapping[str, dict[str, Any]]) -> list[tuple[Picture, dict[str, Any]]]:
+    """The pictures of studies without a section of their own; those with a slider come first."""
     found = [
         (picture, view)
         for view in views.values()
-        if len(view["found"].cameras) == 2
+        if not view["text"].section
         for picture in view["found"].pictures
     ]
     return sorted(found, key=lambda one: one[0].panels > 1)
 
 
-def _sections(result: CompareResult, pictures: bool) -> list[Section]:
-    """The sections there is something to show in."""
-    found: list[tuple[object, str, str]] = [
-        (True, "why", "Why the instant matters"),
-        (pictures, "pictures", "See the difference"),
-        (result.bullet_time, "sweep", "From camera to camera"),
-        (result.burst, "burst", "The burst"),
-        (result.tolerance, "tolerance", tolerance_heading(result.tolerance) if result.tolerance else ""),
-        (result.study("multiview"), "all-cameras", "With all cameras at once"),
-        (result.study("poses"), "poses", "Where the cameras stand"),
-        (True, "measures", "The measurements"),
-        (True, "provenance", "How it was made"),
-    ]
-    return [
-        Section(f"{anchor.replace('-', '_')}.html", anchor, title) for there, anchor, title in found if there
-    ]
+def _sections(result: CompareResult, views: Mapping[str, dict[str, Any]], pictures: bool) -> list[Section]:
+    """The sections there is something to show in, in their order on the page."""
+    found: dict[int, list[Section]] = {0: [Section("why.html", "why", "Why the instant matters")]}
+    if pictures:
+        found[10] = [Section("pictures.html", "pictures", "See the difference")]
+    if result.tolerance:
+        found[40] = [Section("tolerance.html", "tolerance", tolerance_heading(result.tolerance))]
+    found[80] = [Section("measures.html", "measures", "The measurements")]
+    found[90] = [Section("provenance.html", "provenance", "How it was made")]
+    for study, _ in reported(result):
+        if study.section:
+            one = Section(
+                as_template(study.section), study.name.replace("_", "-"), study.title, views[study.name]
+            )
+            found.setdefault(study.section_place, []).append(one)
+    return [section for _, sections in sorted(found.items()) for section in sections]

@@ -1,27 +1,24 @@
-"""What a comparison found, in words: the only place where figures become sentences."""
+"""A comparison in words: how late the cameras are, the verdict that its studies add to, and its claims."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from typing import Any
 
 from capture_app.common.text import count
 from reconstruction.calibration.structure_from_motion import GUESS
 from reconstruction.report import wording
+from reconstruction.report.study_report import reported, study_reports
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.scores.timing import RigTiming, Timing, found_shares
+from reconstruction.scores.timing import RigTiming, Timing
 
 UNSYNCHRONIZED = "unsynchronized"
 EACH_DELAYED = "each camera off by a different delay"
 """The condition of the studies of all cameras, in a word and in words."""
 DEPTH_MEASURES = ("mover_within_2pct", "mover_coverage")
 """What depth is judged by: correct distances where the truth is known, else any distance."""
-PANORAMA_MEASURES = ("mover_misfit_px", "mover_found")
-"""What a panorama is judged by: how far off what moves is, else how much of it is found again at all."""
 CLEAR_SHARE = 0.15
 """A loss of this share of the moving pixels is reported as clear."""
-CLEAR_RATIO = 1.5
-FALLEN_CONTROL = 0.1
-"""A loss of this share of what stands still has another reason than timing."""
 MOST_NAMED = 4
 """Cameras that are named in a sentence."""
 
@@ -144,6 +141,11 @@ class Sides:
         return self.late[0].upper() + self.late[1:]
 
     @property
+    def words(self) -> tuple[tuple[str, str], tuple[str, str]]:
+        """Each condition (`synced`, `offset`) and its name."""
+        return ("synced", self.first), ("offset", self.late)
+
+    @property
     def heads(self) -> tuple[tuple[str, str], tuple[str, str]]:
         """Each condition (`synced`, `offset`) and the head of its column."""
         return ("synced", self.short), ("offset", self.late_short)
@@ -167,13 +169,13 @@ def name_sides(result: CompareResult, cameras: Sequence[str] = ()) -> Sides:
     return Sides("As recorded", "Recorded", when, late, late_short, apart=result.apart(asked))
 
 
-def describe_delays(study: StudyResult) -> str:
+def describe_delays(study: StudyResult[Any]) -> str:
     """How late each camera is, in a sentence; without numbers, drawn at random; empty of a pair."""
     if len(study.cameras) == 2:
         return ""
     if not study.offsets_ms:
         return f"Unsynchronized: {EACH_DELAYED} of up to 66 ms, drawn at random for each instant."
-    reference = study.facts.get("reference", study.cameras[0])
+    reference = study_reports()[study.name].reference(study)
     return f"Unsynchronized, relative to {reference}: {wording.delays(study.offsets_ms)}."
 
 
@@ -202,20 +204,23 @@ def _guess_sentence(result: CompareResult) -> str:
 
 def _skipped_sentence(result: CompareResult) -> str:
     """What could not be made, and why; empty where all that was asked for was."""
-    skipped = [f"{one.subject} ({one.skipped})" for one in result.studies if one.skipped and not one.unasked]
+    skipped = [
+        f"{study_reports()[one.name].subject} ({one.skipped})"
+        for one in result.studies
+        if one.skipped and not one.unasked
+    ]
     return f"Not made: {'; '.join(skipped)}." if skipped else ""
 
 
 def _what_was_found(result: CompareResult) -> str:
-    late, timing = f"{result.actual_offset_ms:.0f} ms late", result.timing
-    stereo, multiview = result.study("stereo"), result.study("multiview")
-    if stereo is not None and timing is not None and timing.offset:
-        return f"{timing_sentences(timing)} {_as_recorded(stereo)}".strip()
-    clear = [
-        _stereo_sentence(result, stereo, late) if stereo else _multiview_sentence(result, multiview),
-        _panorama_sentence(result, late),
-        _pose_sentence(result),
-    ]
+    timing, made = result.timing, reported(result)
+    if timing is not None and timing.offset:
+        recorded = (study.as_recorded(found) for study, found in made)
+        text = next((one for one in recorded if one is not None), None)
+        if text is not None:
+            return f"{timing_sentences(timing)} {text}".strip()
+    names = {found.name for _, found in made}
+    clear = [study.verdict(result, found) for study, found in made if study.replaces not in names]
     told = [text for text in clear if text]
     if not told:
         if result.moving_share < 0.0005:
@@ -223,12 +228,31 @@ def _what_was_found(result: CompareResult) -> str:
                 "Almost nothing moves in this burst, so synchronization makes no difference that can be "
                 "seen. Take a burst of something that moves."
             )
-        if not stereo and not multiview and not result.study("panorama"):
-            return (
-                "Neither depth nor a panorama could be made from these cameras, so nothing can be compared."
-            )
-        told = [_no_difference(timing, late)]
+        if not any(found.measures for _, found in made):
+            return "Nothing could be measured with these cameras, so nothing can be compared."
+        told = [_no_difference(timing, late_text(result))]
     return " ".join([*told, *([timing_sentences(timing)] if timing is not None else [])])
+
+
+def late_text(result: CompareResult) -> str:
+    """Return how late the second camera of a pair is, in a sentence: `66 ms late`."""
+    return f"{result.actual_offset_ms:.0f} ms late"
+
+
+def percent(share: float) -> str:
+    """Return a share 0..1 as a percentage for a sentence."""
+    return f"{100 * share:.0f} %" if share >= 0.01 or share == 0 else "under 1 %"
+
+
+def depth_sentence(depth: StudyResult[Any], when: str, late: str, agreed: str) -> str:
+    """Return how much of what moves is found in both conditions; empty where the loss is not clear."""
+    known = depth.first_known(*DEPTH_MEASURES)
+    if known is None or known[1] - known[2] < CLEAR_SHARE:
+        return ""
+    measure, synced, offset = known
+    correct = measure == DEPTH_MEASURES[0]
+    what = "the right distance is found" if correct else f"a distance is found that {agreed}"
+    return f"When {when}, {what} for {percent(synced)} of what moves; with {late}, for {percent(offset)}."
 
 
 def _no_difference(timing: Timing | None, late: str) -> str:
@@ -244,159 +268,27 @@ def _no_difference(timing: Timing | None, late: str) -> str:
     )
 
 
-def _as_recorded(stereo: StudyResult) -> str:
-    """What is found of what moves and of what stands still in the pictures as they were recorded."""
-    moving, still = found_shares(stereo)
-    if moving is None or still is None:
-        return ""
-    what = "a distance is" if stereo.value("mover_within_2pct") is None else "the right distance is"
-    return (
-        f"In the pictures as they were recorded, {what} found for {_percent(moving)} of what moves and for "
-        f"{_percent(still)} of what stands still."
-    )
-
-
-def _stereo_sentence(result: CompareResult, stereo: StudyResult, late: str) -> str:
-    """As `_depth_sentence`, with what stands still: a control, unless the cameras moved."""
-    together = result.together(stereo.cameras)
-    recorded = "both pictures show the same instant" if together else "the pictures are paired as recorded"
-    first = _depth_sentence(stereo, recorded, f"one picture {late}", "both pictures agree on")
-    still = stereo.first_known("static_coverage")
-    if not first or still is None:
-        return first
-    moved = result.timing is not None and bool(result.timing.moving_cameras)
-    lost = still[1] - still[2]
-    if lost > FALLEN_CONTROL:
-        return (
-            f"{first} What stands still is found less often too ({_percent(still[1])} and "
-            f"{_percent(still[2])}): timing is not all that differs."
-            f"{'' if moved else ' Did the cameras move, or the light change?'}"
-        )
-    if moved or abs(lost) > 0.02:
-        return first
-    return (
-        f"{first} What stands still is found equally well both times, so timing alone makes the difference."
-    )
-
-
-def _multiview_sentence(result: CompareResult, multiview: StudyResult | None) -> str:
-    if multiview is None:
-        return ""
-    cameras, when = f"all {len(multiview.cameras)} cameras", "the pictures of {} are paired as recorded"
-    if result.together(multiview.cameras):
-        when = "{} show the same instant"
-    return _depth_sentence(multiview, when.format(cameras), EACH_DELAYED, "several cameras agree on")
-
-
-def _depth_sentence(depth: StudyResult, when: str, late: str, agreed: str) -> str:
-    """How much of what moves is found in both conditions; empty where that is not clearly less when late."""
-    known = depth.first_known(*DEPTH_MEASURES)
-    if known is None or known[1] - known[2] < CLEAR_SHARE:
-        return ""
-    measure, synced, offset = known
-    correct = measure == DEPTH_MEASURES[0]
-    what = "the right distance is found" if correct else f"a distance is found that {agreed}"
-    return f"When {when}, {what} for {_percent(synced)} of what moves; with {late}, for {_percent(offset)}."
-
-
-def _panorama_sentence(result: CompareResult, late: str) -> str:
-    panorama = result.study("panorama")
-    if panorama is None:
-        return ""
-    when = "at the same instant" if result.together(panorama.cameras) else "as recorded"
-    misfit = panorama.first_known(PANORAMA_MEASURES[0])
-    if misfit is not None and misfit[2] >= max(CLEAR_RATIO * misfit[1], misfit[1] + 1.0):
-        return (
-            f"In the panorama, what moves fits together to within {misfit[1]:.1f} pixels {when}, "
-            f"and is off by {misfit[2]:.0f} with one picture {late}."
-        )
-    found = panorama.first_known(PANORAMA_MEASURES[1])
-    if found is None or found[1] - found[2] < CLEAR_SHARE:
-        return ""
-    return (
-        f"Where the pictures of the panorama overlap, {_percent(found[1])} of what moves is in both {when}, "
-        f"and {_percent(found[2])} with one picture {late}."
-    )
-
-
-def _pose_sentence(result: CompareResult) -> str:
-    """Empty where delays do not harm the poses, since what stands still places the cameras both times."""
-    poses = result.study("poses")
-    before = poses.value("rotation_deg") if poses is not None and poses.facts["degraded"] else None
-    if poses is None or before is None:
-        return ""
-    after = poses.value("rotation_deg", "offset")
-    if after is None:
-        wrong = "no camera can be placed"
-    elif before > 0.5 * after:
-        right = poses.value("correct_pairs", "offset") or 0.0
-        wrong = f"only {_percent(right)} of the pairs are placed correctly"
-    else:
-        wrong = f"these angles are wrong by {after:.0f} degrees"
-    pictures = "pictures of one instant" if result.together(poses.cameras) else "the pictures as recorded"
-    return (
-        f"So much moves here that it decides where the cameras seem to stand: {pictures} give "
-        f"the angles between them to {before:.1g} degrees; with {EACH_DELAYED}, {wrong}."
-    )
-
-
-def _percent(share: float) -> str:
-    return f"{100 * share:.0f} %" if share >= 0.01 or share == 0 else "under 1 %"
-
-
-def describe_control(result: CompareResult) -> str:
-    """Whether timing alone can explain the difference: by the control, what stands still."""
-    stereo = result.study("stereo")
-    if stereo is None:
-        return ""
-    if result.timing is not None and result.timing.moving_cameras:
-        return "The cameras moved while they recorded, so nothing in the pictures is a control."
-    still = stereo.first_known("static_within_2pct", "static_coverage")
-    if still is None:
-        return ""
-    values = f"({wording.share(still[1])} and {wording.share(still[2])})"
-    if abs(still[1] - still[2]) >= 0.02:
-        return (
-            f"Things at rest are the control, and here they differ too {values}: not all of the difference "
-            "comes from timing."
-        )
-    equal = f"Things at rest are the control: they are measured equally well in both {values}"
-    moving = stereo.first_known(*DEPTH_MEASURES)
-    if moving is None or moving[1] - moving[2] < CLEAR_SHARE:
-        return f"{equal}."
-    return f"{equal}, so the difference on moving things comes from timing alone."
-
-
 def claims(result: CompareResult) -> tuple[Sequence[dict[str, object]], str]:
     """Each condition's number and a note on both; none where nothing was measured.
 
     A number's `tone` is its condition; `value` is in words, `share` (0..1) to be drawn, `what` it is of, and
     `when`: in which pictures.
     """
-    stereo, panorama = result.study("stereo"), result.study("panorama")
-    shown = stereo if stereo is not None and stereo.first_known(*DEPTH_MEASURES) else panorama
-    known = None if shown is None else shown.first_known(*DEPTH_MEASURES, *PANORAMA_MEASURES)
-    if shown is None or known is None:
+    known = ((found, claim) for study, found in reported(result) if (claim := study.claim(found)) is not None)
+    shown, claim = next(known, (None, None))
+    if shown is None or claim is None:
         return (), ""
-    measure, *values = known
-    what = {
-        "mover_within_2pct": "of the moving surface measured correctly",
-        "mover_coverage": "of the moving surface given a distance",
-        "mover_misfit_px": "of misfit of moving things where the pictures of the panorama overlap",
-        "mover_found": "of moving things in both pictures where these overlap in the panorama",
-    }[measure]
-    note, shares = "", values
-    words = [wording.share(value, decimals=0) for value in values]
-    if measure == "mover_coverage":
-        note = "The true distances are not known here, so this counts pixels where both pictures agree."
-    elif measure == "mover_misfit_px":
-        shares = [value / max(1e-9, *values) for value in values]
-        words = [wording.quantity(value, "px") for value in values]
+    is_share = claim.unit == wording.SHARE
+    shares = claim.values if is_share else [value / max(1e-9, *claim.values) for value in claim.values]
+    words = [
+        wording.share(value, decimals=0) if is_share else wording.quantity(value, claim.unit)
+        for value in claim.values
+    ]
     sides = name_sides(result, shown.cameras)
     whens = (sides.when, f"when one picture is {sides.late}")
     both = zip(("synced", "offset"), words, shares, whens, strict=True)
     names = "tone", "value", "share", "when"
-    return [{**dict(zip(names, one, strict=True)), "what": what} for one in both], note
+    return [{**dict(zip(names, one, strict=True)), "what": claim.what} for one in both], claim.note
 
 
 def describe_exactness(result: CompareResult) -> dict[str, str]:

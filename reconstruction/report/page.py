@@ -6,14 +6,14 @@ from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
-from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined
+from jinja2 import ChoiceLoader, Environment, PackageLoader, StrictUndefined, Template
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
 from capture_app.session.files.durable import PART, write_atomic
 from reconstruction.report import wording
 
-TEMPLATES = "template"
+PACKAGE, TEMPLATES = "reconstruction.report", "template"
 METRICS = "metrics.json"
 REPORT = "report.html"
 FILTERS = (
@@ -24,25 +24,32 @@ FILTERS = (
 
 @dataclass(frozen=True)
 class Section:
-    """One section of a page: its template, and its anchor and title where the contents list it."""
+    """One section of a page: its template, and its anchor and title where the contents list it.
 
-    template: str
+    Its template reads the page's view, and `view`, its own.
+    """
+
+    template: str | Template
     anchor: str = ""
     title: str = ""
+    view: Mapping[str, object] | None = None
 
 
-def render_page(
-    view: Mapping[str, object], sections: Sequence[Section], package: str = "reconstruction.report"
-) -> str:
+def as_template(source: str, package: str = PACKAGE) -> Template:
+    """Compile a template that stands in a module; it may include and import those of the report."""
+    return _environment(package).from_string(source)
+
+
+def render_page(view: Mapping[str, object], sections: Sequence[Section], package: str = PACKAGE) -> str:
     """Render the page's frame around its sections, whose templates read `view`.
 
     The frame itself shows the view's `title`, `kicker` and `name`, and its `verdict`: a headline and what
     follows it. It may have `opening`, the template of what stands below the headline; `kind`, a word on
-    where the pictures come from; and `numbers_in`, the files beside the page that hold its numbers. The
-    sections' templates are those of `package`, then the report's.
+    where the pictures come from; `numbers_in`, the files beside the page that hold its numbers; and
+    `scripts`, which follow the page's own. The sections' templates are those of `package`, then the report's.
     """
     headline, lead = wording.headline(str(view["verdict"]))
-    frame = {"opening": "", "kind": "", "numbers_in": (METRICS,), "cloud": None}
+    frame = {"opening": "", "kind": "", "numbers_in": (METRICS,), "scripts": ()}
     page = _environment(package).get_template("page.html")
     return page.render({**frame, **view, "headline": headline, "lead": lead, "sections": sections})
 
@@ -69,7 +76,7 @@ def write_page(page: str, out: Path) -> Path:
 
 @cache
 def _environment(package: str) -> Environment:
-    packages = dict.fromkeys((package, "reconstruction.report"))
+    packages = dict.fromkeys((package, PACKAGE))
     environment = Environment(
         loader=ChoiceLoader([PackageLoader(one, TEMPLATES) for one in packages]),
         autoescape=True,

@@ -3,6 +3,7 @@
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import groupby
+from typing import Any
 
 from reconstruction.report import wording
 from reconstruction.report.findings import (
@@ -13,15 +14,7 @@ from reconstruction.report.findings import (
     name_sides,
     rig_judgement,
 )
-from reconstruction.report.measures import (
-    COVERAGE,
-    EPIPOLAR,
-    POINTS,
-    STILL_COVERAGE,
-    STUDIES,
-    WITHIN,
-    describe_facts,
-)
+from reconstruction.report.study_report import study_reports
 from reconstruction.scores.comparison_results import CompareResult, ConditionResult
 from reconstruction.scores.study_result import Interval, StudyResult
 from reconstruction.scores.tally import SIDES
@@ -29,23 +22,6 @@ from reconstruction.scores.timing import RigTiming
 
 WITH_CONTROL = (("mover_", "Moving things"), ("static_", "Things at rest (control)"))
 """Prefixes of a measure's name, and the group of columns that shows them."""
-CONDITION_COLUMNS = (
-    ("stereo", "mover_within_2pct", WITHIN),
-    ("stereo", "mover_coverage", COVERAGE),
-    ("stereo", "static_coverage", STILL_COVERAGE),
-    ("multiview", "mover_within_2pct", f"All cameras: {WITHIN.lower()}"),
-    ("multiview", "mover_coverage", f"All cameras: {COVERAGE.lower()}"),
-    ("panorama", "mover_misfit_px", "Panorama: misfit of moving things"),
-    ("triangulation", "mover_points", "Points by COLMAP"),
-    ("poses", "correct_pairs", "Camera pairs placed correctly"),
-)
-"""The study, its measure and what that is called beside other studies'."""
-INSTANT_COLUMNS = (
-    ("mover_within_2pct", WITHIN),
-    ("mover_coverage", COVERAGE),
-    ("mover_epipolar_px", EPIPOLAR),
-    ("mover_points", POINTS),
-)
 
 
 @dataclass(frozen=True)
@@ -119,9 +95,10 @@ def interval_cell(found: Interval | None, unit: str, *, control: bool = False) -
     )
 
 
-def study_table(study: StudyResult, sides: Sides) -> Table:
+def study_table(study: StudyResult[Any], sides: Sides) -> Table:
     """Both conditions side by side, in each group of columns; measures without values are left out."""
-    text, facts = STUDIES[study.name], describe_facts(study)
+    text = study_reports()[study.name]
+    placeholders = text.placeholders(study)
     groups = WITH_CONTROL if text.control else (("", ""),)
     rows = []
     for measure in text.measures:
@@ -132,9 +109,9 @@ def study_table(study: StudyResult, sides: Sides) -> Table:
         ]
         if any(one for _, one in found):
             cells = [interval_cell(one, measure.unit, control=control) for control, one in found]
-            rows.append(Row(measure.name, cells, details=measure.text.format(**facts)))
+            rows.append(Row(measure.name, cells, details=measure.text.format(**placeholders)))
     columns = [Column(head, group, tone) for _, group in groups for tone, head in sides.heads]
-    return Table(text.caption.format(**facts), columns, rows, kind="twin")
+    return Table(text.caption.format(**placeholders), columns, rows, kind="twin")
 
 
 def conditions_table(result: CompareResult) -> Table:
@@ -152,11 +129,19 @@ def conditions_table(result: CompareResult) -> Table:
     for one in result.conditions:
         name = UNSYNCHRONIZED if _is_drawn(one) else f"session {one.name}" if one.session else one.name
         listed.append((name, _details(one), _intervals(one.studies, "offset")))
-    columns = [column for column in CONDITION_COLUMNS if any(column in found for *_, found in listed)]
+    columns = [
+        (study, measure, head)
+        for study in study_reports().values()
+        for measure, head in study.condition_columns
+        if any((study.name, measure) in found for *_, found in listed)
+    ]
     rows = [
         Row(
             name,
-            [interval_cell(found.get(column), STUDIES[column[0]].unit(column[1])) for column in columns],
+            [
+                interval_cell(found.get((study.name, measure)), study.unit(measure))
+                for study, measure, _ in columns
+            ],
             details=details,
         )
         for name, details, found in listed
@@ -169,13 +154,13 @@ def conditions_table(result: CompareResult) -> Table:
     )
 
 
-def _intervals(studies: Sequence[StudyResult], side: str) -> dict[tuple[str, str, str], Interval]:
-    """What a side of these studies has of `CONDITION_COLUMNS`."""
+def _intervals(studies: Sequence[StudyResult[Any]], side: str) -> dict[tuple[str, str], Interval]:
+    """Every measure that these studies have on a side, by study and measure."""
     return {
-        column: found
-        for column in CONDITION_COLUMNS
+        (one.name, measure.name): found
         for one in studies
-        if one.name == column[0] and (found := one.interval(column[1], side)) is not None
+        for measure in one.measures
+        if (found := measure.side(side)) is not None
     }
 
 
@@ -185,24 +170,25 @@ def _is_drawn(one: ConditionResult) -> bool:
 
 
 def _details(one: ConditionResult) -> str:
+    subjects = {study.name: study_reports()[study.name].subject for study in one.studies}
     late = [
-        f"{study.subject}: {wording.lateness(study.late_ms)}"
+        f"{subjects[study.name]}: {wording.lateness(study.late_ms)}"
         for study in one.studies
-        if study.name in ("stereo", "panorama") and not study.skipped and study.late_ms is not None
+        if len(study.cameras) == 2 and not study.skipped and study.late_ms is not None
     ]
     given = wording.delays(one.offsets_ms) if one.offsets_ms and not one.session else ""
     drawn = "" if given else f"{EACH_DELAYED}, drawn at random for each instant"
     other = "another recording, not paired by instant" if one.session else drawn
-    skipped = [f"{study.subject}: {study.skipped}" for study in one.studies if study.skipped]
+    skipped = [f"{subjects[study.name]}: {study.skipped}" for study in one.studies if study.skipped]
     return "; ".join(filter(None, (given, *late, other, *skipped)))
 
 
-def instants_table(caption: str, study: StudyResult, sides: Sides) -> Table:
+def instants_table(caption: str, study: StudyResult[Any], sides: Sides) -> Table:
     """Every instant's numbers on moving things in both conditions; no rows where there are none."""
-    text, per_instant = STUDIES[study.name], study.per_instant
+    text, per_instant = study_reports()[study.name], study.per_instant
     columns = [
         (measure, name)
-        for measure, name in INSTANT_COLUMNS
+        for measure, name in text.instant_columns
         if any(row.get(f"synced_{measure}") is not None for row in per_instant)
     ]
     counted = any(row.get("mover_pixels") is not None for row in per_instant)

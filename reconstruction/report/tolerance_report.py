@@ -5,10 +5,17 @@ from pathlib import Path
 from reconstruction.report import wording
 from reconstruction.report.charts import tolerance_chart
 from reconstruction.report.findings import instant_lateness, motion_sentence, timing_sentences
-from reconstruction.report.measures import COVERAGE, EPIPOLAR, STILL_COVERAGE, STUDIES, WITHIN
 from reconstruction.report.page import Section, render_page, write_page
+from reconstruction.report.study_report import (
+    COVERAGE,
+    EPIPOLAR,
+    STILL_COVERAGE,
+    WITHIN,
+    StudyReport,
+    study_reports,
+)
 from reconstruction.report.tables import Cell, Column, Row, Table, interval_cell
-from reconstruction.scores.comparison_results import OffsetTolerance
+from reconstruction.scores.comparison_results import DelayFacts, OffsetTolerance
 from reconstruction.scores.study_result import StudyResult
 
 COLUMNS = {
@@ -78,7 +85,12 @@ def _what(tolerance: OffsetTolerance) -> str:
     return "the right distance is found" if tolerance.measure.endswith("2pct") else "a distance is found"
 
 
-def _share(tolerance: OffsetTolerance, point: StudyResult) -> str:
+def _study(tolerance: OffsetTolerance) -> type[StudyReport]:
+    """The study that measured the curve's points."""
+    return study_reports()[tolerance.points[0].name]
+
+
+def _share(tolerance: OffsetTolerance, point: StudyResult[DelayFacts]) -> str:
     return wording.share(point.value(tolerance.measure, "offset"), decimals=0)
 
 
@@ -88,7 +100,7 @@ def _table(tolerance: OffsetTolerance) -> Table:
     rows = [
         Row(
             wording.milliseconds(round(point.late_ms or 0.0, 1)),
-            [interval_cell(point.interval(key, "offset"), STUDIES["stereo"].unit(key)) for key in columns],
+            [interval_cell(point.interval(key, "offset"), _study(tolerance).unit(key)) for key in columns],
         )
         for point in tolerance.points
     ]
@@ -133,6 +145,6 @@ def write_tolerance_report(result: OffsetTolerance, out: Path) -> Path:
         "verdict": tolerance_sentence(result),
         "result": result,
         "tolerance": tolerance_view(result),
-        "engine": STUDIES["stereo"].engine,
+        "engine": _study(result).engine(result.as_recorded),
     }
     return write_page(render_page(view, [Section("tolerance_alone.html")]), out)

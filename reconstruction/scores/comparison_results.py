@@ -1,12 +1,19 @@
 """What `reconstruct compare` and `reconstruct tolerance` found: the contents of `metrics.json`."""
 
 from collections.abc import Iterable
+from typing import Any
 
 from msgspec import Struct
 
 from reconstruction.common.outputs import Provenance
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.timing import RigTiming, Timing, are_apart, are_together
+
+
+class DelayFacts(Struct, frozen=True, kw_only=True):
+    """The delay of one point of a curve."""
+
+    offset_frames: int
 
 
 class InstantTolerance(Struct, frozen=True, kw_only=True):
@@ -26,7 +33,7 @@ class OffsetTolerance(Provenance, frozen=True, kw_only=True):
     cameras: tuple[str, str]
     measure: str
     """What the curve shows: mover_within_2pct where truth is known, else mover_coverage."""
-    points: tuple[StudyResult, ...]
+    points: tuple[StudyResult[DelayFacts], ...]
     """Depth at each offset, from the earliest to the latest; at zero, both conditions are the same."""
     instants: int
     decreasing: bool
@@ -52,41 +59,9 @@ class OffsetTolerance(Provenance, frozen=True, kw_only=True):
     report: str = ""
 
     @property
-    def as_recorded(self) -> StudyResult:
+    def as_recorded(self) -> StudyResult[DelayFacts]:
         """The depth at offset zero."""
         return next(point for point in self.points if not point.late_ms)
-
-
-class BurstGrid(Struct, frozen=True, kw_only=True):
-    """Small pictures of the burst: a row for each camera, a column for each instant; "" = no image."""
-
-    cameras: tuple[str, ...]
-    instants: tuple[int, ...]
-    times_ms: tuple[float, ...]
-    """Since the burst's first instant."""
-    thumbnails: tuple[tuple[str, ...], ...]
-
-
-class BulletTime(Struct, frozen=True, kw_only=True):
-    """One instant from camera to camera, synchronized and with cameras late: paths of pictures by camera."""
-
-    cameras: tuple[str, ...]
-    """In the order of the sweep."""
-    instant: int
-    synced: tuple[str, ...]
-    offset: tuple[str, ...]
-    offsets_ms: tuple[float, ...]
-    """How late each camera's offset picture is."""
-    stabilized: bool
-    """The pictures are turned and zoomed so that what moves stays where it is."""
-    ordered_by_position: bool
-    """The order is that of the cameras' places, not of their names."""
-    file: str
-    """An animation of both side by side."""
-    synced_step_px: float | None = None
-    """How far the largest thing that moves goes from one picture to the next at most, px of the pictures;
-    None where they are not stabilized."""
-    offset_step_px: float | None = None
 
 
 class ConditionResult(Struct, frozen=True, kw_only=True):
@@ -101,7 +76,7 @@ class ConditionResult(Struct, frozen=True, kw_only=True):
     """How late each camera is; empty for another session."""
     session: str = ""
     """The other session that this condition is; it is not paired by instant."""
-    studies: tuple[StudyResult, ...] = ()
+    studies: tuple[StudyResult[Any], ...] = ()
 
 
 class WordTable(Struct, frozen=True, kw_only=True):
@@ -148,8 +123,8 @@ class CompareResult(Provenance, frozen=True, kw_only=True):
     """Where the calibration came from."""
     moving_share: float = 0.0
     """The share of the pictures that moves, 0..1."""
-    studies: tuple[StudyResult, ...] = ()
-    """All five, in the order of the report."""
+    studies: tuple[StudyResult[Any], ...] = ()
+    """Those of all plugins, in the order of `StudyReport.place`."""
     sync_residual_us: float | None = None
     """Largest distance of an image from its instant, by the session's own record."""
     sync_bound_us: float | None = None
@@ -159,8 +134,6 @@ class CompareResult(Provenance, frozen=True, kw_only=True):
     """How late the depth pair's second camera is, by what moves; None where that was not measured."""
     rig_timing: RigTiming | None = None
     """How late all cameras are, where there are more than two."""
-    burst: BurstGrid | None = None
-    bullet_time: BulletTime | None = None
     words: ReportWords | None = None
     report: str = ""
 
@@ -172,6 +145,6 @@ class CompareResult(Provenance, frozen=True, kw_only=True):
         """As `are_apart`."""
         return are_apart(cameras, self.timing, self.rig_timing)
 
-    def study(self, name: str) -> StudyResult | None:
+    def study(self, name: str) -> StudyResult[Any] | None:
         """What a study measured; None where it was skipped."""
         return next((one for one in self.studies if one.name == name and not one.skipped), None)

@@ -1,6 +1,6 @@
 """What a study found, as `metrics.json` holds it: one form for depth, panoramas, points and poses."""
 
-from typing import Any
+from typing import Generic, TypeVar
 
 from msgspec import Struct
 
@@ -66,21 +66,14 @@ class InstantClouds(Struct, frozen=True, kw_only=True):
     """What a viewer turns about: the middle of what moves."""
 
 
-SUBJECTS = {
-    "multiview": "depth from all cameras",
-    "stereo": "depth",
-    "triangulation": "points by COLMAP",
-    "panorama": "panorama",
-    "poses": "poses",
-}
-"""What each study measures, for messages; in the order of a comparison's studies."""
+Facts = TypeVar("Facts")
 
 
-class StudyResult(Struct, frozen=True, kw_only=True):
+class StudyResult(Struct, Generic[Facts], frozen=True, kw_only=True):
     """What a study measured, synchronized and in another condition with all else equal, or why it did not."""
 
     name: str
-    """A key of `SUBJECTS`."""
+    """The name of the study's plugin."""
     cameras: tuple[str, ...] = ()
     instants: int = 0
     offsets_ms: dict[str, float] = {}
@@ -96,13 +89,8 @@ class StudyResult(Struct, frozen=True, kw_only=True):
     per_instant: tuple[dict[str, float | int | None], ...] = ()
     """`instant`, its facts, and each measure as `synced_*` and `offset_*`."""
     pictures: tuple[Picture, ...] = ()
-    facts: dict[str, Any] = {}
-    """What this study alone has: see docs/compare.md."""
-
-    @property
-    def subject(self) -> str:
-        """What it measures, for messages."""
-        return SUBJECTS[self.name]
+    facts: Facts | None = None
+    """Results that this study alone has, in a struct of its own: see docs/compare.md."""
 
     @property
     def pair(self) -> tuple[str, str]:

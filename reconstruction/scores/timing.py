@@ -1,6 +1,7 @@
 """Whether the pictures called one instant are of one instant: measured on what moves in them."""
 
 from collections.abc import Iterable, Sequence
+from typing import Any
 
 import msgspec
 from msgspec import Struct
@@ -159,7 +160,7 @@ def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float
     )
 
 
-def with_depth(timing: Timing, depth: StudyResult) -> Timing:
+def with_depth(timing: Timing, depth: StudyResult[Any]) -> Timing:
     """The judgement with what depth says of the pictures as they were recorded.
 
     They are of different instants where most of what moves is lost and has an epipolar error, while what
@@ -185,7 +186,7 @@ def with_depth(timing: Timing, depth: StudyResult) -> Timing:
     )
 
 
-def found_shares(depth: StudyResult) -> tuple[float | None, float | None]:
+def found_shares(depth: StudyResult[Any]) -> tuple[float | None, float | None]:
     """The share of moving and of still pixels found as recorded, correctly where the truth is known."""
     measure = "coverage" if depth.value("mover_within_2pct") is None else "within_2pct"
     return depth.value(f"mover_{measure}"), depth.value(f"static_{measure}")

@@ -27,10 +27,10 @@ def compared(tmp_path: Path) -> Path:
         (folder / "pictures" / name).write_bytes(cv2.imencode(Path(name).suffix, picture)[1].tobytes())
     moving = Measure(name="mover_misfit_px", synced=Interval(value=1.4), offset=Interval(value=18.0))
     still = Measure(name="static_misfit_px", synced=Interval(value=0.1))
-    panorama = StudyResult(
+    panorama: StudyResult[None] = StudyResult(
         name="panorama", cameras=("cam01", "cam02"), measures=(moving, still), pictures=(OVERLAP,)
     )
-    depth = StudyResult(name="stereo", skipped="too little overlap")
+    depth: StudyResult[None] = StudyResult(name="stereo", skipped="too little overlap")
     metrics = {"session": "sample_sessions/crossing", "studies": [depth, panorama]}
     (folder / "metrics.json").write_bytes(msgspec.json.encode(metrics))
     return folder
@@ -51,8 +51,10 @@ def test_a_burst_becomes_one_picture(compared: Path, tmp_path: Path) -> None:
     small = "pictures/small.jpg"
     metrics = {
         "session": "elsewhere/jumper",
-        "burst": {"thumbnails": [[small] * 5] * 3},
-        "bullet_time": {"synced_step_px": 6.5, "offset_step_px": 21.6},
+        "studies": [
+            {"name": "burst", "facts": {"thumbnails": [[small] * 5] * 3}},
+            {"name": "bullet_time", "facts": {"synced_step_px": 6.5, "offset_step_px": 21.6}},
+        ],
     }
     (compared / "metrics.json").write_bytes(msgspec.json.encode(metrics))
     burst = read_compared([compared], tmp_path)[0]

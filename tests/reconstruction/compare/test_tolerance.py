@@ -3,6 +3,7 @@
 import json
 import re
 from pathlib import Path
+from typing import Any
 from xml.etree import ElementTree
 
 import numpy as np
@@ -18,7 +19,7 @@ from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, 
 from tests.reconstruction.found import values
 
 
-def point(ms: float, value: float, low: float | None = None, high: float | None = None) -> StudyResult:
+def point(ms: float, value: float, low: float | None = None, high: float | None = None) -> StudyResult[Any]:
     moving = Measure(name="mover_coverage", offset=Interval(value=value, low=low, high=high))
     still = Measure(name="static_coverage", offset=Interval(value=0.9))
     return StudyResult(

@@ -55,7 +55,7 @@ ReadReport = Callable[..., Page]
 def read_report(tmp_path: Path) -> ReadReport:
     """Write the report of a result, with changes, into the test's folder and read it."""
 
-    def read(result: CompareResult = RESULT, *studies: StudyResult, **changes: Any) -> Page:
+    def read(result: CompareResult = RESULT, *studies: StudyResult[Any], **changes: Any) -> Page:
         changed = msgspec.structs.replace(with_studies(result, *studies), **changes)
         return Page(write_report(changed, tmp_path))
 

@@ -9,15 +9,13 @@ import msgspec
 import numpy as np
 
 from capture_app.session.exporting.point_cloud import PointCloud, write_ply
+from reconstruction.report.study_report import study_reports
 from reconstruction.scores.comparison_results import (
-    BulletTime,
-    BurstGrid,
     CompareResult,
     ConditionResult,
     OffsetTolerance,
 )
 from reconstruction.scores.study_result import (
-    SUBJECTS,
     InstantClouds,
     Interval,
     Measure,
@@ -25,6 +23,10 @@ from reconstruction.scores.study_result import (
     StudyResult,
 )
 from reconstruction.scores.timing import RigTiming, Timing
+from reconstruction.studies.bullet_time import BulletTime
+from reconstruction.studies.burst import BurstGrid
+from reconstruction.studies.multiview import MultiviewFacts
+from reconstruction.studies.poses import PoseFacts
 from reconstruction.time_offsets.crossings import InstantOffset
 
 TIMING = Timing(
@@ -51,7 +53,9 @@ NASTY = "jump <script>alert('x')</script> & \"pinwheel\" $css {x}"
 Values = Mapping[str, float | Interval | None]
 
 
-def study(name: str, cameras: tuple[str, ...], synced: Values, offset: Values, **more: Any) -> StudyResult:
+def study(
+    name: str, cameras: tuple[str, ...], synced: Values, offset: Values, **more: Any
+) -> StudyResult[Any]:
     """A study that found these values in both conditions."""
     names = dict.fromkeys((*synced, *offset))
     measures = tuple(Measure(name=n, synced=known(synced.get(n)), offset=known(offset.get(n))) for n in names)
@@ -62,7 +66,9 @@ def known(value: float | Interval | None) -> Interval | None:
     return Interval(value=value) if isinstance(value, int | float) else value
 
 
-def changed(found: StudyResult, synced: Values | None = None, offset: Values | None = None) -> StudyResult:
+def changed(
+    found: StudyResult[Any], synced: Values | None = None, offset: Values | None = None
+) -> StudyResult[Any]:
     """A study with other values of some measures."""
     names = {one.name: one for one in found.measures}
     for side, values in (("synced", synced or {}), ("offset", offset or {})):
@@ -72,17 +78,24 @@ def changed(found: StudyResult, synced: Values | None = None, offset: Values | N
     return msgspec.structs.replace(found, measures=tuple(names.values()))
 
 
-def skipped(name: str, why: str = "it was not asked for") -> StudyResult:
+def changed_facts(found: StudyResult[Any], **changes: Any) -> StudyResult[Any]:
+    """A study with other results of its own."""
+    return msgspec.structs.replace(found, facts=msgspec.structs.replace(found.facts, **changes))
+
+
+def skipped(name: str, why: str = "it was not asked for") -> StudyResult[Any]:
     return StudyResult(name=name, skipped=why)
 
 
-def with_studies(result: CompareResult, *studies: StudyResult) -> CompareResult:
+def with_studies(result: CompareResult, *studies: StudyResult[Any]) -> CompareResult:
     """The result with these studies instead of its own of their names."""
     found = {one.name: one for one in (*result.studies, *studies)}
-    return msgspec.structs.replace(result, studies=tuple(found[name] for name in SUBJECTS))
+    return msgspec.structs.replace(
+        result, studies=tuple(found[name] for name in study_reports() if name in found)
+    )
 
 
-def found(result: CompareResult, name: str) -> StudyResult:
+def found(result: CompareResult, name: str) -> StudyResult[Any]:
     """A study that the result has."""
     one = result.study(name)
     assert one is not None
@@ -212,15 +225,16 @@ def whole_result(out: Path) -> CompareResult:
         instants=3,
         per_instant=({"instant": 2, "synced_mover_points": 12345, "offset_mover_points": 45},),
         pictures=(greys(out, "multiview_depth", "Distance from all cameras", (96, 128), 90, 190),),
-        facts={
-            "reference": CAMERAS[1],
-            "tolerance_m": 0.01,
-            "width_px": 640,
-            "matcher": "sweep",
-            "left_out": {"cam_dark": "its picture is black"},
-            "clouds": clouds(out),
-            "cloud_skipped": "",
-        },
+        facts=MultiviewFacts(
+            reference=CAMERAS[1],
+            tolerance_m=0.01,
+            width_px=640,
+            matcher="sweep",
+            matcher_note="",
+            left_out={"cam_dark": "its picture is black"},
+            clouds=clouds(out),
+            cloud_skipped="",
+        ),
     )
     poses = study(
         "poses",
@@ -233,13 +247,36 @@ def whole_result(out: Path) -> CompareResult:
             {"instant": 2, "synced_correct_pairs": 1.0, "offset_correct_pairs": 0.0},
         ),
         reason="71 % of the picture moves",
-        facts={"degraded": True, "tolerance_deg": 2.0, "truth_source": "the simulated scene"},
+        facts=PoseFacts(degraded=True, tolerance_deg=2.0, truth_source="the simulated scene"),
     )
     panorama = study("panorama", CAMERAS[::2], misfit, misfit)
     sweep = {
         side: tuple(grey(out, f"sweep_{c}_{side}", (96, 128), 60 + 40 * k) for k, c in enumerate(CAMERAS))
         for side in SIDES
     }
+    grid = BurstGrid(
+        cameras=CAMERAS,
+        instants=tuple(range(8)),
+        times_ms=tuple(33.3 * k for k in range(8)),
+        thumbnails=tuple(
+            tuple(grey(out, f"burst_{name}_{k}", (60, 80), 20 * k) for k in range(8)) for name in CAMERAS
+        ),
+    )
+    bullet_time = BulletTime(
+        cameras=CAMERAS,
+        instant=2,
+        **sweep,
+        offsets_ms=LATE_MS,
+        stabilized=True,
+        ordered_by_position=True,
+        file="pictures/sweep.gif",
+        synced_step_px=4.7,
+        offset_step_px=18.7,
+    )
+    shown = (
+        StudyResult(name="bullet_time", cameras=CAMERAS, instants=1, facts=bullet_time),
+        StudyResult(name="burst", cameras=CAMERAS, instants=8, facts=grid),
+    )
     timing = msgspec.structs.replace(TIMING, reference=CAMERAS[0], other=CAMERAS[1])
     return CompareResult(
         session="sessions/jump",
@@ -250,7 +287,7 @@ def whole_result(out: Path) -> CompareResult:
         actual_offset_ms=66.666,
         verdict="It matters. A lot.",
         calibration="given",
-        studies=(multiview, stereo, skipped("triangulation"), panorama, poses),
+        studies=(multiview, stereo, skipped("triangulation"), panorama, poses, *shown),
         sync_residual_us=50,
         sync_bound_us=850,
         conditions=(ConditionResult(name="naive", session="sessions/naive", studies=(stereo,)),),
@@ -274,25 +311,6 @@ def whole_result(out: Path) -> CompareResult:
             speed_px_per_ms=0.2,
             sync_residual_us=50,
             sync_residual_px=0.01,
-        ),
-        burst=BurstGrid(
-            cameras=CAMERAS,
-            instants=tuple(range(8)),
-            times_ms=tuple(33.3 * k for k in range(8)),
-            thumbnails=tuple(
-                tuple(grey(out, f"burst_{name}_{k}", (60, 80), 20 * k) for k in range(8)) for name in CAMERAS
-            ),
-        ),
-        bullet_time=BulletTime(
-            cameras=CAMERAS,
-            instant=2,
-            **sweep,
-            offsets_ms=LATE_MS,
-            stabilized=True,
-            ordered_by_position=True,
-            file="pictures/sweep.gif",
-            synced_step_px=4.7,
-            offset_step_px=18.7,
         ),
         versions={"opencv": "5.0.0"},
     )

@@ -13,7 +13,7 @@ from capture_app.common.errors import BadInputError
 from reconstruction.report.comparison_report import write_report
 from reconstruction.scores.comparison_results import CompareResult, ConditionResult
 from tests.reconstruction.report.conftest import Page, ReadReport
-from tests.reconstruction.report.results import CAMERAS, NASTY, RESULT, found, skipped
+from tests.reconstruction.report.results import CAMERAS, NASTY, RESULT, changed_facts, found, skipped
 
 
 def test_the_page_starts_with_the_verdict_and_its_two_numbers(
@@ -69,8 +69,9 @@ def test_words_of_the_user_stay_words(tmp_path: Path, pictured: CompareResult) -
 
 def test_no_name_and_no_note_becomes_markup(read_report: ReadReport, whole: CompareResult) -> None:
     nasty = "<script>alert(1)</script>"
-    sweep, burst = whole.bullet_time, whole.burst
-    stereo, multiview, poses = (found(whole, name) for name in ("stereo", "multiview", "poses"))
+    stereo, multiview, poses, sweep, burst = (
+        found(whole, name) for name in ("stereo", "multiview", "poses", "bullet_time", "burst")
+    )
     cameras = tuple(f"{nasty}{camera}" for camera in CAMERAS)
     picture = msgspec.structs.replace(stereo.pictures[0], title=nasty, caption=nasty)
     unseen = {"reference": nasty, "left_out": {nasty: nasty}, "cloud_skipped": nasty}
@@ -78,20 +79,22 @@ def test_no_name_and_no_note_becomes_markup(read_report: ReadReport, whole: Comp
     page = read_report(
         whole,
         msgspec.structs.replace(stereo, cameras=(nasty, nasty), reason=nasty, pictures=(picture,)),
-        msgspec.structs.replace(multiview, cameras=cameras, facts={**multiview.facts, **unseen}),
+        msgspec.structs.replace(
+            multiview, cameras=cameras, facts=msgspec.structs.replace(multiview.facts, **unseen)
+        ),
         skipped("panorama", nasty),
         msgspec.structs.replace(
             poses,
             cameras=cameras,
             offsets_ms=late_ms,
             reason=nasty,
-            facts={**poses.facts, "truth_source": nasty},
+            facts=msgspec.structs.replace(poses.facts, truth_source=nasty),
         ),
+        changed_facts(sweep, cameras=cameras, file=nasty),
+        changed_facts(burst, cameras=cameras),
         session=nasty,
         verdict=f"{nasty} It matters. {nasty}",
         calibration=nasty,
-        bullet_time=msgspec.structs.replace(sweep, cameras=cameras, file=nasty),
-        burst=msgspec.structs.replace(burst, cameras=cameras),
         conditions=(ConditionResult(name=nasty, session=nasty, studies=(skipped("stereo", nasty),)),),
         versions={nasty: nasty},
     )

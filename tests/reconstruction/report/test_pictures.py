@@ -10,7 +10,7 @@ from reconstruction.report import wording
 from reconstruction.report.comparison_report import write_report
 from reconstruction.scores.comparison_results import CompareResult
 from tests.reconstruction.report.conftest import ReadReport
-from tests.reconstruction.report.results import CAMERAS, RESULT, found, with_pictures
+from tests.reconstruction.report.results import CAMERAS, RESULT, changed_facts, found, with_pictures
 
 
 def test_every_picture_can_be_read_and_wiped_without_a_mouse(
@@ -50,10 +50,10 @@ def test_the_sweep_shows_each_camera_twice_and_says_how_late_it_is(
         "shifts by at most 4.70 px from one picture to the next; without synchronization, 18.7 px"
         in page.text
     )
-    loose = msgspec.structs.replace(
-        whole.bullet_time, stabilized=False, ordered_by_position=False, offset_step_px=5.0
+    loose = changed_facts(
+        found(whole, "bullet_time"), stabilized=False, ordered_by_position=False, offset_step_px=5.0
     )
-    page = read_report(whole, bullet_time=loose)
+    page = read_report(whole, loose)
     assert "invented" not in page.text
     assert "4.70 px" not in page.text
     assert "from camera to camera, by name" in page.text

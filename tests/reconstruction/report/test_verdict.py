@@ -9,10 +9,11 @@ from reconstruction.report.findings import verdict
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.timing import RigTiming, Timing, with_depth
+from reconstruction.studies.poses import PoseFacts
 from tests.reconstruction.report.results import study
 
 
-def told(*studies: StudyResult, moving_share: float = 0.1, **more: object) -> str:
+def told(*studies: StudyResult[Any], moving_share: float = 0.1, **more: object) -> str:
     """The verdict on these studies alone."""
     result = CompareResult(
         session="jump",
@@ -26,7 +27,7 @@ def told(*studies: StudyResult, moving_share: float = 0.1, **more: object) -> st
     return verdict(msgspec.structs.replace(result, **more))
 
 
-def stereo(synced: float, offset: float, still: float = 0.8, *, truth: bool = True) -> StudyResult:
+def stereo(synced: float, offset: float, still: float = 0.8, *, truth: bool = True) -> StudyResult[Any]:
     def values(moving: float, static: float) -> dict[str, float]:
         found = {"mover_coverage": moving, "static_coverage": static}
         return {**found, "mover_within_2pct": moving} if truth else found
@@ -34,7 +35,9 @@ def stereo(synced: float, offset: float, still: float = 0.8, *, truth: bool = Tr
     return study("stereo", ("a", "b"), values(synced, 0.8), values(offset, still))
 
 
-def panorama(synced: float, offset: float | None, found: tuple[float, float] = (0.9, 0.9)) -> StudyResult:
+def panorama(
+    synced: float, offset: float | None, found: tuple[float, float] = (0.9, 0.9)
+) -> StudyResult[Any]:
     before, after = (
         {"mover_misfit_px": misfit, "mover_found": share}
         for misfit, share in zip((synced, offset), found, strict=True)
@@ -68,7 +71,7 @@ def test_a_control_that_changes_takes_the_conclusion_away() -> None:
 
 
 def test_cameras_that_were_never_together_are_not_called_synchronized() -> None:
-    def seen(moving: float, rows: float) -> StudyResult:
+    def seen(moving: float, rows: float) -> StudyResult[Any]:
         values = {
             "mover_coverage": moving,
             "static_coverage": 0.96,
@@ -134,16 +137,16 @@ def test_no_difference_is_said_as_such() -> None:
     assert told(stereo(0.6, 0.58), panorama(3.0, 3.1)).startswith("No clear difference")
     assert told(stereo(0.2, 0.9)).startswith("No clear difference")
     assert told(stereo(0.6, 0.58), moving_share=0.0001).startswith("Almost nothing moves")
-    assert told().startswith("Neither")
+    assert told().startswith("Nothing could be measured")
 
 
-def poses(degraded: bool, late_deg: float | None) -> StudyResult:
+def poses(degraded: bool, late_deg: float | None) -> StudyResult[Any]:
     return study(
         "poses",
         ("a", "b", "c"),
         {"registered": 5, "correct_pairs": 1.0, "rotation_deg": 0.05},
         {"registered": 5, "correct_pairs": 0.0 if degraded else 1.0, "rotation_deg": late_deg},
-        facts={"degraded": degraded},
+        facts=PoseFacts(degraded=degraded, tolerance_deg=2.0, truth_source=""),
     )
 
 
@@ -156,7 +159,7 @@ def test_poses_are_told_where_lateness_harms_them() -> None:
 
 
 def test_where_no_pair_gives_depth_all_cameras_are_told_of() -> None:
-    def many(late: float) -> StudyResult:
+    def many(late: float) -> StudyResult[Any]:
         together, apart = (
             {"mover_coverage": 0.95, "static_coverage": 0.8, "mover_within_2pct": right}
             for right in (0.9, late)
@@ -179,8 +182,8 @@ def test_a_recording_without_common_times_is_called_so_first() -> None:
 
 
 def test_what_could_not_be_made_is_said_with_its_reason() -> None:
-    lost = StudyResult(name="panorama", skipped="the pictures share too little")
-    unasked = StudyResult(name="poses", skipped="it was not asked for", unasked=True)
+    lost: StudyResult[None] = StudyResult(name="panorama", skipped="the pictures share too little")
+    unasked: StudyResult[None] = StudyResult(name="poses", skipped="it was not asked for", unasked=True)
     assert told(stereo(0.97, 0.01), lost, unasked).endswith(
         "Not made: panorama (the pictures share too little)."
     )

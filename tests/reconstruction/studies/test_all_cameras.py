@@ -3,15 +3,15 @@
 import shutil
 from collections.abc import Iterable, Mapping
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
-from capture_app.console.terminal import Progress
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.rig import Rig
-from reconstruction.compare.multiview_study import MultiviewStudy, save_clouds
+from reconstruction.compare.study import Context
 from reconstruction.depth.colmap import ENVIRONMENT
 from reconstruction.multiview.cloud_accuracy import (
     PointIndex,
@@ -30,6 +30,7 @@ from reconstruction.report.embedding import view_clouds
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.session.conditions import DISTINCT, Condition
 from reconstruction.session.dataset import Dataset
+from reconstruction.studies.multiview import MultiviewStudy, save_clouds
 from tests.reconstruction.conftest import HEIGHT, WIDTH, Reconstruct, Scene, make_view, write_session
 from tests.reconstruction.found import study, values
 from tests.reconstruction.true_workspace import write_true_workspace
@@ -39,7 +40,6 @@ VIEWS = {
     "middle": make_view((0.0, 0.03, 0.0), distortion=(-0.05, 0.01, 0.0, 0.0, 0.0)),
     "right": make_view((0.14, 0.0, 0.0), yaw=-1.5),
 }
-QUIET = Progress(0, silent=True)
 
 
 @pytest.fixture(scope="module")
@@ -54,10 +54,15 @@ def multiview(
     *,
     instants: int = 1,
     width: int = 640,
+    middle: int = 2,
     matcher: ChosenMatcher = SWEEP,
 ) -> MultiviewStudy:
     """A study of a calibrated session."""
-    return MultiviewStudy(calibrated_rig(session, folder), instants, width, matcher=matcher)
+    options = {"multiview_instants": instants, "multiview_width": width}
+    rig = calibrated_rig(session, folder)
+    study = MultiviewStudy(Context(rig=rig, middle=middle, options=options))
+    study.matcher = matcher
+    return study
 
 
 def calibrated_rig(session: Session, folder: Path) -> Rig:
@@ -66,16 +71,16 @@ def calibrated_rig(session: Session, folder: Path) -> Rig:
     return rig
 
 
-def medians(found: StudyResult, side: str = "synced") -> dict[str, float]:
+def medians(found: StudyResult[Any], side: str = "synced") -> dict[str, float]:
     return {one.name: value for one in found.measures if (value := found.value(one.name, side)) is not None}
 
 
 @pytest.mark.slow
 def test_only_what_moves_is_lost_when_every_camera_is_off(trio: Session, tmp_path: Path) -> None:
     whole = multiview(trio, tmp_path)
-    whole.prepare(2, QUIET)
+    whole.prepare()
     assert (whole.group.reference, whole.group.cameras) == ("middle", ("left", "middle", "right"))
-    found = whole.compare(Condition(DISTINCT), QUIET)
+    found = whole.compare(Condition(DISTINCT))
     synced, offset = medians(found), medians(found, "offset")
     for lost in ("mover_within_2pct", "mover_coverage", "mover_consistency"):
         assert synced[lost] > offset[lost] + 0.4, lost
@@ -89,14 +94,14 @@ def test_only_what_moves_is_lost_when_every_camera_is_off(trio: Session, tmp_pat
     assert synced["mover_points"] > 500
     assert offset["mover_points"] < 0.2 * synced["mover_points"]
     assert offset["mover_photometric_error"] > 2 * synced["mover_photometric_error"]
-    assert found.facts["tolerance_m"] == 0.01
+    assert found.facts.tolerance_m == 0.01
     (row,) = found.per_instant
     late = [row[f"offset_{camera}_ms"] for camera in VIEWS]
     assert late[1] == 0
     assert len(set(late)) == 3
     # The same once more comes from the stages' folder.
     before = {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()}
-    assert whole.compare(Condition(DISTINCT), QUIET) == found
+    assert whole.compare(Condition(DISTINCT)) == found
     assert {path.name: path.stat().st_mtime_ns for path in tmp_path.iterdir()} == before
 
 
@@ -156,9 +161,9 @@ def test_a_comparison_takes_the_matcher_that_is_asked_for(
         (tmp_path / name).chmod(0o755)
     monkeypatch.setenv(ENVIRONMENT, str(tmp_path / "python"))
     whole = multiview(trio, tmp_path / "stages", matcher=choose_matcher(Matcher.PATCHMATCH))
-    whole.prepare(2, QUIET)
-    found = whole.compare(Condition(DISTINCT), QUIET)
-    assert (found.facts["matcher"], found.facts["matcher_note"]) == ("patchmatch", "on Some GPU")
+    whole.prepare()
+    found = whole.compare(Condition(DISTINCT))
+    assert (found.facts.matcher, found.facts.matcher_note) == ("patchmatch", "on Some GPU")
     assert asked.read_text().split() == ["one", "one"]
     (row,) = found.per_instant
     assert row["instant"] == 2
@@ -186,7 +191,7 @@ def matched(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
             no_cloud=np.array("no fusion in this test"),
         )
 
-    monkeypatch.setattr("reconstruction.compare.multiview_study.compute_instant_depth", flat_depth)
+    monkeypatch.setattr("reconstruction.studies.multiview.compute_instant_depth", flat_depth)
     return calls
 
 
@@ -204,35 +209,35 @@ def test_instants_without_a_picture_of_every_camera_are_left_out(
     scene: Scene, tmp_path: Path, matched: list[tuple[str, ...]]
 ) -> None:
     session = write_session(tmp_path / "session", scene, VIEWS, missing={("left", 1)})
-    whole = MultiviewStudy(calibrated_rig(session, tmp_path / "stages"), 9, 160)
-    whole.prepare(2, QUIET)
-    found = whole.compare(Condition.parse("middle=0,left=66,right=33"), QUIET)
+    whole = multiview(session, tmp_path / "stages", instants=9, width=160)
+    whole.prepare()
+    found = whole.compare(Condition.parse("middle=0,left=66,right=33"))
     # Left shows instant k + 2, right k + 1: from instant 3 on the burst is over, at 1 left has none.
     assert [row["instant"] for row in found.per_instant] == [0, 2]
     assert found.offsets_ms == {"left": 66, "middle": 0, "right": 33}
     assert set(matched) == {("left", "middle", "right")}
-    assert found.facts["cloud_skipped"] == "no fusion in this test"
+    assert found.facts.cloud_skipped == "no fusion in this test"
     assert found.value("mover_points") is None
     assert found.value("mover_f_score") is None
-    assert found.facts["width_px"] == 160
+    assert found.facts.width_px == 160
     with pytest.raises(ValueError, match="equally late"):
-        whole.compare(Condition.parse("5,5,5"), QUIET)
+        whole.compare(Condition.parse("5,5,5"))
     with pytest.raises(ValueError, match="no instant is 300 ms"):
-        whole.compare(Condition.parse("left=300"), QUIET)
+        whole.compare(Condition.parse("left=300"))
 
 
 @pytest.mark.usefixtures("matched")
 def test_a_black_picture_leaves_its_camera_out(trio: Session, tmp_path: Path) -> None:
     session = darken(trio, tmp_path / "dark", [("left", 2)])
-    whole = MultiviewStudy(calibrated_rig(session, tmp_path / "stages"), 9, 160)
-    whole.prepare(2, QUIET)
+    whole = multiview(session, tmp_path / "stages", instants=9, width=160)
+    whole.prepare()
     assert len(whole.group.cameras) == 3
-    found = whole.compare(Condition.parse("left=33"), QUIET)
+    found = whole.compare(Condition.parse("left=33"))
     # Left is black at 2, which is its own picture at 2 and its late one at 1; at 4 the burst is over.
     assert [row["instant"] for row in found.per_instant] == [0, 3]
     night = darken(trio, tmp_path / "night", [(camera, k) for camera in VIEWS for k in range(5)])
     with pytest.raises(ValueError, match="left, middle, right: its picture is empty"):
-        multiview(night, tmp_path / "stages").prepare(2, QUIET)
+        multiview(night, tmp_path / "stages").prepare()
 
 
 @pytest.mark.slow
@@ -241,24 +246,24 @@ def test_more_cameras_than_needed_are_left_out(
 ) -> None:
     views = {f"cam{i}": make_view((0.1 * (i - 3), 0.0, 0.0)) for i in range(7)}
     session = write_session(tmp_path, scene, views, instants=3)
-    whole = MultiviewStudy(calibrated_rig(session, tmp_path / "stages"), 1, 160)
-    whole.prepare(1, QUIET)
+    whole = multiview(session, tmp_path / "stages", width=160, middle=1)
+    whole.prepare()
     assert whole.group.reference == "cam3"
     assert len(whole.group.cameras) == 5
     assert len(whole.group.left_out) == 2
-    whole.compare(Condition.parse("cam3=33"), QUIET)
+    whole.compare(Condition.parse("cam3=33"))
     assert {len(cameras) for cameras in matched} == {5}
 
 
 def test_what_cannot_be_says_why(scene: Scene, tmp_path: Path) -> None:
     pair = {name: VIEWS[name] for name in ("left", "right")}
-    two = multiview(write_session(tmp_path / "two", scene, pair, instants=2), tmp_path / "a")
+    two = multiview(write_session(tmp_path / "two", scene, pair, instants=2), tmp_path / "a", middle=0)
     with pytest.raises(ValueError, match="it takes 3 cameras with overlapping views"):
-        two.prepare(0, QUIET)
+        two.prepare()
     aside = {**pair, "away": make_view((0.1, 0, 0), yaw=60)}
-    apart = multiview(write_session(tmp_path / "apart", scene, aside, instants=2), tmp_path / "b")
+    apart = multiview(write_session(tmp_path / "apart", scene, aside, instants=2), tmp_path / "b", middle=0)
     with pytest.raises(ValueError, match="away: overlaps too little with any two others"):
-        apart.prepare(0, QUIET)
+        apart.prepare()
 
 
 def test_a_side_without_a_point_is_not_shown(tmp_path: Path) -> None:

@@ -9,7 +9,11 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.bullet_time import (
+from reconstruction.calibration.rig import calibrated_views
+from reconstruction.common.geometry import View
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.motion import SceneMotion
+from reconstruction.studies.bullet_time import (
     order_by_place,
     project_point,
     render_camera_sweep,
@@ -18,12 +22,7 @@ from reconstruction.bullet_time import (
     stabilize_views,
     triangulate_subject,
 )
-from reconstruction.calibration.rig import calibrated_views
-from reconstruction.common.geometry import View
-from reconstruction.session.dataset import Dataset
-from reconstruction.session.motion import SceneMotion
-
-from .conftest import HEIGHT, WIDTH, jump, make_view
+from tests.reconstruction.conftest import HEIGHT, WIDTH, jump, make_view
 
 
 def on_arc(angle_deg: float, radius: float = 3.0, roll: float = 0.0) -> View:

@@ -1,28 +1,34 @@
-"""The multi-view study of a comparison: depth of the middle camera from all, and the cloud fused from all."""
+"""Depth of the middle camera from all cameras, and the cloud that is fused from all."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
-from typing import Self
+from typing import Annotated, Any, Self
 
+import click
+import msgspec
 import numpy as np
 
 from capture_app.common.errors import BadInputError
-from capture_app.console.terminal import Progress
 from capture_app.session.exporting.point_cloud import PointCloud, write_ply
-from reconstruction.calibration.rig import Rig
+from reconstruction.commands.options import MATCHER, flag
 from reconstruction.common.drawing import colour_depth, display_range, mark_movers
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.compare.study import Study, write_pictures
+from reconstruction.compare.study import UNASKED, ConditionStudy, Context, PictureText, write_pictures
 from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
 from reconstruction.depth.mesh import draw_clouds
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
-from reconstruction.multiview.instant_depth import SWEEP, InstantDepth, compute_instant_depth
+from reconstruction.multiview.instant_depth import InstantDepth, compute_instant_depth
 from reconstruction.multiview.instant_scoring import InstantScorer
-from reconstruction.multiview.matcher import ChosenMatcher
+from reconstruction.multiview.matcher import Matcher, choose_matcher
 from reconstruction.multiview.undistorted_session import UndistortedSession
+from reconstruction.report import wording
+from reconstruction.report.embedding import view_clouds
+from reconstruction.report.findings import EACH_DELAYED, depth_sentence
+from reconstruction.report.study_report import CORRECT, COVERAGE, POINTS, WITHIN, MeasureText
+from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import InstantClouds, Picture, StudyResult
 from reconstruction.scores.tally import Tally
 from reconstruction.scores.truth import TOLERANCE_TEXT, right_depth
@@ -41,6 +47,31 @@ MAX_CAMERAS = 5
 """More cameras make better clouds, but say no more about timing; each takes as long as the first."""
 MAX_TRIES = 4
 """Instants tried to find one at which every camera has a usable picture."""
+SECTION = """
+{% from "figures.html" import figure with context %}
+{% from "tables.html" import table, folded %}
+{% set many = view.found %}
+<section aria-labelledby="{{ section.anchor }}">
+<h2 id="{{ section.anchor }}">{{ section.title }}</h2>
+<p>Distance from {{ many.cameras|length|count("camera") }} at once: it counts only where several of
+them agree. {{ view.delays|keep_units }}</p>
+{% set cloud = view.cloud %}
+{% if cloud %}
+{% include "cloud.html" %}
+{% endif %}
+{% for picture in many.pictures %}
+{{ figure(picture, view.sides, view.engine if loop.first) }}
+{% endfor %}
+{{ table(view.table) }}
+{% for camera, why in view.found.facts.left_out.items() %}
+<p class="quiet">No depth of {{ camera }}: {{ why }}.</p>
+{% endfor %}
+{% if many.facts.cloud_skipped %}
+<p class="quiet">No point cloud: {{ many.facts.cloud_skipped }}.</p>
+{% endif %}
+{{ folded("Every instant, all cameras", view.instants) }}
+</section>
+"""
 
 
 @dataclass(frozen=True)
@@ -132,55 +163,195 @@ def _pivot(synced: InstantDepth, view: View, moving: Array) -> Array:
     return np.asarray(np.median(points, axis=0))
 
 
-class MultiviewStudy(Study):
+class MultiviewOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """Options of the study."""
+
+    multiview_instants: Annotated[
+        int,
+        flag(
+            "--max-multiview-instants",
+            type=click.IntRange(min=0),
+            metavar="N",
+            help="Use at most this many instants for depth from all cameras, which takes much longer; 0 for "
+            "none.",
+        ),
+    ] = 3
+    multiview_width: Annotated[
+        int,
+        flag(
+            "--multiview-width",
+            type=click.IntRange(min=160),
+            metavar="PX",
+            help="Reduce wider images to this width for depth from all cameras.",
+        ),
+    ] = 640
+    matcher: Annotated[Matcher, flag("--matcher", **MATCHER)] = Matcher.AUTO
+
+
+class MultiviewFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """Results that this study alone has."""
+
+    reference: str
+    """The middle camera, on whose pixels depth is judged."""
+    tolerance_m: float | None
+    """Distance within which a point of the cloud is correct."""
+    width_px: int
+    matcher: str
+    matcher_note: str
+    """Why this matcher, or what it runs on."""
+    clouds: InstantClouds | None
+    left_out: dict[str, str]
+    """Why other cameras take no part."""
+    cloud_skipped: str
+    """Why there is no cloud; empty where there is one."""
+
+
+class MultiviewStudy(ConditionStudy):
     """Depth from all cameras in any condition; what is fixed for all comes from synchronized pictures."""
 
     name = "multiview"
+    subject = "depth from all cameras"
+    place = 10
+    Options = MultiviewOptions
+    replaces = "stereo"
+    term = "All cameras"
+    caption = "Depth from {cameras}, as {reference} sees it"
+    measures = (
+        *CORRECT,
+        MeasureText(
+            "coverage",
+            COVERAGE,
+            "Share for which at least three cameras agree on a distance. More is better.",
+        ),
+        MeasureText(
+            "consistency",
+            "Confirmed by other cameras",
+            "Share whose distance two other cameras find independently, before other checks. More is better.",
+        ),
+        MeasureText(
+            "photometric_error",
+            "Brightness mismatch",
+            "The other pictures are laid over this one by the distances found; this is how far the "
+            "brightness differs, of 255. Less is better.",
+            wording.PLAIN,
+        ),
+        MeasureText(
+            "points",
+            POINTS,
+            "In the cloud fused from all cameras, the median over the instants.",
+            wording.COUNT,
+        ),
+        MeasureText(
+            "f_score",
+            "Reconstructed surface",
+            "How well the cloud and the true surface agree{near} (F-score): 100 % is the whole surface "
+            "and nothing else. More is better.",
+        ),
+        MeasureText("precision", "Correct points", "Share of the points on a true surface{near}."),
+        MeasureText("recall", "Surface covered", "Share of the true surface with a point{near}."),
+    )
+    condition_columns = (
+        ("mover_within_2pct", f"All cameras: {WITHIN.lower()}"),
+        ("mover_coverage", f"All cameras: {COVERAGE.lower()}"),
+    )
+    instant_columns = (
+        ("mover_within_2pct", WITHIN),
+        ("mover_coverage", COVERAGE),
+        ("mover_points", POINTS),
+    )
+    section = SECTION
+    title = "With all cameras at once"
+    section_place = 50
+    scripts = ("cloud.js",)
 
-    def __init__(
-        self,
-        rig: Rig,
-        max_instants: int,
-        width: int,
-        reference: str = "",
-        matcher: ChosenMatcher = SWEEP,
-    ) -> None:
-        """Pictures wider than `width` px are made smaller; `reference`: refuse any other middle camera."""
-        super().__init__(rig)
-        self.max_instants = max_instants
-        self.width = width
-        self.reference = reference
-        self.matcher = matcher
+    @classmethod
+    def placeholders(cls, found: StudyResult[MultiviewFacts]) -> dict[str, str]:
+        """As `StudyReport.placeholders`."""
+        facts, near = found.facts, ""
+        if facts is not None and facts.tolerance_m is not None:
+            near = f" to within {100 * facts.tolerance_m:.3g}{wording.GAP}cm"
+        return super().placeholders(found) | {"reference": cls.reference(found), "near": near}
+
+    @classmethod
+    def engine(cls, found: StudyResult[MultiviewFacts]) -> str:
+        """As `StudyReport.engine`."""
+        patchmatch = found.facts is not None and found.facts.matcher == "patchmatch"
+        matcher = "COLMAP's PatchMatch on a GPU" if patchmatch else "our own plane sweep, not by COLMAP"
+        return f"Distances are found by {matcher}."
+
+    @classmethod
+    def details(cls, found: StudyResult[MultiviewFacts]) -> str:
+        """As `StudyReport.details`."""
+        return f"pictures {found.facts.width_px} px wide" if found.facts is not None else ""
+
+    @classmethod
+    def reference(cls, found: StudyResult[MultiviewFacts]) -> str:
+        """As `StudyReport.reference`."""
+        return found.facts.reference if found.facts is not None else ""
+
+    @classmethod
+    def verdict(cls, result: CompareResult, found: StudyResult[MultiviewFacts]) -> str:
+        """As `StudyReport.verdict`."""
+        cameras, when = f"all {len(found.cameras)} cameras", "the pictures of {} are paired as recorded"
+        if result.together(found.cameras):
+            when = "{} show the same instant"
+        return depth_sentence(found, when.format(cameras), EACH_DELAYED, "several cameras agree on")
+
+    @classmethod
+    def view(cls, found: StudyResult[MultiviewFacts], heads: Mapping[str, str], out: Path) -> dict[str, Any]:
+        """As `StudyReport.view`: the cloud to be turned by hand."""
+        facts = found.facts
+        if facts is None or facts.clouds is None:
+            return {"cloud": None}
+        return {"cloud": view_clouds(facts.clouds, out, facts.reference, len(found.cameras))}
+
+    @classmethod
+    def files(cls, found: StudyResult[MultiviewFacts]) -> dict[str, Sequence[str]]:
+        """As `StudyReport.files`."""
+        clouds = found.facts.clouds if found.facts is not None else None
+        return {"the cloud of one instant in both": [clouds.synced, clouds.offset]} if clouds else {}
+
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self.options: MultiviewOptions
+        self.matcher = choose_matcher(self.options.matcher, quick=True)
+        self.middle_camera = ""
+        """Any other middle camera is refused."""
         self.group = CameraGroup()
 
     @property
     def steps(self) -> int:
         """One for choosing the cameras, and one for each instant and condition."""
-        return 1 + 2 * min(self.max_instants, len(self.dataset.instants_ns))
+        most = self.options.multiview_instants
+        return 1 + 2 * min(most, len(self.dataset.instants_ns)) if most else 0
 
-    def for_session(self, rig: Rig) -> Self:
-        """This middle camera of another session."""
-        return type(self)(rig, self.max_instants, self.width, self.group.reference, self.matcher)
+    def unasked(self) -> str:
+        """As `Study.unasked`."""
+        return "" if self.options.multiview_instants else UNASKED
+
+    def adopt(self, ours: Self) -> None:
+        """Take the middle camera of the comparison's own session."""
+        self.middle_camera = ours.group.reference
 
     @cached_property
     def shots(self) -> UndistortedSession:
         """The session's pictures, undistorted."""
-        return UndistortedSession(self.dataset, self.motion, self.rig.views, self.width)
+        return UndistortedSession(self.dataset, self.motion, self.rig.views, self.options.multiview_width)
 
-    def prepare(self, middle: int, progress: Progress) -> None:
-        """As `Study.prepare`.
+    def prepare(self) -> None:
+        """As `ConditionStudy.prepare`.
 
         Raises:
             ValueError: fewer than three calibrated cameras have overlapping views.
         """
-        progress.step("choosing cameras for depth from all cameras")
+        self.progress.step("choosing cameras for depth from all cameras")
         if not self.rig.views:
             raise ValueError("the cameras have no calibration")
-        self.group = choose_camera_group(self.shots, middle)
-        if self.reference not in ("", self.group.reference):
-            raise ValueError(f"its middle camera is {self.group.reference}, not {self.reference}")
+        self.group = choose_camera_group(self.shots, self.context.middle)
+        if self.middle_camera not in ("", self.group.reference):
+            raise ValueError(f"its middle camera is {self.group.reference}, not {self.middle_camera}")
 
-    def compare(self, condition: Condition, progress: Progress, folder: Path | None = None) -> StudyResult:
+    def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[MultiviewFacts]:
         """A condition against the synchronized one, on the same instants, pixels and cameras.
 
         Pictures of the instant with most moving pixels found go into the folder.
@@ -193,7 +364,7 @@ class MultiviewStudy(Study):
         for one in instants:
             maps = {}
             for side, shown in one.sides.items():
-                progress.step(f"depth from {len(shown)} cameras, instant {one.instant}, {side}")
+                self.progress.step(f"depth from {len(shown)} cameras, instant {one.instant}, {side}")
                 maps[side] = self._depth(shown)
             found.append(maps)
         scorer = InstantScorer(
@@ -219,16 +390,16 @@ class MultiviewStudy(Study):
             measures=tally.measures,
             per_instant=tally.per_instant,
             pictures=pictures,
-            facts={
-                "reference": group.reference,
-                "tolerance_m": scorer.tolerance_m,
-                "width_px": self.shots.views[group.reference].width,
-                "matcher": self.matcher.name,
-                "matcher_note": self.matcher.note,
-                "clouds": clouds,
-                "left_out": dict(group.left_out),
-                "cloud_skipped": scorer.cloud_skipped,
-            },
+            facts=MultiviewFacts(
+                reference=group.reference,
+                tolerance_m=scorer.tolerance_m,
+                width_px=self.shots.views[group.reference].width,
+                matcher=self.matcher.name,
+                matcher_note=self.matcher.note,
+                clouds=clouds,
+                left_out=dict(group.left_out),
+                cloud_skipped=scorer.cloud_skipped,
+            ),
         )
 
     def _instants(self, condition: Condition) -> list[ShownInstant]:
@@ -237,7 +408,9 @@ class MultiviewStudy(Study):
         fullest = fullest_instants(self.dataset, condition, reference, self.group.cameras)
         by_instant = {one.instant: one.shown for one in fullest}
         found = []
-        for now in choose_moving_instants(self.motion, (reference,), list(by_instant), self.max_instants):
+        for now in choose_moving_instants(
+            self.motion, (reference,), list(by_instant), self.options.multiview_instants
+        ):
             shown = {c: k for c, k in by_instant[now].items() if not (problem(c, now) or problem(c, k))}
             if reference in shown and len(shown) >= MIN_CAMERAS:
                 found.append(ShownInstant(now, shown))
@@ -295,7 +468,7 @@ class MultiviewStudy(Study):
         drawn = draw_clouds(clouds, views)
         caption = "The points of all cameras, from six places."
         pictures = {side: {"multiview_turntable": picture} for side, picture in drawn.items()}
-        return write_pictures(pictures, {"multiview_turntable": ("All around", caption)}, folder)
+        return write_pictures(pictures, {"multiview_turntable": PictureText("All around", caption)}, folder)
 
 
 def _draw_depth(
@@ -320,7 +493,7 @@ def _draw_depth(
     )
     movers = f"Teal: a distance was found, and {judged}. Orange: none, or a wrong one."
     texts = {
-        "multiview_depth": ("Distance from all cameras", distance),
-        "multiview_movers": ("What moves, by all cameras", movers),
+        "multiview_depth": PictureText("Distance from all cameras", distance, flat=True),
+        "multiview_movers": PictureText("What moves, by all cameras", movers),
     }
     return write_pictures(drawn, texts, out)

@@ -2,27 +2,27 @@
 
 import sys
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 import pytest
 
 from capture_app.common.errors import NotAvailableError
-from capture_app.console.terminal import Progress
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.rig import Rig
-from reconstruction.compare.stereo_study import StereoStudy
-from reconstruction.compare.triangulation_study import TriangulationStudy, triangulate
+from reconstruction.compare.study import Context, Known
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.session.conditions import SYNCED, Condition, nearest_frame_offset
 from reconstruction.session.dataset import Dataset
+from reconstruction.studies.stereo import StereoStudy
+from reconstruction.studies.triangulation import TriangulationStudy, triangulate
 from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, make_view, write_session
 from tests.reconstruction.found import study as found_study
 from tests.reconstruction.found import values
 
 PAIR = {name: VIEWS[name] for name in ("left", "right")}
-QUIET = Progress(0, silent=True)
 
 
 def study(
@@ -32,14 +32,17 @@ def study(
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, offset_ms)
     rig = Rig(dataset, stages, offset.step)
     rig.calibrate()
-    depth = StereoStudy(rig, offset, None, max_instants)
-    depth.prepare(0, QUIET)
-    return TriangulationStudy(rig, offset, depth, max_instants)
+    context = Context(rig=rig, offset=offset, max_instants=max_instants)
+    depth = StereoStudy(context)
+    depth.prepare()
+    points = TriangulationStudy(context)
+    points.known = Known(studies={"stereo": StudyResult(name="stereo", cameras=depth.cameras)})
+    return points
 
 
-def compared(points: TriangulationStudy, condition: Condition | None = None) -> StudyResult:
-    points.prepare(0, QUIET)
-    return points.compare(condition or points.condition, QUIET)
+def compared(points: TriangulationStudy, condition: Condition | None = None) -> StudyResult[Any]:
+    points.prepare()
+    return points.compare(condition or points.condition)
 
 
 def test_points_lie_where_the_scene_is(boards: Session, tmp_path: Path) -> None:
@@ -71,7 +74,7 @@ def test_lateness_costs_points_on_movers_and_none_on_the_control(boards: Session
     assert moving[2] < 0.5 * moving[1]
     assert still[1] == pytest.approx(still[2], rel=0.1)
     assert found.instants == len(found.per_instant) == 2
-    together = points.compare(Condition(SYNCED), QUIET)
+    together = points.compare(Condition(SYNCED))
     assert together.value("mover_points", "offset") == together.value("mover_points")
 
 
@@ -103,11 +106,11 @@ def test_many_cameras_are_thinned_to_those_beside_the_pair(scene: Scene, tmp_pat
     row = {f"cam{k}": make_view((0.1 * k - 0.25, 0.0, 0.0), yaw=3.75 - 1.5 * k) for k in range(6)}
     session = write_session(tmp_path / "row", scene, row, instants=2, truth=False)
     points = study(session, tmp_path / "stages", offset_ms=33)
-    points.prepare(0, QUIET)
-    found = points.compare(Condition(SYNCED), QUIET)
+    points.prepare()
+    found = points.compare(Condition(SYNCED))
     assert len(found.cameras) == 5
-    assert set(points.depth.cameras) < set(found.cameras)
-    assert len(found.facts["left_out"]) == 1
+    assert set(points.known.studies["stereo"].cameras) < set(found.cameras)
+    assert len(found.facts.left_out) == 1
 
 
 @pytest.mark.slow
@@ -135,7 +138,7 @@ def study_without_pair(session: Session, stages: Path) -> TriangulationStudy:
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, 33)
     rig = Rig(dataset, stages, offset.step)
     rig.calibrate()
-    return TriangulationStudy(rig, offset, StereoStudy(rig, offset, None, 1), 1)
+    return TriangulationStudy(Context(rig=rig, offset=offset, max_instants=1))
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The study of single points that COLMAP matches and triangulates under the rig's known poses."""
+"""Single points that COLMAP matches and triangulates under the rig's known poses."""
 
 import tempfile
 from collections.abc import Mapping
@@ -6,18 +6,20 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, Self
 
+import msgspec
 import numpy as np
 
-from capture_app.console.terminal import Progress
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import foreign_calls, library_versions, load_pycolmap
-from reconstruction.compare.study import ALL_APART, PairStudy, Study
+from reconstruction.compare.study import ALL_APART, ConditionStudy, Context
 from reconstruction.pairs import Features, size_above_features
+from reconstruction.report import wording
+from reconstruction.report.study_report import POINTS, MeasureText
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.tally import Measurements, Tally
 from reconstruction.scores.truth import right_depth
-from reconstruction.session.conditions import Condition, FrameOffset
+from reconstruction.session.conditions import Condition
 from reconstruction.session.instants import (
     ShownInstant,
     choose_moving_instants,
@@ -185,52 +187,77 @@ def _rig_points(model: Any, found: Mapping[str, Features]) -> RigPoints:
     )
 
 
-class TriangulationStudy(Study):
+class TriangulationFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """Results that this study alone has."""
+
+    left_out: list[str]
+    """Calibrated cameras that take no part."""
+
+
+class TriangulationStudy(ConditionStudy):
     """COLMAP's points on what moves and on what stands still, from the same cameras in both conditions."""
 
     name = "triangulation"
+    subject = "points by COLMAP"
+    place = 30
+    needs = ("stereo",)
+    needs_calibration = True
+    packages = ("pycolmap",)
+    term = "Points by COLMAP"
+    caption = "Points by COLMAP from {cameras}"
+    measures = (
+        MeasureText("points", POINTS, "Found and placed at an instant. More is better.", wording.COUNT),
+        MeasureText(
+            "reprojection_px",
+            "Reprojection error",
+            "How far a placed point is from where the cameras see it. Less is better.",
+            wording.PIXELS,
+        ),
+        MeasureText(
+            "precision",
+            "Correct points",
+            "Share of the points whose distance is within 2 % of the truth.",
+        ),
+    )
+    condition_columns = (("mover_points", "Points by COLMAP"),)
+    missing = "No points were placed by COLMAP"
+    note = (
+        "COLMAP, a program for reconstruction from photographs, looks for single points that several "
+        "pictures show and works out where each of them is: what has moved between the pictures seldom fits "
+        "together, so most of its points are lost, and those that fit by chance are in the wrong place."
+    )
 
-    def __init__(
-        self,
-        rig: Rig,
-        offset: FrameOffset | None,
-        depth: PairStudy,
-        max_instants: int,
-        cameras: tuple[str, ...] = (),
-    ) -> None:
-        """`depth`: cameras are chosen around its pair, where it has found one; `cameras` have been chosen."""
-        super().__init__(rig)
-        self.offset = offset
-        self.depth = depth
-        self.max_instants = max_instants
-        self.cameras = cameras
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self.cameras: tuple[str, ...] = ()
 
     @property
     def steps(self) -> int:
         """One for choosing the cameras, and one for each instant."""
-        return 1 + min(self.max_instants, INSTANT_LIMITS[1], len(self.dataset.instants_ns))
+        return 1 + min(self.context.max_instants, INSTANT_LIMITS[1], len(self.dataset.instants_ns))
 
-    def for_session(self, rig: Rig) -> Self:
-        """These cameras of another session."""
-        return type(self)(rig, None, self.depth, self.max_instants, self.cameras)
+    def adopt(self, ours: Self) -> None:
+        """Take the cameras of the comparison's own session."""
+        self.cameras = ours.cameras
 
-    def prepare(self, middle: int, progress: Progress) -> None:
-        """As `Study.prepare`.
+    def prepare(self) -> None:
+        """As `ConditionStudy.prepare`.
 
         Raises:
             ValueError: fewer than two of the cameras are calibrated, or the burst does not hold the offset.
         """
-        progress.step("choosing cameras for points by COLMAP")
+        self.progress.step("choosing cameras for points by COLMAP")
         self.cameras = self._choose_cameras()
-        if self.offset is None:
+        offset = self.context.offset
+        if offset is None:
             return
-        late = tuple((camera, self.offset.actual_ms) for camera in self.cameras[1::2])
-        second_late = Condition(f"{self.offset.asked_ms:g}ms", named_ms=late)
+        late = tuple((camera, offset.actual_ms) for camera in self.cameras[1::2])
+        second_late = Condition(f"{offset.asked_ms:g}ms", named_ms=late)
         if len(self.cameras) == 2 or not self._holds(ALL_APART):
             self.condition = second_late
 
-    def compare(self, condition: Condition, progress: Progress, folder: Path | None = None) -> StudyResult:
-        """As `Study.compare`; there are no pictures.
+    def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[TriangulationFacts]:
+        """As `ConditionStudy.compare`; there are no pictures.
 
         Raises:
             ValueError: the burst does not hold this condition, or COLMAP finds no point when synchronized.
@@ -239,7 +266,7 @@ class TriangulationStudy(Study):
         tally = Tally()
         found = 0
         for one in instants:
-            progress.step(f"points by COLMAP from {len(one.shown)} cameras, instant {one.instant}")
+            self.progress.step(f"points by COLMAP from {len(one.shown)} cameras, instant {one.instant}")
             points = {side: self._points(pictures) for side, pictures in one.sides.items()}
             found += len(points["synced"].points)
             measured = {
@@ -256,7 +283,7 @@ class TriangulationStudy(Study):
             offsets_ms=relative_offsets_ms(condition, self.dataset, self.cameras[0], self.cameras),
             measures=tally.measures,
             per_instant=tally.per_instant,
-            facts={"left_out": [c for c in self.rig.views if c not in self.cameras]},
+            facts=TriangulationFacts(left_out=[c for c in self.rig.views if c not in self.cameras]),
         )
 
     def _choose_cameras(self) -> tuple[str, ...]:
@@ -268,7 +295,8 @@ class TriangulationStudy(Study):
             if missing := [c for c in self.cameras if c not in views]:
                 raise ValueError(f"no calibration of {', '.join(missing)}")
             return self.cameras
-        chosen = [c for c in self.depth.cameras if c in views]
+        depth = self.known.study("stereo")
+        chosen = [c for c in depth.cameras if c in views] if depth is not None else []
         centres = {c: view.centre for c, view in views.items()}
         middle = np.mean([centres[c] for c in chosen or views], axis=0)
         away = {c: float(np.linalg.norm(centre - middle)) for c, centre in centres.items()}
@@ -293,7 +321,9 @@ class TriangulationStudy(Study):
         wanted = int(np.clip(MAX_PICTURES // (2 * len(fullest[0].shown) - 1), *INSTANT_LIMITS))
         first = list(fullest[0].shown)[:2]
         by_instant = {one.instant: one for one in fullest if one.shown.keys() >= set(first)}
-        chosen = choose_moving_instants(self.motion, first, list(by_instant), min(self.max_instants, wanted))
+        chosen = choose_moving_instants(
+            self.motion, first, list(by_instant), min(self.context.max_instants, wanted)
+        )
         return [by_instant[instant] for instant in chosen]
 
     def _points(self, shown: Mapping[str, int]) -> RigPoints:

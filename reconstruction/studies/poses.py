@@ -1,21 +1,25 @@
-"""The pose study of a comparison: where the cameras stand by single instants, and how far off that is."""
+"""Camera poses that are estimated from single instants, compared with the calibration."""
 
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
-from typing import Any, Self
+from typing import Annotated, Any, ClassVar
 
 import msgspec
 import numpy as np
 
-from capture_app.console.terminal import Progress
-from reconstruction.calibration.rig import Rig
+from reconstruction.commands.options import flag
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import library_versions, load_pycolmap
-from reconstruction.compare.study import Study
+from reconstruction.compare.study import UNASKED, ConditionStudy, Context
+from reconstruction.report import wording
+from reconstruction.report.charts import Axes
+from reconstruction.report.findings import EACH_DELAYED, percent
+from reconstruction.report.study_report import MeasureText
+from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.tally import Measurements, Tally
 from reconstruction.session.conditions import Condition, evenly_spread
@@ -27,6 +31,38 @@ HARMED = 0.1
 LARGE_MOVING_SHARE = 0.2
 """If less of the picture moves, pose estimation rejects it as outliers, in late pictures too."""
 MAX_INSTANTS = 5
+POSE_AXES = Axes(480, 220, 62, 10, 12, 48, (0, 0.5, 1), "camera pairs placed correctly, by instant")
+SECTION = """
+{% from "charts.html" import frame %}
+{% from "tables.html" import table %}
+{% set poses = view.found %}
+<section aria-labelledby="{{ section.anchor }}">
+<h2 id="{{ section.anchor }}">{{ section.title }}</h2>
+<p>Nothing can be measured before it is known where the cameras stand. Here that is estimated from the
+pictures of one instant alone, as it must be for cameras that move.
+{% if poses.facts.degraded %}
+So much of these pictures moves that delays put the cameras in wrong places.
+{% else %}
+Enough of these pictures stands still to place the cameras equally well without synchronization.
+{% endif %}
+</p>
+<div class="curve">
+{% set chart = view.chart %}
+{% if chart.bars %}
+{% call frame(chart) %}
+{% for tone, x, y, height in chart.bars %}
+<rect x="{{ x }}" y="{{ y }}" width="{{ chart.bar_width }}" height="{{ height }}" fill="var(--{{ tone }})"/>
+{% endfor %}
+{% endcall %}
+{% endif %}
+<div><p class="key"><span class="tag synced">{{ view.sides.first }}</span>
+<span class="tag offset">{{ view.sides.late_head }}</span></p>
+<p>{{ view.delays|keep_units }}</p>
+<p class="quiet">Compared with: {{ poses.facts.truth_source|keep_units }}.
+{%- if poses.reason %} Reason for this test: {{ poses.reason|keep_units }}.{% endif %}</p></div></div>
+{{ table(view.table) }}
+</section>
+"""
 Pose = tuple[Array, Array]
 """Rotation 3x3 and translation (3,), camera from world."""
 ImageKey = tuple[str, int]
@@ -147,45 +183,167 @@ def _relative(a: Pose, b: Pose) -> Pose:
     return turn, a[1] - turn.T @ b[1]
 
 
-class PoseStudy(Study):
+class PoseOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """Options of the study."""
+
+    poses: Annotated[
+        bool | None,
+        flag(
+            "--poses/--no-poses",
+            show_default="if much of the picture moves",
+            help="Also estimate the camera poses from single instants.",
+        ),
+    ] = None
+
+
+class PoseFacts(msgspec.Struct, frozen=True, kw_only=True):
+    """Results that this study alone has."""
+
+    degraded: bool
+    """Delays harm the poses."""
+    tolerance_deg: float
+    """Errors within which a pair is placed correctly."""
+    truth_source: str
+    """Where the poses come from that it compares with."""
+
+
+def pose_chart(poses: StudyResult[PoseFacts], heads: Mapping[str, str]) -> dict[str, object]:
+    """Two bars for each instant: the share of camera pairs that were placed correctly; none of no instant.
+
+    Of each of the `bars`: its condition, x, y and height.
+    """
+    axes = POSE_AXES
+    step = (axes.width - axes.left - axes.right) / max(1, len(poses.per_instant))
+    width = round(min(28.0, step * 0.36), 1)
+    ticks, bars, told = [], [], []
+    for place, row in enumerate(poses.per_instant):
+        middle = axes.left + step * (place + 0.5)
+        words = []
+        for (tone, name), left in zip(heads.items(), (-1.0, 0.0), strict=True):
+            share = row.get(f"{tone}_correct_pairs") or 0.0
+            # A share of 0 still gets a visible bar.
+            top = min(axes.y(share), axes.y(0) - 2)
+            bars.append((tone, round(middle + left * (width + 1), 1), top, round(axes.y(0) - top, 1)))
+            words.append(f"{name.lower()} {wording.share(share, decimals=0)}")
+        ticks.append((round(middle, 1), f"{row['instant']}"))
+        told.append(f"instant {row['instant']}: {', '.join(words)}")
+    label = f"Share of camera pairs placed correctly; {'; '.join(told)}"
+    return {"axes": axes, "label": label, "ticks": ticks, "bars": bars, "bar_width": width}
+
+
+class PoseStudy(ConditionStudy):
     """Camera poses of single instants, compared with the calibration."""
 
     name = "poses"
-    steps = 1
+    subject = "poses"
+    place = 50
+    packages = ("pycolmap",)
+    Options = PoseOptions
+    term = "Poses by instant"
+    caption = "Poses of {cameras}, each instant by itself"
+    measures = (
+        MeasureText(
+            "registered",
+            "Cameras placed",
+            "Of {number}, the median over the instants. More is better.",
+            wording.PLAIN,
+        ),
+        MeasureText(
+            "correct_pairs",
+            "Camera pairs placed correctly",
+            "Share of all pairs whose angle and direction are correct within {tolerance}. More is better.",
+        ),
+        MeasureText(
+            "rotation_deg",
+            "Angle error",
+            "Of the angle between two placed cameras, the median over the pairs. Less is better.",
+            wording.DEGREES,
+        ),
+        MeasureText(
+            "direction_deg",
+            "Direction error",
+            "Of the direction from one camera to the other, the median over the pairs. Less is better.",
+            wording.DEGREES,
+        ),
+    )
+    control = False
+    condition_columns = (("correct_pairs", "Camera pairs placed correctly"),)
+    section = SECTION
+    title = "Where the cameras stand"
+    section_place = 60
 
-    def __init__(
-        self,
-        rig: Rig,
-        reason: str = "",
-        max_instants: int = MAX_INSTANTS,
-        finder: type[PoseFinder] = PoseFinder,
-    ) -> None:
-        """`reason` says why poses are estimated; `finder` estimates them."""
-        super().__init__(rig)
-        self.reason = reason
-        self.max_instants = max_instants
-        self.finder = finder
+    finder: ClassVar[type[PoseFinder]] = PoseFinder
+
+    @classmethod
+    def placeholders(cls, found: StudyResult[PoseFacts]) -> dict[str, str]:
+        """As `StudyReport.placeholders`."""
+        tolerance_deg = found.facts.tolerance_deg if found.facts is not None else None
+        return super().placeholders(found) | {"tolerance": wording.measured(tolerance_deg, wording.DEGREES)}
+
+    @classmethod
+    def verdict(cls, result: CompareResult, found: StudyResult[PoseFacts]) -> str:
+        """Say how delays harm the poses; nothing where what stands still places the cameras both times."""
+        before = found.value("rotation_deg") if found.facts is not None and found.facts.degraded else None
+        if before is None:
+            return ""
+        after = found.value("rotation_deg", "offset")
+        if after is None:
+            wrong = "no camera can be placed"
+        elif before > 0.5 * after:
+            right = found.value("correct_pairs", "offset") or 0.0
+            wrong = f"only {percent(right)} of the pairs are placed correctly"
+        else:
+            wrong = f"these angles are wrong by {after:.0f} degrees"
+        together = result.together(found.cameras)
+        pictures = "pictures of one instant" if together else "the pictures as recorded"
+        return (
+            f"So much moves here that it decides where the cameras seem to stand: {pictures} give "
+            f"the angles between them to {before:.1g} degrees; with {EACH_DELAYED}, {wrong}."
+        )
+
+    @classmethod
+    def view(cls, found: StudyResult[PoseFacts], heads: Mapping[str, str], out: Path) -> dict[str, Any]:
+        """As `StudyReport.view`: the chart of every instant's pairs."""
+        return {"chart": pose_chart(found, heads)}
+
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
+        self.reason = ""
+        """Why poses are estimated."""
         self.cameras: tuple[str, ...] = ()
 
-    def for_session(self, rig: Rig) -> Self:
-        """Poses of another session's cameras."""
-        return type(self)(rig, self.reason, self.max_instants, self.finder)
+    @property
+    def steps(self) -> int:
+        """One, for all."""
+        return 0 if self.options.poses is False else 1
 
-    def prepare(self, middle: int, progress: Progress) -> None:
+    def unasked(self) -> str:
+        """Estimate poses if asked for or if much moves."""
+        asked, moving = self.options.poses, self.known.moving_share
+        share = wording.share(moving, decimals=0)
+        self.reason = "asked for" if asked else f"{share} of the picture moves"
+        if asked is None and moving < LARGE_MOVING_SHARE:
+            return (
+                f"{share} of the picture moves, which pose estimation rejects as outliers, in late pictures "
+                "too (--poses measures it anyway)"
+            )
+        return UNASKED if asked is False else ""
+
+    def prepare(self) -> None:
         """Refuse cameras whose poses cannot be compared.
 
         Raises:
             ValueError: fewer than three cameras are calibrated.
         """
-        progress.step("camera poses from single instants")
+        self.progress.step("camera poses from single instants")
         self.cameras = tuple(name for name in self.dataset.cameras if name in self.rig.views)
         if not self.cameras:
             raise ValueError("the cameras have no calibration to compare poses with")
         if len(self.cameras) < 3:
             raise ValueError("poses of fewer than three cameras cannot be judged: the scale is unknown")
 
-    def compare(self, condition: Condition, progress: Progress, folder: Path | None = None) -> StudyResult:
-        """As `Study.compare`; there are no pictures."""
+    def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[PoseFacts]:
+        """As `ConditionStudy.compare`; there are no pictures."""
         instants = self._instants(condition)
         tally = Tally()
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
@@ -202,17 +360,18 @@ class PoseStudy(Study):
             reason=self.reason,
             measures=tally.measures,
             per_instant=tally.per_instant,
-            facts={"tolerance_deg": TOLERANCE_DEG, "truth_source": self.rig.source},
+            facts=PoseFacts(degraded=False, tolerance_deg=TOLERANCE_DEG, truth_source=self.rig.source),
         )
         right = found.first_known("correct_pairs")
-        harmed = right is not None and right[1] - right[2] > HARMED
-        return msgspec.structs.replace(found, facts={"degraded": harmed, **found.facts})
+        if right is None or found.facts is None or right[1] - right[2] <= HARMED:
+            return found
+        return msgspec.structs.replace(found, facts=msgspec.structs.replace(found.facts, degraded=True))
 
     def _instants(self, condition: Condition) -> list[ShownInstant]:
         """The instants at which every camera has its pictures, thinned."""
         cameras = self.cameras
         found = fullest_instants(self.dataset, condition, cameras[0], cameras, fewest=len(cameras))
-        return evenly_spread(found, self.max_instants)
+        return evenly_spread(found, MAX_INSTANTS)
 
     def _measure(self, finder: PoseFinder, shown: dict[str, int]) -> Measurements:
         """How many cameras were placed, and both errors of each pair of them."""

@@ -1,16 +1,22 @@
-"""The panorama study of a comparison: registered once, then measured in both conditions."""
+"""A panorama of two cameras: registered once, then measured in both conditions."""
 
 from pathlib import Path
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 
-from capture_app.console.terminal import Progress
+from reconstruction.commands.options import pair_flag
 from reconstruction.common.drawing import box_with_most, enlarge_crop, trim_empty_sides
 from reconstruction.common.geometry import Array
-from reconstruction.compare.study import SYNCHRONIZED, PairStudy, write_pictures
+from reconstruction.compare.study import SYNCHRONIZED, Pair, PairStudy, PictureText, write_pictures
 from reconstruction.panorama.composition import Layer, average_layers
 from reconstruction.panorama.overlap import Overlap, known, measure_misfit, overlap_of
 from reconstruction.panorama.stitcher import PanoramaStitcher
+from reconstruction.report import wording
+from reconstruction.report.findings import CLEAR_SHARE, late_text, percent
+from reconstruction.report.study_report import Claim, MeasureText
+from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import Picture, StudyResult
 from reconstruction.scores.tally import SIDES, Measurements, Tally
 from reconstruction.session.conditions import Condition
@@ -22,35 +28,121 @@ STILL_MARGIN_PX = 12
 """Points so near to what moves share their window with it."""
 MIN_POINTS, MIN_PIXELS = 5, 50
 """What is measured at fewer is left out."""
+MEASURES = ("mover_misfit_px", "mover_found")
+"""What it is judged by: how far off what moves is, else how much of it is found again at all."""
+CLEAR_RATIO = 1.5
 TEXTS = {
-    "panorama": ("Panorama", "Two pictures in one, the seam where they agree best."),
-    "panorama_closeup": ("The panorama, close up", "Where most differs between the two conditions."),
-    "panorama_overlap": (
+    "panorama": PictureText("Panorama", "Two pictures in one, the seam where they agree best."),
+    "panorama_closeup": PictureText(
+        "The panorama, close up", "Where most differs between the two conditions."
+    ),
+    "panorama_overlap": PictureText(
         "The two pictures laid over each other",
         "The same place without a seam, before one of the two is chosen for every spot. A thing that is "
         "elsewhere in the other picture is there twice, half transparent; a seam can only hide that, by "
         "leaving one of them out or by cutting through it.",
     ),
 }
+WHY = """
+<p>A panorama joins pictures where they overlap. What moves between one picture and the next no longer fits
+there: it shows up twice, cut apart, or in the wrong place. {{ result.actual_offset_ms|walking_distance }}</p>
+"""
+
+
+class PanoramaOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """Options of the study."""
+
+    panorama: Annotated[
+        Pair | None,
+        pair_flag("--panorama-pair", use="the panorama"),
+        pair_flag("--stitch-pair", use="the panorama", hidden=True),
+    ] = None
 
 
 class PanoramaStudy(PairStudy):
     """A panorama of two cameras, synchronized and offset, registered once on what stands still."""
 
     name = "panorama"
+    subject = "panorama"
+    place = 40
+    Options = PanoramaOptions
+    needs_calibration = False
+    term = "Panorama"
+    caption = "Panorama of cameras {names}"
+    measures = (
+        MeasureText(
+            "misfit_px",
+            "Misfit",
+            "How far apart the two pictures show the same point, without a seam; the median. Less is better.",
+            wording.PIXELS,
+        ),
+        MeasureText(
+            "found",
+            "Found again",
+            "Share of the points with structure that the other picture shows within reach. More is better.",
+        ),
+        MeasureText(
+            "points", "Points measured", "How many points of an instant were found again.", wording.COUNT
+        ),
+        MeasureText(
+            "overlap_mad", "Brightness difference", "On average, of 255. Less is better.", wording.PLAIN
+        ),
+    )
+    condition_columns = (("mover_misfit_px", "Panorama: misfit of moving things"),)
+    missing = "No panorama was made"
+    hero = "panorama"
+    why = WHY
+
+    @classmethod
+    def engine(cls, found: StudyResult[Any]) -> str:
+        """As `StudyReport.engine`."""
+        return "The panorama is put together by OpenCV."
+
+    @classmethod
+    def claim(cls, found: StudyResult[Any]) -> Claim | None:
+        """As `StudyReport.claim`."""
+        known = found.first_known(*MEASURES)
+        if known is None:
+            return None
+        measure, *values = known
+        both = values[0], values[1]
+        if measure == "mover_found":
+            return Claim(both, "of moving things in both pictures where these overlap in the panorama")
+        what = "of misfit of moving things where the pictures of the panorama overlap"
+        return Claim(both, what, wording.PIXELS)
+
+    @classmethod
+    def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
+        """As `StudyReport.verdict`."""
+        when = "at the same instant" if result.together(found.cameras) else "as recorded"
+        late = late_text(result)
+        misfit = found.first_known(MEASURES[0])
+        if misfit is not None and misfit[2] >= max(CLEAR_RATIO * misfit[1], misfit[1] + 1.0):
+            return (
+                f"In the panorama, what moves fits together to within {misfit[1]:.1f} pixels {when}, "
+                f"and is off by {misfit[2]:.0f} with one picture {late}."
+            )
+        again = found.first_known(MEASURES[1])
+        if again is None or again[1] - again[2] < CLEAR_SHARE:
+            return ""
+        return (
+            f"Where the pictures of the panorama overlap, {percent(again[1])} of what moves is in both "
+            f"{when}, and {percent(again[2])} with one picture {late}."
+        )
 
     stitcher: PanoramaStitcher
     """What registers, projects and composes the pair, from `prepare` on."""
 
-    def prepare(self, middle: int, progress: Progress) -> None:
+    def prepare(self) -> None:
         """Choose the pair, and register its pictures of the same instant.
 
         Raises:
             ValueError: no two cameras suit, or their pictures make no panorama.
         """
+        middle = self.context.middle
         self.use_pair(self.rig.choose_panorama_pair(self.asked, middle))
         first, second = self.cameras
-        progress.step(f"registering {first} and {second}")
+        self.progress.step(f"registering {first} and {second}")
         instants = [now for now, _ in self.instant_pairs(SYNCHRONIZED)[0]]
         now = min(instants, key=lambda k: abs(k - middle))
         images, movers = (
@@ -62,14 +154,14 @@ class PanoramaStudy(PairStudy):
         if overlap_of(*self.stitcher.layers(images).values()) is None:
             raise ValueError(f"the pictures of {first} and {second} hardly overlap")
 
-    def compare(self, condition: Condition, progress: Progress, folder: Path | None = None) -> StudyResult:
-        """As `Study.compare`; the misfit is measured in the overlap, before seams and blending."""
+    def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[None]:
+        """As `ConditionStudy.compare`; the misfit is measured in the overlap, before seams and blending."""
         first, second = self.cameras
         pairs, offsets_ms = self.instant_pairs(condition)
         tally = Tally()
         moving = []
         for now, later in pairs:
-            progress.step(f"panorama {first}-{second}, instant {now}")
+            self.progress.step(f"panorama {first}-{second}, instant {now}")
             measured = {
                 side: self._measure(now, later, shown)
                 for side, shown in zip(SIDES, (now, later), strict=True)

@@ -1,14 +1,15 @@
-"""The stereo study of a comparison: depth of one pair at every usable instant, and pictures of one."""
+"""Depth of one pair of cameras at every usable instant, and pictures of one instant."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
+from typing import Annotated, Any
 
+import msgspec
 import numpy as np
 
-from capture_app.console.terminal import Progress
-from reconstruction.calibration.rig import Rig
+from reconstruction.commands.options import pair_flag
 from reconstruction.common.drawing import (
     EMPTY,
     box_around,
@@ -20,9 +21,28 @@ from reconstruction.common.drawing import (
     side_by_side,
 )
 from reconstruction.common.geometry import Array
-from reconstruction.compare.study import Pair, PairStudy, write_pictures
+from reconstruction.compare.study import Context, Pair, PairStudy, PictureText, write_pictures
+from reconstruction.report import wording
+from reconstruction.report.findings import (
+    CLEAR_SHARE,
+    DEPTH_MEASURES,
+    depth_sentence,
+    late_text,
+    percent,
+)
+from reconstruction.report.study_report import (
+    CORRECT,
+    COVERAGE,
+    EPIPOLAR,
+    STILL_COVERAGE,
+    WITHIN,
+    Claim,
+    MeasureText,
+)
+from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import Picture, StudyResult
 from reconstruction.scores.tally import SIDES, Measurements, Tally, measure_depth
+from reconstruction.scores.timing import found_shares
 from reconstruction.scores.truth import (
     TOLERANCE_TEXT,
     median_still_depth,
@@ -31,11 +51,20 @@ from reconstruction.scores.truth import (
     still_pixels,
     true_depth_in_unit,
 )
-from reconstruction.session.conditions import Condition, FrameOffset
+from reconstruction.session.conditions import Condition
 from reconstruction.session.dataset import Dataset
 from reconstruction.stereo.stereo_pair import DepthMap, StereoPair, epipolar_errors, find_disparity_range
 
 RANGE_INSTANTS = 8
+FALLEN_CONTROL = 0.1
+"""A loss of this share of what stands still has another reason than timing."""
+WHY = """
+<p>Two cameras see the world from two places, as two eyes do. The further a thing shifts from one picture to
+the other, the nearer it is: that shift is how distance is measured, point by point.</p>
+<p>A camera that fires late spoils this. Meanwhile a moving thing has moved by itself, and nothing in the
+pictures tells the one shift from the other: its distance comes out wrong, or not at all. Things at rest
+come out right either way. {{ result.actual_offset_ms|walking_distance }}</p>
+"""
 
 
 @dataclass(frozen=True)
@@ -68,20 +97,25 @@ def stereo_pictures(
     return write_pictures(drawn, _texts(cameras, one.truth is not None), out)
 
 
-def _texts(cameras: tuple[str, str], true: bool) -> dict[str, tuple[str, str]]:
+def _texts(cameras: tuple[str, str], true: bool) -> dict[str, PictureText]:
     found = f"the distance found is right {TOLERANCE_TEXT}" if true else "both pictures agree on a distance"
     lost = "there is none, or a wrong one" if true else "they do not"
     return {
-        "stereo_late": (
+        "stereo_late": PictureText(
             "The second camera's picture",
             f"What {cameras[1]} took at the instant of {cameras[0]}'s picture, and when it is late.",
         ),
-        "stereo_depth": ("Distance", "Bright is near, blue is far; dark means that no distance was found."),
-        "stereo_movers": ("What moves", f"Teal: {found}. Orange: {lost}."),
-        "stereo_closeup": ("A moving thing, close up", "The picture, and the distance found for it."),
-        "stereo_pair": (
+        "stereo_depth": PictureText(
+            "Distance", "Bright is near, blue is far; dark means that no distance was found.", flat=True
+        ),
+        "stereo_movers": PictureText("What moves", f"Teal: {found}. Orange: {lost}."),
+        "stereo_closeup": PictureText(
+            "A moving thing, close up", "The picture, and the distance found for it.", panels=2
+        ),
+        "stereo_pair": PictureText(
             "The two pictures",
             "Turned so that the same point lies on the same line in both; what has moved does not.",
+            panels=2,
         ),
     }
 
@@ -121,49 +155,163 @@ def _draw_pair(one: StereoInstant, photo: Array, other: Array) -> Array:
     return draw_rows(a, b, lines)
 
 
+class StereoOptions(msgspec.Struct, frozen=True, kw_only=True):
+    """Options of the study."""
+
+    stereo: Annotated[Pair | None, pair_flag("--stereo-pair", use="depth")] = None
+
+
 class StereoStudy(PairStudy):
     """Depth of a pair, synchronized and offset, with all that is fixed for both taken from synced images."""
 
     name = "stereo"
+    subject = "depth"
+    place = 20
+    Options = StereoOptions
+    measures_delay = True
+    term = "Depth"
+    caption = "Depth from cameras {names}"
+    measures = (
+        *CORRECT,
+        MeasureText(
+            "coverage",
+            COVERAGE,
+            "Share for which the two pictures agree on a distance; it may still be wrong. More is better.",
+        ),
+        MeasureText(
+            "epipolar_px",
+            EPIPOLAR,
+            "A point should lie in the same row of both pictures; this is how far off it is. Less is better.",
+            wording.PIXELS,
+        ),
+        MeasureText(
+            "photometric_error",
+            "Brightness mismatch",
+            "One picture is laid over the other by the distances found; this is how far the brightness "
+            "differs, of 255. Less is better.",
+            wording.PLAIN,
+        ),
+    )
+    condition_columns = (
+        ("mover_within_2pct", WITHIN),
+        ("mover_coverage", COVERAGE),
+        ("static_coverage", STILL_COVERAGE),
+    )
+    instant_columns = (
+        ("mover_within_2pct", WITHIN),
+        ("mover_coverage", COVERAGE),
+        ("mover_epipolar_px", EPIPOLAR),
+    )
+    missing = "Depth was not measured"
+    hero = "stereo_depth"
+    why = WHY
+    diagram = "diagram.svg"
 
-    def __init__(self, rig: Rig, offset: FrameOffset | None, asked: Pair | None, max_instants: int) -> None:
-        """As `PairStudy`."""
-        super().__init__(rig, offset, asked, max_instants)
+    @classmethod
+    def engine(cls, found: StudyResult[Any]) -> str:
+        """As `StudyReport.engine`."""
+        return "Distances are found by OpenCV's semi-global block matching (SGBM)."
+
+    @classmethod
+    def claim(cls, found: StudyResult[Any]) -> Claim | None:
+        """As `StudyReport.claim`."""
+        known = found.first_known(*DEPTH_MEASURES)
+        if known is None:
+            return None
+        measure, *values = known
+        if measure == DEPTH_MEASURES[0]:
+            return Claim((values[0], values[1]), "of the moving surface measured correctly")
+        note = "The true distances are not known here, so this counts pixels where both pictures agree."
+        return Claim((values[0], values[1]), "of the moving surface given a distance", note=note)
+
+    @classmethod
+    def as_recorded(cls, found: StudyResult[Any]) -> str | None:
+        """As `StudyReport.as_recorded`."""
+        moving, still = found_shares(found)
+        if moving is None or still is None:
+            return ""
+        what = "a distance is" if found.value("mover_within_2pct") is None else "the right distance is"
+        return (
+            f"In the pictures as they were recorded, {what} found for {percent(moving)} of what moves and "
+            f"for {percent(still)} of what stands still."
+        )
+
+    @classmethod
+    def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
+        """As `StudyReport.verdict`, with what stands still: a control, unless the cameras moved."""
+        together = result.together(found.cameras)
+        recorded = (
+            "both pictures show the same instant" if together else "the pictures are paired as recorded"
+        )
+        first = depth_sentence(found, recorded, f"one picture {late_text(result)}", "both pictures agree on")
+        still = found.first_known("static_coverage")
+        if not first or still is None:
+            return first
+        moved = result.timing is not None and bool(result.timing.moving_cameras)
+        lost = still[1] - still[2]
+        if lost > FALLEN_CONTROL:
+            return (
+                f"{first} What stands still is found less often too ({percent(still[1])} and "
+                f"{percent(still[2])}): timing is not all that differs."
+                f"{'' if moved else ' Did the cameras move, or the light change?'}"
+            )
+        if moved or abs(lost) > 0.02:
+            return first
+        return (
+            f"{first} What stands still is found equally well both times, so timing alone makes the "
+            "difference."
+        )
+
+    @classmethod
+    def control_sentence(cls, result: CompareResult, found: StudyResult[Any]) -> str:
+        """As `StudyReport.control_sentence`."""
+        if result.timing is not None and result.timing.moving_cameras:
+            return "The cameras moved while they recorded, so nothing in the pictures is a control."
+        still = found.first_known("static_within_2pct", "static_coverage")
+        if still is None:
+            return ""
+        values = f"({wording.share(still[1])} and {wording.share(still[2])})"
+        if abs(still[1] - still[2]) >= 0.02:
+            return (
+                f"Things at rest are the control, and here they differ too {values}: not all of the "
+                "difference comes from timing."
+            )
+        equal = f"Things at rest are the control: they are measured equally well in both {values}"
+        moving = found.first_known(*DEPTH_MEASURES)
+        if moving is None or moving[1] - moving[2] < CLEAR_SHARE:
+            return f"{equal}."
+        return f"{equal}, so the difference on moving things comes from timing alone."
+
+    def __init__(self, context: Context) -> None:
+        super().__init__(context)
         self._matcher = lru_cache(maxsize=1)(self._make_matcher)
         self._kept_still: tuple[Array, tuple[Array, Array]] | None = None
 
-    def prepare(self, middle: int, progress: Progress) -> None:
+    def prepare(self) -> None:
         """Choose the pair.
 
         Raises:
             ValueError: no two cameras suit, or one of them has no calibration.
         """
-        self.use_pair(self.rig.choose_stereo_pair(self.asked, middle))
+        self.use_pair(self.rig.choose_stereo_pair(self.asked, self.context.middle))
 
-    def compare(self, condition: Condition, progress: Progress, folder: Path | None = None) -> StudyResult:
-        """As `Study.compare`."""
+    def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[None]:
+        """As `ConditionStudy.compare`."""
         pairs, offsets_ms = self.instant_pairs(condition)
-        return self.compare_instants(pairs, offsets_ms, progress, folder=folder)
+        return self.compare_instants(pairs, offsets_ms, folder=folder)
 
     def compare_instants(
         self,
         pairs: Sequence[tuple[int, int]],
         offsets_ms: dict[str, float],
-        progress: Progress,
         *,
         range_instants: Sequence[int] = (),
         folder: Path | None = None,
-    ) -> StudyResult:
-        """Compare depth at `pairs` of instants: the first camera's, and the second's in the other condition.
-
-        The range of disparities is that of `range_instants`, or of the pairs' own.
-
-        Raises:
-            ValueError: the two views overlap too little.
-        """
+    ) -> StudyResult[None]:
+        """As `PairStudy.compare_instants`."""
         rig, (reference, other) = self.rig, self.cameras
         views = rig.views[reference], rig.views[other]
-        progress.step(f"depth range of {reference} and {other}")
+        self.progress.step(f"depth range of {reference} and {other}")
         nows = tuple(range_instants) or tuple(now for now, _ in pairs)
         key = (reference, other, nows, repr(views))
         try:
@@ -175,7 +323,7 @@ class StereoStudy(PairStudy):
         matcher = self._matcher(self.cameras, disparities)
         maps = []
         for now, later in pairs:
-            progress.step(f"stereo {reference}-{other}, instant {now}")
+            self.progress.step(f"stereo {reference}-{other}, instant {now}")
             shown = {"synced": now, "offset": later}
             maps.append({side: self._depth(matcher, disparities, now, k) for side, k in shown.items()})
         instants = self._instants(pairs, maps, matcher)

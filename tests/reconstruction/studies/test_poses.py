@@ -3,20 +3,21 @@
 import sys
 from collections.abc import Mapping
 from pathlib import Path
+from typing import Any
 
 import cv2
 import numpy as np
 import pytest
 
 from capture_app.common.errors import NotAvailableError
-from capture_app.console.terminal import Progress
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.rig import Rig
 from reconstruction.common.geometry import View
-from reconstruction.compare.pose_study import Pose, PoseFinder, PoseStudy, relative_pose_errors
+from reconstruction.compare.study import Context
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition
 from reconstruction.session.dataset import Dataset
+from reconstruction.studies.poses import Pose, PoseFinder, PoseStudy, relative_pose_errors
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
 
 PINWHEEL = Path(__file__).resolve().parents[3] / "sample_sessions" / "pinwheel"
@@ -61,24 +62,27 @@ class Fake(PoseFinder):
         return {c: pose if together else turned(pose, 10 * shown[c]) for c, pose in found.items()}
 
 
-def study(
-    session: Session, folder: Path, max_instants: int = 5, finder: type[PoseFinder] = PoseFinder
-) -> PoseStudy:
+class FakePoses(PoseStudy):
+    """The study with these poses."""
+
+    finder = Fake
+
+
+def study(session: Session, folder: Path, kind: type[PoseStudy] = PoseStudy) -> PoseStudy:
     dataset = Dataset(session)
     rig = Rig(dataset, folder, 2)
     rig.calibrate()
-    return PoseStudy(rig, "asked for", max_instants, finder)
+    return kind(Context(rig=rig))
 
 
-def compared(poses: PoseStudy, condition: Condition) -> StudyResult:
-    quiet = Progress(0, silent=True)
-    poses.prepare(0, quiet)
-    return poses.compare(condition, quiet)
+def compared(poses: PoseStudy, condition: Condition) -> StudyResult[Any]:
+    poses.prepare()
+    return poses.compare(condition)
 
 
 def test_harm_is_told_in_cameras_pairs_and_degrees(boards: Session, tmp_path: Path) -> None:
-    found = compared(study(boards, tmp_path, finder=Fake), Condition.parse("left=0,right=33,aside=66"))
-    assert found.facts["degraded"]
+    found = compared(study(boards, tmp_path, kind=FakePoses), Condition.parse("left=0,right=33,aside=66"))
+    assert found.facts.degraded
     assert found.first_known("registered") == ("registered", 3, 2)
     assert found.first_known("correct_pairs") == ("correct_pairs", 1, 0)
     assert found.value("rotation_deg", "offset") == pytest.approx(10, abs=0.1)
@@ -87,10 +91,10 @@ def test_harm_is_told_in_cameras_pairs_and_degrees(boards: Session, tmp_path: Pa
     assert right.difference is not None
     assert right.difference.high == -1
     assert found.offsets_ms == {"left": 0, "right": 33, "aside": 66}
-    together = compared(study(boards, tmp_path, finder=Fake), Condition(SYNCED))
-    assert not together.facts["degraded"]
+    together = compared(study(boards, tmp_path, kind=FakePoses), Condition(SYNCED))
+    assert not together.facts.degraded
     with pytest.raises(ValueError, match="equally late"):
-        compared(study(boards, tmp_path, finder=Fake), Condition.parse("7,7,7"))
+        compared(study(boards, tmp_path, kind=FakePoses), Condition.parse("7,7,7"))
 
 
 def test_two_cameras_and_no_colmap_are_said(
@@ -106,13 +110,13 @@ def test_two_cameras_and_no_colmap_are_said(
 
 @pytest.mark.slow
 def test_a_pinwheel_places_its_cameras_only_when_synchronized(tmp_path: Path) -> None:
-    found = compared(study(Session.open(PINWHEEL), tmp_path, max_instants=1), Condition(DISTINCT))
+    found = compared(study(Session.open(PINWHEEL), tmp_path), Condition(DISTINCT))
     assert found.value("registered") == 5
     assert found.value("correct_pairs") == 1
     turned_by = found.value("rotation_deg")
     assert turned_by is not None
     assert turned_by < 0.5
-    assert found.facts["degraded"]
+    assert found.facts.degraded
     assert found.value("correct_pairs", "offset") == 0
     turned_by = found.value("rotation_deg", "offset")
     assert turned_by is None or turned_by > 10

@@ -1,55 +1,28 @@
-"""One moment from camera to camera: order, stabilized views and animation; and the burst as a grid."""
+"""Bullet time: one moment from camera to camera, by stabilized views, as pictures and as an animation."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 
 from capture_app.session.reading.sheet_pictures import encode_animation
 from reconstruction.common.drawing import EMPTY, fit_canvas
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.image_files import save_picture
+from reconstruction.compare.study import TIMING, Study
 from reconstruction.report import wording
-from reconstruction.scores.comparison_results import BulletTime, BurstGrid
+from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.timing import RigTiming, Timing, are_together
 from reconstruction.session.conditions import evenly_spread
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SceneMotion
 
 MAX_CAMERAS = 20
-MAX_INSTANTS = 8
-WIDTH_PX = 160
-
-
-def render_burst_grid(dataset: Dataset, out: Path) -> BurstGrid:
-    """Write the thumbnails into out/pictures; of a long burst, instants spread evenly over it."""
-    count = len(dataset.instants_ns)
-    instants = evenly_spread(range(count), MAX_INSTANTS)
-    cameras = dataset.cameras[:MAX_CAMERAS]
-    rows = []
-    for camera in cameras:
-        row = []
-        for instant in instants:
-            if not dataset.has_image(camera, instant):
-                row.append("")
-                continue
-            image = dataset.image(camera, instant)
-            scale = WIDTH_PX / image.shape[1]
-            small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
-            row.append(save_picture(out, f"burst_{camera}_{instant:06d}.jpg", np.asarray(small)))
-        rows.append(tuple(row))
-    first = dataset.instants_ns[0]
-    return BurstGrid(
-        cameras=tuple(cameras),
-        instants=tuple(instants),
-        times_ms=tuple((dataset.instants_ns[k] - first) / 1e6 for k in instants),
-        thumbnails=tuple(rows),
-    )
-
-
 PANEL_PX, MANY = 400, 8
 """Longest side of each half; of more pictures than that, two thirds."""
 STRIP_PX = 34
@@ -58,6 +31,92 @@ STEP_MS, REST_MS = 160, 480
 PAPER, INK = (26, 22, 20), (226, 231, 233)
 TONES = ((255, 179, 109), (87, 156, 255))
 """BGR of the marks of the first and the second sequence, those of the report in the dark."""
+MAX_MISS_SHARE = 0.12
+"""How far the point may be from where a camera saw it, as a share of the picture's width."""
+ZOOMS = np.geomspace(0.6, 1.7, 50)
+"""Tried in turn until every picture is filled; beyond, too little of the pictures would be left."""
+LATE_MS = (0.0, 66.0, -33.0, 33.0, -66.0)
+"""How late the cameras of the other condition are, in the sweep's order; neighbours are far apart in time."""
+LONG_SIDE_PX = 512
+SMALLER_PX, MANY_CAMERAS = 384, 8
+"""With more cameras than that their pictures are made smaller, so that a report stays a few megabytes."""
+QUALITY = 82
+MAX_CANDIDATES = 6
+"""Instants among which the one with the most motion is taken."""
+MIN_MOVING_PX = 40
+"""With fewer moving pixels in a picture the subject's place is unknown."""
+SECTION = """
+{% set sweep = view.found.facts %}
+{% macro reel(tone, title, paths, times) %}
+<div class="side {{ tone }}"><span class="tag">{{ title }}<span class="now"></span></span>
+<div class="reel">
+{%- for camera in sweep.cameras %}
+{% set picture = image(paths[loop.index0]) %}
+{% set time = times[loop.index0] if times else "" %}
+{% set words = camera + ", " + time if time else camera %}
+<span class="frame" data-camera="{{ camera }}" data-time="{{ time }}">
+<img alt="{{ words }}" width="{{ picture.width }}" height="{{ picture.height }}"
+ src="{{ picture.address }}"><small>{{ words }}</small></span>
+{%- endfor -%}
+</div></div>
+{% endmacro %}
+<section aria-labelledby="{{ section.anchor }}">
+<h2 id="{{ section.anchor }}">{{ section.title }}</h2>
+<p>Time stands still while the view goes from camera to camera,
+{{ "in the order of their positions" if sweep.ordered_by_position else "by name" }}: the effect called bullet
+time. It takes cameras that fire together{{ "; these did not, so what moves jumps" if view.sides.apart }}.
+Beside it, each camera is late or early by a different time, as without synchronization (its picture is from
+another instant of the burst): what stands still looks the same, what moves jumps.</p>
+<figure class="sweep" aria-label="{{ section.title }}">
+<div class="reels">
+{{ reel("synced", view.sides.first, sweep.synced, ()) }}
+{{ reel("offset", "Unsynchronized", sweep.offset, sweep.offsets_ms|map("timeliness")|list) }}
+</div>
+<div class="controls">
+<button type="button" class="play">Play</button>
+<button type="button" class="step" data-step="-1" aria-label="Previous camera">◂</button>
+<input class="at" type="range" min="0" max="{{ sweep.cameras|length - 1 }}" step="1" value="0"
+ aria-label="Camera">
+<button type="button" class="step" data-step="1" aria-label="Next camera">▸</button>
+<span class="where" aria-hidden="true"></span>
+</div>
+{% set before, after = sweep.synced_step_px, sweep.offset_step_px %}
+<figcaption>Instant {{ sweep.instant }}.
+{% if sweep.stabilized %}
+Each picture is turned and zoomed as a whole so that what moves stays in its place; no pixel is invented.
+{% else %}
+The pictures are as the cameras took them.
+{% endif %}
+{% if before is not none and after is not none and after >= 1.5 * before %}
+The largest moving thing shifts by at most {{ before|quantity("px") }} from one picture to the next; without
+synchronization, {{ after|quantity("px") }}.
+{% endif %}
+As a file to share: <code>{{ sweep.file }}</code>.</figcaption>
+</figure>
+</section>
+"""
+
+
+class BulletTime(msgspec.Struct, frozen=True, kw_only=True):
+    """One instant from camera to camera, synchronized and with cameras late: paths of pictures by camera."""
+
+    cameras: tuple[str, ...]
+    """In the order of the sweep."""
+    instant: int
+    synced: tuple[str, ...]
+    offset: tuple[str, ...]
+    offsets_ms: tuple[float, ...]
+    """How late each camera's offset picture is."""
+    stabilized: bool
+    """The pictures are turned and zoomed so that what moves stays where it is."""
+    ordered_by_position: bool
+    """The order is that of the cameras' places, not of their names."""
+    file: str
+    """An animation of both side by side."""
+    synced_step_px: float | None = None
+    """How far the largest thing that moves goes from one picture to the next at most, px of the pictures;
+    None where they are not stabilized."""
+    offset_step_px: float | None = None
 
 
 def save_animation(
@@ -96,12 +155,6 @@ def _panel(picture: Array, title: str, tone: tuple[int, int, int], side: int) ->
     cv2.circle(strip, (middle, middle), 6, tone, cv2.FILLED, cv2.LINE_AA)
     cv2.putText(strip, title, (middle + 15, middle + 6), INK, cv2.FontFace("sans"), 16, 500)
     return np.vstack([strip, small])
-
-
-MAX_MISS_SHARE = 0.12
-"""How far the point may be from where a camera saw it, as a share of the picture's width."""
-ZOOMS = np.geomspace(0.6, 1.7, 50)
-"""Tried in turn until every picture is filled; beyond, too little of the pictures would be left."""
 
 
 def triangulate_subject(views: Mapping[str, View], seen: Mapping[str, Array]) -> tuple[Array, float] | None:
@@ -261,16 +314,42 @@ def _path_length(path: Sequence[int], distance: Array) -> float:
     return float(sum(distance[a, b] for a, b in pairwise(path)))
 
 
-LATE_MS = (0.0, 66.0, -33.0, 33.0, -66.0)
-"""How late the cameras of the other condition are, in the sweep's order; neighbours are far apart in time."""
-LONG_SIDE_PX = 512
-SMALLER_PX, MANY_CAMERAS = 384, 8
-"""With more cameras than that their pictures are made smaller, so that a report stays a few megabytes."""
-QUALITY = 82
-MAX_CANDIDATES = 6
-"""Instants among which the one with the most motion is taken."""
-MIN_MOVING_PX = 40
-"""With fewer moving pixels in a picture the subject's place is unknown."""
+class BulletTimeStudy(Study):
+    """One instant from camera to camera, beside cameras that are late."""
+
+    name = "bullet_time"
+    subject = "bullet time"
+    place = 60
+    needs = (TIMING,)
+    section = SECTION
+    title = "From camera to camera"
+    section_place = 20
+
+    @classmethod
+    def files(cls, found: StudyResult[BulletTime]) -> dict[str, Sequence[str]]:
+        """As `StudyReport.files`."""
+        sweep = found.facts
+        if sweep is None:
+            return {}
+        return {
+            "from camera to camera, to share": [sweep.file],
+            "from camera to camera, picture by picture": [*sweep.synced, *sweep.offset],
+        }
+
+    def measure(self) -> StudyResult[Any]:
+        """As `Study.measure`."""
+        assert self.context.folder is not None
+        sweep = render_camera_sweep(
+            self.dataset,
+            self.motion,
+            self.rig.views,
+            self.context.folder,
+            timing=self.known.timing,
+            rig_timing=self.known.rig_timing,
+        )
+        if sweep is None:
+            return self.skipped("no instant has images of two cameras at two times", unasked=True)
+        return StudyResult(name=self.name, cameras=sweep.cameras, instants=1, facts=sweep)
 
 
 def render_camera_sweep(

@@ -1,0 +1,104 @@
+"""The burst as a grid of small pictures: a row for each camera, a column for each instant."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import Any
+
+import cv2
+import msgspec
+import numpy as np
+
+from reconstruction.common.image_files import save_picture
+from reconstruction.compare.study import Study
+from reconstruction.scores.study_result import StudyResult
+from reconstruction.session.conditions import evenly_spread
+from reconstruction.session.dataset import Dataset
+
+MAX_CAMERAS, MAX_INSTANTS = 20, 8
+WIDTH_PX = 160
+SECTION = """
+{% set burst = view.found.facts %}
+<section aria-labelledby="{{ section.anchor }}">
+<h2 id="{{ section.anchor }}">{{ section.title }}</h2>
+<p>Each row is a camera, each column an instant. The pictures of one column were recorded as one instant; an
+offset takes one camera's picture from another column.</p>
+<div class="wide" role="region" aria-label="Pictures of the burst">
+<table class="burst">
+<tr><td></td>{% for ms in burst.times_ms %}<th scope="col">{{ ms|round|milliseconds }}</th>{% endfor %}</tr>
+{% for camera in burst.cameras %}
+<tr><th scope="row">{{ camera }}</th>
+{% for path in burst.thumbnails[loop.index0] %}
+{% if path %}
+{% set picture = image(path) %}
+{% set label = camera + ", instant " + burst.instants[loop.index0]|string %}
+<td><img alt="{{ label }}" title="{{ label }}" width="{{ picture.width }}" height="{{ picture.height }}"
+ src="{{ picture.address }}"></td>
+{% else %}
+<td>none</td>
+{% endif %}
+{% endfor %}
+</tr>
+{% endfor %}
+</table></div>
+</section>
+"""
+
+
+class BurstGrid(msgspec.Struct, frozen=True, kw_only=True):
+    """Small pictures of the burst: a row for each camera, a column for each instant; "" = no image."""
+
+    cameras: tuple[str, ...]
+    instants: tuple[int, ...]
+    times_ms: tuple[float, ...]
+    """Since the burst's first instant."""
+    thumbnails: tuple[tuple[str, ...], ...]
+
+
+class BurstStudy(Study):
+    """Small pictures of the burst, which show where late images come from."""
+
+    name = "burst"
+    subject = "pictures of the burst"
+    place = 70
+    section = SECTION
+    title = "The burst"
+    section_place = 30
+
+    @classmethod
+    def files(cls, found: StudyResult[BurstGrid]) -> dict[str, Sequence[str]]:
+        """As `StudyReport.files`."""
+        rows = found.facts.thumbnails if found.facts is not None else ()
+        return {"the burst": [path for row in rows for path in row if path]}
+
+    def measure(self) -> StudyResult[Any]:
+        """As `Study.measure`."""
+        assert self.context.folder is not None
+        grid = _render(self.dataset, self.context.folder)
+        cameras, instants = grid.cameras, len(grid.instants)
+        return StudyResult(name=self.name, cameras=cameras, instants=instants, facts=grid)
+
+
+def _render(dataset: Dataset, out: Path) -> BurstGrid:
+    """Write the thumbnails into out/pictures; of a long burst, instants spread evenly over it."""
+    count = len(dataset.instants_ns)
+    instants = evenly_spread(range(count), MAX_INSTANTS)
+    cameras = dataset.cameras[:MAX_CAMERAS]
+    rows = []
+    for camera in cameras:
+        row = []
+        for instant in instants:
+            if not dataset.has_image(camera, instant):
+                row.append("")
+                continue
+            image = dataset.image(camera, instant)
+            scale = WIDTH_PX / image.shape[1]
+            small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
+            row.append(save_picture(out, f"burst_{camera}_{instant:06d}.jpg", np.asarray(small)))
+        rows.append(tuple(row))
+    first = dataset.instants_ns[0]
+    return BurstGrid(
+        cameras=tuple(cameras),
+        instants=tuple(instants),
+        times_ms=tuple((dataset.instants_ns[k] - first) / 1e6 for k in instants),
+        thumbnails=tuple(rows),
+    )

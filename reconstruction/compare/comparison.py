@@ -17,7 +17,7 @@ from reconstruction.calibration.rig import Rig
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
-from reconstruction.compare.study import TIMING, Context, Known, PairStudy, Study
+from reconstruction.compare.study import TIMING, ConditionStudy, Context, Known, PairStudy, Study
 from reconstruction.compare.timing_study import TimingStudy
 from reconstruction.compare.tolerance import measure_curve, whole_frame_offsets
 from reconstruction.report.comparison_report import report_words, write_report
@@ -105,7 +105,7 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
             folder=output.folder,
             progress=Progress(CORE_STEPS),
         )
-        studies = {kind.name: kind(context) for kind in installed_studies()}
+        studies = {kind.text.name: kind(context) for kind in installed_studies()}
         asked = _chosen(studies, options.studies)
         for study in asked.values():
             study.check()
@@ -243,12 +243,12 @@ def _further_conditions(
     context: Context, studies: Sequence[Study], conditions: Sequence[Condition], against: Dataset | None
 ) -> tuple[ConditionResult, ...]:
     """The conditions asked for, and another session, beside every study's own."""
-    made = [study for study in studies if not study.found.skipped]
+    made = [one for one in studies if isinstance(one, ConditionStudy) and not one.found.skipped]
     found = []
     for condition in conditions:
         context.progress.step(f"condition {condition.name}")
         late_ms = fixed_offsets_ms(condition, context.rig.dataset)
-        compared = tuple(one for study in made if (one := study.compare_condition(condition)) is not None)
+        compared = tuple(study.compare_condition(condition) for study in made)
         found.append(ConditionResult(name=condition.name, offsets_ms=late_ms, studies=compared))
     if against is not None:
         context.progress.step(f"session {against.name}")
@@ -256,7 +256,7 @@ def _further_conditions(
         rig = Rig(against, context.rig.stages.folder, context.offset.step if context.offset else 1)
         if calibration := against.calibration() or context.rig.calibration:
             rig.use_calibration(calibration)
-        compared = tuple(one for study in made if (one := study.compare_session(rig)) is not None)
+        compared = tuple(study.compare_session(rig) for study in made)
         session = str(against.session.folder)
         found.append(ConditionResult(name=against.name, session=session, studies=compared))
     return tuple(found)

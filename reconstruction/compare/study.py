@@ -90,7 +90,7 @@ class Study(StudyReport, ABC):
         names = {one.name for one in msgspec.structs.fields(self.Options)}
         self.options: Any = self.Options(**{k: v for k, v in context.options.items() if k in names})
         self.known = Known()
-        self.found: StudyResult[Any] = StudyResult(name=self.name, skipped=UNASKED, unasked=True)
+        self.found: StudyResult[Any] = StudyResult(name=self.text.name, skipped=UNASKED, unasked=True)
 
     @property
     def steps(self) -> int:
@@ -125,7 +125,7 @@ class Study(StudyReport, ABC):
             return self.found
         try:
             self._check_needs()
-            with opencv_calls(self.subject):
+            with opencv_calls(self.text.subject):
                 self.found = self.measure()
         except (ValueError, ForeignError, NotAvailableError) as error:
             self.found = self.skipped(str(error))
@@ -137,19 +137,11 @@ class Study(StudyReport, ABC):
         if len(self.dataset.cameras) < self.min_cameras:
             raise ValueError(f"it takes {self.min_cameras} cameras")
         for package in self.packages:
-            require_reconstruction(package, self.subject)
+            require_reconstruction(package, self.text.subject)
 
     def skipped(self, why: str, *, unasked: bool = False) -> StudyResult[Any]:
         """Return a result without measures, for this reason."""
-        return StudyResult(name=self.name, skipped=why, unasked=unasked)
-
-    def compare_condition(self, condition: Condition) -> StudyResult[Any] | None:
-        """Compare a further condition; None if the study knows no other."""
-        return None
-
-    def compare_session(self, rig: Rig) -> StudyResult[Any] | None:
-        """Compare with another session; None if the study cannot."""
-        return None
+        return StudyResult(name=self.text.name, skipped=why, unasked=unasked)
 
 
 class ConditionStudy(Study):
@@ -191,7 +183,7 @@ class ConditionStudy(Study):
             return self.found
         self.progress = Progress(0, silent=True)
         try:
-            with opencv_calls(self.subject):
+            with opencv_calls(self.text.subject):
                 return self.compare(condition)
         except (ValueError, ForeignError) as error:
             return self.skipped(str(error))
@@ -204,7 +196,7 @@ class ConditionStudy(Study):
         theirs.known = self.known
         theirs.adopt(self)
         try:
-            with opencv_calls(self.subject):
+            with opencv_calls(self.text.subject):
                 theirs.prepare()
                 found = theirs.compare(SYNCHRONIZED)
         except (ValueError, ForeignError) as error:
@@ -225,7 +217,7 @@ class PairStudy(ConditionStudy):
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
-        self.asked: Pair | None = getattr(self.options, self.name, None)
+        self.asked: Pair | None = getattr(self.options, self.text.name, None)
         """The cameras; None = chosen from the images."""
         self.cameras: Pair = ("", "")
         self.reason = ""

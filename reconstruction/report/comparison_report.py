@@ -42,7 +42,7 @@ def write_report(result: CompareResult, out: Path) -> Path:
 def report_words(result: CompareResult) -> ReportWords:
     """The tables of the measurements and what they call the conditions, without a page around them."""
     sides = name_sides(result)
-    made = [found for study, found in reported(result) if study.measures]
+    made = [found for study, found in reported(result) if study.text.measures]
     tables = [study_table(found, name_sides(result, found.cameras)) for found in made]
     return ReportWords(
         synced=sides.first,
@@ -62,20 +62,21 @@ def report_words(result: CompareResult) -> ReportWords:
 
 def _view(result: CompareResult, found: StudyResult[Any], out: Path) -> dict[str, Any]:
     """What a page shows of a study; without tables where it was skipped."""
-    text, sides, made = study_reports()[found.name], name_sides(result, found.cameras), not found.skipped
+    study, sides, made = study_reports()[found.name], name_sides(result, found.cameras), not found.skipped
+    text, placeholders = study.text, study.placeholders(found) if made else {}
     many = "all cameras" if len(found.cameras) > 2 else f"cameras {' and '.join(found.cameras)}"
     view = {
         "found": found,
         "text": text,
         "sides": sides,
         "delays": describe_delays(found) if made and text.measures else "",
-        "engine": text.engine(found) if made else "",
-        "details": text.details(found) if made else "",
-        "files": text.files(found) if made else {},
+        "engine": text.engine.format(**placeholders) if made else "",
+        "details": text.details.format(**placeholders) if made else "",
+        "files": study.files(found) if made else {},
         "table": study_table(found, sides) if made else None,
         "instants": instants_table(f"Moving things, {many}", found, sides) if made else None,
     }
-    return view | (text.view(found, dict(sides.words), out) if made and text.section else {})
+    return view | (study.view(found, dict(sides.words), out) if made and text.section else {})
 
 
 def _page(result: CompareResult, out: Path) -> str:
@@ -87,9 +88,8 @@ def _page(result: CompareResult, out: Path) -> str:
     two_claims, claims_note = claims(result)
     pictures = _pictures(views)
     hero = next((shown for shown in pictures if shown[0].key == shown[1]["text"].hero), None)
-    with_why = [study for study, _ in made if study.why] + [
-        one for one in study_reports().values() if one.why
-    ]
+    texts = [study.text for study in (*(one for one, _ in made), *study_reports().values())]
+    reason = next((text for text in texts if text.why), None)
     view = {
         "title": f"{name}: {sides.first.lower()} against {sides.late}",
         "kicker": f"{sides.first} against offset",
@@ -103,14 +103,14 @@ def _page(result: CompareResult, out: Path) -> str:
         "origin": f"{size}; {words}" if word else "",
         "exactness": describe_exactness(result),
         "hero": hero,
-        "why": as_template(with_why[0].why if with_why else ""),
-        "diagram": with_why[0].diagram if with_why else "",
+        "why": as_template(reason.why if reason else ""),
+        "diagram": reason.diagram if reason else "",
         "views": views,
-        "scripts": list(dict.fromkeys(script for study, _ in made for script in study.scripts)),
+        "scripts": list(dict.fromkeys(script for study, _ in made for script in study.text.scripts)),
         "pictures": [shown for shown in pictures if shown is not hero],
         "image": lambda path, panels=1: embed_image(out / path, panels),
         "tolerance": tolerance_view(result.tolerance) if result.tolerance else None,
-        "pairs": any(study.measures and len(found.cameras) == 2 for study, found in made),
+        "pairs": any(study.text.measures and len(found.cameras) == 2 for study, found in made),
         "control": next(filter(None, (study.control_sentence(result, found) for study, found in made)), ""),
         "synchronization": describe_synchronization(result),
         "timing_table": timing_table(result.rig_timing) if result.rig_timing is not None else None,
@@ -140,9 +140,9 @@ def _sections(result: CompareResult, views: Mapping[str, dict[str, Any]], pictur
     found[80] = [Section("measures.html", "measures", "The measurements")]
     found[90] = [Section("provenance.html", "provenance", "How it was made")]
     for study, _ in reported(result):
-        if study.section:
-            one = Section(
-                as_template(study.section), study.name.replace("_", "-"), study.title, views[study.name]
-            )
-            found.setdefault(study.section_place, []).append(one)
+        text = study.text
+        if text.section:
+            anchor, template = text.name.replace("_", "-"), as_template(text.section)
+            section = Section(template, anchor, text.title, views[text.name])
+            found.setdefault(text.section_place, []).append(section)
     return [section for _, sections in sorted(found.items()) for section in sections]

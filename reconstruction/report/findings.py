@@ -175,7 +175,7 @@ def describe_delays(study: StudyResult[Any]) -> str:
         return ""
     if not study.offsets_ms:
         return f"Unsynchronized: {EACH_DELAYED} of up to 66 ms, drawn at random for each instant."
-    reference = study_reports()[study.name].reference(study)
+    reference = study_reports()[study.name].placeholders(study)["reference"]
     return f"Unsynchronized, relative to {reference}: {wording.delays(study.offsets_ms)}."
 
 
@@ -205,7 +205,7 @@ def _guess_sentence(result: CompareResult) -> str:
 def _skipped_sentence(result: CompareResult) -> str:
     """What could not be made, and why; empty where all that was asked for was."""
     skipped = [
-        f"{study_reports()[one.name].subject} ({one.skipped})"
+        f"{study_reports()[one.name].text.subject} ({one.skipped})"
         for one in result.studies
         if one.skipped and not one.unasked
     ]
@@ -220,7 +220,7 @@ def _what_was_found(result: CompareResult) -> str:
         if text is not None:
             return f"{timing_sentences(timing)} {text}".strip()
     names = {found.name for _, found in made}
-    clear = [study.verdict(result, found) for study, found in made if study.replaces not in names]
+    clear = [study.verdict(result, found) for study, found in made if study.text.replaces not in names]
     told = [text for text in clear if text]
     if not told:
         if result.moving_share < 0.0005:

@@ -55,70 +55,75 @@ CORRECT = (
 """Rows of every study of depth."""
 
 
+@dataclass(frozen=True, kw_only=True)
+class StudyText:
+    """What a study is called, where it stands on the page, and what is measured.
+
+    Its caption, engine, details and measures' explanations may contain `placeholders` in braces.
+    """
+
+    name: str
+    """The name of its plugin."""
+    subject: str
+    """What it measures, for messages: `depth from all cameras`."""
+    place: int = 100
+    """Its position among the studies."""
+    term: str = ""
+    """Its entry under "How it was made"; none if empty."""
+    caption: str = "{subject}, {cameras}"
+    """The caption of its table."""
+    measures: Sequence[MeasureText] = ()
+    control: bool = True
+    """Whether its measures are taken on moving things (`mover_`) and on the control (`static_`)."""
+    condition_columns: Sequence[tuple[str, str]] = ()
+    """Whole names of measures that the table of all conditions shows, and their column heads."""
+    instant_columns: Sequence[tuple[str, str]] = ()
+    """The same for the table of every instant."""
+    engine: str = ""
+    """The sentence that says what computed it."""
+    details: str = ""
+    """A detail of how it was made, after its cameras and instants."""
+    missing: str = ""
+    """Sentence for a study that was skipped; its reason follows."""
+    note: str = ""
+    """Text below its table."""
+    hero: str = ""
+    """Key of its picture that may open the page."""
+    why: str = ""
+    """Template: why the instant matters for it. The first study that was made and has one is shown."""
+    diagram: str = ""
+    """File of the report's templates that is drawn beside `why`."""
+    section: str = ""
+    """Template of a section of its own, which reads `view`; without one, its table is among the others."""
+    title: str = ""
+    """The section's title."""
+    section_place: int = 70
+    """Position of its section: the pictures are at 10, the tolerated delay at 40, the measurements at 80."""
+    scripts: Sequence[str] = ()
+    """Scripts among the report's templates that its section needs."""
+    replaces: str = ""
+    """Name of a study; where that was made, this one adds nothing to the verdict."""
+
+    def unit(self, measure: str) -> str:
+        """Return the unit of a measure by its whole name."""
+        return next(one.unit for one in self.measures if measure.endswith(one.key))
+
+
 class StudyReport:
     """Everything that a page, a screen and the verdict say about one study; a study overrides what it has."""
 
-    name: ClassVar[str]
-    """The name of its plugin."""
-    subject: ClassVar[str]
-    """What it measures, for messages: `depth from all cameras`."""
-    place: ClassVar[int] = 100
-    """Its position among the studies."""
-    term: ClassVar[str] = ""
-    """Its entry under "How it was made"; none if empty."""
-    caption: ClassVar[str] = "{subject}, {cameras}"
-    """The caption of its table, with `placeholders` in braces."""
-    measures: ClassVar[Sequence[MeasureText]] = ()
-    control: ClassVar[bool] = True
-    """Whether its measures are taken on moving things (`mover_`) and on the control (`static_`)."""
-    condition_columns: ClassVar[Sequence[tuple[str, str]]] = ()
-    """Whole names of measures that the table of all conditions shows, and their column heads."""
-    instant_columns: ClassVar[Sequence[tuple[str, str]]] = ()
-    """The same for the table of every instant."""
-    missing: ClassVar[str] = ""
-    """Sentence for a study that was skipped; its reason follows."""
-    note: ClassVar[str] = ""
-    """Text below its table."""
-    hero: ClassVar[str] = ""
-    """Key of its picture that may open the page."""
-    why: ClassVar[str] = ""
-    """Template: why the instant matters for it. The first study that was made and has one is shown."""
-    diagram: ClassVar[str] = ""
-    """File of the report's templates that is drawn beside `why`."""
-    section: ClassVar[str] = ""
-    """Template of a section of its own, which reads `view`; without one, its table is among the others."""
-    title: ClassVar[str] = ""
-    section_place: ClassVar[int] = 70
-    """Position of its section: the pictures are at 10, the tolerated delay at 40, the measurements at 80."""
-    scripts: ClassVar[Sequence[str]] = ()
-    """Scripts among the report's templates that its section needs."""
-    replaces: ClassVar[str] = ""
-    """Name of a study; where that was made, this one adds nothing to the verdict."""
+    text: ClassVar[StudyText]
 
     @classmethod
     def placeholders(cls, found: StudyResult[Any]) -> dict[str, str]:
         """Values for the names in braces, in its caption, measures and engine."""
         return {
-            "subject": cls.subject[0].upper() + cls.subject[1:],
+            "subject": cls.text.subject[0].upper() + cls.text.subject[1:],
             "names": " and ".join(found.cameras),
             "cameras": count(len(found.cameras), "camera"),
             "number": f"{len(found.cameras)}",
+            "reference": found.cameras[0],
         }
-
-    @classmethod
-    def engine(cls, found: StudyResult[Any]) -> str:
-        """Return the sentence that says what computed it."""
-        return ""
-
-    @classmethod
-    def details(cls, found: StudyResult[Any]) -> str:
-        """Return a detail of how it was made, after its cameras and instants."""
-        return ""
-
-    @classmethod
-    def reference(cls, found: StudyResult[Any]) -> str:
-        """Return the camera against which the others are late."""
-        return found.cameras[0]
 
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
@@ -150,17 +155,12 @@ class StudyReport:
         """Return its files beside the pictures, by what they are."""
         return {}
 
-    @classmethod
-    def unit(cls, measure: str) -> str:
-        """Return the unit of a measure by its whole name."""
-        return next(one.unit for one in cls.measures if measure.endswith(one.key))
-
 
 @cache
 def study_reports() -> Mapping[str, type[StudyReport]]:
     """Return all installed studies by name, in their order; broken plugins are reported once and left out."""
-    found = load_plugins(GROUP, "name", "subject", "engine").values()
-    return {one.name: one for one in sorted(found, key=lambda one: (one.place, one.name))}
+    found = load_plugins(GROUP, "text", "placeholders").values()
+    return {one.text.name: one for one in sorted(found, key=lambda one: (one.text.place, one.text.name))}
 
 
 def reported(result: CompareResult) -> list[tuple[type[StudyReport], StudyResult[Any]]]:

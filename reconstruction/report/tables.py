@@ -97,8 +97,8 @@ def interval_cell(found: Interval | None, unit: str, *, control: bool = False) -
 
 def study_table(study: StudyResult[Any], sides: Sides) -> Table:
     """Both conditions side by side, in each group of columns; measures without values are left out."""
-    text = study_reports()[study.name]
-    placeholders = text.placeholders(study)
+    reported = study_reports()[study.name]
+    text, placeholders = reported.text, reported.placeholders(study)
     groups = WITH_CONTROL if text.control else (("", ""),)
     rows = []
     for measure in text.measures:
@@ -131,7 +131,7 @@ def conditions_table(result: CompareResult) -> Table:
         listed.append((name, _details(one), _intervals(one.studies, "offset")))
     columns = [
         (study, measure, head)
-        for study in study_reports().values()
+        for study in (one.text for one in study_reports().values())
         for measure, head in study.condition_columns
         if any((study.name, measure) in found for *_, found in listed)
     ]
@@ -170,7 +170,7 @@ def _is_drawn(one: ConditionResult) -> bool:
 
 
 def _details(one: ConditionResult) -> str:
-    subjects = {study.name: study_reports()[study.name].subject for study in one.studies}
+    subjects = {study.name: study_reports()[study.name].text.subject for study in one.studies}
     late = [
         f"{subjects[study.name]}: {wording.lateness(study.late_ms)}"
         for study in one.studies
@@ -185,7 +185,7 @@ def _details(one: ConditionResult) -> str:
 
 def instants_table(caption: str, study: StudyResult[Any], sides: Sides) -> Table:
     """Every instant's numbers on moving things in both conditions; no rows where there are none."""
-    text, per_instant = study_reports()[study.name], study.per_instant
+    text, per_instant = study_reports()[study.name].text, study.per_instant
     columns = [
         (measure, name)
         for measure, name in text.instant_columns

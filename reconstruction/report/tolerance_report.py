@@ -11,7 +11,7 @@ from reconstruction.report.study_report import (
     EPIPOLAR,
     STILL_COVERAGE,
     WITHIN,
-    StudyReport,
+    StudyText,
     study_reports,
 )
 from reconstruction.report.tables import Cell, Column, Row, Table, interval_cell
@@ -85,9 +85,9 @@ def _what(tolerance: OffsetTolerance) -> str:
     return "the right distance is found" if tolerance.measure.endswith("2pct") else "a distance is found"
 
 
-def _study(tolerance: OffsetTolerance) -> type[StudyReport]:
+def _text(tolerance: OffsetTolerance) -> StudyText:
     """The study that measured the curve's points."""
-    return study_reports()[tolerance.points[0].name]
+    return study_reports()[tolerance.points[0].name].text
 
 
 def _share(tolerance: OffsetTolerance, point: StudyResult[DelayFacts]) -> str:
@@ -100,7 +100,7 @@ def _table(tolerance: OffsetTolerance) -> Table:
     rows = [
         Row(
             wording.milliseconds(round(point.late_ms or 0.0, 1)),
-            [interval_cell(point.interval(key, "offset"), _study(tolerance).unit(key)) for key in columns],
+            [interval_cell(point.interval(key, "offset"), _text(tolerance).unit(key)) for key in columns],
         )
         for point in tolerance.points
     ]
@@ -145,6 +145,6 @@ def write_tolerance_report(result: OffsetTolerance, out: Path) -> Path:
         "verdict": tolerance_sentence(result),
         "result": result,
         "tolerance": tolerance_view(result),
-        "engine": _study(result).engine(result.as_recorded),
+        "engine": _text(result).engine,
     }
     return write_page(render_page(view, [Section("tolerance_alone.html")]), out)

@@ -16,6 +16,7 @@ from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.image_files import save_picture
 from reconstruction.compare.study import TIMING, Study
 from reconstruction.report import wording
+from reconstruction.report.study_report import StudyText
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.timing import RigTiming, Timing, are_together
 from reconstruction.session.conditions import evenly_spread
@@ -317,13 +318,15 @@ def _path_length(path: Sequence[int], distance: Array) -> float:
 class BulletTimeStudy(Study):
     """One instant from camera to camera, beside cameras that are late."""
 
-    name = "bullet_time"
-    subject = "bullet time"
-    place = 60
+    text = StudyText(
+        name="bullet_time",
+        subject="bullet time",
+        place=60,
+        section=SECTION,
+        title="From camera to camera",
+        section_place=20,
+    )
     needs = (TIMING,)
-    section = SECTION
-    title = "From camera to camera"
-    section_place = 20
 
     @classmethod
     def files(cls, found: StudyResult[BulletTime]) -> dict[str, Sequence[str]]:
@@ -349,7 +352,7 @@ class BulletTimeStudy(Study):
         )
         if sweep is None:
             return self.skipped("no instant has images of two cameras at two times", unasked=True)
-        return StudyResult(name=self.name, cameras=sweep.cameras, instants=1, facts=sweep)
+        return StudyResult(name=self.text.name, cameras=sweep.cameras, instants=1, facts=sweep)
 
 
 def render_camera_sweep(

@@ -10,6 +10,7 @@ import numpy as np
 
 from reconstruction.common.image_files import save_picture
 from reconstruction.compare.study import Study
+from reconstruction.report.study_report import StudyText
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.session.conditions import evenly_spread
 from reconstruction.session.dataset import Dataset
@@ -57,12 +58,14 @@ class BurstGrid(msgspec.Struct, frozen=True, kw_only=True):
 class BurstStudy(Study):
     """Small pictures of the burst, which show where late images come from."""
 
-    name = "burst"
-    subject = "pictures of the burst"
-    place = 70
-    section = SECTION
-    title = "The burst"
-    section_place = 30
+    text = StudyText(
+        name="burst",
+        subject="pictures of the burst",
+        place=70,
+        section=SECTION,
+        title="The burst",
+        section_place=30,
+    )
 
     @classmethod
     def files(cls, found: StudyResult[BurstGrid]) -> dict[str, Sequence[str]]:
@@ -75,7 +78,7 @@ class BurstStudy(Study):
         assert self.context.folder is not None
         grid = _render(self.dataset, self.context.folder)
         cameras, instants = grid.cameras, len(grid.instants)
-        return StudyResult(name=self.name, cameras=cameras, instants=instants, facts=grid)
+        return StudyResult(name=self.text.name, cameras=cameras, instants=instants, facts=grid)
 
 
 def _render(dataset: Dataset, out: Path) -> BurstGrid:

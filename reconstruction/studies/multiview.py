@@ -27,7 +27,7 @@ from reconstruction.multiview.undistorted_session import UndistortedSession
 from reconstruction.report import wording
 from reconstruction.report.embedding import view_clouds
 from reconstruction.report.findings import EACH_DELAYED, depth_sentence
-from reconstruction.report.study_report import CORRECT, COVERAGE, POINTS, WITHIN, MeasureText
+from reconstruction.report.study_report import CORRECT, COVERAGE, POINTS, WITHIN, MeasureText, StudyText
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import InstantClouds, Picture, StudyResult
 from reconstruction.scores.tally import Tally
@@ -209,85 +209,80 @@ class MultiviewFacts(msgspec.Struct, frozen=True, kw_only=True):
 class MultiviewStudy(ConditionStudy):
     """Depth from all cameras in any condition; what is fixed for all comes from synchronized pictures."""
 
-    name = "multiview"
-    subject = "depth from all cameras"
-    place = 10
+    text = StudyText(
+        name="multiview",
+        subject="depth from all cameras",
+        place=10,
+        replaces="stereo",
+        term="All cameras",
+        caption="Depth from {cameras}, as {reference} sees it",
+        measures=(
+            *CORRECT,
+            MeasureText(
+                "coverage",
+                COVERAGE,
+                "Share for which at least three cameras agree on a distance. More is better.",
+            ),
+            MeasureText(
+                "consistency",
+                "Confirmed by other cameras",
+                "Share whose distance two other cameras find independently, before other checks. "
+                "More is better.",
+            ),
+            MeasureText(
+                "photometric_error",
+                "Brightness mismatch",
+                "The other pictures are laid over this one by the distances found; this is how far the "
+                "brightness differs, of 255. Less is better.",
+                wording.PLAIN,
+            ),
+            MeasureText(
+                "points",
+                POINTS,
+                "In the cloud fused from all cameras, the median over the instants.",
+                wording.COUNT,
+            ),
+            MeasureText(
+                "f_score",
+                "Reconstructed surface",
+                "How well the cloud and the true surface agree{near} (F-score): 100 % is the whole surface "
+                "and nothing else. More is better.",
+            ),
+            MeasureText("precision", "Correct points", "Share of the points on a true surface{near}."),
+            MeasureText("recall", "Surface covered", "Share of the true surface with a point{near}."),
+        ),
+        condition_columns=(
+            ("mover_within_2pct", f"All cameras: {WITHIN.lower()}"),
+            ("mover_coverage", f"All cameras: {COVERAGE.lower()}"),
+        ),
+        instant_columns=(
+            ("mover_within_2pct", WITHIN),
+            ("mover_coverage", COVERAGE),
+            ("mover_points", POINTS),
+        ),
+        section=SECTION,
+        title="With all cameras at once",
+        section_place=50,
+        scripts=("cloud.js",),
+        engine="Distances are found by {matcher}.",
+        details="pictures {width} px wide",
+    )
     Options = MultiviewOptions
-    replaces = "stereo"
-    term = "All cameras"
-    caption = "Depth from {cameras}, as {reference} sees it"
-    measures = (
-        *CORRECT,
-        MeasureText(
-            "coverage",
-            COVERAGE,
-            "Share for which at least three cameras agree on a distance. More is better.",
-        ),
-        MeasureText(
-            "consistency",
-            "Confirmed by other cameras",
-            "Share whose distance two other cameras find independently, before other checks. More is better.",
-        ),
-        MeasureText(
-            "photometric_error",
-            "Brightness mismatch",
-            "The other pictures are laid over this one by the distances found; this is how far the "
-            "brightness differs, of 255. Less is better.",
-            wording.PLAIN,
-        ),
-        MeasureText(
-            "points",
-            POINTS,
-            "In the cloud fused from all cameras, the median over the instants.",
-            wording.COUNT,
-        ),
-        MeasureText(
-            "f_score",
-            "Reconstructed surface",
-            "How well the cloud and the true surface agree{near} (F-score): 100 % is the whole surface "
-            "and nothing else. More is better.",
-        ),
-        MeasureText("precision", "Correct points", "Share of the points on a true surface{near}."),
-        MeasureText("recall", "Surface covered", "Share of the true surface with a point{near}."),
-    )
-    condition_columns = (
-        ("mover_within_2pct", f"All cameras: {WITHIN.lower()}"),
-        ("mover_coverage", f"All cameras: {COVERAGE.lower()}"),
-    )
-    instant_columns = (
-        ("mover_within_2pct", WITHIN),
-        ("mover_coverage", COVERAGE),
-        ("mover_points", POINTS),
-    )
-    section = SECTION
-    title = "With all cameras at once"
-    section_place = 50
-    scripts = ("cloud.js",)
 
     @classmethod
     def placeholders(cls, found: StudyResult[MultiviewFacts]) -> dict[str, str]:
         """As `StudyReport.placeholders`."""
-        facts, near = found.facts, ""
-        if facts is not None and facts.tolerance_m is not None:
-            near = f" to within {100 * facts.tolerance_m:.3g}{wording.GAP}cm"
-        return super().placeholders(found) | {"reference": cls.reference(found), "near": near}
-
-    @classmethod
-    def engine(cls, found: StudyResult[MultiviewFacts]) -> str:
-        """As `StudyReport.engine`."""
-        patchmatch = found.facts is not None and found.facts.matcher == "patchmatch"
-        matcher = "COLMAP's PatchMatch on a GPU" if patchmatch else "our own plane sweep, not by COLMAP"
-        return f"Distances are found by {matcher}."
-
-    @classmethod
-    def details(cls, found: StudyResult[MultiviewFacts]) -> str:
-        """As `StudyReport.details`."""
-        return f"pictures {found.facts.width_px} px wide" if found.facts is not None else ""
-
-    @classmethod
-    def reference(cls, found: StudyResult[MultiviewFacts]) -> str:
-        """As `StudyReport.reference`."""
-        return found.facts.reference if found.facts is not None else ""
+        facts = found.facts
+        if facts is None:
+            return super().placeholders(found)
+        tolerance_m, patchmatch = facts.tolerance_m, facts.matcher == Matcher.PATCHMATCH
+        near = "" if tolerance_m is None else f" to within {100 * tolerance_m:.3g}{wording.GAP}cm"
+        return super().placeholders(found) | {
+            "reference": facts.reference,
+            "near": near,
+            "matcher": "COLMAP's PatchMatch on a GPU" if patchmatch else "our own plane sweep, not by COLMAP",
+            "width": f"{facts.width_px}",
+        }
 
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[MultiviewFacts]) -> str:
@@ -383,7 +378,7 @@ class MultiviewStudy(ConditionStudy):
         pictures, clouds = self._show(instants, found, scorer, folder) if folder else ((), None)
         group = self.group
         return StudyResult(
-            name=self.name,
+            name=self.text.name,
             cameras=group.cameras,
             instants=tally.instants,
             offsets_ms=relative_offsets_ms(condition, self.dataset, group.reference, group.cameras),

@@ -15,7 +15,7 @@ from reconstruction.panorama.overlap import Overlap, known, measure_misfit, over
 from reconstruction.panorama.stitcher import PanoramaStitcher
 from reconstruction.report import wording
 from reconstruction.report.findings import CLEAR_SHARE, late_text, percent
-from reconstruction.report.study_report import Claim, MeasureText
+from reconstruction.report.study_report import Claim, MeasureText, StudyText
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import Picture, StudyResult
 from reconstruction.scores.tally import SIDES, Measurements, Tally
@@ -62,41 +62,41 @@ class PanoramaOptions(msgspec.Struct, frozen=True, kw_only=True):
 class PanoramaStudy(PairStudy):
     """A panorama of two cameras, synchronized and offset, registered once on what stands still."""
 
-    name = "panorama"
-    subject = "panorama"
-    place = 40
+    text = StudyText(
+        name="panorama",
+        subject="panorama",
+        place=40,
+        term="Panorama",
+        caption="Panorama of cameras {names}",
+        measures=(
+            MeasureText(
+                "misfit_px",
+                "Misfit",
+                "How far apart the two pictures show the same point, without a seam; the median. "
+                "Less is better.",
+                wording.PIXELS,
+            ),
+            MeasureText(
+                "found",
+                "Found again",
+                "Share of the points with structure that the other picture shows within reach. "
+                "More is better.",
+            ),
+            MeasureText(
+                "points", "Points measured", "How many points of an instant were found again.", wording.COUNT
+            ),
+            MeasureText(
+                "overlap_mad", "Brightness difference", "On average, of 255. Less is better.", wording.PLAIN
+            ),
+        ),
+        condition_columns=(("mover_misfit_px", "Panorama: misfit of moving things"),),
+        missing="No panorama was made",
+        hero="panorama",
+        why=WHY,
+        engine="The panorama is put together by OpenCV.",
+    )
     Options = PanoramaOptions
     needs_calibration = False
-    term = "Panorama"
-    caption = "Panorama of cameras {names}"
-    measures = (
-        MeasureText(
-            "misfit_px",
-            "Misfit",
-            "How far apart the two pictures show the same point, without a seam; the median. Less is better.",
-            wording.PIXELS,
-        ),
-        MeasureText(
-            "found",
-            "Found again",
-            "Share of the points with structure that the other picture shows within reach. More is better.",
-        ),
-        MeasureText(
-            "points", "Points measured", "How many points of an instant were found again.", wording.COUNT
-        ),
-        MeasureText(
-            "overlap_mad", "Brightness difference", "On average, of 255. Less is better.", wording.PLAIN
-        ),
-    )
-    condition_columns = (("mover_misfit_px", "Panorama: misfit of moving things"),)
-    missing = "No panorama was made"
-    hero = "panorama"
-    why = WHY
-
-    @classmethod
-    def engine(cls, found: StudyResult[Any]) -> str:
-        """As `StudyReport.engine`."""
-        return "The panorama is put together by OpenCV."
 
     @classmethod
     def claim(cls, found: StudyResult[Any]) -> Claim | None:
@@ -169,7 +169,7 @@ class PanoramaStudy(PairStudy):
             moving.append(measured["synced"].shares["mover_found"][1])
             tally.add(measured, {"instant": now, "offset_instant": later})
         return StudyResult(
-            name=self.name,
+            name=self.text.name,
             cameras=self.cameras,
             instants=tally.instants,
             offsets_ms=offsets_ms,

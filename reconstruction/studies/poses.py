@@ -18,7 +18,7 @@ from reconstruction.compare.study import UNASKED, ConditionStudy, Context
 from reconstruction.report import wording
 from reconstruction.report.charts import Axes
 from reconstruction.report.findings import EACH_DELAYED, percent
-from reconstruction.report.study_report import MeasureText
+from reconstruction.report.study_report import MeasureText, StudyText
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.tally import Measurements, Tally
@@ -234,43 +234,46 @@ def pose_chart(poses: StudyResult[PoseFacts], heads: Mapping[str, str]) -> dict[
 class PoseStudy(ConditionStudy):
     """Camera poses of single instants, compared with the calibration."""
 
-    name = "poses"
-    subject = "poses"
-    place = 50
+    text = StudyText(
+        name="poses",
+        subject="poses",
+        place=50,
+        term="Poses by instant",
+        caption="Poses of {cameras}, each instant by itself",
+        measures=(
+            MeasureText(
+                "registered",
+                "Cameras placed",
+                "Of {number}, the median over the instants. More is better.",
+                wording.PLAIN,
+            ),
+            MeasureText(
+                "correct_pairs",
+                "Camera pairs placed correctly",
+                "Share of all pairs whose angle and direction are correct within {tolerance}. "
+                "More is better.",
+            ),
+            MeasureText(
+                "rotation_deg",
+                "Angle error",
+                "Of the angle between two placed cameras, the median over the pairs. Less is better.",
+                wording.DEGREES,
+            ),
+            MeasureText(
+                "direction_deg",
+                "Direction error",
+                "Of the direction from one camera to the other, the median over the pairs. Less is better.",
+                wording.DEGREES,
+            ),
+        ),
+        control=False,
+        condition_columns=(("correct_pairs", "Camera pairs placed correctly"),),
+        section=SECTION,
+        title="Where the cameras stand",
+        section_place=60,
+    )
     packages = ("pycolmap",)
     Options = PoseOptions
-    term = "Poses by instant"
-    caption = "Poses of {cameras}, each instant by itself"
-    measures = (
-        MeasureText(
-            "registered",
-            "Cameras placed",
-            "Of {number}, the median over the instants. More is better.",
-            wording.PLAIN,
-        ),
-        MeasureText(
-            "correct_pairs",
-            "Camera pairs placed correctly",
-            "Share of all pairs whose angle and direction are correct within {tolerance}. More is better.",
-        ),
-        MeasureText(
-            "rotation_deg",
-            "Angle error",
-            "Of the angle between two placed cameras, the median over the pairs. Less is better.",
-            wording.DEGREES,
-        ),
-        MeasureText(
-            "direction_deg",
-            "Direction error",
-            "Of the direction from one camera to the other, the median over the pairs. Less is better.",
-            wording.DEGREES,
-        ),
-    )
-    control = False
-    condition_columns = (("correct_pairs", "Camera pairs placed correctly"),)
-    section = SECTION
-    title = "Where the cameras stand"
-    section_place = 60
 
     finder: ClassVar[type[PoseFinder]] = PoseFinder
 
@@ -353,7 +356,7 @@ class PoseStudy(ConditionStudy):
                 measured = {side: self._measure(finder, pictures) for side, pictures in sides}
                 tally.add(measured, {"instant": one.instant})
         found = StudyResult(
-            name=self.name,
+            name=self.text.name,
             cameras=self.cameras,
             instants=tally.instants,
             offsets_ms=relative_offsets_ms(condition, self.dataset, self.cameras[0], self.cameras),

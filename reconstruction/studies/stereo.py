@@ -38,6 +38,7 @@ from reconstruction.report.study_report import (
     WITHIN,
     Claim,
     MeasureText,
+    StudyText,
 )
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import Picture, StudyResult
@@ -164,53 +165,53 @@ class StereoOptions(msgspec.Struct, frozen=True, kw_only=True):
 class StereoStudy(PairStudy):
     """Depth of a pair, synchronized and offset, with all that is fixed for both taken from synced images."""
 
-    name = "stereo"
-    subject = "depth"
-    place = 20
+    text = StudyText(
+        name="stereo",
+        subject="depth",
+        place=20,
+        term="Depth",
+        caption="Depth from cameras {names}",
+        measures=(
+            *CORRECT,
+            MeasureText(
+                "coverage",
+                COVERAGE,
+                "Share for which the two pictures agree on a distance; it may still be wrong. "
+                "More is better.",
+            ),
+            MeasureText(
+                "epipolar_px",
+                EPIPOLAR,
+                "A point should lie in the same row of both pictures; this is how far off it is. "
+                "Less is better.",
+                wording.PIXELS,
+            ),
+            MeasureText(
+                "photometric_error",
+                "Brightness mismatch",
+                "One picture is laid over the other by the distances found; this is how far the brightness "
+                "differs, of 255. Less is better.",
+                wording.PLAIN,
+            ),
+        ),
+        condition_columns=(
+            ("mover_within_2pct", WITHIN),
+            ("mover_coverage", COVERAGE),
+            ("static_coverage", STILL_COVERAGE),
+        ),
+        instant_columns=(
+            ("mover_within_2pct", WITHIN),
+            ("mover_coverage", COVERAGE),
+            ("mover_epipolar_px", EPIPOLAR),
+        ),
+        missing="Depth was not measured",
+        hero="stereo_depth",
+        why=WHY,
+        diagram="diagram.svg",
+        engine="Distances are found by OpenCV's semi-global block matching (SGBM).",
+    )
     Options = StereoOptions
     measures_delay = True
-    term = "Depth"
-    caption = "Depth from cameras {names}"
-    measures = (
-        *CORRECT,
-        MeasureText(
-            "coverage",
-            COVERAGE,
-            "Share for which the two pictures agree on a distance; it may still be wrong. More is better.",
-        ),
-        MeasureText(
-            "epipolar_px",
-            EPIPOLAR,
-            "A point should lie in the same row of both pictures; this is how far off it is. Less is better.",
-            wording.PIXELS,
-        ),
-        MeasureText(
-            "photometric_error",
-            "Brightness mismatch",
-            "One picture is laid over the other by the distances found; this is how far the brightness "
-            "differs, of 255. Less is better.",
-            wording.PLAIN,
-        ),
-    )
-    condition_columns = (
-        ("mover_within_2pct", WITHIN),
-        ("mover_coverage", COVERAGE),
-        ("static_coverage", STILL_COVERAGE),
-    )
-    instant_columns = (
-        ("mover_within_2pct", WITHIN),
-        ("mover_coverage", COVERAGE),
-        ("mover_epipolar_px", EPIPOLAR),
-    )
-    missing = "Depth was not measured"
-    hero = "stereo_depth"
-    why = WHY
-    diagram = "diagram.svg"
-
-    @classmethod
-    def engine(cls, found: StudyResult[Any]) -> str:
-        """As `StudyReport.engine`."""
-        return "Distances are found by OpenCV's semi-global block matching (SGBM)."
 
     @classmethod
     def claim(cls, found: StudyResult[Any]) -> Claim | None:
@@ -333,7 +334,7 @@ class StereoStudy(PairStudy):
             facts = {"instant": one.now, "offset_instant": one.later, "mover_pixels": pixels}
             tally.add({side: self._measure(one, side) for side in SIDES}, facts)
         return StudyResult(
-            name=self.name,
+            name=self.text.name,
             cameras=self.cameras,
             instants=tally.instants,
             offsets_ms=offsets_ms,

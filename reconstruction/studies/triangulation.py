@@ -15,7 +15,7 @@ from reconstruction.common.native_libraries import foreign_calls, library_versio
 from reconstruction.compare.study import ALL_APART, ConditionStudy, Context
 from reconstruction.pairs import Features, size_above_features
 from reconstruction.report import wording
-from reconstruction.report.study_report import POINTS, MeasureText
+from reconstruction.report.study_report import POINTS, MeasureText, StudyText
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.tally import Measurements, Tally
 from reconstruction.scores.truth import right_depth
@@ -197,35 +197,35 @@ class TriangulationFacts(msgspec.Struct, frozen=True, kw_only=True):
 class TriangulationStudy(ConditionStudy):
     """COLMAP's points on what moves and on what stands still, from the same cameras in both conditions."""
 
-    name = "triangulation"
-    subject = "points by COLMAP"
-    place = 30
+    text = StudyText(
+        name="triangulation",
+        subject="points by COLMAP",
+        place=30,
+        term="Points by COLMAP",
+        caption="Points by COLMAP from {cameras}",
+        measures=(
+            MeasureText("points", POINTS, "Found and placed at an instant. More is better.", wording.COUNT),
+            MeasureText(
+                "reprojection_px",
+                "Reprojection error",
+                "How far a placed point is from where the cameras see it. Less is better.",
+                wording.PIXELS,
+            ),
+            MeasureText(
+                "precision",
+                "Correct points",
+                "Share of the points whose distance is within 2 % of the truth.",
+            ),
+        ),
+        condition_columns=(("mover_points", "Points by COLMAP"),),
+        missing="No points were placed by COLMAP",
+        note="COLMAP, a program for reconstruction from photographs, looks for single points that several "
+        "pictures show and works out where each of them is: what has moved between the pictures seldom fits "
+        "together, so most of its points are lost, and those that fit by chance are in the wrong place.",
+    )
     needs = ("stereo",)
     needs_calibration = True
     packages = ("pycolmap",)
-    term = "Points by COLMAP"
-    caption = "Points by COLMAP from {cameras}"
-    measures = (
-        MeasureText("points", POINTS, "Found and placed at an instant. More is better.", wording.COUNT),
-        MeasureText(
-            "reprojection_px",
-            "Reprojection error",
-            "How far a placed point is from where the cameras see it. Less is better.",
-            wording.PIXELS,
-        ),
-        MeasureText(
-            "precision",
-            "Correct points",
-            "Share of the points whose distance is within 2 % of the truth.",
-        ),
-    )
-    condition_columns = (("mover_points", "Points by COLMAP"),)
-    missing = "No points were placed by COLMAP"
-    note = (
-        "COLMAP, a program for reconstruction from photographs, looks for single points that several "
-        "pictures show and works out where each of them is: what has moved between the pictures seldom fits "
-        "together, so most of its points are lost, and those that fit by chance are in the wrong place."
-    )
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
@@ -277,7 +277,7 @@ class TriangulationStudy(ConditionStudy):
         if not found:
             raise ValueError(f"COLMAP finds no point that two of {', '.join(self.cameras)} see")
         return StudyResult(
-            name=self.name,
+            name=self.text.name,
             cameras=self.cameras,
             instants=tally.instants,
             offsets_ms=relative_offsets_ms(condition, self.dataset, self.cameras[0], self.cameras),

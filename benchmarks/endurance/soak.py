@@ -27,9 +27,9 @@ from typing import Any
 from benchmarks.endurance.slopes import growth
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from capture_app.common.address import Address, parse_address
+from capture_app.common.child import Child
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
-from capture_app.node.child import Child
 from capture_app.protocol.messages import BurstRequest
 from capture_app.rig.link import ask_burst, ask_status
 from capture_app.session.reading.reader import Session

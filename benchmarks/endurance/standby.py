@@ -24,10 +24,10 @@ from typing import Any
 from benchmarks.endurance.soak import CAMERA, JOIN_S, are_ready
 from benchmarks.report import new_parser, print_report, print_table
 from capture_app.common.address import Address, parse_address
+from capture_app.common.child import Child
 from capture_app.common.clock import seeded_clock
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
-from capture_app.node.child import Child
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.leader.standby import lead_in_turn

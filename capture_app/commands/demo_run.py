@@ -9,11 +9,11 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
+from capture_app.common.child import Child, Talk
 from capture_app.common.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.common.tasks import first_of, has_come
 from capture_app.common.text import UNREADABLE, ProgressStep
 from capture_app.node.burst.plans import usual_spare
-from capture_app.node.child import Child, Talk
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.options import LeaderOptions

@@ -78,7 +78,7 @@ def _clock_time(unix_ns: int) -> str:
 
 
 def _lines(rig: "RigStatus") -> Iterator[str]:
-    from capture_app.node.leader.snapshots import in_tree_order
+    from capture_app.protocol.status import in_tree_order
 
     who = f"leader {rig.leader}" if rig.relay is None else f"relay {rig.relay} at {rig.leader}"
     rate = "no frame rate yet" if rig.period_ns is None else f"{1e9 / rig.period_ns:.3f} frames/s"

@@ -8,9 +8,9 @@ from pathlib import Path
 import msgspec
 
 from capture_app.common.camera_facts import StampAccuracy, StampSource
+from capture_app.common.child import Child
 from capture_app.common.errors import NotApplicableError
 from capture_app.common.text import UNREADABLE
-from capture_app.node.child import Child
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.reading.stamp_words import UNMEASURED
 from capture_app.sync.clock.clock_filter import SIGMAS_95, KnownWay

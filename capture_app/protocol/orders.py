@@ -11,6 +11,20 @@ from capture_app.protocol.status import NewsLine, NodeDetail, Preview
 from capture_app.sync.clock.clock_filter import KnownWay
 
 MAX_PREVIEW_PX = 1920
+MAX_NODES = 64
+"""Most cameras that run on one machine as processes of its leader."""
+_CAM = tuple(f"cam{number:02d}" for number in range(MAX_NODES))
+VIEWS = {
+    "studio": _CAM[:7],
+    "pinwheel": _CAM[:5],
+    "crossing": _CAM[:3],
+    "board": _CAM[:7],
+    "bars": _CAM,
+    "led-panel": _CAM,
+}
+"""Camera names of each simulated scene that `AddSimulated` accepts; the scene has a view for each name."""
+FLAT_SCENES = ("bars", "led-panel")
+"""Scenes without views: every camera sees the same."""
 
 
 class WatchRequest(Message, frozen=True, kw_only=True, tag="watch"):

@@ -3,6 +3,7 @@
 What an operator sees of a rig beside its status: news, previews, and one node in detail.
 """
 
+from collections.abc import Iterator
 from typing import Literal
 
 from msgspec import Struct
@@ -47,6 +48,23 @@ class NodeStatus(Report, frozen=True, kw_only=True, array_like=False):
         if clock_ns is None or self.camera.kind in WITHOUT_CAMERA:
             return clock_ns
         return clock_ns + self.camera.stamp_accuracy.uncertainty_ns
+
+
+def in_tree_order(nodes: tuple[NodeStatus, ...]) -> Iterator[NodeStatus]:
+    """Yield nodes in the order of a tree: each relay, then what is below it; every node once."""
+    names = {node.name for node in nodes}
+    below: dict[str | None, list[NodeStatus]] = {}
+    for node in nodes:
+        # Cameras may be left of a relay that is not known any more.
+        below.setdefault(node.parent if node.parent in names else None, []).append(node)
+    shown: set[str] = set()
+    stack = below.get(None, [])[::-1]
+    while stack:
+        node = stack.pop()
+        shown.add(node.name)
+        yield node
+        stack += [child for child in below.get(node.name, [])[::-1] if child.name not in shown]
+    yield from (node for node in nodes if node.name not in shown)
 
 
 class CameraTransfer(Struct, frozen=True, kw_only=True):

@@ -17,10 +17,10 @@ from msgspec import Struct
 from platformdirs import user_state_path
 
 from capture_app.common.address import LOOPBACK_HOSTS, Address, parse_address
+from capture_app.common.child import error_of_exit
 from capture_app.common.errors import NetworkError, SimulshotError
 from capture_app.common.interfaces import own_hosts
 from capture_app.common.passwords import reveal_password
-from capture_app.node.child import error_of_exit
 from capture_app.protocol.orders import AddCamera
 from capture_app.rig.link import ask_status, give_order
 from capture_app.session.files.durable import write_atomic

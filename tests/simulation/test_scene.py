@@ -9,7 +9,7 @@ import pytest
 from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.board.coverage import CoverageCount
 from capture_app.common.errors import BadInputError
-from capture_app.node.leader.local_nodes import FLAT_SCENES, VIEWS
+from capture_app.protocol.orders import FLAT_SCENES, VIEWS
 from capture_app.simulation.rendering.layers import look_at
 from capture_app.simulation.rendering.scene import SCENES, Scene, load
 from capture_app.simulation.scenes import moving_bodies

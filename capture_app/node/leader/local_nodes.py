@@ -12,12 +12,12 @@ import msgspec
 
 from capture_app.cameras.specs import parse_spec
 from capture_app.common.address import Address
+from capture_app.common.child import Child
 from capture_app.common.errors import BadInputError, NetworkError, SimulshotError
 from capture_app.common.names import check_name, free_name
 from capture_app.common.passwords import hide_password
-from capture_app.node.child import Child
 from capture_app.protocol.news import Log
-from capture_app.protocol.orders import PhoneInvited
+from capture_app.protocol.orders import FLAT_SCENES, MAX_NODES, VIEWS, PhoneInvited
 
 PHONES_START_TIMEOUT_S = 30.0
 EVENT = "invitation"
@@ -87,19 +87,6 @@ class LocalPhones:
         self._news_came.set()
 
 
-MAX_NODES = 64
-_CAM = tuple(f"cam{number:02d}" for number in range(MAX_NODES))
-VIEWS = {
-    "studio": _CAM[:7],
-    "pinwheel": _CAM[:5],
-    "crossing": _CAM[:3],
-    "board": _CAM[:7],
-    "bars": _CAM,
-    "led-panel": _CAM,
-}
-"""Names of the cameras of each simulated scene; what is rendered has a view for each of them."""
-FLAT_SCENES = ("bars", "led-panel")
-"""These have no views: any number of cameras can look at them."""
 START_TIMEOUT_S = 15.0
 
 

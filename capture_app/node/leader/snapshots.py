@@ -2,7 +2,7 @@
 
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Mapping, Sequence
 
 from msgspec.structs import asdict, replace
 
@@ -67,23 +67,6 @@ def _with_disk(report: Report, space: SpoolSpace | None) -> Report:
     if space is None or not space.problem or report.message or report.state is NodeState.LOST:
         return report
     return replace(report, message=space.problem)
-
-
-def in_tree_order(nodes: tuple[NodeStatus, ...]) -> Iterator[NodeStatus]:
-    """Yield nodes in the order of a tree: each relay, then what is below it; every node once."""
-    names = {node.name for node in nodes}
-    below: dict[str | None, list[NodeStatus]] = {}
-    for node in nodes:
-        # Cameras may be left of a relay that is not known any more.
-        below.setdefault(node.parent if node.parent in names else None, []).append(node)
-    shown: set[str] = set()
-    stack = below.get(None, [])[::-1]
-    while stack:
-        node = stack.pop()
-        shown.add(node.name)
-        yield node
-        stack += [child for child in below.get(node.name, [])[::-1] if child.name not in shown]
-    yield from (node for node in nodes if node.name not in shown)
 
 
 def present_cameras(members: Sequence[Member]) -> list[Member]:

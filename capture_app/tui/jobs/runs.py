@@ -17,9 +17,9 @@ from pathlib import Path
 
 import msgspec
 
+from capture_app.common.child import Child
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.text import UNREADABLE, ProgressStep, pretty_json, printable
-from capture_app.node.child import Child
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import clear_leftovers
 from capture_app.session.files.strangers import read_regular

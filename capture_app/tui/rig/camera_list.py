@@ -13,8 +13,7 @@ from textual.geometry import Region
 
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.text import NO_VALUE, count, duration, printable
-from capture_app.node.leader.snapshots import in_tree_order
-from capture_app.protocol.status import NodeStatus
+from capture_app.protocol.status import NodeStatus, in_tree_order
 from capture_app.rig.link import RigLink
 from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.rig_record import RigRecord, phases_at

@@ -17,8 +17,7 @@ from textual.widgets.option_list import Option
 from capture_app.common.address import DEFAULT_PORT
 from capture_app.common.camera_facts import CameraListing
 from capture_app.common.text import count, printable
-from capture_app.node.leader.local_nodes import VIEWS
-from capture_app.protocol.orders import AddCamera, AddSimulated, Order
+from capture_app.protocol.orders import VIEWS, AddCamera, AddSimulated, Order
 from capture_app.rig.cameras import list_cameras
 from capture_app.rig.link import RigLink
 from capture_app.tui.rig.joining import (

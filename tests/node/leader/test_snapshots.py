@@ -3,7 +3,8 @@
 from msgspec import structs
 
 from capture_app.common.node_state import RELAY, NodeState
-from capture_app.node.leader.snapshots import in_tree_order, node_statuses, present_cameras
+from capture_app.node.leader.snapshots import node_statuses, present_cameras
+from capture_app.protocol.status import in_tree_order
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.messages import Report
 from tests.facts import make_facts

@@ -54,7 +54,7 @@ class Child:
         itself when it is stopped; other modules must see to that themselves, as nodes do.
         """
         if background:
-            arguments = ("capture_app.node.background", *arguments)
+            arguments = ("capture_app.common.background", *arguments)
         process = await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",

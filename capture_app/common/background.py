@@ -1,6 +1,6 @@
 """Runs a module of this installation in the background: it takes no time from what has to be on time.
 
-    python -m capture_app.node.background MODULE ARGUMENT...
+    python -m capture_app.common.background MODULE ARGUMENT...
 
 At the lowest priority, ended with whoever started it, and stopped by SIGTERM as by Ctrl-C, so that it removes
 what it has not finished.

@@ -12,6 +12,7 @@ from msgspec.structs import replace
 from benchmarks.endurance.hostile_messages import FACTS, RECORD
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError, SimulshotError
+from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import Channel, connect
 from capture_app.net.udp import client_socket
 from capture_app.protocol import messages as wire
@@ -21,7 +22,6 @@ from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import Hello, TimeRequest, Welcome
 from capture_app.trust.keys import LeaderKeys
-from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 
 OTHERS = ("cam1", "cam2")

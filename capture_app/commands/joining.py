@@ -11,11 +11,9 @@ import click
 from capture_app.commands.options import run_until_stopped
 from capture_app.common.address import DEFAULT_PORT, Address
 from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
+from capture_app.common.pairing_codes import Role, parse_code, parse_pin, show_code
 from capture_app.console.terminal import ParsedType, log_line, print_json_line, talk
 from capture_app.net.reach import find_obstacle
-from capture_app.trust.identity import parse_pin
-from capture_app.trust.known_machines import Role
-from capture_app.trust.pairing import parse_code, show_code
 from capture_app.trust.trust import Trust
 
 if TYPE_CHECKING:

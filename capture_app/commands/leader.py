@@ -26,10 +26,9 @@ from capture_app.commands.options import (
     spool_option,
 )
 from capture_app.common.address import LOOPBACK_HOSTS, Address
+from capture_app.common.pairing_codes import Role, show_code
 from capture_app.console.terminal import FiniteRange, json_option, log_line, print_json_line, talk
 from capture_app.console.usage import examples
-from capture_app.trust.known_machines import Role
-from capture_app.trust.pairing import show_code
 
 if TYPE_CHECKING:
     from capture_app.node.leader.leader import LeaderNode

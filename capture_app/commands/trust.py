@@ -16,10 +16,9 @@ from capture_app.commands.joining import (
 from capture_app.commands.options import ADDRESS, leader_option
 from capture_app.common.address import Address
 from capture_app.common.errors import UnknownMachineError
+from capture_app.common.pairing_codes import Role, show_code
 from capture_app.console.terminal import answer, json_option, table
 from capture_app.console.usage import examples
-from capture_app.trust.known_machines import Role
-from capture_app.trust.pairing import show_code
 from capture_app.trust.trust import Trust
 
 EXAMPLE_PIN = "abcd-efgh-ijkl-mnop-qrst-uvwx-yz23-4567"

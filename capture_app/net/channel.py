@@ -25,9 +25,9 @@ import msgspec
 
 from capture_app.common.address import DEFAULT_PORT, Address
 from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
+from capture_app.common.pairing_codes import Role
 from capture_app.common.tasks import first_of
 from capture_app.common.text import UNREADABLE, printable_json
-from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import STRANGER, Peer, Trust
 
 GREETING = b"SSH1"

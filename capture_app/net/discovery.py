@@ -24,11 +24,11 @@ from capture_app import __version__
 from capture_app.common.address import ANY_HOST, Address, parse_address
 from capture_app.common.interfaces import own_hosts
 from capture_app.common.names import name_like
+from capture_app.common.pairing_codes import Role
 from capture_app.common.tasks import end
 from capture_app.common.text import printable
 from capture_app.net.reach import find_obstacle, first_to_answer
 from capture_app.sync.wire.codec import VERSION
-from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 
 SERVICE = "_simulshot._udp.local."

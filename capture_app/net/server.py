@@ -15,9 +15,9 @@ import msgspec
 
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError, SimulshotError
+from capture_app.common.pairing_codes import Role
 from capture_app.common.tasks import end
 from capture_app.net.channel import CHUNK_BYTES, Channel, Patience
-from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import STRANGER, Peer, Trust
 
 M = TypeVar("M")

@@ -8,6 +8,7 @@ from typing import Any
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, SimulshotError, UnknownMachineError
 from capture_app.common.names import name_like
+from capture_app.common.pairing_codes import Role, pin_of
 from capture_app.net.asking import ask
 from capture_app.net.channel import Channel, connect
 from capture_app.protocol import messages, pairing
@@ -16,9 +17,7 @@ from capture_app.protocol.news import Log
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.principal import Principal
 from capture_app.trust.camera_names import CameraNames
-from capture_app.trust.identity import pin_of
 from capture_app.trust.keys import ClientKeys
-from capture_app.trust.known_machines import Role
 from capture_app.trust.pairing import GOOD_FOR_S, Candidate, Invitations
 from capture_app.trust.sealed_engines import SealedLeader
 from capture_app.trust.trust import ANYBODY, Peer, Trust

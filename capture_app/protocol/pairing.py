@@ -5,8 +5,8 @@ from typing import Annotated
 from msgspec import Meta
 
 from capture_app.common.names import Name
+from capture_app.common.pairing_codes import Role
 from capture_app.protocol.message import Message
-from capture_app.trust.known_machines import Role
 
 Certificate = Annotated[bytes, Meta(max_length=4096)]
 """In DER."""

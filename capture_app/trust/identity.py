@@ -1,11 +1,8 @@
 """A machine's own key and certificate, made once and kept; its pin is what others know it by."""
 
-import base64
 import contextlib
 import datetime
-import hashlib
 import os
-import re
 import secrets
 import ssl
 from collections.abc import Iterator
@@ -13,11 +10,9 @@ from dataclasses import dataclass
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError, DiskError
+from capture_app.common.pairing_codes import pin_of
 
-PIN_BYTES, GROUP = 20, 4
-"""Nobody finds another certificate with the same first 160 bits of its SHA-256."""
 FILE = "identity.pem"
-_FORBIDDEN = re.compile(r"[^a-z2-7]")
 
 
 @dataclass(frozen=True, slots=True)
@@ -29,22 +24,6 @@ class Identity:
     certificate: bytes
     """The certificate, in DER."""
     pin: str
-
-
-def pin_of(certificate: bytes) -> str:
-    """Return the pin of a certificate (DER): the first 160 bits of its SHA-256 in base32, in groups."""
-    text = base64.b32encode(hashlib.sha256(certificate).digest()[:PIN_BYTES]).decode().lower()
-    return _grouped(text)
-
-
-def parse_pin(text: str) -> str:
-    """Read a pin as it was pasted or typed, with or without groups. Raises BadInputError."""
-    letters = re.sub(r"[\s-]", "", text.lower())
-    if len(letters) != PIN_BYTES * 8 // 5 or _FORBIDDEN.search(letters):
-        raise BadInputError(
-            f"{text!r} is not a pin", hint="a pin is 32 letters and digits: capture-app trust list shows it"
-        )
-    return _grouped(letters)
 
 
 def load_identity(folder: Path) -> Identity:
@@ -68,10 +47,6 @@ def load_identity(folder: Path) -> Identity:
             f"{path} holds no key and certificate", hint="delete it, and pair this machine again"
         ) from error
     return Identity(path, certificate, pin_of(certificate))
-
-
-def _grouped(text: str) -> str:
-    return "-".join(text[at : at + GROUP] for at in range(0, len(text), GROUP))
 
 
 @contextlib.contextmanager

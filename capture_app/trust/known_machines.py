@@ -3,7 +3,6 @@
 import ssl
 import time
 from collections.abc import Callable, Collection, Iterable
-from enum import StrEnum
 from pathlib import Path
 
 from msgspec import Struct
@@ -11,26 +10,11 @@ from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.names import free_name, name_like
-from capture_app.trust.identity import pin_of
+from capture_app.common.pairing_codes import Role, pin_of
 from capture_app.trust.kept_file import KeptFile
 
 FILE = "machines.json"
 MOST = 1000
-
-
-class Role(StrEnum):
-    """What a machine may do here."""
-
-    CAMERA = "camera"
-    """Join as a camera, and bring its own pictures."""
-    OPERATOR = "operator"
-    """See the rig and give it orders."""
-    RELAY = "relay"
-    """Speak for cameras and operators that it knows."""
-    LEADER = "leader"
-    """Lead cameras of this machine, or answer operators here."""
-    STANDBY = "standby"
-    """Lead in this one's place when it is gone: it is told who is known here, and nodes follow it."""
 
 
 INCLUDED = {Role.STANDBY: (Role.STANDBY, Role.LEADER, Role.CAMERA)}

@@ -5,20 +5,17 @@ and a code is good for a few of them. Both certificates go into the key, so that
 """
 
 import hmac
-import re
 import secrets
 from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any
 
 from capture_app.common.errors import BadInputError, UnknownMachineError
-from capture_app.trust.known_machines import Role
+from capture_app.common.pairing_codes import CODE_DIGITS, SHOW_CODE, Role
 
-DIGITS = 8
 TRIES = 3
 GOOD_FOR_S = 600
 NO_CODE = "there is no code to join with at present"
-SHOW_CODE = "on the leader's machine, capture-app trust invite shows one"
 WRONG_CODE = "that is not the code"
 
 
@@ -48,7 +45,7 @@ class Invitations:
         """Make a code for one machine; those before stay good, up to ten of them."""
         good = self._good()[1 - 10 :]
         free = sorted({*map(str, range(10))} - {one.code[0] for one in good})
-        code = f"{secrets.choice(free)}{secrets.randbelow(10 ** (DIGITS - 1)):0{DIGITS - 1}d}"
+        code = f"{secrets.choice(free)}{secrets.randbelow(10 ** (CODE_DIGITS - 1)):0{CODE_DIGITS - 1}d}"
         self._invitations = [*good, Invitation(code, role, self._now_s() + GOOD_FOR_S)]
         return self._invitations[-1]
 
@@ -118,19 +115,6 @@ class Candidate:
         """Check that the leader knew the code. Raises UnknownMachineError."""
         if not self._key or not hmac.compare_digest(proof, _proof(self._key, b"leader")):
             raise UnknownMachineError("whoever answers there does not know the code itself")
-
-
-def parse_code(text: str) -> str:
-    """Read a code as it was typed or pasted. Raises BadInputError."""
-    digits = re.sub(r"[\s-]", "", text)
-    if not re.fullmatch(rf"[0-9]{{{DIGITS}}}", digits):
-        raise BadInputError(f"{text!r} is not a code", hint=f"a code has {DIGITS} digits; {SHOW_CODE}")
-    return digits
-
-
-def show_code(code: str) -> str:
-    """Write a code as it is read aloud: 1234 5678."""
-    return f"{code[: DIGITS // 2]} {code[DIGITS // 2 :]}"
 
 
 def _finish(half: Any, share: bytes) -> bytes:

@@ -9,9 +9,10 @@ from pathlib import Path
 
 from platformdirs import user_data_path
 
+from capture_app.common.pairing_codes import Role, pin_of
 from capture_app.trust.camera_names import CameraNames
-from capture_app.trust.identity import Identity, load_identity, pin_of
-from capture_app.trust.known_machines import KnownMachine, KnownMachines, Role
+from capture_app.trust.identity import Identity, load_identity
+from capture_app.trust.known_machines import KnownMachine, KnownMachines
 
 OPEN_VARIABLE = "SIMULSHOT_OPEN"
 """1: no machine is asked who it is, as with --open. Processes started here inherit it."""

@@ -10,6 +10,7 @@ import msgspec
 
 from capture_app.common.address import Address
 from capture_app.common.errors import CameraError, SimulshotError
+from capture_app.common.pairing_codes import Role
 from capture_app.interop.app_leader import AppLeader
 from capture_app.interop.app_protocol import TIME_PORT, Method, encode_call
 from capture_app.net.channel import Channel
@@ -19,7 +20,6 @@ from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.wire.codec import WireError, decode, encode
 from capture_app.trust.keys import LeaderKeys
-from capture_app.trust.known_machines import Role
 from capture_app.trust.pairing import Invitations
 from capture_app.trust.sealed_engines import SealedLeader
 from capture_app.trust.sealing import SealError

@@ -7,8 +7,8 @@ from pathlib import Path
 import pytest
 
 from capture_app import __version__
+from capture_app.common.pairing_codes import Role
 from capture_app.net.discovery import NOBODY, announced_hosts, search_leaders
-from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 from tests.net.ports import answering, closed_port
 

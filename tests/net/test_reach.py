@@ -10,11 +10,11 @@ import pytest
 
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError
+from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import connect
 from capture_app.net.reach import Answer, find_obstacle, first_to_answer, obstacle
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.sync.wire.codec import VERSION, version_mismatch
-from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 from tests.net.ports import Answering, answering, closed_port
 

@@ -11,6 +11,7 @@ from random import Random
 
 from capture_app.common.address import Address
 from capture_app.common.clock import HostClock
+from capture_app.common.pairing_codes import Role
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
 from capture_app.node.keys import KeyRequester
 from capture_app.protocol.messages import KeyRequest
@@ -18,7 +19,6 @@ from capture_app.sync.engine import Engine
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.tree.member import TreeMember
-from capture_app.trust.known_machines import Role
 from capture_app.trust.sealed_engines import SealedClient
 from capture_app.trust.trust import Trust
 

@@ -11,6 +11,7 @@ import pytest
 
 from capture_app.common.camera_facts import EXACT_STAMPS, CameraControls, Control
 from capture_app.common.errors import NetworkError
+from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import connect
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
@@ -22,7 +23,6 @@ from capture_app.protocol.status import NodeDetail, Preview
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, image_path
 from capture_app.sync.clock.clock_filter import KnownWay
-from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts
 from tests.waiting import until

@@ -7,6 +7,7 @@ import pytest
 
 from capture_app.common.errors import DiskError
 from capture_app.common.node_state import NodeState
+from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import connect
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
@@ -16,7 +17,6 @@ from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest, Ref
 from capture_app.protocol.news import Log
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import Goodbye, Hello, JoinRefusal
-from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Peer, Trust
 from tests.facts import make_facts
 from tests.waiting import until

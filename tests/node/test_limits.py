@@ -11,6 +11,7 @@ import pytest
 
 from capture_app.common.errors import DiskFullError, NetworkError
 from capture_app.common.node_state import NodeState
+from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import MAX_HEADER_BYTES, connect
 from capture_app.net.server import MOST_OF_ONE_MACHINE
 from capture_app.node.leader.leader import LeaderNode
@@ -24,7 +25,6 @@ from capture_app.sync.rig.roster import MOST_OF_ONE
 from capture_app.sync.wire.codec import encode
 from capture_app.sync.wire.messages import Heartbeat, Hello, Report
 from capture_app.sync.wire.principal import Principal
-from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts
 from tests.node.joining import joined

@@ -10,6 +10,7 @@ import pytest
 
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError
+from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import connect
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
@@ -18,7 +19,6 @@ from capture_app.protocol import messages as wire
 from capture_app.protocol.messages import FromLeader, Refusal
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.wire.messages import JoinRefusal
-from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 from tests.node.joining import joined
 from tests.node.sealed_nodes import introduced

@@ -10,8 +10,9 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError, DiskError
-from capture_app.trust.identity import load_identity, parse_pin, pin_of
-from capture_app.trust.known_machines import KnownMachines, Role
+from capture_app.common.pairing_codes import Role, parse_pin, pin_of
+from capture_app.trust.identity import load_identity
+from capture_app.trust.known_machines import KnownMachines
 from capture_app.trust.trust import Trust
 
 

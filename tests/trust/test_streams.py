@@ -11,9 +11,9 @@ import pytest
 
 from capture_app.common.address import Address
 from capture_app.common.errors import UnknownMachineError
+from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import Channel, Patience, connect
 from capture_app.net.server import MOST_SILENT
-from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 from tests.net.echoes import Ping, Pong, echo, serving
 

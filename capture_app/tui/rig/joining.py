@@ -14,6 +14,7 @@ from textual.content import Content
 from textual.renderables.digits import DIGITS, DIGITS3X3
 
 from capture_app.common.errors import SimulshotError
+from capture_app.common.pairing_codes import show_code
 from capture_app.common.text import printable
 from capture_app.protocol.orders import (
     InvitePhone,
@@ -22,7 +23,6 @@ from capture_app.protocol.orders import (
 from capture_app.protocol.pairing import Invite, Invited
 from capture_app.protocol.status import NewsLine
 from capture_app.rig.link import RigLink
-from capture_app.trust.pairing import show_code
 from capture_app.tui.question import BoxDialog
 from capture_app.tui.rig_record import Told
 from capture_app.tui.widgets.lines import Lines, news_lines

@@ -8,12 +8,12 @@ from typing import Any
 import pytest
 
 from capture_app.common.address import Address
+from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import Channel, connect
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.relay import RelayNode, RelayOptions
 from capture_app.protocol.messages import FromLeader, NodeStream, Refusal, ReportAck, SpoolSpace
-from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 from tests.node.joining import joined
 from tests.node.sealed_nodes import introduced

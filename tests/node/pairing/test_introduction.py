@@ -9,13 +9,13 @@ import pytest
 
 from capture_app.common.camera_facts import EXACT_STAMPS
 from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
+from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import Channel, connect
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.pairing import ask_to_enrol, is_known, pair
 from capture_app.protocol import messages, orders, pairing
 from capture_app.protocol.messages import FromLeader, NodeStream, Refusal
-from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 from tests.node.joining import joined
 

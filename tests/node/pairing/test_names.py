@@ -8,6 +8,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.pairing_codes import Role
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
@@ -17,7 +18,6 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.writing.recovery import RESERVE
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.wire.messages import JoinRefusal, Welcome
-from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 from tests.node.joining import joined
 from tests.node.sealed_nodes import introduced

@@ -6,6 +6,7 @@ from contextlib import asynccontextmanager, suppress
 from pathlib import Path
 
 from capture_app.common.address import Address
+from capture_app.common.pairing_codes import Role
 from capture_app.net.asking import ask
 from capture_app.net.channel import connect
 from capture_app.net.server import bind_port
@@ -14,7 +15,6 @@ from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.leader.standby import lead_in_turn
 from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest
 from capture_app.trust.camera_names import CameraNames
-from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Trust
 from tests.node.sealed_nodes import introduced, sealed_node
 from tests.waiting import until

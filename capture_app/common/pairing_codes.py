@@ -1,0 +1,62 @@
+"""What people read, compare and type when two machines are paired: roles, pins, one-time codes."""
+
+import base64
+import hashlib
+import re
+from enum import StrEnum
+
+from capture_app.common.errors import BadInputError
+
+CODE_DIGITS = 8
+SHOW_CODE = "on the leader's machine, capture-app trust invite shows one"
+PIN_BYTES, PIN_GROUP = 20, 4
+"""Nobody finds another certificate with the same first 160 bits of its SHA-256."""
+_NOT_IN_PIN = re.compile(r"[^a-z2-7]")
+
+
+class Role(StrEnum):
+    """What a machine may do here."""
+
+    CAMERA = "camera"
+    """Join as a camera, and bring its own pictures."""
+    OPERATOR = "operator"
+    """See the rig and give it orders."""
+    RELAY = "relay"
+    """Speak for cameras and operators that it knows."""
+    LEADER = "leader"
+    """Lead cameras of this machine, or answer operators here."""
+    STANDBY = "standby"
+    """Lead in this one's place when it is gone: it is told who is known here, and nodes follow it."""
+
+
+def parse_code(text: str) -> str:
+    """Read a one-time code as typed or pasted. Raises BadInputError."""
+    digits = re.sub(r"[\s-]", "", text)
+    if not re.fullmatch(rf"[0-9]{{{CODE_DIGITS}}}", digits):
+        raise BadInputError(f"{text!r} is not a code", hint=f"a code has {CODE_DIGITS} digits; {SHOW_CODE}")
+    return digits
+
+
+def show_code(code: str) -> str:
+    """Write a one-time code as it is read aloud: 1234 5678."""
+    return f"{code[: CODE_DIGITS // 2]} {code[CODE_DIGITS // 2 :]}"
+
+
+def pin_of(certificate: bytes) -> str:
+    """Return the pin of a certificate (DER): the first 160 bits of its SHA-256 in base32, in groups."""
+    text = base64.b32encode(hashlib.sha256(certificate).digest()[:PIN_BYTES]).decode().lower()
+    return _grouped(text)
+
+
+def parse_pin(text: str) -> str:
+    """Read a pin as pasted or typed, with or without groups. Raises BadInputError."""
+    letters = re.sub(r"[\s-]", "", text.lower())
+    if len(letters) != PIN_BYTES * 8 // 5 or _NOT_IN_PIN.search(letters):
+        raise BadInputError(
+            f"{text!r} is not a pin", hint="a pin is 32 letters and digits: capture-app trust list shows it"
+        )
+    return _grouped(letters)
+
+
+def _grouped(text: str) -> str:
+    return "-".join(text[at : at + PIN_GROUP] for at in range(0, len(text), PIN_GROUP))

@@ -9,16 +9,14 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 
 from capture_app.commands.options import run_until_stopped
-from capture_app.common.address import DEFAULT_PORT, Address
+from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.common.pairing_codes import Role, parse_code, parse_pin, show_code
 from capture_app.console.terminal import ParsedType, log_line, print_json_line, talk
-from capture_app.net.reach import find_obstacle
-from capture_app.trust.trust import Trust
 
 if TYPE_CHECKING:
-    from capture_app.net.discovery import FoundLeader
     from capture_app.protocol.orders import PhoneInvited
+    from capture_app.protocol.pairing import FoundLeader
 
 F = TypeVar("F", bound=Callable[..., Any])
 
@@ -53,19 +51,18 @@ def make_known(leaders: Sequence[Address], pin: str | None, code: str | None) ->
     A leader that does not answer yet is waited for by the node itself, which then says what to do.
     Raises UnknownMachineError where `code` is not the code.
     """
-    trust = Trust.of_user()
-    if trust.is_open:
+    from capture_app.rig import joining
+
+    if joining.is_pairing_skipped():
         return
     if pin is not None:
-        trust.known.add(pin, Role.LEADER)
+        joining.own_machine().known.add(pin, Role.LEADER)
     if code is None and not sys.stdin.isatty():
         # Nobody is here to ask: the node says what to do, and asks by itself.
         return
     for leader in leaders:
-        if asyncio.run(find_obstacle(leader, trust=Trust.open())) is not None:
-            continue
         try:
-            if not asyncio.run(_is_known(leader, trust)):
+            if asyncio.run(joining.needs_pairing(leader)):
                 _introduce(leader, code)
                 code = None
         except UnknownMachineError:
@@ -88,9 +85,9 @@ def _introduce(leader: Address, code: str | None) -> None:
 
 def pair_with(leader: Address, code: str) -> tuple[Role, ...]:
     """Make this machine known to a leader by a code, say so, and return what it may do there."""
-    from capture_app.node.pairing import pair
+    from capture_app.rig.joining import pair
 
-    roles = asyncio.run(pair(leader, code, Trust.of_user()))
+    roles = asyncio.run(pair(leader, code))
     log_line(f"this machine is known to the leader at {leader} from now on, as {' and '.join(roles)}")
     return roles
 
@@ -159,19 +156,6 @@ def _show_phone_code(invited: "PhoneInvited", as_json: bool) -> None:
     talk(f"  {invited.fingerprint}")
 
 
-async def _is_known(leader: Address, trust: Trust) -> bool:
-    from capture_app.node.pairing import ask_to_enrol, is_known
-
-    if await is_known(leader, trust):
-        return True
-    try:
-        # Its pin may have been added there.
-        await ask_to_enrol(leader, trust)
-    except UnknownMachineError:
-        return False
-    return await is_known(leader, trust)
-
-
 def leaders_to_join(named: tuple[Address, ...], pin: str | None, code: str | None) -> tuple[Address, ...]:
     """Return the leaders that were named, or those of the rig that is found; make this machine known there.
 
@@ -182,8 +166,7 @@ def leaders_to_join(named: tuple[Address, ...], pin: str | None, code: str | Non
         return named
     found = find_leader()
     make_known(found.addresses[:1], pin, code)
-    # Of the others it is followed who proves to have the key of a leader; without keys nobody could.
-    return (() if Trust.of_user().is_open else found.among) or found.addresses[:1]
+    return found.among or found.addresses[:1]
 
 
 def find_leader() -> "FoundLeader":
@@ -192,13 +175,9 @@ def find_leader() -> "FoundLeader":
     Raises NetworkError where there are several and nobody to ask.
     """
     log_line("looking for a leader in this network")
-    from capture_app.net.discovery import search_leaders
-    from capture_app.rig.process import list_rigs
+    from capture_app.rig.joining import find_leaders
 
-    def own() -> tuple[Address, ...]:
-        return (*(rig.address for rig in list_rigs()), Address("127.0.0.1", DEFAULT_PORT))
-
-    leader = choose_leader(run_until_stopped(search_leaders(own, log_line)), can_ask=sys.stdin.isatty())
+    leader = choose_leader(run_until_stopped(find_leaders(log_line)), can_ask=sys.stdin.isatty())
     log_line(f"found a leader at {leader.addresses[0]} ({leader.name})")
     return leader
 

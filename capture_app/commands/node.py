@@ -172,7 +172,7 @@ def _typed_options(*but: str) -> list[str]:
         name = option.name or ""
         if name in but or context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
             continue
-        value = context.params[name]
+        value = context.params.get(name, True)  # a flag that acts by itself, such as --open
         for one in value if isinstance(value, tuple) else (value,):
             words.append(option.secondary_opts[0] if one is False else option.opts[0])
             if not isinstance(one, bool):

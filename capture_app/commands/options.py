@@ -18,7 +18,6 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.names import check_name, name_like
 from capture_app.console.output import wait_for_no_reader
 from capture_app.console.terminal import ParsedType
-from capture_app.trust.trust import OPEN_VARIABLE
 
 if TYPE_CHECKING:
     from capture_app.interop.rpicam import RpicamSync
@@ -33,11 +32,11 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 ADDRESS = ParsedType("host:port", parse_address)
 
 
-def _speak_openly(ctx: click.Context, param: click.Parameter, value: bool) -> None:
+def _skip_pairing(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value:
-        before = os.environ.get(OPEN_VARIABLE, "")
-        os.environ[OPEN_VARIABLE] = "1"
-        ctx.call_on_close(lambda: os.environ.update({OPEN_VARIABLE: before}))
+        from capture_app.rig.joining import accept_any_machine
+
+        ctx.with_resource(accept_any_machine())
 
 
 open_option = click.option(
@@ -45,8 +44,8 @@ open_option = click.option(
     is_flag=True,
     expose_value=False,
     is_eager=True,
-    callback=_speak_openly,
-    help="Ask no machine who it is: for a network that nobody else is in. To be given on all machines.",
+    callback=_skip_pairing,
+    help="Skip pairing and accept any machine. Use only on a trusted network, and set it on every machine.",
 )
 
 

@@ -15,11 +15,9 @@ from capture_app.commands.joining import (
 )
 from capture_app.commands.options import ADDRESS, leader_option
 from capture_app.common.address import Address
-from capture_app.common.errors import UnknownMachineError
 from capture_app.common.pairing_codes import Role, show_code
 from capture_app.console.terminal import answer, json_option, table
 from capture_app.console.usage import examples
-from capture_app.trust.trust import Trust
 
 EXAMPLE_PIN = "abcd-efgh-ijkl-mnop-qrst-uvwx-yz23-4567"
 role_option = click.option(
@@ -45,7 +43,9 @@ def trust() -> None:
 @json_option
 def list_command(as_json: bool) -> None:
     """List the machines that are known here, and this machine's own pin."""
-    mine = _trust()
+    from capture_app.rig.joining import own_machine
+
+    mine = own_machine()
     machines = mine.known.all()
     shown = [
         {"pin": one.pin, "name": one.name, "roles": one.roles, "added_unix_s": one.added_unix_s}
@@ -78,7 +78,9 @@ def list_command(as_json: bool) -> None:
 @json_option
 def add(pin: str, role: Role, name: str, as_json: bool) -> None:
     """Let the machine of PIN join here, without a code. `capture-app trust list` there shows its pin."""
-    machine = _trust().known.add(pin, Role(role), name=name)
+    from capture_app.rig.joining import own_machine
+
+    machine = own_machine().known.add(pin, Role(role), name=name)
     told = {"pin": machine.pin, "name": machine.name, "roles": machine.roles}
     answer(as_json, told, said=f"{machine.name} is known from now on, as {' and '.join(machine.roles)}")
 
@@ -88,7 +90,9 @@ def add(pin: str, role: Role, name: str, as_json: bool) -> None:
 @json_option
 def remove(machine: str, as_json: bool) -> None:
     """Take MACHINE off, by its name or the beginning of its pin; what it has open is broken off."""
-    removed = _trust().known.remove(machine)
+    from capture_app.rig.joining import own_machine
+
+    removed = own_machine().known.remove(machine)
     told = {"removed": removed.name, "pin": removed.pin}
     answer(as_json, told, said=f"{removed.name} is not known any more")
 
@@ -123,18 +127,13 @@ def invite(role: Role, qr: bool, leader: Address, as_json: bool) -> None:
 @json_option
 def pair(leader: Address, code: str | None, as_json: bool) -> None:
     """Make this machine known to the leader at LEADER by a code, which the person there has."""
-    _trust()
+    from capture_app.rig.joining import own_machine
+
+    own_machine()
     if code is None and not sys.stdin.isatty():
         raise click.UsageError("--code is needed where there is no terminal to ask on")
     roles = ask_and_pair(leader) if code is None else pair_with(leader, code)
     answer(as_json, {"leader": str(leader), "roles": roles})
-
-
-def _trust() -> Trust:
-    trust = Trust.of_user()
-    if trust.is_open:
-        raise UnknownMachineError("no machine is asked who it is", hint="leave out --open and SIMULSHOT_OPEN")
-    return trust
 
 
 def _day(unix_s: int) -> str:

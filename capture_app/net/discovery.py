@@ -14,9 +14,9 @@ import socket
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
 from contextlib import asynccontextmanager
-from dataclasses import dataclass, replace
 from typing import Literal, Self
 
+from msgspec.structs import replace
 from zeroconf import Error, IPVersion, ServiceStateChange, Zeroconf
 from zeroconf.asyncio import AsyncServiceBrowser, AsyncServiceInfo, AsyncZeroconf
 
@@ -28,6 +28,7 @@ from capture_app.common.pairing_codes import Role
 from capture_app.common.tasks import end
 from capture_app.common.text import printable
 from capture_app.net.reach import find_obstacle, first_to_answer
+from capture_app.protocol.pairing import FoundLeader
 from capture_app.sync.wire.codec import VERSION
 from capture_app.trust.trust import Trust
 
@@ -142,24 +143,6 @@ MOST_TOLD = 240
 """Letters of all leaders' addresses that are announced: a property of DNS has 255 with its name."""
 DETAILS_MS = 3000
 """How long to ask for the address of one that was heard of."""
-
-
-@dataclass(frozen=True, slots=True)
-class FoundLeader:
-    """A leader or a relay as it is announced, by anybody, or one of this machine; texts are printable."""
-
-    name: str
-    addresses: tuple[Address, ...]
-    """Where it may be reached; of one that has answered the one where it did."""
-    version: str = ""
-    """The version of its simulshot; empty for one of this machine."""
-    is_relay: bool = False
-    pin: str = ""
-    """That it says it has; its streams have to prove it."""
-    is_known: bool = True
-    """Whether this machine knows a leader of that pin, or asks nobody for a pin."""
-    among: tuple[Address, ...] = ()
-    """All leaders of its rig as it says, the best first; empty where it is the only one."""
 
 
 class LeaderBrowser:
@@ -291,7 +274,13 @@ async def _answering(found: Sequence[FoundLeader], trust: Trust) -> list[FoundLe
     """Return those that answer, each at the address that answers first."""
     addresses = await asyncio.gather(*(first_to_answer(leader.addresses, ANSWER_S) for leader in found))
     return [
-        replace(leader, addresses=(address,), is_known=_knows(trust, leader.pin))
+        replace(
+            leader,
+            addresses=(address,),
+            is_known=_knows(trust, leader.pin),
+            # Anybody can announce other leaders: they are followed only where each has to prove its key.
+            among=() if trust.is_open else leader.among,
+        )
         for leader, address in zip(found, addresses, strict=True)
         if address is not None
     ]

@@ -1,9 +1,10 @@
-"""Messages of machines that a person makes known to each other, and of relays that speak for them."""
+"""Messages that pair machines, and the leaders that a machine finds to pair with."""
 
 from typing import Annotated
 
-from msgspec import Meta
+from msgspec import Meta, Struct
 
+from capture_app.common.address import Address
 from capture_app.common.names import Name
 from capture_app.common.pairing_codes import Role
 from capture_app.protocol.message import Message
@@ -11,6 +12,23 @@ from capture_app.protocol.message import Message
 Certificate = Annotated[bytes, Meta(max_length=4096)]
 """In DER."""
 Word = Annotated[bytes, Meta(max_length=64)]
+
+
+class FoundLeader(Struct, frozen=True):
+    """A leader or relay that the network announces, or one of this machine; anybody can announce anything."""
+
+    name: str
+    addresses: tuple[Address, ...]
+    """Where it may be reached; of one that has answered the one where it did."""
+    version: str = ""
+    """The version of its simulshot; empty for one of this machine."""
+    is_relay: bool = False
+    pin: str = ""
+    """That it says it has; its streams have to prove it."""
+    is_known: bool = True
+    """Whether this machine knows a leader of that pin, or asks nobody for a pin."""
+    among: tuple[Address, ...] = ()
+    """All leaders of its rig as it says, the best first; empty where it is the only one."""
 
 
 class EnrolRequest(Message, frozen=True, kw_only=True, tag="enrol-request"):

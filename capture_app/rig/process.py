@@ -24,6 +24,7 @@ from capture_app.common.passwords import reveal_password
 from capture_app.protocol.orders import AddCamera
 from capture_app.rig.link import ask_status, give_order
 from capture_app.session.files.durable import write_atomic
+from capture_app.trust.trust import Trust
 
 START_TIMEOUT_S = 60.0
 CHECK_EVERY_S = 0.1
@@ -58,6 +59,11 @@ class AttachedRig:
     """Whether the leader is on this machine."""
     started: bool = False
     """Whether it was started for this screen."""
+
+    @property
+    def screen_arguments(self) -> tuple[str, ...]:
+        """The arguments of a command line that shows the same rig."""
+        return ("--leader", str(self.leader), "--sessions", str(self.sessions), *Trust.of_user().options)
 
 
 def rigs_folder() -> Path:
@@ -187,6 +193,7 @@ def _spawn(
     sessions: Path, host: str, port: int | None, cameras: Sequence[str], log: Path
 ) -> subprocess.Popen[bytes]:
     arguments = ["leader", "--host", host, "--sessions", str(sessions.absolute())]
+    arguments += Trust.of_user().options
     arguments += ["--or-free-port"] if port is None else ["--port", str(port)]
     for camera in cameras:
         arguments += ["--camera", camera]

@@ -1,9 +1,11 @@
 """What a process goes by when it meets others: its user's identity, known machines, TLS between them."""
 
+import contextlib
 import functools
 import os
 import ssl
-from collections.abc import Collection
+from collections.abc import Collection, Iterator
+from contextvars import ContextVar
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -15,7 +17,8 @@ from capture_app.trust.identity import Identity, load_identity
 from capture_app.trust.known_machines import KnownMachine, KnownMachines
 
 OPEN_VARIABLE = "SIMULSHOT_OPEN"
-"""1: no machine is asked who it is, as with --open. Processes started here inherit it."""
+"""1: pairing is skipped, as with --open."""
+_IN_USE: ContextVar["Trust | None"] = ContextVar("trust", default=None)
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +65,27 @@ class Trust:
 
     @classmethod
     def of_user(cls) -> "Trust":
-        """The trust of this process' user, in $XDG_DATA_HOME/simulshot/trust on Linux."""
+        """Return the trust in use here, else this user's, in $XDG_DATA_HOME/simulshot/trust on Linux."""
+        in_use = _IN_USE.get()
+        if in_use is not None:
+            return in_use
         if os.environ.get(OPEN_VARIABLE, "") not in ("", "0"):
             return _OPEN
         return _of_folder(user_data_path("simulshot", appauthor=False) / "trust")
+
+    @contextlib.contextmanager
+    def in_use(self) -> Iterator[None]:
+        """Let the block, and the tasks that it starts, go by this trust."""
+        before = _IN_USE.set(self)
+        try:
+            yield
+        finally:
+            _IN_USE.reset(before)
+
+    @property
+    def options(self) -> tuple[str, ...]:
+        """The options by which a command that is started here goes by the same."""
+        return ("--open",) if self.is_open else ()
 
     @property
     def is_open(self) -> bool:

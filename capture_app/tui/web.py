@@ -24,10 +24,8 @@ class PageServer(Server):
         )
         """The hosts by which the page may be asked for; empty for any."""
         shown = reachable_host(host, listening.family) if host in ANY_HOST else host
-        command = [sys.executable, "-m", "capture_app.cli", "--leader", str(rig.leader)]
-        command += ["--sessions", str(rig.sessions)]
         super().__init__(
-            shlex.join(command),
+            shlex.join((sys.executable, "-m", "capture_app.cli", *rig.screen_arguments)),
             host=host,
             port=port,
             title="simulshot",

@@ -17,11 +17,10 @@ from capture_app.commands.joining import choose_leader, find_leader, leaders_to_
 from capture_app.commands.node import node
 from capture_app.common.address import Address
 from capture_app.common.errors import ExitCode, NetworkError
-from capture_app.net.discovery import FoundLeader
 from capture_app.net.server import bind_port
+from capture_app.protocol.pairing import FoundLeader
 from capture_app.rig.process import recorded_rig
 from capture_app.sync.wire.codec import version_answer
-from capture_app.trust.trust import Trust
 
 USAGE, BAD_INPUT = ExitCode.USAGE, ExitCode.BAD_INPUT
 NO_CAMERA, NETWORK = ExitCode.NO_CAMERA, ExitCode.NETWORK
@@ -168,7 +167,7 @@ def test_a_node_without_an_address_joins_the_rig_of_its_machine(
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     # Whatever leader this machine has at the usual port is not asked.
-    monkeypatch.setattr(sys.modules["capture_app.commands.joining"], "DEFAULT_PORT", 1)
+    monkeypatch.setattr("capture_app.rig.joining.DEFAULT_PORT", 1)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", 0))
         own = Address("127.0.0.1", sock.getsockname()[1])
@@ -180,20 +179,14 @@ def test_a_node_without_an_address_joins_the_rig_of_its_machine(
         answering.join()
 
 
-@pytest.mark.parametrize("is_open", [False, True])
-def test_a_node_joins_all_leaders_of_the_rig_that_it_finds(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, is_open: bool
-) -> None:
-    trust = Trust.open() if is_open else Trust(tmp_path)
+def test_a_node_joins_all_leaders_of_the_rig_that_it_finds(monkeypatch: pytest.MonkeyPatch) -> None:
     joining = sys.modules["capture_app.commands.joining"]
     first, second = Address("10.0.0.1", 47010), Address("10.0.0.2", 47010)
     found = FoundLeader("hall-47010", (second,), among=(first, second))
     introduced: list[Address] = []
-    monkeypatch.setattr(Trust, "of_user", lambda: trust)
     monkeypatch.setattr(joining, "find_leader", lambda: found)
     monkeypatch.setattr(joining, "make_known", lambda leaders, pin, code: introduced.extend(leaders))
-    # Anybody can announce anything: where no key tells who leads, only the one that answered is joined.
-    assert leaders_to_join((), None, None) == ((second,) if is_open else (first, second))
+    assert leaders_to_join((), None, None) == (first, second)
     assert introduced == [second], "a person is asked for the code of no other"
     assert leaders_to_join((first,), None, None) == (first,)
 

@@ -57,11 +57,15 @@ def test_a_leader_is_found_and_a_relay_beside_it_is_left_alone(machines: tuple[M
     assert found == [f"found 10.77.0.1:47020 studio-47020 '{__version__}'"]
 
 
-def test_a_leader_that_is_one_of_several_says_so(machines: tuple[Machine, Machine]) -> None:
+def test_a_leader_names_the_others_of_its_rig_to_those_who_can_check_them(
+    machines: tuple[Machine, Machine], tmp_path: Path
+) -> None:
     leader, node = machines
     with announcing(leader, "leader:47025:first:10.77.0.1+10.77.0.9"):
-        (found,) = searched_until(node, ["10.77.0.1:47025"])
+        (found,) = searched_until(node, ["10.77.0.1:47025"], str(tmp_path))
+        (found_openly,) = searched_until(node, ["10.77.0.1:47025"])
     assert found.split()[-1] == "10.77.0.1+10.77.0.9"
+    assert "10.77.0.9" not in found_openly, "anybody can announce anything"
 
 
 def test_of_several_leaders_all_are_found_but_those_that_do_not_answer(

@@ -62,6 +62,11 @@ def test_a_node_is_shown_written_and_started(log: Path, capsys: pytest.CaptureFi
     assert "does not start with this machine" in capsys.readouterr().err
 
 
+def test_a_node_that_accepts_any_machine_does_so_at_boot(log: Path) -> None:
+    assert run([*NODE, "--open", "--at-boot", "--yes"]) == ExitCode.OK
+    assert "--leader 192.168.1.20:47010 --open\n" in unit_of(log).read_text()
+
+
 def test_nothing_is_written_unasked(log: Path, capsys: pytest.CaptureFixture[str]) -> None:
     assert run([*NODE, "--at-boot"]) == ExitCode.NOT_AVAILABLE
     printed = capsys.readouterr()

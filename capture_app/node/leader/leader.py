@@ -48,7 +48,9 @@ class LeaderNode:
         self.bursts = ActiveBursts(options, engine, self._pump)
         self._local: LocalNodes | None = None
         if options.spool is not None:
-            self._local = LocalNodes(self.own_address, options.spool, self.news, self.address.host)
+            self._local = LocalNodes(
+                self.own_address, options.spool, self.news, self.address.host, options.trust
+            )
         viewfinders = Viewfinders()
         self._rig = RigState(self.address, options, engine, self.bursts, viewfinders, self._local)
         self.service = LeaderService(

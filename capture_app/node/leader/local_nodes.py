@@ -4,7 +4,7 @@ The server of phones on the leader's machine, as a process that ends with it.
 """
 
 import asyncio
-from collections.abc import Collection
+from collections.abc import Collection, Sequence
 from pathlib import Path
 from typing import Self
 
@@ -18,6 +18,7 @@ from capture_app.common.names import check_name, free_name
 from capture_app.common.passwords import hide_password
 from capture_app.protocol.news import Log
 from capture_app.protocol.orders import FLAT_SCENES, MAX_NODES, VIEWS, PhoneInvited
+from capture_app.trust.trust import Trust
 
 PHONES_START_TIMEOUT_S = 30.0
 EVENT = "invitation"
@@ -26,9 +27,10 @@ EVENT = "invitation"
 class LocalPhones:
     """Started when the first phone is invited, and again by the next invitation where it has ended."""
 
-    def __init__(self, leader: Address, spool: Path, host: str, news: Log) -> None:
-        """`host` is where phones reach this machine."""
+    def __init__(self, leader: Address, spool: Path, host: str, news: Log, options: Sequence[str]) -> None:
+        """`host` is where phones reach this machine, `options` those of each process."""
         self._leader, self._spool, self._host, self._news = leader, spool, host, news
+        self._options = options
         self._child: Child | None = None
         self._reading: asyncio.Task[None] | None = None
         self._invited: tuple[PhoneInvited, float] | None = None
@@ -57,7 +59,7 @@ class LocalPhones:
         self._invited = None
         self._news_came.clear()
         arguments = ("capture_app.cli", "phones", "--until-eof", "--json", "--host", self._host)
-        where = ("--leader", str(self._leader), "--spool", str(self._spool))
+        where = ("--leader", str(self._leader), "--spool", str(self._spool), *self._options)
         self._child = await Child.start("the server of phones", (*arguments, *where))
         self._reading = asyncio.create_task(self._read(self._child))
         try:
@@ -94,16 +96,22 @@ class LocalNodes:
     """Starts and ends such nodes; one that ends by itself is told in the news."""
 
     def __init__(
-        self, leader: Address, spool: Path, news: Log | None = None, host: str | None = None
+        self,
+        leader: Address,
+        spool: Path,
+        news: Log | None = None,
+        host: str | None = None,
+        trust: Trust | None = None,
     ) -> None:
         """`leader` is the address that they join; `spool` keeps their images until the leader has them.
 
-        `host` is where phones reach this machine.
+        `host` is where phones reach this machine, `trust` what all of them go by, else their user's.
         """
+        self._options = (trust or Trust.of_user()).options
         self._leader = leader
         self._spool = spool
         self._news = news or Log()
-        self.phones = LocalPhones(leader, spool, host or leader.host, self._news)
+        self.phones = LocalPhones(leader, spool, host or leader.host, self._news, self._options)
         """The server of the phones that are cameras here."""
         self._children: dict[str, Child] = {}
         self._watching: dict[str, asyncio.Task[None]] = {}
@@ -221,6 +229,7 @@ class LocalNodes:
         arguments = [
             *("capture_app.cli", "node", "--until-eof", "--name", name, "--camera", spec),
             *("--spool", str(self._spool), "--leader", str(self._leader), "--clock", clock),
+            *self._options,
         ]
         if tolerance_us is not None:
             arguments += ["--tolerance-us", str(tolerance_us)]

@@ -1,0 +1,74 @@
+"""How this machine becomes part of a rig: the leaders it finds, and pairing with them."""
+
+from collections.abc import Callable
+from contextlib import AbstractContextManager
+
+from capture_app.common.address import DEFAULT_PORT, Address
+from capture_app.common.errors import UnknownMachineError
+from capture_app.common.pairing_codes import Role
+from capture_app.net.discovery import search_leaders
+from capture_app.net.reach import find_obstacle
+from capture_app.node import pairing
+from capture_app.protocol.pairing import FoundLeader
+from capture_app.rig.process import list_rigs
+from capture_app.trust.trust import Trust
+
+
+def accept_any_machine() -> AbstractContextManager[None]:
+    """Skip pairing while the block runs: accept any machine, and encrypt nothing."""
+    return Trust.open().in_use()
+
+
+def is_pairing_skipped() -> bool:
+    """Whether any machine is accepted here, by --open or SIMULSHOT_OPEN=1."""
+    return Trust.of_user().is_open
+
+
+def own_machine() -> Trust:
+    """Return this machine's identity and the machines that it knows.
+
+    Raises UnknownMachineError where pairing is skipped.
+    """
+    trust = Trust.of_user()
+    if trust.is_open:
+        raise UnknownMachineError("pairing is skipped here", hint="leave out --open and SIMULSHOT_OPEN")
+    return trust
+
+
+async def find_leaders(report: Callable[[str], None]) -> list[FoundLeader]:
+    """Wait until leaders of this machine or its network answer, and return them.
+
+    Known leaders come alone where there are any. `report` gets a sentence whenever something new is in the
+    way.
+    """
+
+    def own() -> tuple[Address, ...]:
+        return (*(rig.address for rig in list_rigs()), Address("127.0.0.1", DEFAULT_PORT))
+
+    return await search_leaders(own, report)
+
+
+async def needs_pairing(leader: Address) -> bool:
+    """Whether a leader answers that this machine is not paired with yet.
+
+    Raises NetworkError, and UnknownMachineError where pairing is skipped.
+    """
+    trust = own_machine()
+    if await find_obstacle(leader, trust=Trust.open()) is not None:
+        return False
+    if await pairing.is_known(leader, trust):
+        return False
+    try:
+        # This machine's pin may have been added at the leader.
+        await pairing.ask_to_enrol(leader, trust)
+    except UnknownMachineError:
+        return True
+    return not await pairing.is_known(leader, trust)
+
+
+async def pair(leader: Address, code: str) -> tuple[Role, ...]:
+    """Pair this machine with a leader by a one-time code, and return what this machine may do there.
+
+    Raises UnknownMachineError for a wrong code or where pairing is skipped, NetworkError, DiskError.
+    """
+    return await pairing.pair(leader, code, own_machine())

@@ -2,18 +2,26 @@
 
 Both ends share one kernel clock, so the truth is known. Needs Linux and root. Prints tables and the targets;
 `--json` prints one object instead. `--quick` takes two minutes and judges the hard bounds only: so few trials
-say little of a mean.
+say little of a mean. `--connect` is the client's end, which it runs by itself.
 """
 
 import argparse
+import asyncio
 import json
 import os
 import sys
 from typing import Any
 
+from msgspec import to_builtins
+
 from benchmarks.emulated_link.delays import EmulatedLink
 from benchmarks.emulated_link.network import CAPTURE_APP, Network, read_output, running
+from benchmarks.paper.clock_estimators import estimator_family
+from benchmarks.paper.result import error_figures
 from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, print_targets, talk
+from capture_app.common.address import parse_address
+from capture_app.common.clock import parse_clock
+from capture_app.rig.link_measurement import Synchronization, judge, measure, sum_up
 
 PORT = 47010
 WIRELESS, CABLE = "10.77.0.1", "10.78.0.1"
@@ -71,7 +79,13 @@ def main() -> int:
     parser.add_argument("--trials", type=int, default=100, help="trials of each short case (100)")
     parser.add_argument("--minute-trials", type=int, default=3, help="trials of the 66 s case (3)")
     parser.add_argument("--quick", action="store_true", help=f"{QUICK_TRIALS} trials of the short cases only")
+    parser.add_argument("--connect", type=parse_address, help=argparse.SUPPRESS)
+    parser.add_argument("--messages", type=int, default=300, help=argparse.SUPPRESS)
+    parser.add_argument("--clock", default="host", help=argparse.SUPPRESS)
     options = parser.parse_args()
+    if options.connect is not None:
+        print(json.dumps(_synchronize(options)))
+        return 0
     if options.quick:
         options.trials, options.minute_trials = QUICK_TRIALS, 0
     with Network() as network:
@@ -87,6 +101,36 @@ def main() -> int:
     return 0 if all(verdict["met"] for verdict in judged) else 1
 
 
+def _synchronize(options: argparse.Namespace) -> dict[str, Any]:
+    """Return the figures of the engine's clock, and the errors of other estimators on the same samples."""
+    clock, trials = parse_clock(options.clock, node="link"), []
+    errors_us: dict[str, list[float]] = {}
+
+    def judge_all(number: int, reached: Synchronization) -> None:
+        trials.append(judge(reached, clock))
+        local_ns = max(sample.t3_ns for sample in reached.samples)
+        for name, estimator in estimator_family().items():
+            for sample in reached.samples:
+                estimator.add(sample)
+            time_map = reached.time_map if name == "ours" else estimator.time_map(local_ns)
+            assert time_map is not None
+            error_ns = time_map.leader_from_local(local_ns) - clock.true_from_local(local_ns)
+            errors_us.setdefault(name, []).append(error_ns / 1000.0)
+
+    asyncio.run(
+        measure(
+            options.connect,
+            clock,
+            messages=options.messages,
+            trials=options.trials,
+            seed=options.seed,
+            report=judge_all,
+        )
+    )
+    figures = sum_up(trials, kind="emulated link", messages=options.messages, seed=options.seed)
+    return {**to_builtins(figures), "errors_us": {name: error_figures(of) for name, of in errors_us.items()}}
+
+
 def _measure_cases(
     network: Network, options: argparse.Namespace
 ) -> tuple[dict[str, dict[str, Any]], list[dict[str, Any]]]:
@@ -98,8 +142,8 @@ def _measure_cases(
 
     def measure(case: str, host: str, trials: int, *more: str) -> None:
         talk(f"measuring: {CASES[case]}, {trials} trials ...")
-        connect = ("--connect", f"{host}:{PORT}", "--emulated", "--json", "--trials", str(trials))
-        output = read_output(client, *CAPTURE_APP, "link", *connect, *more)
+        connect = ("--connect", f"{host}:{PORT}", "--trials", str(trials))
+        output = read_output(client, sys.executable, "-m", "benchmarks.clock.sync_link", *connect, *more)
         cases[case] = dict(json.loads(output))
 
     cases: dict[str, dict[str, Any]] = {}
@@ -118,23 +162,23 @@ def _measure_cases(
 
 def _verdicts(cases: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
     """Each target beside what was measured."""
-    paper_us = cases["paper"]["ours"]["error_us"]["mean_abs"]
+    paper_us = cases["paper"]["mean_abs_us"]
     verdicts = []
     for case, result in cases.items():
-        ours = result["ours"]
+        mean_us = result["mean_abs_us"]
         measured = {
-            "mean_us": ours["error_us"]["mean_abs"],
-            "max_us": ours["error_us"]["max"],
-            "share_of_minimum": ours["share_of_minimum"],
-            "seconds": ours["seconds_mean"],
-            "times_paper": ours["error_us"]["mean_abs"] / paper_us,
+            "mean_us": mean_us,
+            "max_us": result["max_us"],
+            "share_of_minimum": mean_us / result["errors_us"]["minimum"]["mean_abs"],
+            "seconds": result["seconds_mean"],
+            "times_paper": mean_us / paper_us,
         }
         for figure, target in TARGETS[case].items():
             value = measured[figure]
             verdicts.append(
                 {"case": case, "figure": figure, "measured": value, "target": target, "met": value <= target}
             )
-        held = ours["coverage_hard_bound"]
+        held = result["coverage_hard_bound"]
         verdicts.append(
             {"case": case, "figure": "hard bound held", "measured": held, "target": 1.0, "met": held == 1.0}
         )
@@ -161,22 +205,23 @@ VERDICT_COLUMNS = {
 
 def _print(report: dict[str, Any]) -> None:
     for case, result in report["cases"].items():
-        ours, documented_us = result["ours"], DOCUMENTED_US[case]
+        errors_us, documented_us = result["errors_us"], DOCUMENTED_US[case]
         kind = "real" if case == "cable" else result["kind"]
         print(f"{CASES[case]} ({kind}, {result['trials']} trials)")
         rows = [
             {
                 "name": name.replace("_", " "),
-                **figures["error_us"],
-                "share": ours["error_us"]["mean_abs"] / figures["error_us"]["mean_abs"],
+                **figures,
+                "share": result["mean_abs_us"] / figures["mean_abs"],
                 "documented": documented_us.get(name),
             }
-            for name, figures in {**result["baseline"], "ours": ours}.items()
+            for name, figures in errors_us.items()
         ]
         print_rows(rows, ERROR_COLUMNS)
         print(
-            f"{ours['seconds_mean']:.2f} s (slowest {ours['seconds_max']:.2f}), 95 % held in "
-            f"{100 * ours['coverage_95']:.0f} %, hard bound in {100 * ours['coverage_hard_bound']:.0f} %\n"
+            f"{result['seconds_mean']:.2f} s (slowest {result['seconds_max']:.2f}), 95 % held in "
+            f"{100 * result['coverage_95']:.0f} %, "
+            f"hard bound in {100 * result['coverage_hard_bound']:.0f} %\n"
         )
     print_targets(report["targets"], VERDICT_COLUMNS)
     print_circumstances(report)

@@ -13,12 +13,12 @@ from typing import Any
 
 from benchmarks.paper import page, scale
 from benchmarks.paper.report import PaperReport
+from benchmarks.paper.result import Outcome, outcome_lines
 from benchmarks.paper.values import FIGURES, TABLES
 from benchmarks.report import new_parser, print_table
-from capture_app.commands.link import outcome_lines
+from capture_app.commands.link import require_plots
 from capture_app.common.errors import ExitCode, SimulshotError
 from capture_app.console.terminal import print_json, print_line, talk
-from capture_app.measure.result import Outcome, require_plots
 
 STUDIES = {
     "naive": "triggering without synchronization, as in the paper, and with it",

@@ -16,8 +16,8 @@ from benchmarks.paper.clock_trials import (
     rarely_quick,
     steady_times,
 )
+from benchmarks.paper.result import Table
 from benchmarks.simulated.changing_clocks import ChangingClock, RateSpell, draw_wandering_clock
-from capture_app.measure.result import Table
 from capture_app.simulation.exchanges import START_TRUE_NS, LocalClock, exchanges_at
 from capture_app.sync.clock.clock_filter import ClockFilter
 

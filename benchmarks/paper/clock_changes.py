@@ -11,13 +11,13 @@ from functools import partial
 from math import inf
 
 from benchmarks.paper.clock_trials import DrawLink, any_law, cable, unequal
+from benchmarks.paper.result import Table
 from benchmarks.paper.trials import call_all
 from benchmarks.report import new_parser, print_table
 from benchmarks.simulated.changing_clocks import ChangingClock, RateSpell
 from benchmarks.simulated.clock_pair import START_TRUE_NS, ClockPair, LongerFrom
 from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay, wireless
 from capture_app.console.terminal import print_json, print_line
-from capture_app.measure.result import Table
 from capture_app.simulation.links import DelayLaw, Link
 
 _S = 1_000_000_000

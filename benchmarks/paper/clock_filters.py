@@ -37,11 +37,11 @@ from benchmarks.paper.clock_trials import (
     run_law_trials,
     unequal_links,
 )
+from benchmarks.paper.result import Outcome, Result, Table, error_figures, new_figure, save
 from benchmarks.paper.trials import call_all
 from benchmarks.paper.values import FIGURE_S2, LEAST_ROUND_TRIP, TABLE_3
 from benchmarks.simulated.wifi_laws import LINKS_BY_LAW
 from capture_app.console.terminal import talk
-from capture_app.measure.result import Outcome, Result, Table, error_figures, new_figure, save
 
 
 @dataclass(frozen=True, slots=True)

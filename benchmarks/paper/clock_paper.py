@@ -18,11 +18,11 @@ from benchmarks.paper.clock_trials import (
     converge,
 )
 from benchmarks.paper.reproduction import Measured, Reproduction
+from benchmarks.paper.result import error_figures, new_figure, save
 from benchmarks.paper.trials import call_all, share_of
 from benchmarks.paper.values import FIGURE_7, FIGURE_S1, FIGURE_S2, LEAST_ROUND_TRIP, TABLE_2, TABLE_3
 from benchmarks.simulated.wireless import LATE_NS, PACE_NS, PAPER_LINK
 from capture_app.console.terminal import talk
-from capture_app.measure.result import error_figures, new_figure, save
 from capture_app.simulation.exchanges import START_TRUE_NS, TURNAROUND_NS
 
 if TYPE_CHECKING:

@@ -4,6 +4,8 @@ import random
 from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, field, replace
 
+from benchmarks.paper.clock_estimators import ClockEstimator, estimator_family
+from benchmarks.paper.result import error_figures
 from benchmarks.simulated.changing_clocks import draw_wandering_clock
 from benchmarks.simulated.wifi_laws import LINKS_BY_LAW, BimodalDelay
 from benchmarks.simulated.wireless import (
@@ -15,8 +17,6 @@ from benchmarks.simulated.wireless import (
     wireless,
 )
 from capture_app.common.clock import SimulatedClock
-from capture_app.measure.clock_estimators import ClockEstimator, estimator_family
-from capture_app.measure.result import error_figures
 from capture_app.simulation.exchanges import START_TRUE_NS, exchanges, exchanges_at
 from capture_app.simulation.links import DelayLaw, Link
 from capture_app.sync.clock.clock_filter import ClockFilter

@@ -8,10 +8,10 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from benchmarks.paper.reproduction import Measured, Reproduction
+from benchmarks.paper.result import new_figure, save
 from benchmarks.paper.values import FIGURE_3, FIGURE_4
 from benchmarks.simulated.aligner_bench import Bench
 from benchmarks.simulated.wireless import PAPER_LINK
-from capture_app.measure.result import new_figure, save
 from capture_app.simulation.exchanges import TURNAROUND_NS
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.sensor import Sensor, SensorFrame

@@ -14,10 +14,10 @@ from typing import TYPE_CHECKING, Any
 
 from benchmarks.paper.panel_trial import DEFAULT, EXPOSURE_NS, PAPERS, Trial, run_trial
 from benchmarks.paper.reproduction import Measured, Reproduction
+from benchmarks.paper.result import Outcome, Result, Table, error_figures, new_figure, save
 from benchmarks.paper.trials import call_all, share_of
 from benchmarks.paper.values import FIGURE_5, FIGURE_6, TABLE_2
 from capture_app.console.terminal import talk
-from capture_app.measure.result import Outcome, Result, Table, error_figures, new_figure, save
 from capture_app.panel.simulated import Image
 
 if TYPE_CHECKING:

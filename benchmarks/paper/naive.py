@@ -8,11 +8,11 @@ from pathlib import Path
 
 from benchmarks.paper.panel_trial import run_trial
 from benchmarks.paper.reproduction import Measured, Reproduction
+from benchmarks.paper.result import Outcome, Result, Table, error_figures, new_figure, save
 from benchmarks.paper.trials import call_all, share_of
 from benchmarks.paper.values import TABLE_1, TABLE_2
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.console.terminal import talk
-from capture_app.measure.result import Outcome, Result, Table, error_figures, new_figure, save
 
 FRAME_MS = 33.0
 """A camera that streams takes the frame nearest to the key: up to half a period early or late (CameraX, "zero

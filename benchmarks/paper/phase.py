@@ -23,11 +23,11 @@ from benchmarks.paper.phase_trials import (
     uniform_ppm,
     unknown_phone,
 )
+from benchmarks.paper.result import Figures, Outcome, Result, Table, new_figure, save
 from benchmarks.paper.trials import call_all, quantile
 from benchmarks.paper.values import INJECTIONS, RESTARTS
 from benchmarks.simulated.aligner_bench import Bench
 from capture_app.console.terminal import talk
-from capture_app.measure.result import Figures, Outcome, Result, Table, new_figure, save
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 
 if TYPE_CHECKING:

@@ -7,9 +7,9 @@ from functools import partial
 from typing import Any
 
 from benchmarks.paper.phase_trials import S, unknown_phone
+from benchmarks.paper.result import Table
 from benchmarks.paper.trials import call_all
 from benchmarks.simulated.aligner_bench import Bench
-from capture_app.measure.result import Table
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 
 TOLERANCE_NS, WIDE_NS = 20_000, 100_000

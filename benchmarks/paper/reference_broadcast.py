@@ -8,13 +8,13 @@ from math import hypot
 from pathlib import Path
 from typing import Any
 
+from benchmarks.paper.result import Outcome, Result, Table, new_figure, save
 from benchmarks.paper.trials import call_all, quantile
 from benchmarks.simulated.radio_cells import BeaconRig, HearingNode, RadioCell, Receiver
 from benchmarks.simulated.virtual_rig import VirtualNode, VirtualRig
 from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay
 from capture_app.common.clock import SimulatedClock
 from capture_app.console.terminal import talk
-from capture_app.measure.result import Outcome, Result, Table, new_figure, save
 from capture_app.simulation.links import Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.clock.time_map import TimeMap

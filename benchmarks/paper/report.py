@@ -10,9 +10,9 @@ import msgspec
 
 from benchmarks.paper.applications import Application
 from benchmarks.paper.reproduction import Measured, Reproduction
+from benchmarks.paper.result import Kind
 from benchmarks.paper.values import FIGURES, TABLE_1, TABLE_2, TABLES, PaperTable, PaperValue
 from capture_app.console.terminal import talk
-from capture_app.measure.result import Kind
 
 Verdict = Literal["better", "worse", "put in", ""]
 """Of ours at the paper's protocol: beside its number where less is better, or put into the model."""

@@ -10,10 +10,10 @@ from pathlib import Path
 from time import perf_counter
 from typing import Any
 
+from benchmarks.paper.result import Outcome, Result, Table, new_figure, save
 from benchmarks.paper.trials import call_all, quantile
 from benchmarks.simulated.clock_tree import TreeResult, TreeSpec, run_shard
 from capture_app.console.terminal import talk
-from capture_app.measure.result import Outcome, Result, Table, new_figure, save
 
 TRIALS = 1
 SIZES = (10, 40)

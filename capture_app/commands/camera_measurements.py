@@ -16,9 +16,9 @@ from capture_app.console.terminal import FiniteRange, answer, json_option, table
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.measure.camera import Character, Moves, Starts
-    from capture_app.measure.camera_times import MeasuredTimes
     from capture_app.protocol.orders import KeepStamp
+    from capture_app.rig.camera_times import MeasuredTimes
+    from capture_app.rig.characterize import Character, Moves, Starts
     from capture_app.session.reading.reader import Session
 
 NAME = "calibrate-time"
@@ -129,8 +129,8 @@ async def _calibrate(
     leader: Address, session: "Session", *, panel: bool
 ) -> "tuple[MeasuredTimes, dict[str, KeepStamp], dict[str, bool]]":
     """Measure, and tell each camera's node; what was found, what they are told, and whether they keep it."""
-    from capture_app.measure import camera_times
     from capture_app.protocol.orders import KeepStamp, StampKept
+    from capture_app.rig import camera_times
     from capture_app.rig.link import ask_leader
 
     records = {record.name: record for record in session.manifest.cameras}
@@ -152,9 +152,9 @@ async def _calibrate(
 def times_by_panel(session: "Session", reference: str) -> "MeasuredTimes":
     """What a panel tells of each camera against one. Raises NotApplicableError where it tells nothing."""
     from capture_app.common.camera_facts import StampSource
-    from capture_app.measure.camera_times import MeasuredTime, MeasuredTimes
     from capture_app.panel.pair_errors import rig_errors
     from capture_app.panel.session_times import read_session
+    from capture_app.rig.camera_times import MeasuredTime, MeasuredTimes
     from capture_app.sync.clock.clock_filter import SIGMAS_95
 
     times = read_session(session)
@@ -236,9 +236,8 @@ def characterize(spec: str, seconds: float, starts: int, moves: int, save: bool,
     it cannot tell.
     """
     from capture_app.common.clock import HostClock
-    from capture_app.measure import camera as measuring
     from capture_app.node.camera.device_profiles import DeviceProfiles
-    from capture_app.rig.cameras import modes_of, open_camera
+    from capture_app.rig import characterize as measuring
 
     clock = HostClock()
     found = asyncio.run(

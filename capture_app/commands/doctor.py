@@ -19,7 +19,7 @@ from capture_app.console.usage import examples
 from capture_app.session.files.durable import write_unsynced
 
 if TYPE_CHECKING:
-    from capture_app.measure.doctor import Finding
+    from capture_app.rig.doctor import Finding
 
 
 @click.command(
@@ -73,7 +73,7 @@ def doctor(
     firewalls, WiFi, the clock, disks, USB and permissions, and changes nothing. A problem ends it with
     exit code 1.
     """
-    from capture_app.measure.doctor import examine
+    from capture_app.rig.doctor import examine
     from capture_app.rig.process import list_rigs
 
     if report is None and (specs or panel is not None):

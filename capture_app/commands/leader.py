@@ -184,9 +184,9 @@ async def _run_leader(
     log: Path | None,
     as_json: bool,
 ) -> None:
-    from capture_app.measure.doctor import warnings_for_leader
     from capture_app.net.discovery import announced, announced_hosts
     from capture_app.protocol.orders import AddCamera, InvitePhone, PhoneInvited
+    from capture_app.rig.doctor import warnings_for_leader
     from capture_app.rig.link import ask_leader
     from capture_app.rig.process import recorded_rig
 

@@ -9,22 +9,16 @@ import click
 
 from capture_app.commands.options import ADDRESS, FOLDER, run_until_stopped
 from capture_app.common.address import DEFAULT_PORT, Address
+from capture_app.common.errors import BadInputError
+from capture_app.common.optional_packages import load_optional
+from capture_app.common.text import count
 from capture_app.console.terminal import FiniteRange, answer, json_option, table, talk
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.measure.result import Outcome
+    from collections.abc import Sequence
 
-
-def outcome_lines(outcome: "Outcome") -> Iterator[str]:
-    """The tables and notes of what was measured."""
-    result = outcome.result
-    yield f"{result.name}: {result.kind}, {result.trials} trials, seed {result.seed}"
-    for one in outcome.tables:
-        yield f"\n{one.title}" if one.title else ""
-        yield table(one.head, one.rows)
-    for note in outcome.notes:
-        yield f"\n{note}"
+    from capture_app.rig.link_measurement import LinkFigures, LinkTrial
 
 
 @click.command(
@@ -102,42 +96,88 @@ def link(
     plot: Path | None,
     as_json: bool,
 ) -> None:
-    """Measure the engine's clock on a real link: --serve at one end, --connect at the other.
+    """Measure clock synchronization on a real link: --serve at one end, --connect at the other.
 
-    The client's end joins as a node without a camera; other filters estimate from the same messages.
+    The client's end joins as a node without a camera.
 
     The errors are true ones only where --true-offset-ns is known, as between network namespaces of one
     machine; with --replay the clocks are simulated, and all errors true.
     """
     from capture_app.common.clock import parse_clock
-    from capture_app.measure import link as measuring
-    from capture_app.measure.result import require_plots
+    from capture_app.rig import link_measurement as measuring
 
     if [serve, connect is not None, recording is not None].count(True) != 1:
         raise click.UsageError("give one of --serve, --connect HOST:PORT and --replay CSV")
-    if plot is not None:
-        require_plots(plot)
-    if connect is not None:
-        outcome = asyncio.run(
-            measuring.measure(
-                connect,
-                parse_clock(clock, node="link"),
-                messages=messages,
-                pace_ns=None if interval_ms is None else round(interval_ms * 1e6),
-                true_offset_ns=true_offset_ns,
-                kind="emulated link" if emulated else "real",
-                trials=trials,
-                seed=seed,
-                talk=talk,
-            )
-        )
-    elif recording is not None:
-        outcome = measuring.replay(recording, messages, trials=trials, seed=seed)
-    else:
+    if serve:
         talk(f"listening on {Address(host, port)}")
         run_until_stopped(measuring.serve(host, port))
         return
-    answer(as_json, outcome.result, outcome_lines(outcome))
     if plot is not None:
-        for path in outcome.draw(plot):
-            talk(f"drew {path}")
+        require_plots(plot)
+    done: list[LinkTrial] = []
+    if connect is not None:
+        own_clock, wanted = parse_clock(clock, node="link"), trials or measuring.TRIALS
+
+        def report(number: int, reached: measuring.Synchronization) -> None:
+            done.append(measuring.judge(reached, own_clock, true_offset_ns))
+            if (number + 1) % 10 == 0 or messages > 1000:
+                talk(f"{number + 1} of {wanted}: {done[-1].error_us:+.1f} us")
+
+        asyncio.run(
+            measuring.measure(
+                connect,
+                own_clock,
+                messages=messages,
+                pace_ns=None if interval_ms is None else round(interval_ms * 1e6),
+                trials=wanted,
+                seed=seed,
+                report=report,
+            )
+        )
+    elif recording is not None:
+        done += measuring.replay(recording, messages, trials=trials or measuring.REPLAYED_TRIALS, seed=seed)
+    kind: measuring.Kind = "simulated" if connect is None else "emulated link" if emulated else "real"
+    figures = measuring.sum_up(done, kind=kind, messages=messages, seed=seed)
+    answer(as_json, figures, _lines(figures))
+    if plot is not None:
+        talk(f"drew {_draw(done, plot / 'link.png')}")
+
+
+def _lines(figures: "LinkFigures") -> Iterator[str]:
+    trials = f"{count(figures.trials, 'trial')} of {figures.messages} messages"
+    yield f"{figures.kind}, {trials}, seed {figures.seed}"
+    errors_us = (figures.mean_abs_us, figures.max_us, figures.std_us, figures.bias_us)
+    yield table(
+        ("clock error, us", "mean abs", "largest", "std", "bias"),
+        [("", *(f"{one:.2f}" for one in errors_us))],
+    )
+    yield (
+        f"{figures.seconds_mean:.2f} s a trial (slowest {figures.seconds_max:.2f} s), least round trip"
+        f" {figures.least_round_trip_us:.0f} us; the error is within the stated 95 % in"
+        f" {100 * figures.coverage_95:.0f} % of the trials, and within the hard bound in"
+        f" {100 * figures.coverage_hard_bound:.0f} %"
+    )
+
+
+def require_plots(folder: Path) -> None:
+    """Make the folder of figures before any work is done. Raises NotAvailableError, BadInputError."""
+    load_optional("matplotlib", "plots", "drawing figures")
+    try:
+        folder.mkdir(parents=True, exist_ok=True)
+    except OSError as error:
+        raise BadInputError(f"cannot draw into {folder}: {error.strerror}", hint="name a folder") from None
+
+
+def _draw(trials: "Sequence[LinkTrial]", path: Path) -> Path:
+    """Draw each trial's error with the uncertainty that the engine states."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
+    figure = Figure(layout="constrained", figsize=(8, 5))
+    FigureCanvasAgg(figure)
+    axes = figure.subplots()
+    errors_us, stated_us = [one.error_us for one in trials], [one.uncertainty_us for one in trials]
+    axes.errorbar(range(1, len(trials) + 1), errors_us, stated_us, fmt="o", ms=3)
+    axes.set(xlabel="trial", ylabel="clock error, us", title=f"{count(len(trials), 'trial')} on this link")
+    figure.savefig(path, dpi=120)
+    return path

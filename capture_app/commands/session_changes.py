@@ -43,7 +43,7 @@ from capture_app.session.library.trash import (
 from capture_app.session.reading.take_sheet import TakeSheet
 
 if TYPE_CHECKING:
-    from capture_app.node.leader.repair import RepairResult
+    from capture_app.rig.repair import RepairResult
 
 _root_argument = click.argument("root", type=ANY_PATH, default=Path("sessions"), required=False)
 
@@ -161,8 +161,8 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
     Saved images are never changed; damaged ones are moved to the folder set_aside of the session. What a
     killed import or rendering left in ROOT is removed; an earlier session that it had set aside is restored.
     """
-    from capture_app.node.leader.repair import repair as repair_sessions
     from capture_app.protocol.news import Log
+    from capture_app.rig.repair import repair as repair_sessions
 
     clear_leftovers(path)
     repaired = asyncio.run(repair_sessions(path, wait_s=wait_s, address=listen, news=Log(talk)))

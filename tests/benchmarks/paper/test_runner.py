@@ -8,9 +8,9 @@ from types import SimpleNamespace
 import pytest
 
 from benchmarks.paper import __main__ as runner
+from benchmarks.paper.result import Outcome, Result, Table, error_figures, new_figure, save
 from capture_app.common.errors import ExitCode
 from capture_app.console.terminal import talk
-from capture_app.measure.result import Outcome, Result, Table, error_figures, new_figure, save
 
 RESULT = Result(
     name="fake",

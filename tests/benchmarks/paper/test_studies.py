@@ -22,9 +22,9 @@ from benchmarks.paper.__main__ import main
 from benchmarks.paper.clock_trials import FIRST_SECOND, SITUATIONS
 from benchmarks.paper.phase_cases import CASES, run_cases
 from benchmarks.paper.report import PARTS
+from benchmarks.paper.result import Outcome
 from benchmarks.paper.values import LEAST_ROUND_TRIP, TABLE_3
 from capture_app.common.errors import ExitCode
-from capture_app.measure.result import Outcome
 
 SHORT = clock_filters.StudySize(
     messages=1000,

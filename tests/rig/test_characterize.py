@@ -13,8 +13,8 @@ from capture_app.cameras.specs import open_camera
 from capture_app.cli import run
 from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.errors import CameraError
-from capture_app.measure.camera import Character, characterize, common_step, save
 from capture_app.node.camera.device_profiles import DeviceProfiles
+from capture_app.rig.characterize import Character, characterize, common_step, save
 from capture_app.simulation.profiles import PROFILES
 from tests.simulation.camera.stepped import LoopClock, in_stepped_time
 

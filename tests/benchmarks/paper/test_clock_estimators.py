@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_app.measure.clock_estimators import estimator_family
+from benchmarks.paper.clock_estimators import estimator_family
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 

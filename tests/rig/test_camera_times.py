@@ -9,14 +9,14 @@ from msgspec import structs
 from benchmarks.simulated.virtual_rig import NodeSpec
 from capture_app.common.camera_facts import EXACT_STAMPS, CameraFacts, StampAccuracy, StampSource
 from capture_app.common.clock import SimulatedClock
-from capture_app.measure.camera_times import (
+from capture_app.node.camera.device_profiles import DeviceProfiles
+from capture_app.rig.camera_times import (
     MeasuredTime,
     MeasuredTimes,
     choose_reference,
     measured_stamps,
     measured_ways,
 )
-from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.session.format.manifest import CameraRecord, ClockRecord
 from capture_app.simulation.profiles import PROFILES
 from tests.facts import make_facts

@@ -1,6 +1,6 @@
 """What a measurement returns: figures that sum up errors, tables to print, pictures to draw."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass
 from math import sqrt
 from pathlib import Path
@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any, Literal
 
 import msgspec
 
-from capture_app.common.errors import BadInputError
 from capture_app.common.optional_packages import load_optional
+from capture_app.console.terminal import table
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -52,6 +52,17 @@ class Outcome:
     """Draws into a folder that exists and returns the files; see `new_figure`."""
 
 
+def outcome_lines(outcome: Outcome) -> Iterator[str]:
+    """The tables and notes of what was measured."""
+    result = outcome.result
+    yield f"{result.name}: {result.kind}, {result.trials} trials, seed {result.seed}"
+    for one in outcome.tables:
+        yield f"\n{one.title}" if one.title else ""
+        yield table(one.head, one.rows)
+    for note in outcome.notes:
+        yield f"\n{note}"
+
+
 def error_figures(errors: list[float]) -> dict[str, float]:
     """Return `mean_abs`, `max`, `std` and `bias` of errors, in their unit; raises ValueError for none."""
     if not errors:
@@ -63,15 +74,6 @@ def error_figures(errors: list[float]) -> dict[str, float]:
         "std": sqrt(sum((e - bias) ** 2 for e in errors) / len(errors)),
         "bias": bias,
     }
-
-
-def require_plots(folder: Path) -> None:
-    """Make the folder of pictures before any work is done; raises NotAvailableError and BadInputError."""
-    new_figure()
-    try:
-        folder.mkdir(parents=True, exist_ok=True)
-    except OSError as error:
-        raise BadInputError(f"cannot draw into {folder}: {error.strerror}", hint="name a folder") from None
 
 
 def new_figure(**options: Any) -> "Figure":

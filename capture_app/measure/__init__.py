@@ -1,1 +1,0 @@
-"""What a user measures on his own rig: a camera, how late its stamps are, the clock over his link."""

@@ -1,0 +1,266 @@
+"""Clock errors over a real or a recorded link: trials of the engine's own client, and their figures."""
+
+import asyncio
+import random
+import time
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass, replace
+from pathlib import Path
+from statistics import fmean, pstdev
+from typing import Literal
+
+from msgspec import Struct
+
+from capture_app.common.address import Address, resolve
+from capture_app.common.clock import HostClock, NodeClock, SimulatedClock
+from capture_app.common.errors import NetworkError
+from capture_app.net.server import bind_port
+from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
+from capture_app.simulation.exchanges import START_TRUE_NS, exchanges, read_trace
+from capture_app.simulation.links import Link, ReplayedDelay
+from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
+from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.rig.events import Joined, LeaderNews
+from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.time_client import TimeClient
+from capture_app.sync.timekeeping.poll_schedule import PACE_NS, SteadySchedule
+from capture_app.sync.timekeeping.timekeeper import Timekeeper
+
+JOIN_TIMEOUT_S = 10.0
+TRIALS, REPLAYED_TRIALS = 10, 100
+PAUSE_S = 0.25
+"""Time between two trials, in which the link is idle: a link may be slower at first."""
+REPLAYED_SKEW_PPM = 20.0
+"""Standard deviation of the simulated clocks' skew on a recorded link; offsets are hours."""
+
+Kind = Literal["simulated", "emulated link", "real"]
+
+
+@dataclass(frozen=True, slots=True)
+class Synchronization:
+    """What a client knows of its leader's clock once it has enough samples.
+
+    `time_map` is the engine's own estimate at that moment, `seconds` the time since the client had joined.
+    """
+
+    samples: list[ClockSample]
+    time_map: TimeMap
+    seconds: float
+    requests: int
+
+
+class LinkTrial(Struct, frozen=True, kw_only=True):
+    """The clock at the end of one trial: its error, and what the engine states."""
+
+    error_us: float
+    uncertainty_us: float
+    hard_bound_us: float
+    seconds: float
+    requests: int
+    round_trip_us: float
+    """The least of all."""
+
+
+class LinkFigures(Struct, frozen=True, kw_only=True):
+    """What the trials on one link show; errors are estimated minus true leader time."""
+
+    kind: Kind
+    seed: int
+    messages: int
+    """Samples of each trial."""
+    trials: int
+    mean_abs_us: float
+    max_us: float
+    std_us: float
+    bias_us: float
+    seconds_mean: float
+    seconds_max: float
+    sent_mean: float
+    least_round_trip_us: float
+    uncertainty_us: float
+    coverage_95: float
+    """Fraction of the trials whose error is within the stated uncertainty."""
+    coverage_hard_bound: float
+
+
+async def serve(host: str, port: int) -> None:
+    """Answer clients as a leader does, until cancelled. Raises NetworkError."""
+    datagrams, listening = bind_port(host, port)
+    listening.close()
+    leader = Leader(LeaderConfig(random.getrandbits(32), 0), random.Random())
+
+    def drain() -> None:
+        while leader.next_event() is not None:
+            pass
+
+    pump = Pump(leader, HostClock(), drain)
+    pump.start(datagrams)
+    try:
+        await asyncio.Event().wait()
+    finally:
+        pump.close()
+
+
+class LinkClient:
+    """A node without a camera, from joining on until it has enough samples; `client` is the engine's own."""
+
+    def __init__(self, rng: random.Random, messages: int, pace_ns: int | None = None) -> None:
+        """Without `pace_ns` it asks at the engine's own intervals."""
+        self.joined = asyncio.Event()
+        self.done = asyncio.Event()
+        self.problem = ""
+        self.samples: list[ClockSample] = []
+        self.result: Synchronization | None = None
+        schedule = SteadySchedule()
+        if pace_ns is not None:
+            schedule = SteadySchedule(first_pace_ns=pace_ns, easing_paces_ns=(), pace_ns=pace_ns)
+        instance = rng.getrandbits(32)
+        self.timekeeper = Timekeeper(rng.getrandbits(31), schedule, samples=self.samples)
+        self.client = TimeClient(f"link-{instance:08x}", instance, self.timekeeper)
+        self._messages = messages
+        self._joined_s = 0.0
+
+    def note_events(self, now_s: float) -> None:
+        """Look at what has happened; `now_s` is any clock that runs evenly. Call it after each step."""
+        while (event := self.client.next_event()) is not None:
+            match event:
+                case Joined():
+                    self._joined_s = now_s
+                    self.joined.set()
+                case LeaderNews("refused" | "lost"):
+                    self.problem = event.text
+                    if event.what == "lost":
+                        self.done.set()
+                case _:
+                    pass
+        time_map = self.timekeeper.time_map
+        if len(self.samples) < self._messages or not self.timekeeper.synced or time_map is None:
+            return
+        if self.result is None:
+            requests, seconds = self.timekeeper.requests, now_s - self._joined_s
+            self.result = Synchronization(list(self.samples), time_map, seconds, requests)
+            self.done.set()
+
+
+async def synchronize(
+    address: Address,
+    clock: NodeClock,
+    link: LinkClient,
+    *,
+    timeout_s: float,
+) -> Synchronization:
+    """Join the leader at an address, take the samples, and leave. Raises NetworkError."""
+    family, peer = await resolve(address)
+    pump = Pump(SinglePeerEngine(link.client, peer), clock, lambda: link.note_events(time.monotonic()))
+    pump.start(client_socket(family))
+    try:
+        await asyncio.wait_for(link.joined.wait(), JOIN_TIMEOUT_S)
+        await asyncio.wait_for(link.done.wait(), timeout_s)
+    except TimeoutError:
+        if link.joined.is_set():
+            raise NetworkError(
+                f"only {len(link.samples)} replies from {address} in {timeout_s:g} s"
+            ) from None
+        if link.problem:
+            raise NetworkError(f"{address} refused this client: {link.problem}") from None
+        raise NetworkError(
+            f"nobody answers at {address}",
+            hint="start the other end with `capture-app link --serve`",
+        ) from None
+    finally:
+        link.client.leave()
+        pump.turn()
+        pump.close()
+    if link.result is None:
+        raise NetworkError(f"the leader at {address} was lost: {link.problem}")
+    return link.result
+
+
+async def measure(
+    address: Address,
+    clock: NodeClock,
+    *,
+    messages: int,
+    pace_ns: int | None = None,
+    trials: int = TRIALS,
+    seed: int,
+    report: Callable[[int, Synchronization], None],
+) -> None:
+    """Let a client join anew for each trial, and `report` each trial's number and what the client knows.
+
+    The other end runs `serve`. A client asks every `pace_ns`, or at the engine's own intervals; `clock` is
+    this end's, perhaps simulated. Raises NetworkError.
+    """
+    rng = random.Random(f"{seed} link")
+    timeout_s = 10.0 + 5.0 * messages * (PACE_NS if pace_ns is None else pace_ns) / 1e9
+    for number in range(trials):
+        link = LinkClient(rng, messages, pace_ns)
+        report(number, await synchronize(address, clock, link, timeout_s=timeout_s))
+        await asyncio.sleep(PAUSE_S)
+
+
+def replay(recording: Path, messages: int, *, trials: int = REPLAYED_TRIALS, seed: int) -> list[LinkTrial]:
+    """Let simulated clocks synchronize over a recorded link, each from a random place of it on.
+
+    The recording is a CSV as `read_trace` reads it; messages follow at its interval. Raises BadInputError.
+    """
+    link = read_trace(recording, random.Random(f"{seed} trace"))
+    there, back = link.to_leader, link.to_client
+    assert isinstance(there, ReplayedDelay)
+    assert isinstance(back, ReplayedDelay)
+    done = []
+    for number in range(trials):
+        rng = random.Random(f"{seed} recorded {number}")
+        start = rng.randrange(len(there.delays_ns))
+        part = Link(replace(there, start=start), replace(back, start=start))
+        clock = SimulatedClock(round(rng.uniform(-36e12, 36e12)), rng.gauss(0.0, REPLAYED_SKEW_PPM), 10**12)
+        received = exchanges(part, clock, rng, count=messages, pace_ns=there.every_ns)
+        engine = ClockFilter()
+        for message in received:
+            engine.add(message.sample)
+        time_map = engine.time_map(received[-1].sample.t3_ns)
+        assert time_map is not None
+        seconds = (received[-1].arrived_true_ns - START_TRUE_NS) / 1e9
+        samples = [message.sample for message in received]
+        done.append(judge(Synchronization(samples, time_map, seconds, messages), clock))
+    return done
+
+
+def judge(reached: Synchronization, clock: NodeClock, true_offset_ns: int = 0) -> LinkTrial:
+    """Compare the engine's map with the truth at the last sample.
+
+    `clock` is the client's own, `true_offset_ns` the leader's clock minus true time.
+    """
+    local_ns = max(sample.t3_ns for sample in reached.samples)
+    true_ns = clock.true_from_local(local_ns) + true_offset_ns
+    time_map = reached.time_map
+    return LinkTrial(
+        error_us=(time_map.leader_from_local(local_ns) - true_ns) / 1000.0,
+        uncertainty_us=time_map.uncertainty_at(local_ns) / 1000.0,
+        hard_bound_us=time_map.hard_bound_at(local_ns) / 1000.0,
+        seconds=reached.seconds,
+        requests=reached.requests,
+        round_trip_us=time_map.round_trip_ns / 1000.0,
+    )
+
+
+def sum_up(trials: Sequence[LinkTrial], *, kind: Kind, messages: int, seed: int) -> LinkFigures:
+    """Return the figures of trials of so many messages each."""
+    errors_us = [trial.error_us for trial in trials]
+    return LinkFigures(
+        kind=kind,
+        seed=seed,
+        messages=messages,
+        trials=len(trials),
+        mean_abs_us=fmean(map(abs, errors_us)),
+        max_us=max(map(abs, errors_us)),
+        std_us=pstdev(errors_us),
+        bias_us=fmean(errors_us),
+        seconds_mean=fmean(trial.seconds for trial in trials),
+        seconds_max=max(trial.seconds for trial in trials),
+        sent_mean=fmean(trial.requests for trial in trials),
+        least_round_trip_us=min(trial.round_trip_us for trial in trials),
+        uncertainty_us=fmean(trial.uncertainty_us for trial in trials),
+        coverage_95=fmean(abs(trial.error_us) <= trial.uncertainty_us for trial in trials),
+        coverage_hard_bound=fmean(abs(trial.error_us) <= trial.hard_bound_us for trial in trials),
+    )

@@ -76,6 +76,7 @@ def calibrate_time(
     camera in its mode, on its machine. Where stamps are known, what is left is of the way to the leader, and
     kept for that. Needs reconstruct on this machine, but for --panel.
     """
+    from capture_app.rig.camera_times import calibrate
     from capture_app.session.reading.reader import Session
 
     if folder is None:
@@ -83,7 +84,8 @@ def calibrate_time(
         todo = TODO["panel" if panel else "light" if light else "motion"]
         folder = _take(leader, seconds, todo, ready)
     session = Session.open(folder)
-    found, news, kept = asyncio.run(_calibrate(leader, session, panel=panel))
+    talk("measuring")
+    found, news, kept = asyncio.run(calibrate(leader, session, times_by_panel(session) if panel else None))
     cameras = {
         name: {
             "measured": time,
@@ -125,38 +127,16 @@ def _take(leader: Address, seconds: float, todo: str, ready: Mapping[str, Any]) 
     return Path(done.session)
 
 
-async def _calibrate(
-    leader: Address, session: "Session", *, panel: bool
-) -> "tuple[MeasuredTimes, dict[str, KeepStamp], dict[str, bool]]":
-    """Measure, and tell each camera's node; what was found, what they are told, and whether they keep it."""
-    from capture_app.protocol.orders import KeepStamp, StampKept
-    from capture_app.rig import camera_times
-    from capture_app.rig.link import ask_leader
-
-    records = {record.name: record for record in session.manifest.cameras}
-    talk("measuring")
-    reference = camera_times.choose_reference(records)
-    if panel:
-        found = times_by_panel(session, reference or next(iter(records)))
-    else:
-        found = await camera_times.measure_session(session.folder, reference)
-    stamps = camera_times.measured_stamps(records, found)
-    ways = camera_times.measured_ways(records, found, stamps)
-    news = {
-        name: KeepStamp(camera=name, stamp=stamps.get(name), way=ways.get(name)) for name in (*stamps, *ways)
-    }
-    kept = {name: (await ask_leader(leader, one, StampKept)).kept for name, one in news.items()}
-    return found, news, kept
-
-
-def times_by_panel(session: "Session", reference: str) -> "MeasuredTimes":
-    """What a panel tells of each camera against one. Raises NotApplicableError where it tells nothing."""
+def times_by_panel(session: "Session", reference: str | None = None) -> "MeasuredTimes":
+    """Read a panel: how late each camera is against one, else the best-known. Raises NotApplicableError."""
     from capture_app.common.camera_facts import StampSource
     from capture_app.panel.pair_errors import rig_errors
     from capture_app.panel.session_times import read_session
-    from capture_app.rig.camera_times import MeasuredTime, MeasuredTimes
-    from capture_app.sync.clock.clock_filter import SIGMAS_95
+    from capture_app.panel.time_reading import SIGMAS_95
+    from capture_app.rig.camera_times import MeasuredTime, MeasuredTimes, choose_reference
 
+    records = {record.name: record for record in session.manifest.cameras}
+    reference = reference or choose_reference(records) or next(iter(records))
     times = read_session(session)
     if not times.exposures_known:
         raise NotApplicableError(f"{session.folder} does not tell all exposures and row times")
@@ -235,25 +215,10 @@ def characterize(spec: str, seconds: float, starts: int, moves: int, save: bool,
     overhead. Nodes use what restarts and injections do from their first command on. How late the stamps are
     it cannot tell.
     """
-    from capture_app.common.clock import HostClock
-    from capture_app.node.camera.device_profiles import DeviceProfiles
+    from capture_app.rig.characterize import characterize as measure
     from capture_app.rig import characterize as measuring
 
-    clock = HostClock()
-    found = asyncio.run(
-        measuring.characterize(
-            spec,
-            lambda: open_camera(spec, clock=clock, name="characterize"),
-            clock,
-            modes=modes_of(spec),
-            seconds=seconds,
-            starts=starts,
-            moves=moves,
-            talk=talk,
-        )
-    )
-    if save:
-        found = measuring.save(found, DeviceProfiles())
+    found = asyncio.run(measure(spec, seconds=seconds, starts=starts, moves=moves, keep=save, talk=talk))
     kept = ["saved in this user's profiles: nodes move such cameras by them from now on"]
     answer(as_json, found, [table((spec, ""), _rows(found)), *kept[: found.saved]])
 

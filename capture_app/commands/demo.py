@@ -1,19 +1,67 @@
-"""`capture-app demo`: from simulated cameras to a comparison."""
+"""`capture-app demo`: simulated cameras in processes of their own, a burst, and its comparison."""
 
+import asyncio
 import textwrap
+import time
 from collections.abc import Iterator
+from contextlib import aclosing
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
+import msgspec
+from msgspec import Struct
 
 from capture_app.commands.options import FOLDER, run_until_stopped
-from capture_app.common.text import ProgressStep
+from capture_app.common.child import Child, Talk
+from capture_app.common.errors import BadInputError, IncompleteError, SimulshotError
+from capture_app.common.node_state import NodeState
+from capture_app.common.text import UNREADABLE, ProgressStep
 from capture_app.console.terminal import answer, json_option, show_progress, table, talk
 from capture_app.console.usage import examples
+from capture_app.session.files.durable import free_name
 
 if TYPE_CHECKING:
-    from capture_app.commands.demo_run import DemoResult
+    from capture_app.rig.link import RigLink
+    from capture_app.session.reading.reader import Session
+
+FRAMES = 5
+CAMERA_OPTIONS = "drops=0,scale=0.75,samples=2"
+"""Nothing lost; pictures of 480x360, two rays a pixel, show all that finer ones do, and are quickly made."""
+QUICK = ("--max-multiview-instants", "3", "--multiview-width", "320")
+"""Depth from all cameras of small pictures: as telling, in a fifth of the time."""
+TOLERANCE_US = 50
+READY_TIMEOUT_S = 90.0
+
+
+class NodeErrors(Struct, frozen=True, kw_only=True):
+    """One node's errors against the simulator's truth, at the instant where the total is worst; in ns."""
+
+    name: str
+    clock_error_ns: int
+    """Leader time of the frame's timestamp as estimated, minus what it truly was."""
+    phase_error_ns: int
+    """The frame's leader time as recorded, minus its instant."""
+    total_error_ns: int
+    """True start of the frame minus the instant."""
+    hard_bound_ns: int
+
+
+class SyncErrors(Struct, frozen=True, kw_only=True):
+    """How well a simulated rig took its pictures at the same time."""
+
+    nodes: tuple[NodeErrors, ...]
+    max_total_error_ns: int
+
+
+class DemoResult(Struct, frozen=True, kw_only=True):
+    """What `capture-app demo --json` prints; `compare` is the comparison's `metrics.json`."""
+
+    session: str
+    report: str
+    seconds: float
+    sync: SyncErrors
+    compare: dict[str, Any]
 
 
 @click.command(epilog=examples("capture-app demo", "capture-app demo --cameras 3 --out /tmp/demo"))
@@ -31,8 +79,6 @@ def demo(cameras: int, out: Path, as_json: bool) -> None:
 
     Each camera is a process whose clock is hours off; they communicate over this machine's network.
     """
-    from capture_app.commands.demo_run import run_demo
-
     result = run_until_stopped(run_demo(out, cameras, _show_line))
     answer(as_json, result, _lines(result), said=f"done in {result.seconds:.0f} s")
 
@@ -45,7 +91,7 @@ def _show_line(line: str) -> None:
         show_progress(step)
 
 
-def _lines(result: "DemoResult") -> Iterator[str]:
+def _lines(result: DemoResult) -> Iterator[str]:
     head = ("camera", "clock error µs", "phase error µs", "total error µs", "hard bound µs")
     rows = []
     for node in result.sync.nodes:
@@ -55,3 +101,115 @@ def _lines(result: "DemoResult") -> Iterator[str]:
     yield "\n" + textwrap.fill(str(result.compare.get("verdict", "")), 88) + "\n"
     yield f"session  {result.session}"
     yield f"report   {result.report}"
+
+
+async def run_demo(out: Path, cameras: int, talk: Talk) -> DemoResult:
+    """Take a burst of `cameras` simulated cameras into a session in `out`, and compare it.
+
+    Raises SimulshotError where a part of it fails; what is saved by then stays.
+    """
+    began_s = time.monotonic()
+    session = await capture(out, cameras, talk)
+    report = free_name(out / "compare")
+    compared = await compare(session.folder, report, talk)
+    return DemoResult(
+        session=str(session.folder),
+        report=str(report / "report.html"),
+        seconds=round(time.monotonic() - began_s, 2),
+        sync=measure_sync_errors(session),
+        compare=compared,
+    )
+
+
+async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio") -> "Session":
+    """Start a rig of simulated cameras, take one burst when all are ready, and return its session."""
+    from capture_app.protocol.messages import BurstRequest
+    from capture_app.protocol.orders import AddSimulated
+    from capture_app.rig.link import RigLink
+    from capture_app.rig.rig import AsyncRig
+    from capture_app.session.reading.reader import Session
+
+    async with AsyncRig(sessions=out) as rig:
+        link = RigLink(rig.address)
+        talk(f"starting {cameras} simulated cameras, each a process with a clock of its own")
+        await link.order(
+            AddSimulated(cameras=cameras, scene=scene, options=CAMERA_OPTIONS, tolerance_us=TOLERANCE_US)
+        )
+        await _wait_until_ready(link, cameras, talk)
+        talk(f"taking a burst of {FRAMES} instants; the pictures are rendered as they are saved")
+        received = 0
+        async for burst in link.burst(BurstRequest(frames=FRAMES)):
+            if burst.received > received:
+                received = burst.received
+                talk(str(ProgressStep(received, burst.expected, "images saved")))
+    if burst.session is None:
+        raise IncompleteError(burst.message)
+    if burst.message:
+        talk(burst.message)
+    return Session.open(Path(burst.session))
+
+
+async def _wait_until_ready(link: "RigLink", cameras: int, talk: Talk) -> None:
+    """Log the cameras' states until all are ready. Raises the error of one that ends, IncompleteError."""
+    from capture_app.protocol.status import NewsLine, RigStatus
+
+    logged = advice = ""
+    try:
+        async with asyncio.timeout(READY_TIMEOUT_S), aclosing(link.updates()) as updates:
+            async for update in updates:
+                if isinstance(update, NewsLine) and update.level == "error":
+                    raise SimulshotError(update.text)
+                if not isinstance(update, RigStatus):
+                    continue
+                states, advice = [node.state for node in update.nodes], update.advice
+                counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
+                if counts and counts != logged:
+                    logged = counts
+                    talk(counts)
+                if states.count(NodeState.READY) == max(cameras, len(states)):
+                    return
+    except TimeoutError:
+        late = f"not all of {cameras} cameras are ready after {READY_TIMEOUT_S:g} s"
+        raise IncompleteError(late, hint=advice) from None
+
+
+async def compare(session: Path, out: Path, talk: Talk) -> dict[str, Any]:
+    """Run `reconstruct compare` in a process of its own, pass its progress on, and return its metrics."""
+    arguments = ("compare", str(session), *QUICK, "--out", str(out), "--json")
+    child = await Child.start("reconstruct compare", ("reconstruction.cli", *arguments), on_line=talk)
+    try:
+        printed = await child.output()
+    finally:
+        await child.stop()
+    try:
+        metrics: dict[str, Any] = msgspec.json.decode(printed, type=dict[str, Any])
+    except UNREADABLE as error:
+        raise SimulshotError(f"reconstruct compare printed no JSON: {error}") from error
+    return metrics
+
+
+def measure_sync_errors(session: "Session") -> SyncErrors:
+    """Compare a simulated session with its ground truth; the leader's clock is the host's, the true time.
+
+    Raises BadInputError where the session has no ground truth.
+    """
+    truth = session.true_times()
+    if truth is None or not truth.clocks:
+        raise BadInputError(f"{session.folder} has no ground truth", hint="only simulated sessions have it")
+    true_ns = {(time.camera, time.instant): time.true_ns for time in truth.images}
+    worst: dict[str, NodeErrors] = {}
+    for image in session.manifest.images:
+        instant_ns = session.manifest.burst.instants_ns[image.instant]
+        assert image.local_ns is not None
+        errors = NodeErrors(
+            name=image.camera,
+            clock_error_ns=image.leader_ns - truth.clocks[image.camera].true_from_local(image.local_ns),
+            phase_error_ns=image.leader_ns - instant_ns,
+            total_error_ns=true_ns[image.camera, image.instant] - instant_ns,
+            hard_bound_ns=image.hard_bound_ns or 0,
+        )
+        known = worst.get(image.camera)
+        if known is None or abs(errors.total_error_ns) > abs(known.total_error_ns):
+            worst[image.camera] = errors
+    nodes = tuple(worst[name] for name in sorted(worst))
+    return SyncErrors(nodes=nodes, max_total_error_ns=max(abs(node.total_error_ns) for node in nodes))

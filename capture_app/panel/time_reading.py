@@ -16,6 +16,7 @@ from capture_app.panel.finder import Floats, PanelNotFoundError, find_panel
 from capture_app.panel.light_model import LINES, TONES, LightModel, Shutter
 from capture_app.panel.pattern import COUNT, Panel
 
+SIGMAS_95 = 1.96
 STEPS = 8
 """Times tried for each tick."""
 _MIDDLE_LINE = slice(LINES // 2, LINES // 2 + 1)
@@ -144,7 +145,7 @@ class Posterior:
         chances = np.exp(logs - logs.max())
         mean = float(np.average(row_times, weights=chances))
         spread = float(np.sqrt(np.average((row_times - mean) ** 2, weights=chances)))
-        return mean, 1.96 * spread
+        return mean, SIGMAS_95 * spread
 
     def interval(self) -> tuple[float, float]:
         """Middle and half width of the 95 % of the likeliest neighbourhood.

@@ -102,6 +102,10 @@ class AddSimulated(Message, frozen=True, kw_only=True, tag="add-simulated"):
 
     cameras: int
     scene: str = "studio"
+    options: str = "drops=0"
+    """Options of each camera's spec: without drops all pictures can be compared."""
+    tolerance_us: int | None = None
+    """Phase errors up to this are left alone; None: the default of the camera's kind."""
 
 
 class RemoveCamera(Message, frozen=True, kw_only=True, tag="remove-camera"):

@@ -1,17 +1,20 @@
-"""How late each camera's stamps are, or its clock is, by what pictures tell of their times."""
+"""Calibrate camera times: how late each camera's stamps are, or its clock is, by what images show."""
 
-import asyncio
 import math
 from collections.abc import Collection, Mapping
 from pathlib import Path
 
 import msgspec
 
+from capture_app.common.address import Address
 from capture_app.common.camera_facts import StampAccuracy, StampSource
 from capture_app.common.child import Child
 from capture_app.common.errors import NotApplicableError
 from capture_app.common.text import UNREADABLE
+from capture_app.protocol.orders import KeepStamp, StampKept
+from capture_app.rig.link import ask_leader
 from capture_app.session.format.manifest import CameraRecord
+from capture_app.session.reading.reader import Session
 from capture_app.session.reading.stamp_words import UNMEASURED
 from capture_app.sync.clock.clock_filter import SIGMAS_95, KnownWay
 from capture_app.sync.clock.likely_line import ASYMMETRY
@@ -35,6 +38,26 @@ class MeasuredTimes(msgspec.Struct, frozen=True, kw_only=True):
     cameras: dict[str, MeasuredTime]
 
 
+async def calibrate(
+    leader: Address, session: Session, measured: MeasuredTimes | None = None
+) -> tuple[MeasuredTimes, dict[str, KeepStamp], dict[str, bool]]:
+    """Measure a session's camera times, unless `measured` has them, and let each node keep its camera's.
+
+    Return what was measured, by camera what its node was given, and whether the node could save it. Raises
+    what `measure_session` raises, NetworkError, and the leader's own errors.
+    """
+    records = {record.name: record for record in session.manifest.cameras}
+    if measured is None:
+        measured = await measure_session(session.folder, choose_reference(records))
+    stamps = measured_stamps(records, measured)
+    ways = measured_ways(records, measured, stamps)
+    given = {
+        name: KeepStamp(camera=name, stamp=stamps.get(name), way=ways.get(name)) for name in (*stamps, *ways)
+    }
+    saved = {name: (await ask_leader(leader, one, StampKept)).kept for name, one in given.items()}
+    return measured, given, saved
+
+
 def choose_reference(records: Mapping[str, CameraRecord]) -> str | None:
     """The camera whose own times are known best; None where nothing tells any camera's stamps."""
     known = {
@@ -54,11 +77,7 @@ async def measure_session(session: Path, reference: str | None) -> MeasuredTimes
     arguments += [] if reference is None else ["--reference", reference]
     child = await Child.start("reconstruct time", arguments, background=True)
     try:
-        assert child.process.stdout is not None
-        printed = await child.process.stdout.read()
-        if await child.process.wait():
-            raise await child.failure()
-        await asyncio.wait((child.listening,), timeout=1.0)
+        printed = await child.output()
     finally:
         await child.stop()
     try:

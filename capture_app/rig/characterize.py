@@ -1,4 +1,4 @@
-"""Measures one camera: watches it, starts it again and again, and moves its phase by known commands."""
+"""Measure one camera: watch it, start it again and again, and move its phase by known commands."""
 
 import asyncio
 from collections import deque
@@ -11,8 +11,9 @@ from msgspec.structs import replace
 
 from capture_app.cameras.base import Camera
 from capture_app.cameras.frames import CapturedFrame
+from capture_app.cameras.specs import modes_of, open_camera
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
-from capture_app.common.clock import NodeClock
+from capture_app.common.clock import HostClock, NodeClock
 from capture_app.common.errors import CameraError
 from capture_app.common.text import count
 from capture_app.node.camera.device_profiles import DeviceProfiles
@@ -25,6 +26,33 @@ from capture_app.sync.phase.injection import (
     InjectionHistory,
 )
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
+
+PATIENCE_S = 15.0
+"""A camera without frames for so long gives none."""
+PLACE_FRAMES = 40
+"""Frames that tell the phase, before and after a move."""
+OUTLIER = 4.0
+"""A stamp so many times as far off as others usually are does not count."""
+LEAST_SHIFTS = 6
+WIDEST_NS = 200_000.0
+"""No sensor's rows take longer."""
+LEAST_NOISE_NS = 500.0
+"""No stamps are better, and finer steps would take long to tell apart."""
+FINEST = 2.0
+"""A step is looked for where it is so many times as large as the noise."""
+NORMAL = sqrt(2.0 * pi * e)
+"""Normal noise of 1 sd fills as much of a step, in entropy, as so many sd of even noise."""
+SURE = log(100.0)
+"""A step must be so much likelier (log) than the likeliest of as many that are none."""
+MOVES = 20
+STRETCHES_NS = tuple(37_000 * number + 1_900 * number**2 for number in range(MOVES))
+"""What frames are stretched by beyond the first stretch: no two differences are alike."""
+SETTLING_FRAMES = 40
+"""Frames before anything is counted: a stream that has just begun may stutter."""
+AFTER_START_FRAMES = 12
+"""Frames watched after each start."""
+GOLDEN = 0.618
+"""Restarts begin at places of the period that are spread evenly, however many there are."""
 
 
 class Moves(Struct, frozen=True, kw_only=True):
@@ -80,14 +108,6 @@ class Character(Struct, frozen=True, kw_only=True):
     """None for a camera whose phase is moved by restarts, or not at all."""
     saved: bool = False
     """It is kept in this machine's profiles, by which nodes move such cameras from their first command on."""
-
-
-PATIENCE_S = 15.0
-"""A camera without frames for so long gives none."""
-PLACE_FRAMES = 40
-"""Frames that tell the phase, before and after a move."""
-OUTLIER = 4.0
-"""A stamp so many times as far off as others usually are does not count."""
 
 
 class StreamWatch:
@@ -177,19 +197,6 @@ class StreamWatch:
         self._arrived.set()
 
 
-LEAST_SHIFTS = 6
-WIDEST_NS = 200_000.0
-"""No sensor's rows take longer."""
-LEAST_NOISE_NS = 500.0
-"""No stamps are better, and finer steps would take long to tell apart."""
-FINEST = 2.0
-"""A step is looked for where it is so many times as large as the noise."""
-NORMAL = sqrt(2.0 * pi * e)
-"""Normal noise of 1 sd fills as much of a step, in entropy, as so many sd of even noise."""
-SURE = log(100.0)
-"""A step must be so much likelier (log) than the likeliest of as many that are none."""
-
-
 def common_step(shifts_ns: Sequence[float], noise_ns: float) -> float | None:
     """The step of which all shifts are most likely whole multiples, but for the noise (1 sd) of each.
 
@@ -234,11 +241,6 @@ def _refined(offs_ns: Sequence[float], step_ns: float) -> float:
     weight = sum((n - middle) ** 2 for n in counts)
     along = sum((n - middle) * (off - mean_ns) for n, off in zip(counts, offs_ns, strict=True))
     return along / weight if weight else step_ns
-
-
-MOVES = 20
-STRETCHES_NS = tuple(37_000 * number + 1_900 * number**2 for number in range(MOVES))
-"""What frames are stretched by beyond the first stretch: no two differences are alike."""
 
 
 async def measure_moves(watch: StreamWatch, facts: CameraFacts, moves: int) -> Moves | None:
@@ -308,15 +310,26 @@ def _reason(effective: int, step_ns: float | None) -> str:
     return "" if step_ns is not None else "its stamps scatter too much for rows to show in its shifts"
 
 
-SETTLING_FRAMES = 40
-"""Frames before anything is counted: a stream that has just begun may stutter."""
-AFTER_START_FRAMES = 12
-"""Frames watched after each start."""
-GOLDEN = 0.618
-"""Restarts begin at places of the period that are spread evenly, however many there are."""
-
-
 async def characterize(
+    spec: str, *, seconds: float, starts: int, moves: int, keep: bool, talk: Callable[[str], None]
+) -> Character:
+    """Measure a camera of this machine, and `keep` what nodes use of it in this user's profiles.
+
+    It is watched for so many seconds, started so many times, and told to move so many times. Raises
+    BadInputError for a spec that cannot be used, CameraError where it cannot be opened or gives no frames.
+    """
+    clock = HostClock()
+
+    def reopen() -> Camera:
+        return open_camera(spec, clock=clock, name="characterize")
+
+    found = await measure_camera(
+        spec, reopen, clock, modes=modes_of(spec), seconds=seconds, starts=starts, moves=moves, talk=talk
+    )
+    return save(found, DeviceProfiles()) if keep else found
+
+
+async def measure_camera(
     spec: str,
     open_camera: Callable[[], Camera],
     clock: NodeClock,

@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.commands.demo_run import capture, compare, measure_sync_errors
+from capture_app.commands.demo import capture, compare, measure_sync_errors
 from capture_app.common.errors import ExitCode, SimulshotError
 from capture_app.session.files.durable import free_name
 from capture_app.session.reading.verify import verify
@@ -21,12 +21,13 @@ from pathlib import Path
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.options import LeaderOptions
+from capture_app.protocol.orders import AddSimulated
 
 async def main():
     options = LeaderOptions(sessions=Path("unused"), host="127.0.0.1", port=0)
     async with await LeaderNode.start(options) as leader:
         async with LocalNodes(leader.own_address, Path("spool"), leader.news) as nodes:
-            await nodes.add_simulated(2, "bars")
+            await nodes.add_simulated(AddSimulated(cameras=2, scene="bars"))
             await leader.wait_until_ready(240, nodes=2)
             print("ready", flush=True)
             await asyncio.Event().wait()

@@ -14,7 +14,7 @@ from capture_app.cli import run
 from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.errors import CameraError
 from capture_app.node.camera.device_profiles import DeviceProfiles
-from capture_app.rig.characterize import Character, characterize, common_step, save
+from capture_app.rig.characterize import Character, common_step, measure_camera, save
 from capture_app.simulation.profiles import PROFILES
 from tests.simulation.camera.stepped import LoopClock, in_stepped_time
 
@@ -26,7 +26,7 @@ async def measured(spec: str, *, seconds: float = 10.0, starts: int = 0, moves: 
     def reopen() -> Camera:
         return open_camera(spec, clock=clock, name="cam")
 
-    return await characterize(spec, reopen, clock, seconds=seconds, starts=starts, moves=moves)
+    return await measure_camera(spec, reopen, clock, seconds=seconds, starts=starts, moves=moves)
 
 
 def test_a_webcam_is_watched_and_restarted() -> None:
@@ -91,7 +91,7 @@ async def test_a_camera_without_frames_is_an_error_in_words() -> None:
     clock = LoopClock(7)
     spec = "sim:perfect,drops=1"
     with pytest.raises(CameraError, match="gave no frames for 15 s"):
-        await characterize(spec, lambda: open_camera(spec, clock=clock, name="cam"), clock)
+        await measure_camera(spec, lambda: open_camera(spec, clock=clock, name="cam"), clock)
 
 
 def kept(folder: Path, facts: CameraFacts) -> tuple[object, int]:

@@ -13,11 +13,11 @@ import msgspec
 from capture_app.cameras.specs import parse_spec
 from capture_app.common.address import Address
 from capture_app.common.child import Child
-from capture_app.common.errors import BadInputError, NetworkError, SimulshotError
+from capture_app.common.errors import BadInputError, NetworkError
 from capture_app.common.names import check_name, free_name
 from capture_app.common.passwords import hide_password
 from capture_app.protocol.news import Log
-from capture_app.protocol.orders import FLAT_SCENES, MAX_NODES, VIEWS, PhoneInvited
+from capture_app.protocol.orders import FLAT_SCENES, MAX_NODES, VIEWS, AddSimulated, PhoneInvited
 from capture_app.trust.trust import Trust
 
 PHONES_START_TIMEOUT_S = 30.0
@@ -119,7 +119,6 @@ class LocalNodes:
         self._specs: dict[str, str] = {}
         """The node that was started last for each spec."""
         self._adding = asyncio.Lock()
-        self._failed: asyncio.Queue[SimulshotError] = asyncio.Queue()
 
     async def __aenter__(self) -> Self:
         return self
@@ -163,20 +162,13 @@ class LocalNodes:
             raise await child.failure()
         return name
 
-    async def add_simulated(
-        self,
-        cameras: int,
-        scene: str = "studio",
-        *,
-        taken: Collection[str] = (),
-        options: str = "drops=0",
-        tolerance_us: int | None = None,
-    ) -> tuple[str, ...]:
-        """Start so many further simulated cameras and return their names; they are open some seconds later.
+    async def add_simulated(self, order: AddSimulated, taken: Collection[str] = ()) -> tuple[str, ...]:
+        """Start further simulated cameras and return their names; they are open some seconds later.
 
-        `options` are those of each camera: without drops all pictures can be compared. Raises BadInputError
-        for a scene that does not exist or has no more views.
+        `taken` are names of other nodes. Raises BadInputError for a scene that does not exist or has no more
+        views.
         """
+        cameras, scene = order.cameras, order.scene
         if scene not in VIEWS:
             raise BadInputError(f"there is no simulated scene {scene!r}", hint=f"one of {', '.join(VIEWS)}")
         flat, pool = scene in FLAT_SCENES, VIEWS[scene]
@@ -192,8 +184,8 @@ class LocalNodes:
                 self._check(name, taken)
                 model = "phone-a" if pool.index(name) < 2 else "phone-b"
                 view = "" if flat else f",view={name}"
-                spec = f"sim:{model},scene={scene}{view}" + (f",{options}" if options else "")
-                await self._start(name, spec, "sim", tolerance_us)
+                spec = f"sim:{model},scene={scene}{view}" + (f",{order.options}" if order.options else "")
+                await self._start(name, spec, "sim", order.tolerance_us)
         return tuple(free[:cameras])
 
     async def remove(self, name: str) -> None:
@@ -214,10 +206,6 @@ class LocalNodes:
     async def close(self) -> None:
         """End all of them."""
         await asyncio.gather(self.phones.close(), *(self.remove(name) for name in tuple(self._children)))
-
-    async def wait_for_failure(self) -> SimulshotError:
-        """Wait until a node ends by itself, and return its error."""
-        return await self._failed.get()
 
     def _check(self, name: str, taken: Collection[str]) -> None:
         if name in self._children or name in taken:
@@ -243,4 +231,3 @@ class LocalNodes:
         if self._children.get(name) is child:
             del self._children[name], self._watching[name]
             self._news.add(str(error), camera=name, level="error")
-            self._failed.put_nowait(error)

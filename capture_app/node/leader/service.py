@@ -252,8 +252,8 @@ class LeaderService:
         match order:
             case orders.AddCamera(spec=spec, name=name):
                 names = (await self._nodes().add_camera(spec, name, self._taken()),)
-            case orders.AddSimulated(cameras=cameras, scene=scene):
-                names = await self._nodes().add_simulated(cameras, scene, taken=self._taken())
+            case orders.AddSimulated():
+                names = await self._nodes().add_simulated(order, taken=self._taken())
             case orders.RemoveCamera(name=name):
                 await self._remove(name)
             case orders.CancelBurst(burst=burst):

@@ -18,7 +18,7 @@ from benchmarks.paper.result import Outcome, Result, Table, error_figures, new_f
 from benchmarks.paper.trials import call_all, share_of
 from benchmarks.paper.values import FIGURE_5, FIGURE_6, TABLE_2
 from capture_app.console.terminal import talk
-from capture_app.panel.simulated import Image
+from capture_app.simulation.rendering.panel_photograph import Image
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes

@@ -15,9 +15,9 @@ from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import IncompleteError
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
-from capture_app.panel.simulated import Image, render
 from capture_app.simulation.links import DelayLaw, Link
 from capture_app.simulation.profiles import PROFILES, SensorProfile
+from capture_app.simulation.rendering.panel_photograph import Image, render
 from capture_app.simulation.sensor import SensorFrame
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.timekeeping.poll_schedule import NEVER_NS, Progress, SteadySchedule

@@ -10,8 +10,8 @@ import pytest
 from capture_app.cli import run
 from capture_app.commands.camera_measurements import times_by_panel
 from capture_app.common.errors import ExitCode
-from capture_app.panel import simulated
 from capture_app.session.reading.reader import Session
+from capture_app.simulation.rendering import panel_photograph
 
 BUNDLED = Path(__file__).parents[2] / "sample_sessions" / "led_panel"
 
@@ -49,7 +49,7 @@ def test_an_import_is_read_without_a_word_about_its_cameras(
         (tmp_path / "rec" / camera).mkdir(parents=True)
         for number, start_ns in enumerate(starts):
             rng = np.random.default_rng([number, len(camera)])
-            picture = simulated.render(int(start_ns), exposure_ns=500_000, row_time_ns=9_000, rng=rng)
+            picture = panel_photograph.render(int(start_ns), exposure_ns=500_000, row_time_ns=9_000, rng=rng)
             assert cv2.imwrite(str(tmp_path / "rec" / camera / f"{number:04d}.png"), picture)
     arguments = ["--fps", "20", "--out", str(tmp_path), "--name", "s", "--json"]
     assert run(["sessions", "import", str(tmp_path / "rec"), *arguments]) == ExitCode.OK

@@ -14,9 +14,9 @@ from benchmarks.samples.render import render, same_files
 from benchmarks.simulated import panel_photographs
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
-from capture_app.panel import simulated
 from capture_app.session.format.manifest import RECIPE, row_exposures
 from capture_app.session.reading.reader import Session
+from capture_app.simulation.rendering import panel_photograph
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_sessions"
 SHAPES = {"jumper": (5, 5), "naive": (5, 5), "pinwheel": (5, 5), "crossing": (3, 5), "led_panel": (2, 5)}
@@ -131,7 +131,7 @@ def test_the_time_can_be_read_off_the_panel_of_leds() -> None:
         read_ns = panel_photographs.read_time(
             picture, exposure_ns=record.exposure_ns, row_time_ns=row_time_ns
         )
-        true_ns = truth[record.camera, record.instant] % simulated.CYCLE_NS
+        true_ns = truth[record.camera, record.instant] % panel_photograph.CYCLE_NS
         assert abs(panel_photographs.difference_ns(read_ns, true_ns)) < 5_000
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from benchmarks.simulated import panel_photographs
 from capture_app.common.errors import BadInputError
-from capture_app.panel import simulated
+from capture_app.simulation.rendering import panel_photograph
 from capture_app.simulation.rendering.picture_source import LED_PANEL, PictureSource, open_picture_source
 from capture_app.simulation.sensor import SensorFrame
 
@@ -26,7 +26,7 @@ def test_a_picture_tells_when_it_was_taken(start_ns: int) -> None:
     picture = view().render(frame(start_ns), seed=1)
     assert picture.shape == (480, 640, 3)
     read_ns = panel_photographs.read_time(picture, exposure_ns=EXPOSURE_NS, row_time_ns=ROW_NS)
-    assert abs(panel_photographs.difference_ns(read_ns, start_ns % simulated.CYCLE_NS)) < 5_000
+    assert abs(panel_photographs.difference_ns(read_ns, start_ns % panel_photograph.CYCLE_NS)) < 5_000
 
 
 def test_pictures_are_a_function_of_frame_and_seed() -> None:

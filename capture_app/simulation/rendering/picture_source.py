@@ -1,8 +1,7 @@
-"""Where the pictures of a simulated camera come from: a rendered scene, a test card, a file, or elsewhere."""
+"""Where the images of a simulated camera come from: a rendered scene, a panel, a test card, or a file."""
 
 from __future__ import annotations
 
-import importlib
 from abc import ABC, abstractmethod
 from dataclasses import dataclass
 from pathlib import Path
@@ -24,8 +23,6 @@ if TYPE_CHECKING:
 
 TEST_CARD = "bars"
 LED_PANEL = "led-panel"
-SOURCES_ELSEWHERE = {LED_PANEL: ("capture_app.panel.simulated", "PanelView")}
-"""Module and class of what is no scene, by its name, so that it may lie above; made of a row time alone."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -142,6 +139,24 @@ class SceneView(PictureSource):
         return self.scene.ground_truth(self.view, frame.start_true_ns, frame.exposure_ns, self.row_time_ns)
 
 
+@dataclass(frozen=True, slots=True)
+class PanelView(PictureSource):
+    """A view of the LED panel, read out row by row."""
+
+    row_time_ns: int
+
+    def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
+        """Return the picture, BGR uint8 of height x width x 3."""
+        import numpy as np
+
+        from capture_app.simulation.rendering.panel_photograph import render
+
+        rng = np.random.default_rng([seed % 2**64, frame.start_true_ns % 2**64])
+        return render(
+            frame.start_true_ns, exposure_ns=frame.exposure_ns, row_time_ns=self.row_time_ns, rng=rng
+        )
+
+
 def open_picture_source(
     scene: str,
     view: str,
@@ -153,25 +168,24 @@ def open_picture_source(
     scale: float = 1.0,
     samples: int = 4,
 ) -> PictureSource:
-    """The test card of that size for the scene `bars`, a source of `SOURCES_ELSEWHERE`, else that view of a
-    rendered scene, each at its own size.
+    """Open the test card of that size (`bars`), the LED panel (`led-panel`), or a view of a rendered scene.
 
-    `scale` shrinks either; a scene has `samples` rays of each pixel. An empty `view` is the one named like
-    the camera. Raises BadInputError for a scene or view that does not exist and NotAvailableError where this
-    machine cannot render scenes.
+    The panel and scenes have their own size. `scale` shrinks the card and scenes; a scene has `samples` rays
+    of each pixel. An empty `view` is the one named like the camera. Raises BadInputError for a scene or view
+    that does not exist and NotAvailableError where this machine cannot render scenes.
     """
     if scene == TEST_CARD:
         if view:
             raise BadInputError(f"the test card {TEST_CARD!r} has no view {view!r}", hint="leave view= out")
         return ColourBars(round(width * scale), round(height * scale), camera)
-    if scene in SOURCES_ELSEWHERE:
+    if scene == LED_PANEL:
         if view:
             raise BadInputError(f"the panel {scene!r} has no view {view!r}", hint="leave view= out")
         if scale != 1:
             raise BadInputError(f"the panel {scene!r} is of one size", hint="leave scale= out")
-        module, made_by = SOURCES_ELSEWHERE[scene]
-        source: PictureSource = getattr(importlib.import_module(module), made_by)(row_time_ns=row_time_ns)
-        return source
+        from capture_app.simulation.rendering.panel_photograph import HEIGHT, WIDTH
+
+        return PanelView(WIDTH, HEIGHT, row_time_ns)
     from capture_app.simulation.rendering.scene import load
 
     loaded = load(scene, scale=scale, samples=samples)

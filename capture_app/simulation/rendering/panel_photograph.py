@@ -7,7 +7,7 @@ Two panels stand side by side: with a tick of 200 us a picture gives its time to
 with 10 ms to a millisecond within a second. The reader is told nothing of the panel or of where it stands.
 """
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from functools import lru_cache
 from itertools import product
 
@@ -23,9 +23,8 @@ from capture_app.panel.pattern import (
     marker_squares,
     panel_named,
 )
-from capture_app.simulation.rendering.picture_source import PictureSource
-from capture_app.simulation.sensor import SensorFrame
 
+Image = NDArray[np.uint8]
 Corners = tuple[tuple[float, float], ...]
 
 SUBPIXELS = 2
@@ -33,6 +32,18 @@ SUBPIXELS = 2
 _WALL, _WHITE, _BLACK, _GROUND, _COVER = 0.16, 0.55, 0.03, 0.035, 0.3
 _LENS_RING = 0.05
 """Light that surfaces throw back, of 1 where the sensor is full; lamps that are off throw back the last."""
+MOMENTS = 200
+"""Moments of a row's exposure at which its lamps are watched."""
+_LED_LIGHT, _SCREEN_LIGHT = (0.25, 0.5, 1.0), (1.0, 1.0, 1.0)
+"""Blue, green and red of lamps: orange LEDs, white cells."""
+WIDTH, HEIGHT = 640, 480
+PANEL = panel_named("led-pair")
+CYCLE_NS = round(PANEL.cycle_ns)
+"""Pictures tell their time within this: 1 s."""
+_CORNERS = ((27.0, 108.0), (611.0, 92.0), (620.0, 379.0), (19.0, 366.0))
+"""Where the frame is seen, from a little to one side."""
+UNEVEN = 0.05
+"""LEDs differ in brightness by this (standard deviation)."""
 
 
 @lru_cache(maxsize=8)
@@ -114,14 +125,6 @@ def _lamp_at(panel: Panel, x: Floats, y: Floats) -> tuple[NDArray[np.int64], Flo
         best[inside], shape[inside] = number[inside], bright[inside]
     which[rows, columns], profile[rows, columns] = best, shape
     return which, profile
-
-
-Image = NDArray[np.uint8]
-
-MOMENTS = 200
-"""Moments of a row's exposure at which its lamps are watched."""
-_LED_LIGHT, _SCREEN_LIGHT = (0.25, 0.5, 1.0), (1.0, 1.0, 1.0)
-"""Blue, green and red of lamps: orange LEDs, white cells."""
 
 
 @dataclass(frozen=True)
@@ -212,16 +215,6 @@ class Photograph:
         return np.rint(255 * self._tone(scene)).astype(np.uint8)
 
 
-WIDTH, HEIGHT = 640, 480
-PANEL = panel_named("led-pair")
-CYCLE_NS = round(PANEL.cycle_ns)
-"""Pictures tell their time within this: 1 s."""
-_CORNERS = ((27.0, 108.0), (611.0, 92.0), (620.0, 379.0), (19.0, 366.0))
-"""Where the frame is seen, from a little to one side."""
-UNEVEN = 0.05
-"""LEDs differ in brightness by this (standard deviation)."""
-
-
 def render(
     start_ns: int, *, exposure_ns: int, row_time_ns: float, rng: np.random.Generator, true_ppm: float = 0.0
 ) -> Image:
@@ -245,19 +238,3 @@ def render(
         ambient=0.8,
     )
     return photograph.take(start_ns % CYCLE_NS, rng)
-
-
-@dataclass(frozen=True, slots=True)
-class PanelView(PictureSource):
-    """A simulated camera's view of the panel, read out row by row."""
-
-    width: int = WIDTH
-    height: int = HEIGHT
-    row_time_ns: int = field(kw_only=True)
-
-    def render(self, frame: SensorFrame, *, seed: int) -> Image:
-        """Return the picture, BGR uint8 of height x width x 3."""
-        rng = np.random.default_rng([seed % 2**64, frame.start_true_ns % 2**64])
-        return render(
-            frame.start_true_ns, exposure_ns=frame.exposure_ns, row_time_ns=self.row_time_ns, rng=rng
-        )

@@ -3,9 +3,9 @@
 import asyncio
 import socket
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -57,10 +57,10 @@ def read(session: Path, out: Path | None, as_json: bool) -> None:
     if out is not None:
         with OutputFolder(out, replaces_only({RESULT})) as output:
             (output.folder / RESULT).write_bytes(pretty_json(found))
-    answer(as_json, found, _lines(times, errors))
+    answer(as_json, found, _lines(found["words"]))
 
 
-def _as_json(times: "SessionTimes", errors: "RigErrors") -> dict[str, object]:
+def _as_json(times: "SessionTimes", errors: "RigErrors") -> dict[str, Any]:
     import msgspec
 
     return {
@@ -92,8 +92,8 @@ def _as_json(times: "SessionTimes", errors: "RigErrors") -> dict[str, object]:
     }
 
 
-def _words(times: "SessionTimes", errors: "RigErrors") -> dict[str, object]:
-    """The same for people, as a screen shows it."""
+def _words(times: "SessionTimes", errors: "RigErrors") -> dict[str, Any]:
+    """The same for people: what a terminal prints and the screen shows."""
     name = times.panel.name
     apart = f"{name}: how far apart (phase: by the stamps; clock: the rest)"
     tables = [(apart, _APART, _apart(errors)), (f"{name} in the pictures", _SEEN, _seen(times))]
@@ -108,14 +108,12 @@ def _words(times: "SessionTimes", errors: "RigErrors") -> dict[str, object]:
     }
 
 
-def _lines(times: "SessionTimes", errors: "RigErrors") -> Iterator[str]:
-    yield _verdict(errors)
-    yield _about(times)
-    yield table(("camera", *_SEEN), _seen(times))
-    yield from _refused(times)
-    if errors.all is not None:
-        yield f"\n{table(('cameras', *_APART), _apart(errors))}\n"
-    yield from _judgement(times, errors)
+def _lines(words: Mapping[str, Any]) -> Iterator[str]:
+    yield words["verdict"]
+    for one in words["tables"]:
+        yield f"\n{one['caption']}"
+        yield table(("cameras", *one["columns"]), one["rows"])
+    yield "\n" + "\n".join(words["remarks"])
 
 
 def _about(times: "SessionTimes") -> str:
@@ -185,7 +183,6 @@ def _rows(name: str, table: "PairTable") -> "list[tuple[str, ...]]":
 
 def _judgement(times: "SessionTimes", errors: "RigErrors") -> Iterator[str]:
     if errors.all is None:
-        yield _NONE
         return
     yield (
         f"The panel tells such a difference to ±{duration(errors.all.reading_uncertainty_ns)} (95 %): "

@@ -13,6 +13,11 @@ _PUBLIC = {
     "SimulshotError": "common.errors",
     "open_session": "session.reading.opened",
 }
+__all__ = list(_PUBLIC)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__doc__", "__version__"]
 
 
 def __getattr__(name: str) -> Any:

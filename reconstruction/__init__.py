@@ -7,6 +7,11 @@ import importlib
 from typing import Any
 
 _PUBLIC = {"Condition": "session.conditions", "open_session": "opened"}
+__all__ = list(_PUBLIC)
+
+
+def __dir__() -> list[str]:
+    return [*__all__, "__doc__"]
 
 
 def __getattr__(name: str) -> Any:

@@ -11,9 +11,12 @@ import sys
 from collections.abc import Iterator
 from dataclasses import dataclass
 from pathlib import Path
+from types import ModuleType
 
 import pytest
 
+import capture_app
+import reconstruction
 from tests.documentation.pages import ROOT
 
 PAGE = ROOT / "docs" / "python.md"
@@ -117,3 +120,11 @@ def outputs(notebook: Path) -> list[str]:
     cells = json.loads(notebook.read_text())["cells"]
     given = [output for cell in cells for output in cell.get("outputs", ())]
     return ["".join(one["text"]) if "text" in one else "".join(one["data"]) for one in given]
+
+
+@pytest.mark.parametrize("package", [capture_app, reconstruction])
+def test_tab_completion_finds_the_public_names(package: ModuleType) -> None:
+    names = [name for name in dir(package) if not name.startswith("_")]
+    assert names == package.__all__
+    assert "open_session" in names
+    assert all(getattr(package, name).__doc__ for name in names)

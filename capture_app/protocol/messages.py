@@ -9,7 +9,6 @@ from capture_app.common import errors
 from capture_app.common.camera_facts import Count
 from capture_app.common.errors import SimulshotError
 from capture_app.common.names import Name
-from capture_app.common.pairing_codes import Role
 from capture_app.protocol.message import Message
 from capture_app.protocol.orders import FromOperator, FromViewfinder, ToOperator, ToViewfinder
 from capture_app.protocol.pairing import FromStranger, Invite, Invited, SpeaksFor, ToStranger

@@ -1,9 +1,9 @@
 """Rights of a machine on a stream: the one role that each message requires of its sender."""
 
 from capture_app.common.errors import UnknownMachineError
+from capture_app.common.pairing_codes import Role
 from capture_app.protocol import messages, orders, pairing, status
 from capture_app.protocol.message import Message
-from capture_app.trust.known_machines import Role
 from capture_app.trust.trust import Peer
 
 SENDERS: dict[Role | None, tuple[type[Message], ...]] = {

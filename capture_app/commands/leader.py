@@ -137,15 +137,8 @@ def leader(
     from capture_app.node.leader.options import LeaderOptions
     from capture_app.node.leader.standby import lead_in_turn
     from capture_app.protocol.news import Log
-    from capture_app.sync.rig.rig_config import RigConfig
 
     is_apps_grid = android_app and fps is None
-    rig = RigConfig(
-        period_ns=PERIOD_NS if is_apps_grid else None if fps is None else round(1e9 / fps),
-        grid_phase_ns=GOAL_PHASE_NS if is_apps_grid else None,
-        align_row=align_row if align == "mid-exposure" else None,
-        max_delay_ns=round(max_delay_ms * 1e6),
-    )
     news = Log(log_line, record=print_json_line if as_json else None)
 
     def make_options() -> LeaderOptions:
@@ -154,7 +147,10 @@ def leader(
             port=port,
             or_free_port=or_free_port,
             sessions=sessions,
-            rig=rig,
+            period_ns=PERIOD_NS if is_apps_grid else None if fps is None else round(1e9 / fps),
+            grid_phase_ns=GOAL_PHASE_NS if is_apps_grid else None,
+            align_row=align_row if align == "mid-exposure" else None,
+            max_delay_ns=round(max_delay_ms * 1e6),
             followers=(
                 *([AppPhones(host, aligns=is_apps_grid)] if android_app else []),
                 *rpicam_followers(rpicam_hosts, rpicam_shutter_us),
@@ -184,7 +180,6 @@ async def _run_leader(
     log: Path | None,
     as_json: bool,
 ) -> None:
-    from capture_app.net.discovery import announced, announced_hosts
     from capture_app.protocol.orders import AddCamera, InvitePhone, PhoneInvited
     from capture_app.rig.doctor import warnings_for_leader
     from capture_app.rig.link import ask_leader
@@ -192,14 +187,13 @@ async def _run_leader(
 
     host, sessions = node.options.host, node.options.sessions
     with contextlib.ExitStack() as record:
-        async with announced(host, node.address.port, "leader", among=among):
+        async with node.announced(among):
             talk(f"leader at {node.address}, sessions in {sessions}")
             talk(f"join with: capture-app node --leader {node.address} --camera SPEC")
             _offer_codes(node, host, on_terminal=log is None and sys.stdin.isatty())
-            if announced_hosts(host):
-                for warning in await asyncio.to_thread(warnings_for_leader, node.address.port):
-                    talk(warning)
-                    node.news.add(warning, level="warning")
+            for warning in await asyncio.to_thread(warnings_for_leader, host, node.address.port):
+                talk(warning)
+                node.news.add(warning, level="warning")
             if as_json:
                 address = {"leader": str(node.address), "port": node.address.port}
                 print_json_line({"event": "listening", **address, "sessions": str(sessions)})

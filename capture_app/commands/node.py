@@ -1,9 +1,8 @@
 """`capture-app node`: one camera, synchronized with the others of its leader."""
 
 import sys
-from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import click
 from click.core import ParameterSource
@@ -18,15 +17,13 @@ from capture_app.commands.options import (
     spool_option,
 )
 from capture_app.common.address import Address
-from capture_app.common.clock import NodeClock, parse_clock
-from capture_app.common.errors import BadInputError, NotAvailableError
-from capture_app.common.names import check_name, free_name
+from capture_app.common.clock import parse_clock
+from capture_app.common.errors import NotAvailableError
 from capture_app.console.terminal import FiniteRange, log_line, print_line, talk
 from capture_app.console.usage import examples
-from capture_app.sync.rig.frame_selection import RING_BYTES, RING_NS
 
 if TYPE_CHECKING:
-    from capture_app.node.camera.camera_node import CameraNode
+    from capture_app.protocol.news import Log
 
 
 @click.command(
@@ -59,14 +56,14 @@ if TYPE_CHECKING:
 @click.option(
     "--ring-s",
     type=FiniteRange(0.1, 600.0),
-    default=RING_NS / 1e9,
+    show_default="3",
     metavar="S",
     help="How far back its frames are kept, for bursts that begin in the past.",
 )
 @click.option(
     "--ring-mb",
     type=FiniteRange(1.0, 1_000_000.0),
-    default=RING_BYTES / 1e6,
+    show_default="256",
     metavar="MB",
     help="The most memory for these, and as much for frames that are not on a disk yet.",
 )
@@ -88,8 +85,8 @@ def node(
     clock_text: str,
     tolerance_us: float | None,
     spool: Path,
-    ring_s: float,
-    ring_mb: float,
+    ring_s: float | None,
+    ring_mb: float | None,
     at_boot: bool | None,
     yes: bool,
     pin: str | None,
@@ -103,15 +100,18 @@ def node(
     can take the place of the leader. A machine that the leader does not know is let in once, by --code, or
     by the code that this asks for.
     """
-    named = _named(name, specs)
+    from capture_app.node.camera.node_group import camera_node, name_cameras, run_nodes
+
+    named = name_cameras(name, specs)
     if at_boot is not None:
         _arrange_boot(name, at_boot, yes)
         return
     clock = parse_clock(clock_text, node=name)
     leaders = leaders_to_join(leaders, pin, code)
-    from capture_app.node.camera.node_group import run_nodes
     from capture_app.protocol.news import Log
 
+    ring = {} if ring_s is None else {"ring_ns": round(ring_s * 1e9)}
+    ring |= {} if ring_mb is None else {"ring_bytes": round(ring_mb * 1e6)}
     nodes = {
         one: camera_node(
             one,
@@ -119,28 +119,19 @@ def node(
             leaders=leaders,
             clock=clock,
             tolerance_ns=None if tolerance_us is None else round(tolerance_us * 1000),
-            ring_ns=round(ring_s * 1e9),
-            ring_bytes=round(ring_mb * 1e6),
             spool=spool,
+            log=_log_of(one),
+            **ring,
         )
         for one, spec in named.items()
     }
     run_until_stopped(run_nodes(nodes, Log(log_line)), until_eof=until_eof)
 
 
-def _named(name: str, specs: Sequence[str]) -> dict[str, str]:
-    """The spec of each camera by its name. Raises BadInputError where it cannot be read or is there twice."""
-    from capture_app.cameras.specs import parse_spec
+def _log_of(name: str) -> "Log":
+    from capture_app.protocol.news import Log
 
-    labels = [parse_spec(spec).label for spec in specs]
-    if len(specs) == 1:
-        return {name: specs[0]}
-    named: dict[str, str] = {}
-    for spec, label in zip(specs, labels, strict=True):
-        if spec in named.values() and not spec.startswith("sim:"):
-            raise BadInputError(f"the camera {spec} is named twice", hint="leave one out")
-        named[free_name(check_name(f"{name}-{label}", "camera"), named)] = spec
-    return named
+    return Log(lambda line: log_line(f"{name}: {line}"), name=name)
 
 
 def _arrange_boot(name: str, at_boot: bool, yes: bool) -> None:
@@ -178,23 +169,3 @@ def _typed_options(*but: str) -> list[str]:
             if not isinstance(one, bool):
                 words.append(str(one.absolute() if isinstance(one, Path) else one))
     return words
-
-
-def camera_node(name: str, spec: str, *, clock: NodeClock, **options: Any) -> "CameraNode":
-    """Make the node of one camera, which talks on stderr; the camera is opened when it runs."""
-    from capture_app.cameras.specs import open_camera
-    from capture_app.node.camera.camera_node import CameraNode
-    from capture_app.node.camera.device_profiles import DeviceProfiles
-    from capture_app.node.camera.supervisor import NodeOptions
-    from capture_app.protocol.news import Log
-
-    return CameraNode(
-        NodeOptions(
-            name=name,
-            open_camera=lambda: open_camera(spec, clock=clock, name=name),
-            clock=clock,
-            log=Log(lambda line: log_line(f"{name}: {line}"), name=name),
-            profiles=DeviceProfiles(),
-            **options,
-        )
-    )

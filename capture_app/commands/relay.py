@@ -76,12 +76,11 @@ def relay(
 
 
 async def _run_relay(options: "RelayOptions", as_json: bool) -> None:
-    from capture_app.net.discovery import announced
     from capture_app.node.relay import RelayNode
 
     async with (
         await RelayNode.start(options) as node,
-        announced(options.host, node.address.port, "relay", name=options.name),
+        node.announced(),
     ):
         talk(f"relay at {node.address}, below {', or '.join(map(str, options.parents))}")
         talk(f"join with: capture-app node --leader {node.address} --camera SPEC")

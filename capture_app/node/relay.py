@@ -3,6 +3,7 @@
 import asyncio
 import random
 import secrets
+from contextlib import AbstractAsyncContextManager
 from dataclasses import dataclass
 from socket import socket
 from typing import Any, Self
@@ -20,6 +21,7 @@ from capture_app.common.interfaces import own_hosts
 from capture_app.common.tasks import end
 from capture_app.common.text import duration
 from capture_app.net.channel import Channel, connect
+from capture_app.net.discovery import announced
 from capture_app.net.multicast import send_due_beacon
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
@@ -135,6 +137,11 @@ class RelayNode:
         relay._tasks.append(asyncio.create_task(watch.run(engine.member.time)))
         relay._tasks.append(asyncio.create_task(relay._requester.run()))
         return relay
+
+    def announced(self) -> AbstractAsyncContextManager[None]:
+        """Announce this relay to the network while the block runs."""
+        options = self.options
+        return announced(options.host, self.address.port, "relay", name=options.name, trust=options.trust)
 
     async def __aenter__(self) -> Self:
         return self

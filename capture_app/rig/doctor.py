@@ -196,11 +196,13 @@ async def _announced_leader(found: FoundLeader) -> Finding:
     return Finding("discovery", "good", text)
 
 
-def warnings_for_leader(port: int, root: Path = Path("/")) -> list[str]:
+def warnings_for_leader(host: str, port: int, root: Path = Path("/")) -> list[str]:
     """Say what of this machine would keep other machines' cameras from a leader here, or make them worse.
 
-    `root`: where its files are.
+    Nothing for a leader that only this machine can reach. `root`: where the machine's files are.
     """
+    if not announced_hosts(host):
+        return []
     interfaces = wifi_interfaces(root / "sys/class/net")
     found = (*firewalls(active_firewalls(root), [port]), *wifi(interfaces))
     return [f"{finding.text}: {finding.remedy}" for finding in found if finding.grade == "warning"]

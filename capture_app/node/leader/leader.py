@@ -2,11 +2,14 @@
 
 import random
 import secrets
+from collections.abc import Sequence
+from contextlib import AbstractAsyncContextManager
 from socket import socket
 from typing import Self
 
 from capture_app.common.address import Address, own_machine_address, reachable_host
 from capture_app.common.errors import SimulshotError
+from capture_app.net.discovery import announced
 from capture_app.net.multicast import send_due_beacon
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
@@ -23,6 +26,7 @@ from capture_app.protocol.messages import ToLeader
 from capture_app.protocol.status import RigStatus
 from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.trust.camera_names import CameraNames
 from capture_app.trust.sealed_engines import SealedLeader
 
@@ -72,7 +76,12 @@ class LeaderNode:
         config = LeaderConfig(
             instance=secrets.randbits(32),
             transfer_port=listening.getsockname()[1],
-            rig=options.rig,
+            rig=RigConfig(
+                period_ns=options.period_ns,
+                align_row=options.align_row,
+                max_delay_ns=options.max_delay_ns,
+                grid_phase_ns=options.grid_phase_ns,
+            ),
             beacons=None if options.beacons is None else options.beacons.group,
             agree_fully=options.beacons is None or options.beacons.fully,
             continues=None if continued is None else continued.told,
@@ -119,6 +128,11 @@ class LeaderNode:
     def instance(self) -> int:
         """This run of the leader, by which nodes tell it from the next."""
         return self.engine.config.instance
+
+    def announced(self, among: Sequence[Address] = ()) -> AbstractAsyncContextManager[None]:
+        """Announce this leader to the network while the block runs; `among` are all leaders of its rig."""
+        host, trust = self.options.host, self.options.trust
+        return announced(host, self.address.port, "leader", trust=trust, among=among)
 
     def status(self) -> RigStatus:
         """The whole rig at this moment."""

@@ -10,7 +10,6 @@ from capture_app.net.multicast import BeaconSender
 from capture_app.node.burst.resumed_bursts import RETURN_NS
 from capture_app.node.leader.followers import RigFollower
 from capture_app.protocol.news import Log
-from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.tree.succession import Continued
 from capture_app.trust.trust import Trust
 
@@ -40,7 +39,14 @@ class LeaderOptions(PortOptions):
     sessions: Path
     or_free_port: bool = False
     """Another port is taken where that one is in use."""
-    rig: RigConfig = field(default_factory=RigConfig)
+    period_ns: int | None = None
+    """From one frame to the next; None: as most cameras have it."""
+    align_row: float | None = None
+    """Fraction of the height of the row whose middle of exposure is aligned; None: the first row's start."""
+    max_delay_ns: int = 0
+    """A burst that is requested for now may be delayed by this to reach the best predicted alignment."""
+    grid_phase_ns: int | None = None
+    """Instants are this much after whole periods of leader time; None: cameras lay the grid."""
     resume: Sequence[Path] | None = None
     """The interrupted sessions to finish; None for all."""
     continued: Continued | None = None

@@ -16,7 +16,6 @@ from capture_app.node.leader.options import LeaderOptions
 from capture_app.protocol.news import Log
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_grid import FrameGrid
-from capture_app.sync.rig.rig_config import RigConfig
 from tests.node.joining import joined
 from tests.waiting import PATIENCE_S, patience
 
@@ -64,7 +63,8 @@ async def test_a_leader_sends_its_grid_in_the_wall_clock(
             sessions=tmp_path,
             host="127.0.0.1",
             port=0,
-            rig=RigConfig(period_ns=33_328_000, grid_phase_ns=5),
+            period_ns=33_328_000,
+            grid_phase_ns=5,
             followers=[sync],
         )
     )

@@ -21,7 +21,7 @@ from benchmarks.paper.result import error_figures
 from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, print_targets, talk
 from capture_app.common.address import parse_address
 from capture_app.common.clock import parse_clock
-from capture_app.rig.link_measurement import Synchronization, judge, measure, sum_up
+from capture_app.rig.link_measurement import judge, measure, sum_up
 
 PORT = 47010
 WIRELESS, CABLE = "10.77.0.1", "10.78.0.1"
@@ -84,7 +84,7 @@ def main() -> int:
     parser.add_argument("--clock", default="host", help=argparse.SUPPRESS)
     options = parser.parse_args()
     if options.connect is not None:
-        print(json.dumps(_synchronize(options)))
+        print(json.dumps(asyncio.run(_synchronize(options))))
         return 0
     if options.quick:
         options.trials, options.minute_trials = QUICK_TRIALS, 0
@@ -101,12 +101,13 @@ def main() -> int:
     return 0 if all(verdict["met"] for verdict in judged) else 1
 
 
-def _synchronize(options: argparse.Namespace) -> dict[str, Any]:
+async def _synchronize(options: argparse.Namespace) -> dict[str, Any]:
     """Return the figures of the engine's clock, and the errors of other estimators on the same samples."""
     clock, trials = parse_clock(options.clock, node="link"), []
     errors_us: dict[str, list[float]] = {}
-
-    def judge_all(number: int, reached: Synchronization) -> None:
+    async for reached in measure(
+        options.connect, clock, messages=options.messages, trials=options.trials, seed=options.seed
+    ):
         trials.append(judge(reached, clock))
         local_ns = max(sample.t3_ns for sample in reached.samples)
         for name, estimator in estimator_family().items():
@@ -116,17 +117,6 @@ def _synchronize(options: argparse.Namespace) -> dict[str, Any]:
             assert time_map is not None
             error_ns = time_map.leader_from_local(local_ns) - clock.true_from_local(local_ns)
             errors_us.setdefault(name, []).append(error_ns / 1000.0)
-
-    asyncio.run(
-        measure(
-            options.connect,
-            clock,
-            messages=options.messages,
-            trials=options.trials,
-            seed=options.seed,
-            report=judge_all,
-        )
-    )
     figures = sum_up(trials, kind="emulated link", messages=options.messages, seed=options.seed)
     return {**to_builtins(figures), "errors_us": {name: error_figures(of) for name, of in errors_us.items()}}
 

@@ -118,22 +118,16 @@ def link(
     if connect is not None:
         own_clock, wanted = parse_clock(clock, node="link"), trials or measuring.TRIALS
 
-        def report(number: int, reached: measuring.Synchronization) -> None:
-            done.append(measuring.judge(reached, own_clock, true_offset_ns))
-            if (number + 1) % 10 == 0 or messages > 1000:
-                talk(f"{number + 1} of {wanted}: {done[-1].error_us:+.1f} us")
+        async def measure(leader: Address) -> None:
+            pace_ns = None if interval_ms is None else round(interval_ms * 1e6)
+            async for reached in measuring.measure(
+                leader, own_clock, messages=messages, pace_ns=pace_ns, trials=wanted, seed=seed
+            ):
+                done.append(measuring.judge(reached, own_clock, true_offset_ns))
+                if len(done) % 10 == 0 or messages > 1000:
+                    talk(f"{len(done)} of {wanted}: {done[-1].error_us:+.1f} us")
 
-        asyncio.run(
-            measuring.measure(
-                connect,
-                own_clock,
-                messages=messages,
-                pace_ns=None if interval_ms is None else round(interval_ms * 1e6),
-                trials=wanted,
-                seed=seed,
-                report=report,
-            )
-        )
+        asyncio.run(measure(connect))
     elif recording is not None:
         done += measuring.replay(recording, messages, trials=trials or measuring.REPLAYED_TRIALS, seed=seed)
     kind: measuring.Kind = "simulated" if connect is None else "emulated link" if emulated else "real"

@@ -3,7 +3,7 @@
 import asyncio
 import random
 import time
-from collections.abc import Callable, Sequence
+from collections.abc import AsyncIterator, Sequence
 from dataclasses import dataclass, replace
 from pathlib import Path
 from statistics import fmean, pstdev
@@ -184,18 +184,17 @@ async def measure(
     pace_ns: int | None = None,
     trials: int = TRIALS,
     seed: int,
-    report: Callable[[int, Synchronization], None],
-) -> None:
-    """Let a client join anew for each trial, and `report` each trial's number and what the client knows.
+) -> AsyncIterator[Synchronization]:
+    """Let a client join anew for each trial, and yield what it knows at the end.
 
     The other end runs `serve`. A client asks every `pace_ns`, or at the engine's own intervals; `clock` is
     this end's, perhaps simulated. Raises NetworkError.
     """
     rng = random.Random(f"{seed} link")
     timeout_s = 10.0 + 5.0 * messages * (PACE_NS if pace_ns is None else pace_ns) / 1e9
-    for number in range(trials):
+    for _ in range(trials):
         link = LinkClient(rng, messages, pace_ns)
-        report(number, await synchronize(address, clock, link, timeout_s=timeout_s))
+        yield await synchronize(address, clock, link, timeout_s=timeout_s)
         await asyncio.sleep(PAUSE_S)
 
 

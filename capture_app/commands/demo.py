@@ -1,10 +1,8 @@
 """`capture-app demo`: simulated cameras in processes of their own, a burst, and its comparison."""
 
-import asyncio
 import textwrap
 import time
 from collections.abc import Iterator
-from contextlib import aclosing
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -15,13 +13,14 @@ from msgspec import Struct
 from capture_app.commands.options import FOLDER, run_until_stopped
 from capture_app.common.child import Child, Talk
 from capture_app.common.errors import BadInputError, IncompleteError, SimulshotError
-from capture_app.common.node_state import NodeState
+from capture_app.common.tasks import first_of
 from capture_app.common.text import UNREADABLE, ProgressStep
 from capture_app.console.terminal import answer, json_option, show_progress, table, talk
 from capture_app.console.usage import examples
 from capture_app.session.files.durable import free_name
 
 if TYPE_CHECKING:
+    from capture_app.protocol.status import BurstStatus
     from capture_app.rig.link import RigLink
     from capture_app.session.reading.reader import Session
 
@@ -123,7 +122,6 @@ async def run_demo(out: Path, cameras: int, talk: Talk) -> DemoResult:
 
 async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio") -> "Session":
     """Start a rig of simulated cameras, take one burst when all are ready, and return its session."""
-    from capture_app.protocol.messages import BurstRequest
     from capture_app.protocol.orders import AddSimulated
     from capture_app.rig.link import RigLink
     from capture_app.rig.rig import AsyncRig
@@ -135,42 +133,45 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
         await link.order(
             AddSimulated(cameras=cameras, scene=scene, options=CAMERA_OPTIONS, tolerance_us=TOLERANCE_US)
         )
-        await _wait_until_ready(link, cameras, talk)
-        talk(f"taking a burst of {FRAMES} instants; the pictures are rendered as they are saved")
-        received = 0
-        async for burst in link.burst(BurstRequest(frames=FRAMES)):
-            if burst.received > received:
-                received = burst.received
-                talk(str(ProgressStep(received, burst.expected, "images saved")))
-    if burst.session is None:
-        raise IncompleteError(burst.message)
-    if burst.message:
-        talk(burst.message)
-    return Session.open(Path(burst.session))
+        watched, taken = await first_of(_watch(link, talk), _take(link, cameras, talk))
+        if taken.cancelled():
+            watched.result()
+        saved: BurstStatus = taken.result()
+    if saved.session is None:
+        raise IncompleteError(saved.message)
+    if saved.message:
+        talk(saved.message)
+    return Session.open(Path(saved.session))
 
 
-async def _wait_until_ready(link: "RigLink", cameras: int, talk: Talk) -> None:
-    """Log the cameras' states until all are ready. Raises the error of one that ends, IncompleteError."""
+async def _watch(link: "RigLink", talk: Talk) -> None:
+    """Log how many cameras are in which state. Raises the error of a camera that ends."""
     from capture_app.protocol.status import NewsLine, RigStatus
 
-    logged = advice = ""
-    try:
-        async with asyncio.timeout(READY_TIMEOUT_S), aclosing(link.updates()) as updates:
-            async for update in updates:
-                if isinstance(update, NewsLine) and update.level == "error":
-                    raise SimulshotError(update.text)
-                if not isinstance(update, RigStatus):
-                    continue
-                states, advice = [node.state for node in update.nodes], update.advice
-                counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
-                if counts and counts != logged:
-                    logged = counts
-                    talk(counts)
-                if states.count(NodeState.READY) == max(cameras, len(states)):
-                    return
-    except TimeoutError:
-        late = f"not all of {cameras} cameras are ready after {READY_TIMEOUT_S:g} s"
-        raise IncompleteError(late, hint=advice) from None
+    logged = ""
+    async for update in link.updates():
+        if isinstance(update, NewsLine) and update.level == "error":
+            raise SimulshotError(update.text)
+        if isinstance(update, RigStatus):
+            states = [node.state for node in update.nodes]
+            counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
+            if counts and counts != logged:
+                logged = counts
+                talk(counts)
+
+
+async def _take(link: "RigLink", cameras: int, talk: Talk) -> "BurstStatus":
+    from capture_app.protocol.messages import BurstRequest
+
+    received, has_begun = 0, False
+    async for burst in link.burst(BurstRequest(frames=FRAMES, wait_ready_s=READY_TIMEOUT_S, nodes=cameras)):
+        if burst.expected and not has_begun:
+            has_begun = True
+            talk(f"taking a burst of {FRAMES} instants; the pictures are rendered as they are saved")
+        if burst.received > received:
+            received = burst.received
+            talk(str(ProgressStep(received, burst.expected, "images saved")))
+    return burst
 
 
 async def compare(session: Path, out: Path, talk: Talk) -> dict[str, Any]:

@@ -28,7 +28,8 @@ async def main():
     async with await LeaderNode.start(options) as leader:
         async with LocalNodes(leader.own_address, Path("spool"), leader.news) as nodes:
             await nodes.add_simulated(AddSimulated(cameras=2, scene="bars"))
-            await leader.wait_until_ready(240, nodes=2)
+            while [node.state for node in leader.status().nodes] != ["ready", "ready"]:
+                await asyncio.sleep(0.05)
             print("ready", flush=True)
             await asyncio.Event().wait()
 

@@ -17,7 +17,6 @@ from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.followers import SharedGrid
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.leader.readiness import reasons_until_ready
 from capture_app.node.leader.service import LeaderService
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState
@@ -137,14 +136,6 @@ class LeaderNode:
     def status(self) -> RigStatus:
         """The whole rig at this moment."""
         return self._rig.status()
-
-    async def wait_until_ready(self, timeout_s: float, *, nodes: int = 1) -> None:
-        """Wait until at least that many nodes are here and all of them are ready.
-
-        Raises IncompleteError that names those that are not, when the time is over.
-        """
-        async for _ in reasons_until_ready(self.engine, self._clock, timeout_s, nodes):
-            pass
 
     def shared_grid(self) -> SharedGrid | None:
         """Return the grid of instants, None before the first camera."""

@@ -10,6 +10,7 @@ import pytest
 from capture_app.cameras.specs import open_camera
 from capture_app.common.clock import HostClock
 from capture_app.common.errors import BadInputError
+from capture_app.common.node_state import NodeState
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.camera.supervisor import NodeOptions
@@ -22,6 +23,7 @@ from capture_app.rig.link import RigLink, ask_leader
 from capture_app.session.format.manifest import ClockRecord, Manifest
 from capture_app.session.reading.reader import Session
 from capture_app.sync.clock.clock_filter import KnownWay
+from tests.waiting import until
 
 PATIENCE_S = 60.0
 
@@ -43,7 +45,7 @@ async def link(tmp_path: Path) -> AsyncIterator[RigLink]:
         )
         camera = CameraNode(options)
         running = asyncio.create_task(camera.run())
-        await leader.wait_until_ready(PATIENCE_S)
+        await until(lambda: [node.state for node in leader.status().nodes] == [NodeState.READY])
         yield RigLink(leader.own_address)
         running.cancel()
         await asyncio.gather(running, return_exceptions=True)

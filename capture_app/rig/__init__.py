@@ -1,1 +1,1 @@
-"""Access to a running rig: start it or connect to it, watch it, take bursts and recordings, operate it."""
+"""Access to a running rig: start or join it, watch it, take pictures with it, operate and measure it."""

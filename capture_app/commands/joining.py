@@ -51,18 +51,18 @@ def make_known(leaders: Sequence[Address], pin: str | None, code: str | None) ->
     A leader that does not answer yet is waited for by the node itself, which then says what to do.
     Raises UnknownMachineError where `code` is not the code.
     """
-    from capture_app.rig import joining
+    from capture_app.rig import membership
 
-    if joining.is_pairing_skipped():
+    if membership.is_pairing_skipped():
         return
     if pin is not None:
-        joining.own_machine().known.add(pin, Role.LEADER)
+        membership.own_machine().known.add(pin, Role.LEADER)
     if code is None and not sys.stdin.isatty():
         # Nobody is here to ask: the node says what to do, and asks by itself.
         return
     for leader in leaders:
         try:
-            if asyncio.run(joining.needs_pairing(leader)):
+            if asyncio.run(membership.needs_pairing(leader)):
                 _introduce(leader, code)
                 code = None
         except UnknownMachineError:
@@ -85,7 +85,7 @@ def _introduce(leader: Address, code: str | None) -> None:
 
 def pair_with(leader: Address, code: str) -> tuple[Role, ...]:
     """Make this machine known to a leader by a code, say so, and return what it may do there."""
-    from capture_app.rig.joining import pair
+    from capture_app.rig.membership import pair
 
     roles = asyncio.run(pair(leader, code))
     log_line(f"this machine is known to the leader at {leader} from now on, as {' and '.join(roles)}")
@@ -175,7 +175,7 @@ def find_leader() -> "FoundLeader":
     Raises NetworkError where there are several and nobody to ask.
     """
     log_line("looking for a leader in this network")
-    from capture_app.rig.joining import find_leaders
+    from capture_app.rig.membership import find_leaders
 
     leader = choose_leader(run_until_stopped(find_leaders(log_line)), can_ask=sys.stdin.isatty())
     log_line(f"found a leader at {leader.addresses[0]} ({leader.name})")

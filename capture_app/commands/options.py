@@ -34,7 +34,7 @@ ADDRESS = ParsedType("host:port", parse_address)
 
 def _skip_pairing(ctx: click.Context, param: click.Parameter, value: bool) -> None:
     if value:
-        from capture_app.rig.joining import accept_any_machine
+        from capture_app.rig.membership import accept_any_machine
 
         ctx.with_resource(accept_any_machine())
 

@@ -18,6 +18,7 @@ from capture_app.common.address import Address
 from capture_app.common.pairing_codes import Role, show_code
 from capture_app.console.terminal import answer, json_option, table
 from capture_app.console.usage import examples
+from capture_app.rig.membership import own_machine
 
 EXAMPLE_PIN = "abcd-efgh-ijkl-mnop-qrst-uvwx-yz23-4567"
 role_option = click.option(
@@ -43,8 +44,6 @@ def trust() -> None:
 @json_option
 def list_command(as_json: bool) -> None:
     """List the machines that are known here, and this machine's own pin."""
-    from capture_app.rig.joining import own_machine
-
     mine = own_machine()
     machines = mine.known.all()
     shown = [
@@ -78,8 +77,6 @@ def list_command(as_json: bool) -> None:
 @json_option
 def add(pin: str, role: Role, name: str, as_json: bool) -> None:
     """Let the machine of PIN join here, without a code. `capture-app trust list` there shows its pin."""
-    from capture_app.rig.joining import own_machine
-
     machine = own_machine().known.add(pin, Role(role), name=name)
     told = {"pin": machine.pin, "name": machine.name, "roles": machine.roles}
     answer(as_json, told, said=f"{machine.name} is known from now on, as {' and '.join(machine.roles)}")
@@ -90,8 +87,6 @@ def add(pin: str, role: Role, name: str, as_json: bool) -> None:
 @json_option
 def remove(machine: str, as_json: bool) -> None:
     """Take MACHINE off, by its name or the beginning of its pin; what it has open is broken off."""
-    from capture_app.rig.joining import own_machine
-
     removed = own_machine().known.remove(machine)
     told = {"removed": removed.name, "pin": removed.pin}
     answer(as_json, told, said=f"{removed.name} is not known any more")
@@ -127,8 +122,6 @@ def invite(role: Role, qr: bool, leader: Address, as_json: bool) -> None:
 @json_option
 def pair(leader: Address, code: str | None, as_json: bool) -> None:
     """Make this machine known to the leader at LEADER by a code, which the person there has."""
-    from capture_app.rig.joining import own_machine
-
     own_machine()
     if code is None and not sys.stdin.isatty():
         raise click.UsageError("--code is needed where there is no terminal to ask on")

@@ -167,7 +167,7 @@ def test_a_node_without_an_address_joins_the_rig_of_its_machine(
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
     # Whatever leader this machine has at the usual port is not asked.
-    monkeypatch.setattr("capture_app.rig.joining.DEFAULT_PORT", 1)
+    monkeypatch.setattr("capture_app.rig.membership.DEFAULT_PORT", 1)
     with socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as sock:
         sock.bind(("127.0.0.1", 0))
         own = Address("127.0.0.1", sock.getsockname()[1])

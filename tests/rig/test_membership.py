@@ -7,7 +7,7 @@ import pytest
 
 from capture_app.common.address import Address
 from capture_app.common.errors import UnknownMachineError
-from capture_app.rig.joining import accept_any_machine, is_pairing_skipped, own_machine
+from capture_app.rig.membership import accept_any_machine, is_pairing_skipped, own_machine
 from capture_app.rig.process import AttachedRig
 
 

@@ -1,4 +1,4 @@
-"""How this machine becomes part of a rig: the leaders it finds, and pairing with them."""
+"""How this machine becomes a member of a rig: the leaders it finds, and pairing with them."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager

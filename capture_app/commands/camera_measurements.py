@@ -216,7 +216,6 @@ def characterize(spec: str, seconds: float, starts: int, moves: int, save: bool,
     it cannot tell.
     """
     from capture_app.rig.characterize import characterize as measure
-    from capture_app.rig import characterize as measuring
 
     found = asyncio.run(measure(spec, seconds=seconds, starts=starts, moves=moves, keep=save, talk=talk))
     kept = ["saved in this user's profiles: nodes move such cameras by them from now on"]

@@ -8,8 +8,8 @@ import pytest
 from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.common.camera_facts import CameraListing
 from capture_app.common.clock import HostRate
-from capture_app.rig import doctor
 from capture_app.common.usb import UsbCamera, usb_cameras
+from capture_app.rig import doctor
 
 SAMPLE_BYTES = 1 << 20
 

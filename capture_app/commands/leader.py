@@ -106,6 +106,7 @@ APP_NOTE = (
 @spool_option
 @open_option
 @click.option("--or-free-port", is_flag=True, hidden=True, help="Take a free port where --port is taken.")
+@click.option("--until-eof", is_flag=True, hidden=True, help="Stop when stdin closes: the parent is gone.")
 @click.option("--log", type=ANY_PATH, hidden=True, help="The file that stderr is: a rig in the background.")
 @json_option
 def leader(
@@ -125,6 +126,7 @@ def leader(
     cameras: tuple[str, ...],
     spool: Path,
     or_free_port: bool,
+    until_eof: bool,
     log: Path | None,
     as_json: bool,
 ) -> None:
@@ -169,7 +171,7 @@ def leader(
     run = functools.partial(
         _run_leader, among=leaders, cameras=cameras, with_phones=with_phones, log=log, as_json=as_json
     )
-    run_until_stopped(lead_in_turn(make_options, leaders, run))
+    run_until_stopped(lead_in_turn(make_options, leaders, run), until_eof=until_eof)
 
 
 async def _run_leader(

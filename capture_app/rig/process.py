@@ -124,15 +124,16 @@ async def find_rig(*, sessions: Path | None = None, port: int | None = None) -> 
 
 
 async def start_rig(
-    *, sessions: Path, host: str, port: int | None = None, cameras: Sequence[str] = ()
+    *, sessions: Path, host: str, port: int | None = None, cameras: Sequence[str] = (), is_owned: bool = False
 ) -> RunningRig:
-    """Start a rig in the background, which outlives this process, and return it when it answers.
+    """Start a rig in the background and return it when it answers.
 
-    Without a `port` it is the usual one, or any where that is taken. Raises NetworkError for a port that is
-    taken or a host that is not this machine's, and what the rig's process ended with.
+    It outlives this process unless `is_owned`. Without a `port` it takes the default one, or a free one.
+    Raises NetworkError for a port that is taken or a host that is not this machine's, and the error with
+    which the rig's process ended.
     """
     log = _new_log()
-    process = _spawn(sessions, host, port, cameras, log)
+    process = _spawn(sessions, host, port, cameras, log, is_owned)
     for _ in range(round(START_TIMEOUT_S / CHECK_EVERY_S)):
         for rig in list_rigs():
             if rig.pid == process.pid:
@@ -190,24 +191,32 @@ def _new_log() -> Path:
 
 
 def _spawn(
-    sessions: Path, host: str, port: int | None, cameras: Sequence[str], log: Path
+    sessions: Path, host: str, port: int | None, cameras: Sequence[str], log: Path, is_owned: bool
 ) -> subprocess.Popen[bytes]:
     arguments = ["leader", "--host", host, "--sessions", str(sessions.absolute())]
     arguments += Trust.of_user().options
     arguments += ["--or-free-port"] if port is None else ["--port", str(port)]
+    arguments += ["--until-eof"] if is_owned else []
     for camera in cameras:
         arguments += ["--camera", camera]
     with log.open("wb") as output:
         process = subprocess.Popen(  # noqa: S603 - our own program
             [sys.executable, "-m", "capture_app.cli", *arguments, "--log", str(log)],
-            stdin=subprocess.DEVNULL,
+            # Closes with this process, however that ends.
+            stdin=subprocess.PIPE if is_owned else subprocess.DEVNULL,
             stdout=output,
             stderr=output,
             start_new_session=True,
         )
-    # One that has ended counts as running until it is waited for.
-    threading.Thread(target=process.wait, daemon=True).start()
+    threading.Thread(target=_reap, args=(process,), daemon=True).start()
     return process
+
+
+def _reap(process: subprocess.Popen[bytes]) -> None:
+    """Wait for a process, which counts as running until then, and close its pipe."""
+    process.wait()
+    if process.stdin is not None:
+        process.stdin.close()
 
 
 def _runs(pid: int) -> bool:

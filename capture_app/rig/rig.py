@@ -63,7 +63,7 @@ class AsyncRig:
             return self
         # Simulated cameras are processes of this machine: nobody else need reach them.
         host = "0.0.0.0" if self._cameras else "127.0.0.1"  # noqa: S104
-        rig = await start_rig(sessions=self._sessions, host=host, cameras=self._cameras)
+        rig = await start_rig(sessions=self._sessions, host=host, cameras=self._cameras, is_owned=True)
         self._leader, self._pid = rig.address, rig.pid
         if self._simulated is not None:
             try:

@@ -1,6 +1,7 @@
 """A rig from Python: started or joined, and nothing of it is left when its block ends."""
 
 import asyncio
+import sys
 from pathlib import Path
 
 import pytest
@@ -8,6 +9,7 @@ import pytest
 from capture_app import AsyncRig, Rig
 from capture_app.common.errors import BadInputError, IncompleteError, NetworkError, NotAvailableError
 from capture_app.rig.process import list_rigs
+from tests.waiting import patience, until
 
 
 @pytest.mark.slow
@@ -46,3 +48,19 @@ def test_a_rig_that_cannot_be_had_leaves_nothing_behind(tmp_path: Path) -> None:
     for leader, cameras in (("127.0.0.1", 1), ("", 0)):
         with pytest.raises(BadInputError):
             Rig(leader, simulated=cameras)
+
+
+async def test_a_killed_script_leaves_no_rig_behind(tmp_path: Path) -> None:
+    script = (
+        "import time\nfrom capture_app import Rig\n"
+        f"with Rig(sessions={str(tmp_path)!r}) as rig:\n"
+        "    print(rig.address, flush=True)\n    time.sleep(600)\n"
+    )
+    owner = await asyncio.create_subprocess_exec(sys.executable, "-c", script, stdout=asyncio.subprocess.PIPE)
+    assert owner.stdout is not None
+    async with patience("the script's rig"):
+        assert await owner.stdout.readline()
+    assert len(list_rigs()) == 1
+    owner.kill()
+    await owner.wait()
+    await until(lambda: list_rigs() == [])

@@ -11,6 +11,7 @@ _PUBLIC = {
     "AsyncRig": "rig.rig",
     "Rig": "rig.rig",
     "SimulshotError": "common.errors",
+    "TakePlan": "rig.taking",
     "open_session": "session.reading.opened",
 }
 __all__ = list(_PUBLIC)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from capture_app.commands.options import leader_option
-from capture_app.commands.take import ready_options, take_burst
+from capture_app.commands.take import ready_options, require_whole, take
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError, NotApplicableError
 from capture_app.common.text import count, duration
@@ -16,6 +16,7 @@ from capture_app.console.terminal import FiniteRange, answer, json_option, table
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
+    from capture_app.commands.take import TakeEnd
     from capture_app.protocol.orders import KeepStamp
     from capture_app.rig.camera_times import MeasuredTimes
     from capture_app.rig.characterize import Character, Moves, Starts
@@ -107,24 +108,19 @@ def calibrate_time(
 
 def _take(leader: Address, seconds: float, todo: str, ready: Mapping[str, Any]) -> Path:
     """Take the pictures, when the rig is ready as asked; the folder of their session."""
-    from capture_app.protocol.messages import BurstRequest
+    from capture_app.rig.link import RigLink
+    from capture_app.rig.taking import TakePlan
 
     talk(f"{seconds:g} s of pictures: {todo}")
-    request = BurstRequest(
-        seconds=seconds,
-        spare=0,
-        name=NAME,
-        note="taken to measure how late the cameras' stamps are",
-        **ready,
-    )
-    done = asyncio.run(take_burst(leader, request))
-    if done.session is None:
-        raise IncompleteError(f"no pictures were saved: {done.message}")
-    if not Path(done.session).is_dir():
-        raise IncompleteError(
-            f"the pictures are on the leader's machine, in {done.session}", hint="calibrate there"
-        )
-    return Path(done.session)
+    note = "taken to measure how late the cameras' stamps are"
+    plan = TakePlan(seconds=seconds, name=NAME, note=note, **ready)
+    taken: list[TakeEnd] = []
+    asyncio.run(take(RigLink(leader), plan, taken, silent=True))
+    require_whole(taken[0], 100.0)
+    where = (taken[0].status and taken[0].status.session) or "its phones"
+    if not Path(where).is_dir():
+        raise IncompleteError(f"the pictures are on the leader's machine, in {where}", hint="calibrate there")
+    return Path(where)
 
 
 def times_by_panel(session: "Session", reference: str | None = None) -> "MeasuredTimes":

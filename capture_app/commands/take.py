@@ -1,43 +1,36 @@
-"""What `burst` and `record` share: they wait for the rig, follow a take until it is saved, and judge it.
-
-`capture-app burst`: take a burst with a running leader and wait for its session.
-
-`capture-app record`: a synchronized video of every camera, with a time for every frame.
-"""
+"""Taking pictures from the command line: `capture-app burst` and `record` print what `rig/taking.py` does."""
 
 import asyncio
 import re
 import signal
 import time
-from collections.abc import Callable
-from pathlib import Path
+from collections.abc import AsyncGenerator, Callable
+from contextlib import aclosing
 from typing import TYPE_CHECKING, Any, TypeVar
 
 import click
-from msgspec.structs import asdict, replace
+from msgspec.structs import asdict
 
 from capture_app.commands.options import leader_option
 from capture_app.common.address import Address
-from capture_app.common.errors import (
-    IncompleteError,
-    NetworkError,
-    NoCameraHereError,
-    SimulshotError,
-    ungrouped_errors,
-)
+from capture_app.common.errors import IncompleteError, NoCameraHereError
 from capture_app.common.tasks import end
 from capture_app.common.text import count
 from capture_app.console.terminal import FiniteRange, answer, json_option, print_json, print_line, talk
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.protocol.messages import BurstRequest
-    from capture_app.protocol.status import BurstStatus
+    from capture_app.rig.link import RigLink
+    from capture_app.rig.taking import Failed, Progress, Saved, TakeEvent, TakePlan, Taking
     from capture_app.session.reading.verdict import Verdict
 
+    TakeEnd = Progress | Saved | Failed
+
 F = TypeVar("F", bound=Callable[..., Any])
-SAID_EVERY_S = 1.0
-"""How far a take is that goes on for long is said no more often."""
+MAX_FRAMES = 100_000
+MAX_S = 31 * 86_400.0
+REPORT_EVERY_S = 1.0
+"""The progress of a long take is reported no more often."""
 _FIGURE = re.compile(r"\d[\d.]* (ns|µs|ms|s)\b|--tolerance-us \d+")
 
 _wait_option = click.option(
@@ -56,6 +49,13 @@ _nodes_option = click.option(
     default=1,
     help="With --wait-s: wait until at least this many nodes are ready.",
 )
+_countdown_option = click.option(
+    "--countdown-s",
+    type=FiniteRange(0.0, 3600.0),
+    default=0.0,
+    metavar="S",
+    help="Count down this long before the first frame.",
+)
 
 
 def ready_options(command: F) -> F:
@@ -63,78 +63,116 @@ def ready_options(command: F) -> F:
     return _wait_option(_nodes_option(command))
 
 
-async def take_burst(
-    leader: Address, request: "BurstRequest", on_status: Callable[["BurstStatus"], None] = lambda _: None
-) -> "BurstStatus":
-    """Take a burst or a recording, tell on stderr how far it is, and return how it ended.
+async def _reported(taking: "Taking", leader: Address) -> "AsyncGenerator[TakeEvent, None]":
+    """Yield the events of a take, and report them on stderr."""
+    from capture_app.rig.taking import Failed, Progress, Waiting
 
-    Raises NetworkError, and the leader's own errors.
-    """
-    from capture_app.protocol.news import burst_line
-    from capture_app.rig.link import ask_burst
-
-    last, said, counted_s = None, "", 0.0
-    try:
-        async for last in ask_burst(leader, request):
-            on_status(last)
-            line = burst_line(last)
-            # A figure that changes a little while the rig is waited for is no news.
-            gist = line if last.burst else _FIGURE.sub("", line)
-            waits = last.burst and not last.done and time.monotonic() < counted_s + SAID_EVERY_S
-            if gist != said and not waits:
-                said, counted_s = gist, time.monotonic()
+    reported: dict[int, tuple[str, str, float]] = {}
+    async with aclosing(aiter(taking)) as events:
+        async for event in events:
+            line, message, is_running = _line_of(event, taking.plan), "", False
+            if isinstance(event, Failed) and isinstance(event.error, NoCameraHereError):
+                event.error.hint = f"start one with: capture-app node --leader {leader} --camera SPEC"
+            if isinstance(event, Progress):
+                message, is_running = event.status.message, not event.status.done
+            # A figure that changes a little while the rig becomes ready is not worth a line.
+            gist = _FIGURE.sub("", line) if isinstance(event, Waiting) else line
+            last, last_message, at_s = reported.get(event.number, ("", "", 0.0))
+            too_soon = is_running and message == last_message and time.monotonic() < at_s + REPORT_EVERY_S
+            if line and gist != last and not too_soon:
+                reported[event.number] = (gist, message, time.monotonic())
                 talk(line)
-    except NoCameraHereError as error:
-        hint = f"start one with: capture-app node --leader {leader} --camera SPEC"
-        raise NoCameraHereError(error.what, hint=hint) from error
-    if last is None:
-        raise NetworkError(f"the leader at {leader} did not take the burst")
-    return last
+            yield event
 
 
-def show_take(done: "BurstStatus", as_json: bool) -> dict[str, Any]:
-    """Print the path of the session of a take that is over and how good it is, and return its JSON record.
+def _line_of(event: "TakeEvent", plan: "TakePlan") -> str:
+    from capture_app.protocol.news import burst_line
+    from capture_app.rig import taking
 
-    With `as_json` nothing is printed: that is left to the caller, who may have several.
+    match event:
+        case taking.Countdown(number, seconds):
+            return f"take {number} of {plan.repeat} in {seconds} s" if seconds < plan.countdown_s + 1 else ""
+        case taking.Moved(camera=camera):
+            return f"something moves in front of {camera}"
+        case taking.Waiting(reason=reason):
+            return reason
+        case taking.Progress(status=status):
+            return burst_line(status)
+    return ""
+
+
+async def take(
+    link: "RigLink", plan: "TakePlan", ended: "list[TakeEnd]", *, silent: bool, detach: bool = False
+) -> None:
+    """Take, report on stderr how far it is, and add to the list how each take ends.
+
+    Each session and its verdict are printed, unless `silent`. With `detach` it returns when the take has
+    begun. The first Ctrl-C ends a recording, the second no longer waits until it is saved.
     """
-    verdict = _judge_if_here(done)
-    if not as_json and done.session is not None:
-        print_line(done.session)
-        if verdict is not None:
-            talk(f"{verdict.headline}; spread {verdict.spread}")
-            if verdict.stamps:
-                talk(verdict.stamps)
-    return {**asdict(done), "verdict": verdict}
+    from capture_app.rig import taking
+
+    series, endings = taking.Taking(link, plan), list[asyncio.Task[None]]()
+
+    def interrupt() -> None:
+        if endings or series.is_open:
+            raise KeyboardInterrupt
+        talk("ending; Ctrl-C again: do not wait until it is saved")
+        endings.append(loop.create_task(series.end()))
+
+    loop = asyncio.get_running_loop()
+    if plan.video:
+        loop.add_signal_handler(signal.SIGINT, interrupt)
+    try:
+        async with aclosing(_reported(series, link.leader)) as events:
+            async for event in events:
+                match event:
+                    case taking.Saved() | taking.Failed():
+                        ended.append(event)
+                        if not silent:
+                            _print_take(event)
+                    case taking.Progress(status=status) if detach and not status.done:
+                        ended.append(event)
+                        return
+    finally:
+        if plan.video:
+            loop.remove_signal_handler(signal.SIGINT)
+        await end(*endings)
 
 
-def require_whole(kind: str, done: "BurstStatus", most_missing_pct: float = 0.0) -> None:
-    """Raise IncompleteError where more of a take is missing than that share, or there is no session.
+def _print_take(ended: "TakeEnd") -> None:
+    """Print the path of the session, and how good it is."""
+    if ended.status is not None and ended.status.session is not None:
+        print_line(ended.status.session)
+    if (verdict := _verdict_of(ended)) is not None:
+        talk(f"{verdict.headline}; spread {verdict.spread}")
+        if verdict.stamps:
+            talk(verdict.stamps)
+
+
+def _verdict_of(ended: "TakeEnd") -> "Verdict | None":
+    return getattr(ended, "verdict", None)
+
+
+def _records(ended: "list[TakeEnd]") -> list[dict[str, Any]]:
+    """What --json says of each take that had begun."""
+    return [{**asdict(one.status), "verdict": _verdict_of(one)} for one in ended if one.status is not None]
+
+
+def require_whole(ended: "TakeEnd", most_missing_pct: float = 0.0) -> None:
+    """Raise the error of a take that failed, and IncompleteError where more than that share is missing.
 
     One without a number was taken by phones of their own app, which keep what they took.
     """
-    if done.done and not done.burst:
-        return
-    missing = done.expected - done.received
-    if done.session is None or missing > most_missing_pct / 100 * done.expected:
-        raise IncompleteError(f"{kind} {done.burst} is incomplete: {done.message}")
+    from capture_app.rig.taking import Failed
+
+    if isinstance(ended, Failed):
+        raise ended.error
+    status = ended.status
+    missing = status.expected - status.received
+    if missing > most_missing_pct / 100 * status.expected:
+        raise IncompleteError(f"{status.name} is incomplete: {status.message}")
     if missing:
-        talk(
-            f"{missing} of {count(done.expected, 'frame')} missing, at most {most_missing_pct:g} % asked for"
-        )
-
-
-def _judge_if_here(done: "BurstStatus") -> "Verdict | None":
-    """The verdict where the session is on this machine: a leader elsewhere saves it there."""
-    from capture_app.session.reading.reader import Session
-    from capture_app.session.reading.verdict import judge
-
-    try:
-        return None if done.session is None else judge(Session.open(Path(done.session)).manifest)
-    except SimulshotError:
-        return None
-
-
-MOST_FRAMES = 100_000
+        talk(f"{missing} of {count(status.expected, 'frame')} missing, {most_missing_pct:g} % accepted")
 
 
 @click.command(
@@ -149,7 +187,7 @@ MOST_FRAMES = 100_000
 @leader_option
 @click.option(
     "--frames",
-    type=click.IntRange(1, MOST_FRAMES),
+    type=click.IntRange(1, MAX_FRAMES),
     metavar="N",
     default=5,
     help="Number of frames from each camera.",
@@ -207,7 +245,7 @@ MOST_FRAMES = 100_000
 @click.option(
     "--on-motion",
     is_flag=True,
-    help="Take each burst when something moves before a camera, at most one each --every seconds.",
+    help="Take each burst when something moves in front of a camera, at most one every --every seconds.",
 )
 @click.option(
     "--region",
@@ -215,18 +253,17 @@ MOST_FRAMES = 100_000
     metavar="LEFT TOP RIGHT BOTTOM",
     default=(0.0, 0.0, 1.0, 1.0),
     show_default="the whole picture",
-    help="With --on-motion: where, as shares of the picture.",
+    help="With --on-motion: where, as fractions of the picture.",
 )
 @click.option(
     "--cancel", type=click.IntRange(1), metavar="BURST", help="Cancel the burst of this number instead."
 )
+@_countdown_option
 @ready_options
 @json_option
 def burst(
     leader: Address,
     consecutive: bool,
-    repeat: int,
-    every_s: float | None,
     on_motion: bool,
     region: tuple[float, float, float, float],
     cancel: int | None,
@@ -239,39 +276,25 @@ def burst(
     missing. With --repeat take several, and print each path when it is saved; with --json all of them at the
     end.
     """
-    from capture_app.protocol.messages import BurstRequest
+    from capture_app.rig.link import RigLink
+    from capture_app.rig.taking import TakePlan
 
     if cancel is not None:
         _cancel(leader, cancel, as_json)
         return
-    request = BurstRequest(**chosen)
-    if request.at_leader_ns is not None and repeat > 1:
-        raise click.UsageError("--at-ns is for one burst, not with --repeat")
-    if consecutive and request.spare:
+    if consecutive and chosen["spare"]:
         raise click.UsageError("--consecutive skips nothing: leave out --spare")
     if consecutive:
-        request = replace(request, spare=0)
-    results: list[dict[str, Any]] = []
-
-    def show(done: "BurstStatus") -> None:
-        results.append(show_take(done, as_json))
-
-    if on_motion and request.at_leader_ns is not None:
-        raise click.UsageError("--at-ns is not with --on-motion")
-    if not (region[0] < region[2] and region[1] < region[3]):
-        raise click.UsageError("--region is LEFT TOP RIGHT BOTTOM, as shares: 0.5 0 1 1 is the right half")
+        chosen["spare"] = 0
+    plan = TakePlan(**chosen, on_motion=region if on_motion else None)
+    ended: list[TakeEnd] = []
     try:
-        taking = (
-            _take_on_motion(leader, request, repeat, every_s or 0.0, region, show)
-            if on_motion
-            else _take_bursts(leader, request, repeat, every_s, show)
-        )
-        bursts = asyncio.run(taking)
+        asyncio.run(take(RigLink(leader), plan, ended, silent=as_json))
     finally:
-        if as_json and results:
-            print_json(results[0] if repeat == 1 else {"bursts": results})
-    for done in bursts:
-        require_whole("burst", done)
+        if as_json and (records := _records(ended)):
+            print_json(records[0] if plan.repeat == 1 else {"bursts": records})
+    for one in ended:
+        require_whole(one)
 
 
 def _cancel(leader: Address, number: int, as_json: bool) -> None:
@@ -281,65 +304,6 @@ def _cancel(leader: Address, number: int, as_json: bool) -> None:
     asyncio.run(give_order(leader, CancelBurst(burst=number)))
     told = f"burst {number} is cancelled; what had come is saved"
     answer(as_json, {"cancelled": number}, said=told)
-
-
-async def _take_bursts(
-    leader: Address,
-    request: "BurstRequest",
-    repeat: int,
-    every_s: float | None,
-    show: Callable[["BurstStatus"], None],
-) -> list["BurstStatus"]:
-    """Take them one after the other, or each in its turn though the one before is still being saved."""
-
-    async def take() -> "BurstStatus":
-        done = await take_burst(leader, request)
-        show(done)
-        return done
-
-    if every_s is None:
-        return [await take() for _ in range(repeat)]
-    loop = asyncio.get_running_loop()
-    began_s = loop.time()
-    with ungrouped_errors():
-        async with asyncio.TaskGroup() as tasks:
-            taking = []
-            for number in range(repeat):
-                await asyncio.sleep(max(0.0, began_s + number * every_s - loop.time()))
-                taking.append(tasks.create_task(take()))
-    return [task.result() for task in taking]
-
-
-async def _take_on_motion(
-    leader: Address,
-    request: "BurstRequest",
-    repeat: int,
-    every_s: float,
-    region: tuple[float, float, float, float],
-    show: Callable[["BurstStatus"], None],
-) -> list["BurstStatus"]:
-    """Take each when something moves, the frames before it too, and look again when it is saved."""
-    from capture_app.rig.link import RigLink
-    from capture_app.rig.motion import MotionWatch, watch_motion
-
-    watch, taken, loop = MotionWatch(region), list["BurstStatus"](), asyncio.get_running_loop()
-    next_s = loop.time()
-    talk(f"watching for what moves; {count(repeat, 'burst')} at most, Ctrl-C ends it")
-    async for seen in watch_motion(RigLink(leader), watch):
-        if loop.time() < next_s:
-            continue
-        next_s = loop.time() + every_s
-        talk(f"something moves before {seen.camera}")
-        done = await take_burst(leader, replace(request, at_leader_ns=seen.leader_ns))
-        show(done)
-        taken.append(done)
-        if len(taken) == repeat:
-            break
-        watch.forget()
-    return taken
-
-
-MOST_S = 31 * 86_400.0
 
 
 @click.command(
@@ -354,7 +318,7 @@ MOST_S = 31 * 86_400.0
 @leader_option
 @click.option(
     "--seconds",
-    type=FiniteRange(0.001, MOST_S),
+    type=FiniteRange(0.001, MAX_S),
     metavar="S",
     show_default="until Ctrl-C or --stop",
     help="Length of the recording.",
@@ -385,6 +349,7 @@ MOST_S = 31 * 86_400.0
 )
 @click.option("--detach", is_flag=True, help="Return as soon as it has begun.")
 @click.option("--stop", is_flag=True, help="End the newest recording, or long burst, instead.")
+@_countdown_option
 @ready_options
 @json_option
 def record(
@@ -402,7 +367,8 @@ def record(
     Frames are saved while they come, each as its camera gave it, with its own time; what a camera drops is
     counted.
     """
-    from capture_app.protocol.messages import BurstRequest
+    from capture_app.rig.link import RigLink
+    from capture_app.rig.taking import Progress, TakePlan
 
     if stop:
         _stop(leader, as_json)
@@ -410,14 +376,15 @@ def record(
     if fps is not None and every_s is not None:
         raise click.UsageError("give --fps or --every-s, not both")
     interval_s = every_s if fps is None else 1 / fps
-    request = BurstRequest(interval_s=interval_s, spare=0, video=True, **chosen)
-    done = asyncio.run(_Recording(leader, detach).take(request))
-    if done.done:
-        answer(as_json, show_take(done, as_json))
-        require_whole("recording", done, most_missing_pct)
-    else:
-        goes_on = f"recording {done.burst} goes on; end it with: capture-app record --stop"
-        answer(as_json, {**asdict(done), "verdict": None}, said=goes_on)
+    plan = TakePlan(interval_s=interval_s, video=True, **chosen)
+    ended: list[TakeEnd] = []
+    asyncio.run(take(RigLink(leader), plan, ended, silent=as_json, detach=detach))
+    begun = isinstance(ended[0], Progress)
+    if records := _records(ended):
+        goes_on = f"recording {records[0]['burst']} goes on; end it with: capture-app record --stop"
+        answer(as_json, records[0], said=goes_on if begun else "")
+    if not begun:
+        require_whole(ended[0], most_missing_pct)
 
 
 def _stop(leader: Address, as_json: bool) -> None:
@@ -426,50 +393,3 @@ def _stop(leader: Address, as_json: bool) -> None:
 
     asyncio.run(give_order(leader, EndBurst()))
     answer(as_json, {"stopped": True}, said="the recording ends")
-
-
-class _Recording:
-    """Follows one recording; the first Ctrl-C ends it, the second one no longer waits until it is saved."""
-
-    def __init__(self, leader: Address, detach: bool) -> None:
-        self._leader = leader
-        self._detach = detach
-        self._last: BurstStatus | None = None
-        self._began = asyncio.Event()
-        self._end_wanted = asyncio.Event()
-
-    async def take(self, request: "BurstRequest") -> "BurstStatus":
-        """Take it, and return how it stands when it is saved, or has begun."""
-        taking = asyncio.create_task(take_burst(self._leader, request, self._note))
-        helpers = [asyncio.create_task(self._end_when_wanted())]
-        if self._detach:
-            helpers.append(asyncio.create_task(self._began.wait()))
-        loop = asyncio.get_running_loop()
-        loop.add_signal_handler(signal.SIGINT, self._interrupt)
-        try:
-            await asyncio.wait({taking, *helpers[1:]}, return_when=asyncio.FIRST_COMPLETED)
-            if not taking.done() and self._last is not None:
-                return self._last
-            return await taking
-        finally:
-            loop.remove_signal_handler(signal.SIGINT)
-            await end(taking, *helpers)
-
-    def _interrupt(self) -> None:
-        if self._end_wanted.is_set() or not self._began.is_set():
-            raise KeyboardInterrupt
-        self._end_wanted.set()
-
-    def _note(self, status: "BurstStatus") -> None:
-        self._last = status
-        if status.burst:
-            self._began.set()
-
-    async def _end_when_wanted(self) -> Any:
-        from capture_app.protocol.orders import EndBurst
-        from capture_app.rig.link import give_order
-
-        await self._end_wanted.wait()
-        assert self._last is not None
-        talk("ending; again Ctrl-C: do not wait until it is saved")
-        await give_order(self._leader, EndBurst(burst=self._last.burst))

@@ -229,6 +229,10 @@ class RigLink:
         self._rig: RigStatus | None = None
         """As it was told last."""
 
+    def another(self) -> "RigLink":
+        """Return a second link to the same leader, for another reader of updates."""
+        return RigLink(self.leader)
+
     async def updates(self) -> AsyncGenerator[Update, None]:
         """Yield what changes, for ever: for one reader at a time.
 

@@ -14,12 +14,12 @@ from typing import Any, Self, TypeVar
 from capture_app.common.address import Address, parse_address
 from capture_app.common.errors import BadInputError, IncompleteError, NotAvailableError, SimulshotError
 from capture_app.common.node_state import NodeState
-from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.orders import AddSimulated, StopRig
 from capture_app.protocol.status import RigStatus
-from capture_app.rig.link import ask_burst, ask_status, give_order, present_cameras
+from capture_app.rig.link import RigLink, ask_status, give_order, present_cameras
 from capture_app.rig.process import start_rig
-from capture_app.session.reading.opened import OpenSession, open_session
+from capture_app.rig.taking import Saved, TakePlan, Taking
+from capture_app.session.reading.opened import OpenSession
 
 T = TypeVar("T")
 LOOK_EVERY_S = 0.2
@@ -108,27 +108,22 @@ class AsyncRig:
                 raise IncompleteError(what, hint=status.advice)
             await asyncio.sleep(LOOK_EVERY_S)
 
+    def take(self, plan: TakePlan) -> Taking:
+        """Take pictures: iterate over the events with `async for`, or await its `result()`."""
+        return Taking(RigLink(self.address), plan)
+
     async def burst(self, frames: int = 5, *, name: str = "", note: str = "") -> OpenSession:
         """Take a burst of every camera and return its session when it is saved.
 
         Raises NotAvailableError where the leader saved it on another machine, IncompleteError where there is
         none, and the leader's own errors.
         """
-        return await self._take(BurstRequest(frames=frames, name=name, note=note))
+        return (await self.take(TakePlan(frames=frames, name=name, note=note)).result()).open()
 
     async def record(self, seconds: float, *, name: str = "", note: str = "") -> OpenSession:
         """Take a video of every camera and return its session when it is saved. Raises as `burst`."""
-        return await self._take(BurstRequest(seconds=seconds, spare=0, video=True, name=name, note=note))
-
-    async def _take(self, request: BurstRequest) -> OpenSession:
-        done = [status async for status in ask_burst(self.address, request) if status.done]
-        if not done or done[0].session is None:
-            raise IncompleteError(done[0].message if done else "the leader did not take it")
-        try:
-            return open_session(done[0].session)
-        except BadInputError as error:
-            what = f"the leader at {self.address} saved it on its own machine, in {done[0].session}"
-            raise NotAvailableError(what, hint="copy it from there, and open it") from error
+        plan = TakePlan(seconds=seconds, video=True, name=name, note=note)
+        return (await self.take(plan).result()).open()
 
     async def _stop(self) -> None:
         """End the rig that was started here, and wait until its process is gone."""
@@ -180,6 +175,10 @@ class Rig:
     def wait_until_ready(self, cameras: int = 1, timeout_s: float = READY_TIMEOUT_S) -> RigStatus:
         """Wait until at least that many cameras are here and all are ready. Raises IncompleteError."""
         return _run(self._rig.wait_until_ready(cameras, timeout_s))
+
+    def take(self, plan: TakePlan) -> Saved:
+        """Take pictures, and return the last take that was saved. Raises the first error of a take."""
+        return _run(self._rig.take(plan).result())
 
     def burst(self, frames: int = 5, *, name: str = "", note: str = "") -> OpenSession:
         """Take a burst of every camera and return its session. Raises as that of `AsyncRig`."""

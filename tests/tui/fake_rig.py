@@ -2,9 +2,12 @@
 
 import asyncio
 from collections.abc import AsyncGenerator, AsyncIterator, Awaitable, Callable
+from copy import copy
 from typing import Any
 
+import cv2
 import msgspec
+import numpy as np
 
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import PhaseControl
@@ -24,6 +27,7 @@ from capture_app.protocol.status import (
     RigStatus,
 )
 from capture_app.rig.link import A, CamerasControls, LinkLost, RigLink, Update
+from capture_app.rig.motion import LEARN
 from tests.facts import make_facts
 
 PERIOD_NS = 33_333_000
@@ -64,6 +68,16 @@ def make_rig(cameras: int) -> tuple[NodeStatus, ...]:
     return tuple(nodes)
 
 
+def show_motion(rig: "FakeRig", *, leader_ns: int) -> None:
+    """Let a camera show a still scene until it is known, and then something that was not there."""
+    still = np.full((48, 64), 90, np.uint8)
+    moved = still.copy()
+    moved[10:30, 10:30] = 200
+    for picture in (*[still] * (LEARN + 1), moved):
+        jpeg = cv2.imencode(".jpg", picture)[1].tobytes()
+        rig.tell(Preview(camera="cam01", leader_ns=leader_ns, width=64, height=48, jpeg=jpeg))
+
+
 class FakeRig(RigLink):
     """A link without a network: `nodes` are its cameras, `asked` what it was told to do, in order."""
 
@@ -80,6 +94,11 @@ class FakeRig(RigLink):
         """A burst that waits for the rig waits for this."""
         self.saves: asyncio.Event | None = None
         """The images of a burst come when this is set."""
+        self.is_recording = False
+        """The next take is a recording, which lasts until `saves` is set."""
+        self.breaks_off: SimulshotError | None = None
+        """The connection is lost with this after the first image of the next burst, which goes on."""
+        self.is_lost = False
         self.details: dict[str, NodeDetail] = {}
         self.detail_failure: SimulshotError | None = None
         self.phones_come = 0
@@ -90,6 +109,7 @@ class FakeRig(RigLink):
         self.burst_status: BurstStatus | None = None
         self.told = 0
         self._updates: asyncio.Queue[Update] = asyncio.Queue()
+        self._others: list[asyncio.Queue[Update]] = []
 
     def status(self) -> RigStatus:
         plain: dict[str, Any] = {
@@ -112,7 +132,8 @@ class FakeRig(RigLink):
 
     def tell(self, update: Update | None = None) -> None:
         """Tell the screen an update; the present status where none is given."""
-        self._updates.put_nowait(self.status() if update is None else update)
+        for link in (self._updates, *self._others):
+            link.put_nowait(self.status() if update is None else update)
 
     def news(self, text: str, **more: Any) -> None:
         """Tell the screen a line of news, a second after the last."""
@@ -127,10 +148,22 @@ class FakeRig(RigLink):
         """Let a camera show a picture."""
         self.tell(Preview(camera=camera, leader_ns=0, width=width, height=height, jpeg=jpeg))
 
+    def is_heard(self) -> bool:
+        """Whether the other links have got all updates."""
+        return not any(link.qsize() for link in self._others)
+
+    def another(self) -> "FakeRig":
+        """A second link: it tells what this one is told to tell from now on."""
+        link = copy(self)
+        link._updates = asyncio.Queue()
+        self._others.append(link._updates)
+        return link
+
     # What the screen asks of it
 
     async def updates(self) -> AsyncGenerator[Update, None]:
-        yield self.status()
+        if not self.is_lost:
+            yield self.status()
         while True:
             yield await self._updates.get()
 
@@ -144,7 +177,7 @@ class FakeRig(RigLink):
             raise NoCameraHereError("no camera is here")
         number = sum(order[0] == "burst" for order in self.asked)
         name = f"{request.name or 'burst'}-{number:03d}"
-        frames = request.frames or 0
+        frames = request.frames or int(self.is_recording)
         if self.is_ready is not None and request.wait_ready_s:
             yield BurstStatus(
                 burst=0,
@@ -174,6 +207,9 @@ class FakeRig(RigLink):
                 transfer=transfer,
             )
             yield self.burst_status
+            if received and self.breaks_off is not None:
+                error, self.breaks_off, self.is_lost = self.breaks_off, None, True
+                raise error
             self.tell()
             if self.saves is not None:
                 await self.saves.wait()

@@ -1,21 +1,17 @@
-"""How the next take will be, its course, and its settings as a list: arrows choose one and change it."""
+"""The settings of the next take, as a list: arrows choose one and change it."""
 
-import asyncio
-import math
-from collections.abc import AsyncIterator, Callable, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
-from itertools import count
 from typing import Any, ClassVar, Literal, Self, TypeVar, get_args
 
-import msgspec
 from textual import events, work
 from textual.binding import Binding, BindingType
 from textual.content import Content
 
 from capture_app.common.names import is_name
 from capture_app.common.text import duration, printable
-from capture_app.protocol.messages import BurstRequest
 from capture_app.rig.motion import WHOLE, Region
+from capture_app.rig.taking import TakePlan
 from capture_app.tui.question import TextQuestion
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.lines import Lines
@@ -50,11 +46,13 @@ motion      a take whenever something moves, until it is stopped or all are ther
 recording   a video with every camera, until it is ended
 """
 MODES: tuple[TakeMode, ...] = get_args(TakeMode)
+_SERIES: tuple[TakeMode, ...] = ("interval", "sequence", "motion")
+_PICTURES: tuple[TakeMode, ...] = ("single", *_SERIES)
 
 
 @dataclass(frozen=True, slots=True)
-class TakePlan:
-    """The settings of the take; times in seconds."""
+class TakeSettings:
+    """What a photographer sets of the next take; times in seconds."""
 
     frames: int = 8
     """Frames of each camera, those before the key included."""
@@ -80,7 +78,7 @@ class TakePlan:
 
     @classmethod
     def recall(cls, settings: Settings) -> Self:
-        """The plan as it was left."""
+        """The settings as they were left."""
         kept = {name: settings.recall(f"shoot.{name}", value) for name, value in cls()._kept().items()}
         kept["mode"] = kept["mode"] if kept["mode"] in MODES else "single"
         kept["region"] = kept["region"] if kept["region"] in REGIONS else cls().region
@@ -109,58 +107,18 @@ class TakePlan:
         """As many before the key as now, and so many after."""
         return replace(self, frames=max(self.before + max(after, 0), 1))
 
-    def request(self) -> BurstRequest:
-        """What a leader is asked for."""
+    def plan(self) -> TakePlan:
+        """What is taken with these settings."""
+        plan: dict[str, Any] = {"name": self.name, "note": self.note, "countdown_s": self.countdown_s}
         if self.mode == "recording":
-            request = BurstRequest(seconds=self.seconds or None, spare=0, video=True)
-        else:
-            request = BurstRequest(frames=self.frames, before=self.before)
-        return msgspec.structs.replace(request, name=self.name, note=self.note)
-
-
-@dataclass(frozen=True, slots=True)
-class Moment:
-    """What is under way: a countdown or a pause of so many seconds, or a take; and which take it is."""
-
-    number: int
-    total: int
-    seconds: int = 0
-    """Left until the take; 0 when it is to be taken."""
-    watches: bool = False
-    """The take begins when something moves."""
-
-    def __str__(self) -> str:
-        """Return it in words."""
-        of = f"take {self.number} of {self.total}" if self.total > 1 else "the take"
-        if self.watches and not self.seconds:
-            return f"waiting for something to move: {of}"
-        return f"{of} in {self.seconds} s" if self.seconds else f"{of} is being taken"
-
-
-async def moments_of(plan: TakePlan, saved: asyncio.Event) -> AsyncIterator[Moment]:
-    """Yield each second of a countdown and the moment of each take, which whoever iterates then orders.
-
-    `saved` is set by them when a take is saved or has failed. An interval does not wait for that.
-    """
-    total, watches = plan.takes if plan.mode in _LATER else 1, plan.mode == "motion"
-    now = asyncio.get_running_loop().time
-    due = now() + plan.countdown_s
-    for number in count(1):
-        while (left := due - now()) > 0:
-            seconds = math.ceil(left)
-            yield Moment(number, total, seconds, watches)
-            # Until the next whole second, so that the number on the screen changes when it is told.
-            await asyncio.sleep(max(left - (seconds - 1), 0.001))
-        saved.clear()
-        yield Moment(number, total, 0, watches)
-        if number == total:
-            return
-        begun = now()
-        if plan.mode == "interval":
-            due += plan.every_s
-        else:
-            await saved.wait()
-            due = max(now(), begun + plan.every_s) if watches else now() + plan.countdown_s
+            return TakePlan(video=True, seconds=self.seconds or None, **plan)
+        if self.mode in _SERIES:
+            plan["repeat"] = self.takes
+        if self.mode in ("interval", "motion"):
+            plan["every_s"] = self.every_s
+        if self.mode == "motion":
+            plan["on_motion"] = REGIONS[self.region]
+        return TakePlan(frames=self.frames, before=self.before, **plan)
 
 
 def stepped(values: tuple[float, ...], value: float, steps: int) -> float:
@@ -175,8 +133,8 @@ LABEL = 10
 @dataclass(frozen=True, slots=True)
 class _Row:
     label: str
-    text: Callable[[TakePlan, int | None], str]
-    change: Callable[[TakePlan, int], TakePlan] | None = None
+    text: Callable[[TakeSettings, int | None], str]
+    change: Callable[[TakeSettings, int], TakeSettings] | None = None
     """Null for a line of text."""
     modes: tuple[TakeMode, ...] = MODES
 
@@ -190,8 +148,6 @@ def _next(values: Sequence[V], value: V, steps: int) -> V:
     return values[(values.index(value) + steps) % len(values)]
 
 
-_LATER: tuple[TakeMode, ...] = ("interval", "sequence", "motion")
-_PICTURES: tuple[TakeMode, ...] = ("single", *_LATER)
 ROWS = (
     _Row(
         "before",
@@ -233,7 +189,7 @@ ROWS = (
         "takes",
         lambda p, _: str(p.takes),
         lambda p, by: replace(p, takes=int(stepped(TAKES, p.takes, by))),
-        _LATER,
+        _SERIES,
     ),
     _Row("name", lambda p, _: p.name or ("recording" if p.mode == "recording" else "burst")),
     _Row("notes", lambda p, _: p.note or "–"),
@@ -241,7 +197,7 @@ ROWS = (
 
 
 class PlanPanel(Lines, can_focus=True):
-    """Shows and changes the plan of the next take."""
+    """Shows and changes the settings of the next take."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "choose(-1)", "Setting above", id="plan.up", show=False),
@@ -252,10 +208,9 @@ class PlanPanel(Lines, can_focus=True):
     ]
 
     def __init__(self, settings: Settings) -> None:
-        """The plan is remembered in the settings."""
         super().__init__(id="plan")
-        self.plan = TakePlan.recall(settings)
-        self._settings = settings
+        self.settings = TakeSettings.recall(settings)
+        self._store = settings
         self.border_title = "Next take"
         self._chosen = 0
         self._period_ns: int | None = None
@@ -287,13 +242,13 @@ class PlanPanel(Lines, can_focus=True):
             self._period_ns = period_ns
             self._show()
 
-    def set_plan(self, plan: TakePlan) -> None:
-        """Change the plan from elsewhere."""
-        if plan != self.plan:
-            self.plan = plan
+    def change(self, settings: TakeSettings) -> None:
+        """Take with these settings from now on, and remember them."""
+        if settings != self.settings:
+            self.settings = settings
             self._chosen = min(self._chosen, len(self._rows()) - 1)
             self._show()
-            plan.remember(self._settings)
+            settings.remember(self._store)
 
     def action_choose(self, by: int) -> None:
         """Go to another setting."""
@@ -306,7 +261,7 @@ class PlanPanel(Lines, can_focus=True):
         if row.change is None:
             self.action_edit()
         else:
-            self.set_plan(row.change(self.plan, by))
+            self.change(row.change(self.settings, by))
 
     @work(group="asking")
     async def action_edit(self, what: str = "") -> None:
@@ -314,12 +269,12 @@ class PlanPanel(Lines, can_focus=True):
         what = what or self._rows()[self._chosen].label
         if what == "name":
             text = "A name for the takes that follow; their folders begin with it. Empty: burst."
-            question = TextQuestion(text, self.plan.name, check=_check_name, title="Name")
+            question = TextQuestion(text, self.settings.name, check=_check_name, title="Name")
         elif what == "notes":
             text = "Notes that are kept with the takes that follow."
             question = TextQuestion(
                 text,
-                self.plan.note,
+                self.settings.note,
                 check=lambda note: f"at most {MOST_NOTE} characters" if len(note) > MOST_NOTE else "",
                 title="Notes",
             )
@@ -327,16 +282,16 @@ class PlanPanel(Lines, can_focus=True):
             return
         if (typed := await self.app.push_screen_wait(question)) is not None:
             words = typed.strip()
-            plan = replace(self.plan, name=words) if what == "name" else replace(self.plan, note=words)
-            self.set_plan(plan)
+            settings = self.settings
+            self.change(replace(settings, name=words) if what == "name" else replace(settings, note=words))
 
     def _rows(self) -> tuple[_Row, ...]:
-        return tuple(row for row in ROWS if self.plan.mode in row.modes)
+        return tuple(row for row in ROWS if self.settings.mode in row.modes)
 
     def _show(self) -> None:
         lines = []
         for at, row in enumerate(self._rows()):
-            value = printable(row.text(self.plan, self._period_ns))
+            value = printable(row.text(self.settings, self._period_ns))
             here = at == self._chosen and self.has_focus
             if here and row.change is not None:
                 value = f"‹ {value} ›"

@@ -8,7 +8,6 @@ from capture_app.common.text import printable
 from capture_app.rig.link import RigLink
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.rig_record import RigRecord
-from capture_app.tui.shoot.plan import Moment
 from capture_app.tui.shoot.preview_grid import PreviewGrid
 from capture_app.tui.widgets.contact_sheet import ContactSheet
 from capture_app.tui.widgets.lines import Lines
@@ -57,14 +56,16 @@ class Stage(ContentSwitcher):
             self.sheet.show(None)
             self.show_live()
 
-    def show_moment(self, moment: Moment | None) -> None:
-        """Count down in digits that are read from afar, then show what the cameras see."""
-        if moment is not None and moment.seconds:
-            self._digits.update(str(moment.seconds))
-            self._words.show([Content.styled(f"{moment} · Space stops it", "$foreground-muted")])
-            self._go_to(COUNTDOWN, "Countdown")
-        elif self.current == COUNTDOWN and self.grid.is_attached:
-            # Else the screen is being left during a countdown.
+    def count_down(self, seconds: int, words: str) -> None:
+        """Show the seconds that are left in digits that can be read from afar."""
+        self._digits.update(str(seconds))
+        self._words.show([Content.styled(f"{words} · Space stops it", "$foreground-muted")])
+        self._go_to(COUNTDOWN, "Countdown")
+
+    def end_countdown(self) -> None:
+        """Show what the cameras see again."""
+        # Unless the screen is left during the countdown.
+        if self.current == COUNTDOWN and self.grid.is_attached:
             self.show_live()
 
     def want_previews(self, seen: bool) -> None:

@@ -2,16 +2,14 @@
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
-from pathlib import Path
 
 from textual.containers import VerticalScroll
 from textual.content import Content
 from textual.widgets import Static
 
 from capture_app.common.text import printable
-from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.status import BurstStatus, CameraTransfer
-from capture_app.session.format.manifest import MANIFEST
+from capture_app.rig.taking import TakePlan, local_session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import GRADE_LIMITS, Verdict
 from capture_app.tui.signs import GRADES
@@ -23,7 +21,7 @@ class Take:
     """One take: what was asked for, where it was asked from here, how far it is, and what it is worth."""
 
     status: BurstStatus
-    request: BurstRequest | None = None
+    plan: TakePlan | None = None
     sheet: TakeSheet | None = None
     """The take's pictures and verdict, where it is on this machine's disk."""
     problem: str = ""
@@ -43,15 +41,12 @@ class Take:
 
 
 def open_take(status: BurstStatus) -> TakeSheet | None:
-    """Open the session of a burst that is done; None where it is not on this machine. Blocks on the disk.
+    """Open the session of a take that is over; None where it is not on this machine. Blocks on the disk.
 
-    Raises SimulshotError where the session cannot be read.
+    Raises BadInputError or IncompleteError where the session cannot be read.
     """
-    if status.session is None or not (Path(status.session) / MANIFEST).is_file():
-        return None
-    sheet = TakeSheet.open(Path(status.session))
-    # A leader elsewhere has a folder of the same path.
-    return sheet if sheet.session.manifest.name == status.name else None
+    session = local_session(status)
+    return None if session is None else TakeSheet(session)
 
 
 SAID_AFTER_S = 2

@@ -1,24 +1,31 @@
 """The mode Shoot: Space takes; what the cameras see beside the plan, then at once the contact sheet."""
 
 import asyncio
-from contextlib import aclosing
-from typing import Any, ClassVar
+from typing import ClassVar
 
 from msgspec.structs import replace
 from textual import work
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.content import Content
-from textual.worker import Worker, get_current_worker
 
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
-from capture_app.common.text import clock_offset, count, duration, printable
-from capture_app.protocol.messages import BurstRequest
+from capture_app.common.text import clock_offset, count, printable
 from capture_app.protocol.orders import CancelBurst, EndBurst, Order
 from capture_app.protocol.status import BurstStatus, NodeStatus, Preview, RigStatus
 from capture_app.rig.link import RigLink
-from capture_app.rig.motion import MotionWatch, watch_motion
+from capture_app.rig.taking import (
+    Begun,
+    Countdown,
+    Failed,
+    Moved,
+    Progress,
+    TakeEvent,
+    TakePlan,
+    Taking,
+    Waiting,
+)
 from capture_app.session.library.trash import trash_session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.jobs.result_screen import open_report
@@ -28,7 +35,7 @@ from capture_app.tui.question import CANCEL, Answer, Question
 from capture_app.tui.rig_record import Mishap, RigRecord, Told, telling
 from capture_app.tui.settings import Settings
 from capture_app.tui.shoot import take_depth
-from capture_app.tui.shoot.plan import REGIONS, PlanPanel, moments_of
+from capture_app.tui.shoot.plan import PlanPanel
 from capture_app.tui.shoot.stage import Stage
 from capture_app.tui.shoot.takes import Take, TakePanel, open_take, progress_words, verdict_line
 from capture_app.tui.signs import cameras_of, is_settled
@@ -78,12 +85,10 @@ class ShootView(ModeView):
         self._depth_runs = depth_runs
         self.takes: list[Take] = []
         """The takes that the screen has heard of, the newest last."""
-        self._waiting: Worker[None] | None = None
-        """An order for which the leader waits for the rig."""
-        self._wait = ""
-        """What keeps that order from being a take."""
-        self._moment = ""
-        """The countdown, or the take that is just ordered."""
+        self._taking = Taking(rig, TakePlan())
+        """The newest takes ordered here; at first none, that never begin."""
+        self._course = ""
+        """What these wait for."""
         self._failure = ""
         """Why the last order came to nothing."""
         self.plan_panel = PlanPanel(settings)
@@ -138,31 +143,34 @@ class ShootView(ModeView):
         self._want_previews()
 
     def action_take(self) -> None:
-        """Take as planned; stop what counts down, goes on by itself or waits for the rig; end a recording."""
+        """Take as planned; take now what waits for the rig; stop a series; end a recording."""
         newest = None if self._record.status is None else self._record.status.burst
-        if self._under_way:
+        if self._taking.is_waiting:
+            self._taking.take_now()
+        elif self._taking.is_open:
             self.action_stop()
         elif newest is not None and newest.recording and not newest.done:
             self._order(EndBurst(burst=newest.burst))
         else:
-            self._begin(self.plan_panel.plan.request())
+            self._shoot(self.plan_panel.settings.plan())
 
     def action_stop(self) -> None:
         """Stop a countdown, an interval, a sequence, a wait; what is taken already is saved."""
-        if not self._under_way:
+        if self._taking.is_open:
+            self._taking.stop()
+            self._end_course()
+        else:
             self.stage.show_live()
-        for worker in self._under_way:
-            worker.cancel()
 
     @work(group="asking")
     async def action_retake(self) -> None:
         """Take again as the last time, keeping or trashing what there is."""
-        last = next((take for take in reversed(self.takes) if take.request is not None), None)
-        request = (last and last.request) or self.plan_panel.plan.request()
-        if self._under_way:
+        last = next((take for take in reversed(self.takes) if take.plan is not None), None)
+        plan = (last and last.plan) or self.plan_panel.settings.plan()
+        if self._taking.is_open:
             return
         if last is None or last.sheet is None or last.trashed:
-            self._begin(request)
+            self._shoot(plan)
             return
         verdict = last.sheet.verdict
         text = f"{last.sheet.session.name} is {verdict.headline}\nspread {verdict.spread}"
@@ -170,7 +178,7 @@ class ShootView(ModeView):
         if answer == "trash":
             self._trash(last, last.sheet)
         if answer is not None:
-            self._begin(request, retake_of=last.name)
+            self._shoot(plan, retake_of=last.name)
 
     def action_edit(self, what: str) -> None:
         """Type the name of the takes that follow, or notes for them."""
@@ -178,8 +186,8 @@ class ShootView(ModeView):
 
     def action_frames(self, before: int, after: int) -> None:
         """Take more or fewer frames before the key, or after it."""
-        plan = self.plan_panel.plan.with_before(self.plan_panel.plan.before + before)
-        self.plan_panel.set_plan(plan.with_after(plan.after + after))
+        settings = self.plan_panel.settings.with_before(self.plan_panel.settings.before + before)
+        self.plan_panel.change(settings.with_after(settings.after + after))
 
     def action_switch(self) -> None:
         """Switch between what the cameras see and the last take."""
@@ -220,81 +228,53 @@ class ShootView(ModeView):
         with telling(self):
             await self._rig.order(order)
 
-    @work(group="asking")
-    async def _begin(self, request: BurstRequest, *, retake_of: str = "") -> None:
-        """Take, but ask before a take that cannot be good."""
-        status = self._record.status
-        if status is not None and doubts_about(status):
-            answer = await self.app.push_screen_wait(Question(self._doubts, ANYWAY, title="Not ready"))
-            if answer is None:
-                return
-            if answer == "wait":
-                request = replace(request, wait_ready_s=WAIT_READY_S, nodes=len(cameras_of(status)))
-        self._shoot(request, retake_of)
-
-    def _doubts(self) -> str:
-        """What keeps the cameras from being ready, as it is now."""
-        status = self._record.status
-        return ("" if status is None else doubts_about(status)) or "All cameras are ready now."
-
-    @property
-    def _under_way(self) -> list[Worker[Any]]:
-        """What a stop ends: a countdown, interval or sequence, and an order that waits for the rig."""
-        ours = [worker for worker in self.workers if worker is self._waiting or worker.group == "shooting"]
-        return [worker for worker in ours if not worker.is_finished]
-
-    @work(exclusive=True, group="shooting")
-    async def _shoot(self, request: BurstRequest, retake_of: str) -> None:
-        saved, plan = asyncio.Event(), self.plan_panel.plan
+    @work(group="shooting")
+    async def _shoot(self, plan: TakePlan, *, retake_of: str = "") -> None:
+        """Take, and show what happens until all is saved; as soon as all cameras that settle are ready."""
+        status, ready = self._record.status, plan
+        if status is not None and any(map(is_settling, cameras_of(status))):
+            cameras = [node for node in cameras_of(status) if node.state is not NodeState.LOST]
+            ready = replace(plan, wait_ready_s=WAIT_READY_S, nodes=len(cameras))
+        self._failure, self._taking = "", (taking := Taking(self._rig, ready))
         try:
-            async for moment in moments_of(plan, saved):
-                self.stage.show_moment(moment)
-                self._moment = str(moment)
-                self._show_course()
-                if moment.watches and not moment.seconds:
-                    at_ns = await self._motion_ns(MotionWatch(REGIONS[plan.region]))
-                    self._moment = ""
-                    self._follow(replace(request, at_leader_ns=at_ns), retake_of, saved)
-                elif not moment.seconds:
-                    self._follow(request, retake_of, saved)
+            async for event in taking:
+                self._show_event(event, plan, retake_of)
         finally:
-            self._moment = ""
-            self.stage.show_moment(None)
-            self._show_course()
+            if self._taking is taking:
+                self._end_course()
 
-    async def _motion_ns(self, watch: MotionWatch) -> int | None:
-        """When something moves next, in leader time; on a link of its own, whose pictures are small."""
-        async with aclosing(watch_motion(RigLink(self._rig.leader), watch)) as moving:
-            async for seen in moving:
-                self.notify(f"something moves before {printable(seen.camera)}", markup=False)
-                return seen.leader_ns
-        return None
-
-    @work(group="bursts")
-    async def _follow(self, request: BurstRequest, retake_of: str, saved: asyncio.Event) -> None:
-        """Follow a burst until it is saved, whatever becomes of the takes after it."""
-        self._failure = ""
-        try:
-            async for status in self._rig.burst(request):
-                if status.name:
-                    self._end_wait()
-                    self._note(status, request, retake_of)
-                else:
-                    self._waiting, self._wait = get_current_worker(), status.message or "ordered"
-                    self._show_course()
-        except SimulshotError as error:
-            self._failure = error.what
-            self.post_message(Mishap(error))
-        finally:
-            self._end_wait()
-            saved.set()
-
-    def _end_wait(self) -> None:
-        if self._waiting is get_current_worker():
-            self._waiting = None
+    def _show_event(self, event: TakeEvent, plan: TakePlan, retake_of: str) -> None:
+        of = f"take {event.number} of {plan.repeat}" if plan.repeat > 1 else "the take"
+        match event:
+            case Countdown(seconds=seconds):
+                self._course = f"◉ {of} in {seconds} s"
+                self.stage.count_down(seconds, f"{of} in {seconds} s")
+            case Moved(camera=camera):
+                self.notify(f"something moves in front of {printable(camera)}", markup=False)
+            case Waiting(reason=reason):
+                keys = "◔ Space takes now, esc takes it back; " if self._taking.is_waiting else f"◉ {of}: "
+                self._end_course(keys + reason)
+            case Begun():
+                self._end_course(f"◉ {of} is being taken")
+            case Progress(status=status):
+                self._course = self._course if self._taking.is_open else ""
+                self._note(status, plan, retake_of)
+            case Failed(error=error, status=status) if status is None or not status.done:
+                self._end_course()
+                self._failure = error.what
+                self.post_message(Mishap(error))
+                for take in self.takes:
+                    if status is not None and take.name == status.name:
+                        take.problem = error.what
         self._show_course()
 
-    def _note(self, status: BurstStatus, request: BurstRequest | None = None, retake_of: str = "") -> None:
+    def _end_course(self, course: str = "") -> None:
+        """Count down no more, and show what is waited for instead."""
+        self._course = course
+        self.stage.end_countdown()
+        self._show_course()
+
+    def _note(self, status: BurstStatus, plan: TakePlan | None = None, retake_of: str = "") -> None:
         """Take note of how far a burst is.
 
         It is told twice: by the answer to the request, which is known then, and by the rig's status.
@@ -302,12 +282,12 @@ class ShootView(ModeView):
         take = next((take for take in self.takes if take.name == status.name), None)
         was_done = take is not None and take.status.done
         if take is None:
-            is_new = not status.done or request is not None
+            is_new = not status.done or plan is not None
             take = Take(status, is_new=is_new, begun_s=self._record.clock())
             self.takes = [*self.takes, take][-MOST_TAKES:]
-        take.request, take.retake_of = request or take.request, retake_of or take.retake_of
+        take.plan, take.retake_of = plan or take.plan, retake_of or take.retake_of
         if not was_done:
-            take.status = status
+            take.status, take.problem = status, ""
             if status.done:
                 self._judge(take)
         self._show_course()
@@ -322,8 +302,8 @@ class ShootView(ModeView):
         newer = shown is None or self.takes.index(take) > self.takes.index(shown)
         if take.sheet is not None and newer:
             # The instant of the key is what the photographer meant.
-            self.stage.load_sheet(take.sheet, 0 if take.request is None else take.request.before)
-            if take.is_new and not self._under_way:
+            self.stage.load_sheet(take.sheet, 0 if take.plan is None else take.plan.before)
+            if take.is_new and not self._taking.is_open:
                 self.stage.show_sheet()
         if take.sheet is not None and take.is_new:
             await take_depth.begin(self._depth_runs, take.sheet)
@@ -356,17 +336,15 @@ class ShootView(ModeView):
         self.take_panel.show(
             self.takes, now_s, take_depth.lines(runs, sheet), take_depth.picture(runs, sheet)
         )
-        line = self._course(now_s).truncate(max(self._line.size.width, 1), ellipsis=True)
+        line = self._words(now_s).truncate(max(self._line.size.width, 1), ellipsis=True)
         self._line.show([line])
 
-    def _course(self, now_s: float) -> Content:
+    def _words(self, now_s: float) -> Content:
         """What the user waits for, until it is there or has failed; else how good things are."""
         newest = next(reversed(self.takes), None)
-        if self._waiting is not None:
-            return Content.styled(f"◔ esc cancels; {printable(self._wait)}", "bold $primary")
-        if self._moment:
-            return Content.styled(f"◉ {printable(self._moment)}", "bold $primary")
-        if newest is not None and not newest.status.done:
+        if self._course:
+            return Content.styled(printable(self._course), "bold $primary")
+        if newest is not None and not newest.status.done and not newest.problem:
             far = progress_words(newest.status, now_s - newest.begun_s)
             return Content.styled(f"◔ {printable(newest.name)}: {far}", "bold $primary")
         if self._failure:
@@ -382,40 +360,13 @@ class ShootView(ModeView):
     on_mode_hidden = _want_previews
 
 
-ANYWAY = (Answer("wait", "w", "Wait, then take"), Answer("take", "t", "Take now"), CANCEL)
 AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
 
 
-def doubts_about(status: RigStatus) -> str:
-    """Say in sentences which cameras are not ready and what their pictures will be; empty: none."""
-    cameras = cameras_of(status)
-    # Just correcting a drift, for a moment, is no reason to ask.
-    in_step = [node for node in cameras if is_settled(node) and node.phase_error_ns is not None]
-    unready = [node for node in cameras if node.state is not NodeState.READY and node not in in_step]
-    here = [node for node in unready if node.state is not NodeState.LOST]
-    if not here:
-        return ""
-    ready = len(cameras) - len(unready)
-    lines = [f"{ready} of {len(cameras)} cameras are ready."]
-    lines += [_doubt(node, status.period_ns) for node in here[:6]]
-    if len(here) > 6:
-        lines.append(f"and {count(len(here) - 6, 'more camera')}")
-    return "\n".join(lines)
-
-
-def _doubt(node: NodeStatus, period_ns: int | None) -> str:
-    if node.state is NodeState.ALIGNING:
-        most_ns = period_ns // 2 if period_ns else None
-        error_ns = most_ns if node.phase_error_ns is None else abs(node.phase_error_ns)
-        fate = (
-            f"its pictures will be about {duration(error_ns)} off" if error_ns else "its pictures will be off"
-        )
-    elif node.state is NodeState.FAILED:
-        fate = "it gives no pictures"
-    else:
-        fate = "its pictures will be missing or at an unsure time"
-    reason = f" ({node.message})" if node.message else ""
-    return f"{node.name} is {node.state}{reason}: {fate}."
+def is_settling(node: NodeStatus) -> bool:
+    """Whether a take should wait for a camera; not if it is lost, or corrects a drift for a moment."""
+    in_step = is_settled(node) and node.phase_error_ns is not None
+    return not in_step and node.state not in (NodeState.READY, NodeState.LOST)
 
 
 def cancellable_bursts(status: RigStatus) -> dict[int, str]:

@@ -1,68 +1,30 @@
 """What Space does while the rig is not ready, or cannot save; and what the line below says of a take."""
 
 import asyncio
-from collections.abc import AsyncGenerator
 from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
+import msgspec
 import pytest
-from textual.widgets import Button, Static
+from textual.pilot import Pilot
+from textual.widgets import Button
 from textual.widgets._toast import Toast
 
-from capture_app.common.errors import BadInputError, DiskFullError, IncompleteError
+from capture_app.common.errors import BadInputError, DiskFullError, IncompleteError, NetworkError
 from capture_app.common.node_state import NodeState
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.orders import CancelBurst, EndBurst
-from capture_app.protocol.status import BurstAhead, BurstStatus, Preview
-from capture_app.rig.link import RigLink
-from capture_app.rig.motion import MotionWatch
+from capture_app.protocol.status import BurstAhead, BurstStatus
 from capture_app.tui.question import Question
 from capture_app.tui.widgets.lines import Lines
-from tests.tui.driving import screen_of, until
-from tests.tui.fake_rig import FakeRig, make_node
+from tests.tui.driving import until
+from tests.tui.fake_rig import FakeRig, make_node, show_motion
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into
 
 
 def line_of(studio: Studio) -> str:
     return studio.view.query_one("#shoot-advice", Lines).plain[0]
-
-
-@pytest.mark.slow
-async def test_while_cameras_sync_it_asks_first(tmp_path: Path) -> None:
-    rig = ready_rig(3)
-    rig.nodes = (
-        *rig.nodes[:1],
-        make_node("cam01", NodeState.ALIGNING, phase_error_ns=7_310_000),
-        make_node("cam02", NodeState.SYNCING, phase_error_ns=None, message="3 of 8 samples"),
-    )
-    studio = Studio(rig, tmp_path)
-    async with studio.app.run_test(size=(80, 24)) as pilot:
-        await studio.enter(pilot)
-        await pilot.press("space")
-        await pilot.pause()
-        question = screen_of(studio.app, Question)
-        text = str(question.query_one(".question", Static).content)
-        assert "1 of 3 cameras are ready." in text
-        assert "cam01 is aligning: its pictures will be about 7.3 ms off." in text
-        assert "cam02 is syncing (3 of 8 samples): its pictures will be missing or at an unsure time." in text
-        rig.change("cam01", state=NodeState.READY)
-        await studio.settle(pilot)
-        text = str(question.query_one(".question", Static).content)
-        assert text.startswith("2 of 3 cameras are ready.\ncam02"), "the text is that of now"
-        await pilot.click("#answer-")
-        await studio.settle(pilot)
-        assert not isinstance(studio.app.screen, Question)
-        await pilot.press("space")
-        await pilot.pause()
-        await pilot.press("escape")
-        await studio.settle(pilot)
-        assert studio.requests == []
-        await pilot.press("space", "w")
-        await studio.settle(pilot)
-        assert (studio.requests[0].wait_ready_s, studio.requests[0].nodes) == (120.0, 3)
-        await pilot.press("space", "t")
-        await studio.settle(pilot)
-        assert studio.requests[1].wait_ready_s == 0
 
 
 async def test_a_lost_camera_does_not_hold_the_take_up(tmp_path: Path) -> None:
@@ -110,29 +72,61 @@ def waiting_rig() -> FakeRig:
     return rig
 
 
-WAITING = "◔ esc cancels; waiting for the rig: cam01 is aligning"
+WAITING = "◔ Space takes now, esc takes it back; waiting for the rig: cam01 is aligning"
 
 
-async def test_a_wait_for_the_rig_stays_on_the_screen_until_it_takes(tmp_path: Path) -> None:
+async def test_space_while_a_camera_settles_takes_as_soon_as_all_are_ready(tmp_path: Path) -> None:
     rig = waiting_rig()
+    rig.nodes = (*rig.nodes, make_node("cam09", NodeState.LOST))
     rig.take = saves_into(tmp_path, cameras=2)
     studio = Studio(rig, tmp_path)
     async with studio.app.run_test(size=(80, 24)) as pilot:
         await studio.enter(pilot)
-        await pilot.press("space", "w")
+        await pilot.press("space")
         await studio.settle(pilot)
         for _ in range(3):
             rig.tell()
             await studio.settle(pilot)
             assert line_of(studio) == WAITING
+        assert not isinstance(studio.app.screen, Question)
+        (request,) = studio.requests
+        assert (request.wait_ready_s, request.nodes) == (120.0, 2), "the lost one is not waited for"
         assert rig.is_ready is not None
         rig.is_ready.set()
-        await studio.settle(pilot)
-        assert [take.name for take in studio.view.takes] == ["burst-001"]
+        await until(pilot, lambda: [take.name for take in studio.view.takes] == ["burst-001"])
         assert "waiting" not in line_of(studio)
 
 
-async def test_a_camera_that_corrects_a_drift_is_no_reason_to_ask(tmp_path: Path) -> None:
+async def test_space_again_takes_what_is_ready_at_once(tmp_path: Path) -> None:
+    rig = waiting_rig()
+    rig.take = saves_into(tmp_path, cameras=2)
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(80, 24)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await until(pilot, lambda: line_of(studio) == WAITING)
+        await pilot.press("space")
+        await until(pilot, lambda: studio.view.takes and studio.view.takes[0].status.done)
+        assert [request.wait_ready_s for request in studio.requests] == [120.0, 0.0]
+        assert len(studio.view.takes) == 1
+        await pilot.press("space")
+        await until(pilot, lambda: line_of(studio) == WAITING)
+        assert studio.requests[2].wait_ready_s == 120.0, "the next take waits again"
+
+
+@pytest.mark.parametrize("size", [(80, 24), (120, 40)])
+def test_the_wait_looks_as_it_did(snap_compare: Any, size: tuple[int, int], tmp_path: Path) -> None:
+    studio = Studio(waiting_rig(), tmp_path)
+
+    async def before(pilot: Pilot[None]) -> None:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        await until(pilot, lambda: line_of(studio).startswith(WAITING[:50]))
+
+    assert snap_compare(studio.app, terminal_size=size, run_before=before)
+
+
+async def test_a_camera_that_corrects_a_drift_is_not_waited_for(tmp_path: Path) -> None:
     rig = FakeRig(2)
     rig.nodes = (rig.nodes[0], make_node("cam01", NodeState.ALIGNING, phase_error_ns=-110_000))
     rig.take = saves_into(tmp_path, cameras=2)
@@ -140,8 +134,8 @@ async def test_a_camera_that_corrects_a_drift_is_no_reason_to_ask(tmp_path: Path
     async with studio.app.run_test(size=(80, 24)) as pilot:
         await studio.enter(pilot)
         await pilot.press("space")
-        await studio.settle(pilot)
-        assert [take.name for take in studio.view.takes] == ["burst-001"]
+        await until(pilot, lambda: [take.name for take in studio.view.takes] == ["burst-001"])
+        assert studio.requests[0].wait_ready_s == 0
 
 
 async def test_a_wait_that_is_given_up_says_why_and_one_is_cancelled_by_escape(tmp_path: Path) -> None:
@@ -149,8 +143,8 @@ async def test_a_wait_that_is_given_up_says_why_and_one_is_cancelled_by_escape(t
     studio = Studio(rig, tmp_path)
     async with studio.app.run_test(size=(80, 24)) as pilot:
         await studio.enter(pilot)
-        await pilot.press("space", "w")
-        await studio.settle(pilot)
+        await pilot.press("space")
+        await until(pilot, lambda: line_of(studio) == WAITING)
         assert rig.is_ready is not None
         rig.failure = IncompleteError("not ready after 120 s: cam01 is aligning", hint="look")
         rig.is_ready.set()
@@ -159,9 +153,8 @@ async def test_a_wait_that_is_given_up_says_why_and_one_is_cancelled_by_escape(t
         await studio.settle(pilot)
         assert line_of(studio) == "! no take: not ready after 120 s: cam01 is aligning"
         rig.is_ready.clear()
-        await pilot.press("space", "w")
-        await studio.settle(pilot)
-        assert line_of(studio) == WAITING
+        await pilot.press("space")
+        await until(pilot, lambda: line_of(studio) == WAITING)
         await pilot.press("escape")
         await studio.settle(pilot)
         assert line_of(studio) == "cam01 is aligning", "the rig's advice again"
@@ -274,8 +267,8 @@ async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
     studio = Studio(rig, tmp_path)
     async with studio.app.run_test(size=(120, 40)) as pilot:
         await studio.enter(pilot)
-        plan = replace(studio.view.plan_panel.plan, mode="recording", seconds=0)
-        studio.view.plan_panel.set_plan(plan)
+        plan = replace(studio.view.plan_panel.settings, mode="recording", seconds=0)
+        studio.view.plan_panel.change(plan)
         await pilot.press("space")
         await studio.settle(pilot)
         (request,) = [asked[1] for asked in rig.asked if asked[0] == "burst"]
@@ -300,37 +293,41 @@ async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
         assert sum(asked[0] == "burst" for asked in rig.asked) == 1
 
 
-async def test_a_take_is_taken_when_something_moves_with_what_was_before_it(
-    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    moves: asyncio.Queue[Preview] = asyncio.Queue()
-    watched: list[object] = []
-
-    async def watch_motion(link: RigLink, watch: MotionWatch) -> AsyncGenerator[Preview, None]:
-        watched.append((str(link.leader), watch.region))
-        while True:
-            yield await moves.get()
-
-    monkeypatch.setattr("capture_app.tui.shoot.view.watch_motion", watch_motion)
+async def test_a_series_on_motion_says_what_it_waits_for_and_is_stopped_by_the_key(tmp_path: Path) -> None:
     rig = ready_rig(2)
     rig.take = saves_into(tmp_path, cameras=2)
     studio = Studio(rig, tmp_path)
     async with studio.app.run_test(size=(140, 40)) as pilot:
         await studio.enter(pilot)
-        plan = replace(studio.view.plan_panel.plan, mode="motion", takes=2, every_s=0.0)
-        studio.view.plan_panel.set_plan(replace(plan, region="left half"))
+        settings = replace(studio.view.plan_panel.settings, mode="motion", takes=2, every_s=0.0)
+        studio.view.plan_panel.change(settings)
+        await pilot.press("space")
+        await until(pilot, lambda: "take 1 of 2: waiting for something to move" in line_of(studio))
+        show_motion(rig, leader_ns=7 * 10**9)
+        await until(pilot, lambda: "take 2 of 2: waiting for something to move" in line_of(studio))
+        assert [take.name for take in studio.view.takes] == ["burst-001"]
+        await pilot.press("space")
+        await until(pilot, lambda: "waiting" not in line_of(studio))
+        show_motion(rig, leader_ns=9 * 10**9)
+        await studio.settle(pilot)
+        assert [request.at_leader_ns for request in studio.requests] == [7 * 10**9]
+
+
+async def test_a_take_whose_leader_is_lost_goes_on_when_it_is_back(tmp_path: Path) -> None:
+    rig = ready_rig(2)
+    rig.breaks_off, rig.saves = NetworkError("the leader closed the connection"), asyncio.Event()
+    studio = Studio(rig, tmp_path)
+    async with studio.app.run_test(size=(120, 40)) as pilot:
+        await studio.enter(pilot)
         await pilot.press("space")
         await studio.settle(pilot)
-        assert watched == [("127.0.0.1:47010", (0.0, 0.0, 0.5, 1.0))]
-        assert "waiting for something to move: take 1 of 2" in line_of(studio)
-        assert studio.requests == [], "nothing moves: nothing is taken"
-        moves.put_nowait(Preview(camera="cam01", leader_ns=7 * 10**9, width=1, height=1, jpeg=b""))
-        await until(pilot, lambda: len(watched) == 2)
-        (request,) = studio.requests
-        assert (request.at_leader_ns, request.before, request.frames) == (7 * 10**9, 3, 8)
-        await pilot.press("space")
-        await studio.settle(pilot)
-        assert "waiting" not in line_of(studio)
-        moves.put_nowait(Preview(camera="cam01", leader_ns=9 * 10**9, width=1, height=1, jpeg=b""))
-        await studio.settle(pilot)
-        assert len(studio.requests) == 1, "the key has ended it"
+        rig.saves.set()
+        await until(pilot, lambda: "the take may go on there" in studio.view.take_panel.plain)
+        assert rig.burst_status is not None
+        done = msgspec.structs.replace(
+            rig.burst_status, received=16, done=True, session="/elsewhere/burst-001"
+        )
+        rig.burst_status = done
+        rig.tell()
+        await until(pilot, lambda: studio.view.takes[0].status.done)
+        assert "saved where the leader runs:\n/elsewhere/burst-001" in studio.view.take_panel.plain

@@ -101,7 +101,7 @@ async def test_space_puts_a_named_take_with_frames_around_the_key_on_disk(
             )
             await until(lambda: all(tile.picture.cells is not None for tile in view.stage.grid.tiles))
             assert len(view.stage.grid.tiles) == cameras, "each camera shows what it sees"
-            view.plan_panel.set_plan(replace(view.plan_panel.plan, note="first try"))
+            view.plan_panel.change(replace(view.plan_panel.settings, note="first try"))
             key_ns = HostClock().now_ns()
             take = await take_until_whole(app, view)
             await until(lambda: view.stage.is_sheet)

@@ -64,7 +64,7 @@ async def test_a_bad_name_is_not_taken(tmp_path: Path) -> None:
         assert "letters, digits" in str(studio.app.screen.query_one(".wrong", Static).content)
         await pilot.press("escape")
         await pilot.pause()
-        assert studio.view.plan_panel.plan.name == ""
+        assert studio.view.plan_panel.settings.name == ""
 
 
 async def test_the_plan_is_changed_with_arrows(tmp_path: Path) -> None:
@@ -72,7 +72,7 @@ async def test_the_plan_is_changed_with_arrows(tmp_path: Path) -> None:
     async with studio.app.run_test(size=(80, 24)) as pilot:
         await studio.enter(pilot)
         await pilot.press("left", "down", "right", "down", "right", "down", "right")
-        plan = studio.view.plan_panel.plan
+        plan = studio.view.plan_panel.settings
         assert (plan.before, plan.after, plan.countdown_s, plan.mode) == (2, 6, 3, "interval")
         lines = studio.view.plan_panel.plain
         assert lines[0].startswith("before    2  -67 ms")

@@ -1,0 +1,393 @@
+"""Taking pictures with a running rig: what a take is to be, and everything that happens until it is saved.
+
+Command line, screen and Python take pictures in this one way, and differ only in how they show its events.
+"""
+
+import asyncio
+import math
+from collections.abc import AsyncGenerator, Coroutine
+from contextlib import aclosing
+from pathlib import Path, PurePath
+from typing import TYPE_CHECKING, Any
+
+from msgspec import Struct
+from msgspec.structs import replace
+
+from capture_app.common.errors import (
+    BadInputError,
+    IncompleteError,
+    NetworkError,
+    NotAvailableError,
+    SimulshotError,
+)
+from capture_app.common.names import check_name
+from capture_app.common.tasks import end
+from capture_app.protocol.messages import LONGEST_S, BurstRequest
+from capture_app.protocol.orders import CancelBurst, EndBurst
+from capture_app.protocol.status import BurstStatus, RigStatus
+from capture_app.rig.link import RigLink
+from capture_app.session.format.manifest import MANIFEST
+from capture_app.session.reading.reader import Session
+from capture_app.session.reading.verdict import Verdict, judge
+
+if TYPE_CHECKING:
+    from capture_app.protocol.status import Preview
+    from capture_app.session.reading.opened import OpenSession
+
+DAY_S = 86_400.0
+MAX_FRAMES = 100_000
+_LIMITS: dict[str, tuple[float, float]] = {
+    "frames": (1, MAX_FRAMES),
+    "before": (0, MAX_FRAMES),
+    "spacing": (1, 1_000_000),
+    "interval_s": (1e-4, 1e5),
+    "spare": (0, 999),
+    "seconds": (1e-3, LONGEST_S),
+    "wait_ready_s": (0, LONGEST_S),
+    "nodes": (1, 100_000),
+    "countdown_s": (0, DAY_S),
+    "repeat": (1, 10_000),
+    "every_s": (0, DAY_S),
+    "wait_leader_s": (0, DAY_S),
+}
+
+
+class TakePlan(BurstRequest, frozen=True, kw_only=True, tag=False):
+    """One take as the leader is asked for it, or a series of takes; times in seconds.
+
+    With `video` or `seconds`, `frames` is not used. Raises BadInputError for values that no leader accepts,
+    or that contradict each other.
+    """
+
+    frames: int = 5
+    """Frames of each camera, including those of `before`."""
+    countdown_s: float = 0.0
+    """Delay before the first take, and before each take of a series that has no `every_s`."""
+    repeat: int = 1
+    """The number of takes."""
+    every_s: float | None = None
+    """Time from one take to the next, whether the last is saved or not; None: as soon as it is saved.
+
+    With `on_motion` the minimum time.
+    """
+    on_motion: tuple[float, float, float, float] | None = None
+    """Take when something moves in this region: left, top, right and bottom as fractions of the picture."""
+    wait_leader_s: float = 120.0
+    """How long to wait for a leader that is lost during a take."""
+
+    def __post_init__(self) -> None:
+        """Check the values."""
+        for field, (least, most) in _LIMITS.items():
+            value = getattr(self, field)
+            if value is not None and not (isinstance(value, int | float) and least <= value <= most):
+                raise BadInputError(f"{field} of a take is {value!r}: give {least:g} to {most:g}")
+        if self.name:
+            check_name(self.name, "take")
+        if self.at_leader_ns is not None and (self.repeat > 1 or self.on_motion is not None):
+            raise BadInputError("a take at a given time is one take, and waits for no motion")
+        if self.on_motion is not None:
+            left, top, right, bottom = self.on_motion
+            if not (0 <= left < right <= 1 and 0 <= top < bottom <= 1):
+                what = f"{self.on_motion} is not a region of the picture"
+                raise BadInputError(what, hint="LEFT TOP RIGHT BOTTOM, as 0.5 0 1 1 for the right half")
+
+    def request(self) -> BurstRequest:
+        """The leader's order of one take; one by its length skips no instants."""
+        fields = {field: getattr(self, field) for field in BurstRequest.__struct_fields__}
+        if self.video or self.seconds is not None:
+            fields |= {"frames": None, "spare": 0}
+        return BurstRequest(**fields)
+
+
+class TakeEvent(Struct, frozen=True):
+    """Something that happens during a take; the takes of a series are numbered from 1."""
+
+    number: int
+
+
+class Countdown(TakeEvent, frozen=True):
+    """The take, or the wait for motion, begins in this many seconds."""
+
+    seconds: int
+
+
+class Moved(TakeEvent, frozen=True):
+    """Something moves in front of this camera: the take is ordered."""
+
+    camera: str
+
+
+class Waiting(TakeEvent, frozen=True):
+    """The take waits, for this reason: the rig is not ready, or nothing moves."""
+
+    reason: str
+
+
+class Begun(TakeEvent, frozen=True):
+    """The leader takes the pictures; `Progress` follows."""
+
+
+class Progress(TakeEvent, frozen=True):
+    """The take is under way, or over; `status.message` says whether the leader is lost."""
+
+    status: BurstStatus
+
+
+class Saved(TakeEvent, frozen=True):
+    """The take is saved; `verdict` is None where the session is not on this machine."""
+
+    status: BurstStatus
+    verdict: Verdict | None = None
+
+    @property
+    def session(self) -> str | None:
+        """The path of the session on the leader's machine; None where phones keep the pictures."""
+        return self.status.session
+
+    def open(self) -> "OpenSession":
+        """Open the session. Raises NotAvailableError where it is on another machine."""
+        from capture_app.session.reading.opened import OpenSession
+
+        session = local_session(self.status)
+        if session is None:
+            what = f"the pictures are where the leader runs, in {self.session or 'its phones'}"
+            raise NotAvailableError(what, hint="copy the session to this machine, and open it")
+        return OpenSession.open(session.folder)
+
+
+class Failed(TakeEvent, frozen=True):
+    """The take came to nothing, or was lost sight of; `status` is the last one, if it had begun."""
+
+    error: SimulshotError
+    status: BurstStatus | None = None
+
+
+def local_session(status: BurstStatus) -> Session | None:
+    """Return the session of a take that is over; None where it is not on this machine. Blocks on the disk.
+
+    Raises BadInputError or IncompleteError where the session cannot be read.
+    """
+    if status.session is None or not (Path(status.session) / MANIFEST).is_file():
+        return None
+    session = Session.open(Path(status.session))
+    # A leader on another machine may have a folder of the same path.
+    return session if session.manifest.name == status.name else None
+
+
+class Taking:
+    """The takes of a plan while they are taken: iterate over the events, once.
+
+    An iteration that is left or cancelled ends everything here, but no burst that has begun at the leader. A
+    take that fails ends the series; at an interval or on motion it goes on, if the first take did not fail.
+    """
+
+    def __init__(self, link: RigLink, plan: TakePlan) -> None:
+        self.plan = plan
+        self._link = link
+        self._events: asyncio.Queue[TakeEvent | BaseException | None] = asyncio.Queue()
+        self._tasks: set[asyncio.Task[None]] = set()
+        self._series: asyncio.Task[None] | None = None
+        self._orders: dict[int, tuple[asyncio.Task[None], BurstRequest, asyncio.Event]] = {}
+        self._waiting: set[int] = set()
+        """The takes by number for which the leader waits until the rig is ready."""
+        self._active: dict[int, BurstStatus] = {}
+        """The takes by number that have begun and are not saved."""
+
+    async def __aiter__(self) -> AsyncGenerator[TakeEvent, None]:
+        """Take, and yield each event, until all takes are saved or have failed."""
+        self._series = self._start(self._run_series())
+        try:
+            while (event := await self._events.get()) is not None:
+                if isinstance(event, BaseException):
+                    raise event
+                yield event
+        finally:
+            await end(*self._tasks)
+
+    async def result(self) -> Saved:
+        """Take, and return the last take that was saved. Raises the first error of a take."""
+        ended = [event async for event in self if isinstance(event, Saved | Failed)]
+        for event in ended:
+            if isinstance(event, Failed):
+                raise event.error
+        saved = [event for event in ended if isinstance(event, Saved)]
+        if not saved:
+            raise IncompleteError("the take was stopped before it began")
+        return saved[-1]
+
+    @property
+    def is_open(self) -> bool:
+        """Whether a take has still to begin."""
+        return bool(self._waiting) or not (self._series is None or self._series.done())
+
+    @property
+    def is_waiting(self) -> bool:
+        """Whether the leader waits for the rig to become ready."""
+        return bool(self._waiting)
+
+    def take_now(self) -> None:
+        """Wait no longer for the rig to become ready, neither now nor later in the series."""
+        self.plan = replace(self.plan, wait_ready_s=0.0)
+        for number in self._waiting:
+            task, request, over = self._orders[number]
+            task.cancel()
+            self._order(number, replace(request, wait_ready_s=0.0), over)
+        self._waiting.clear()
+
+    def stop(self) -> None:
+        """Begin no more takes; those that have begun are followed until they are saved."""
+        if self._series is not None:
+            self._series.cancel()
+        for number in self._waiting:
+            self._orders[number][0].cancel()
+        self._waiting.clear()
+        self._waiting.clear()
+
+    async def end(self) -> None:
+        """Stop, and end the recordings that have begun; they are followed until they are saved."""
+        self.stop()
+        for status in self._active.values():
+            await self._link.order(EndBurst(burst=status.burst))
+
+    async def cancel(self) -> None:
+        """Stop, and cancel the takes that have begun; the images that have come are saved."""
+        self.stop()
+        for status in self._active.values():
+            await self._link.order(CancelBurst(burst=status.burst))
+
+    def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:
+        task = asyncio.create_task(work)
+        self._tasks.add(task)
+        task.add_done_callback(self._note_end)
+        return task
+
+    def _note_end(self, task: asyncio.Task[None]) -> None:
+        self._tasks.discard(task)
+        if not task.cancelled() and (error := task.exception()) is not None:
+            self._events.put_nowait(error)
+        elif not self._tasks:
+            self._events.put_nowait(None)
+
+    async def _run_series(self) -> None:
+        """Count down to each take and order it; at an interval, though the last is still being saved."""
+        plan, now = self.plan, asyncio.get_running_loop().time
+        due_s = now() + plan.countdown_s
+        for number in range(1, plan.repeat + 1):
+            while (left_s := due_s - now()) > 0:
+                seconds = math.ceil(left_s)
+                self._events.put_nowait(Countdown(number, seconds))
+                # Until the next whole second, so that each number is shown when it is true.
+                await asyncio.sleep(max(left_s - (seconds - 1), 0.001))
+            request = self.plan.request()
+            if plan.on_motion is not None:
+                self._events.put_nowait(Waiting(number, "waiting for something to move"))
+                seen = await self._next_motion(plan.on_motion)
+                self._events.put_nowait(Moved(number, seen.camera))
+                request = replace(self.plan.request(), at_leader_ns=seen.leader_ns)
+            begun_s, over = now(), asyncio.Event()
+            self._order(number, request, over)
+            if plan.every_s is not None and plan.on_motion is None:
+                due_s += plan.every_s
+            elif number < plan.repeat:
+                await over.wait()
+                due_s = now() + plan.countdown_s
+                if plan.on_motion is not None:
+                    due_s = max(now(), begun_s + (plan.every_s or 0.0))
+
+    async def _next_motion(self, region: tuple[float, float, float, float]) -> "Preview":
+        from capture_app.rig.motion import MotionWatch, watch_motion  # heavy: it decodes pictures
+
+        async with aclosing(watch_motion(self._link.another(), MotionWatch(region))) as moving:
+            return await anext(moving)
+
+    def _order(self, number: int, request: BurstRequest, over: asyncio.Event) -> None:
+        """Order a take; `over` is set when it is saved or has failed."""
+        self._orders[number] = (self._start(self._follow(number, request, over)), request, over)
+
+    async def _follow(self, number: int, request: BurstRequest, over: asyncio.Event) -> None:
+        event: TakeEvent
+        try:
+            event = await _judge(number, await self._wait_until_over(number, request))
+        except SimulshotError as error:
+            event = Failed(number, error, self._active.get(number))
+            goes_on = self.plan.every_s is not None or self.plan.on_motion is not None
+            if self._series is not None and not (goes_on and number > 1):
+                self._series.cancel()
+        self._waiting.discard(number)
+        self._active.pop(number, None)
+        self._events.put_nowait(event)
+        over.set()
+
+    async def _wait_until_over(self, number: int, request: BurstRequest) -> BurstStatus:
+        """Order a take, report how far it is, and return its last status. Raises what the leader raises."""
+        last: BurstStatus | None = None
+        try:
+            async for last in self._link.burst(request):
+                if last.name or last.done:
+                    self._note(number, last)
+                else:
+                    self._waiting.add(number)
+                    self._events.put_nowait(Waiting(number, last.message))
+        except NetworkError as error:
+            if number not in self._active:
+                raise
+            return await self._find_again(number, self._active[number], error)
+        if last is None:
+            raise NetworkError(f"the leader at {self._link.leader} did not take the burst")
+        return last
+
+    def _note(self, number: int, status: BurstStatus) -> None:
+        """Report how far a take is that has begun."""
+        self._waiting.discard(number)
+        if number not in self._active:
+            self._events.put_nowait(Begun(number))
+        self._active[number] = status
+        self._events.put_nowait(Progress(number, status))
+
+    async def _find_again(self, number: int, last: BurstStatus, error: NetworkError) -> BurstStatus:
+        """Follow a take whose leader is lost by the status of the rig: it goes on there, or after a restart.
+
+        Raises NetworkError where nothing is heard of it in time.
+        """
+        self._note(number, replace(last, message=f"{error.what}; the take may go on there"))
+        now, wait_s = asyncio.get_running_loop().time, self.plan.wait_leader_s
+        try:
+            async with asyncio.timeout(wait_s) as limit, aclosing(self._link.another().updates()) as updates:
+                async for update in updates:
+                    if isinstance(update, RigStatus) and (found := _find(update, last)) is not None:
+                        self._note(number, found)
+                        if found.done:
+                            return found
+                        limit.reschedule(now() + wait_s)
+        except TimeoutError:
+            pass
+        raise NetworkError(
+            f"the leader was lost when {last.received} of {last.expected} images of {last.name} had come",
+            hint="it may have saved the take: look with capture-app sessions list on its machine",
+        ) from error
+
+
+def _find(rig: RigStatus, lost: BurstStatus) -> BurstStatus | None:
+    """Return how far a take is that was lost sight of, by the status of the rig; None if that is unknown."""
+    if rig.burst is not None and rig.burst.name == lost.name:
+        return rig.burst
+    path = next((path for path in rig.sessions if PurePath(path).name == lost.name), None)
+    if path is None:
+        return None
+    return replace(lost, done=True, session=path, message="saved after its leader was lost")
+
+
+async def _judge(number: int, status: BurstStatus) -> Saved | Failed:
+    """Judge a take that is over, if its session is on this machine."""
+    if status.session is None and status.burst:
+        error = IncompleteError(f"{status.name} is incomplete: {status.message}")
+        return Failed(number, error, status)
+    try:
+        session = await asyncio.to_thread(local_session, status)
+    except SimulshotError:
+        session = None
+    if session is None:
+        return Saved(number, status)
+    # Of a take that was lost sight of, more may have come since.
+    whole = replace(status, received=len(session.manifest.images))
+    return Saved(number, whole, judge(session.manifest))

@@ -20,7 +20,6 @@ from capture_app.rig.link import RigLink
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.tui.app import SimulshotApp
-from capture_app.tui.question import Question
 from capture_app.tui.settings import Settings
 from capture_app.tui.shoot.takes import Take
 from capture_app.tui.shoot.view import ShootView
@@ -58,13 +57,7 @@ async def rig_of(cameras: int, sessions: Path) -> AsyncIterator[LeaderNode]:
 async def take_until_whole(app: SimulshotApp, view: ShootView) -> Take:
     """Take until a take has all images: a starved machine refuses one or drops frames, and says so."""
 
-    answered: set[Question] = set()
-
     def is_taken(before: int) -> bool:
-        asked = app.screen
-        if isinstance(asked, Question) and asked not in answered:  # a camera that has just lost the band
-            answered.add(asked)  # a second t would open the notes of the mode below, where spaces are typed
-            app.simulate_key("t")
         return len(view.takes) > before and is_over(view.takes[-1])
 
     for _ in range(TAKES):

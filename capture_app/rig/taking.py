@@ -241,7 +241,6 @@ class Taking:
         for number in self._waiting:
             self._orders[number][0].cancel()
         self._waiting.clear()
-        self._waiting.clear()
 
     async def end(self) -> None:
         """Stop, and end the recordings that have begun; they are followed until they are saved."""

@@ -319,8 +319,7 @@ async def camera_of(address: Address) -> AsyncIterator[None]:
 async def test_a_recording_is_ended(tmp_path: Path) -> None:
     options = LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)
     async with await LeaderNode.start(options) as leader, camera_of(leader.own_address):
-        await leader.wait_until_ready(SLOW_PATIENCE_S)
-        taking = Taking(RigLink(leader.own_address), TakePlan(video=True))
+        taking = Taking(RigLink(leader.own_address), TakePlan(video=True, wait_ready_s=SLOW_PATIENCE_S))
         async with patience("a recording", SLOW_PATIENCE_S):
             async for event in taking:
                 if isinstance(event, Progress) and event.status.received > 5 and not event.status.done:
@@ -336,8 +335,7 @@ async def test_a_take_is_followed_through_a_restart_of_its_leader(tmp_path: Path
     address = leader.own_address
     async with camera_of(address):
         async with leader:
-            await leader.wait_until_ready(SLOW_PATIENCE_S)
-            taking = Taking(RigLink(address), TakePlan(frames=3))
+            taking = Taking(RigLink(address), TakePlan(frames=3, wait_ready_s=SLOW_PATIENCE_S))
             taken = asyncio.create_task(taking.result())
             await until(lambda: taking._active)
         async with (

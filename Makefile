@@ -1,5 +1,5 @@
 # make demo   capture a synchronized burst with five simulated cameras and compare it with offset frames
-# make install   put capture-app and reconstruct on the PATH (EXTRAS=export,plots,pictures,rerun,slurm,gpu: those too)
+# make install   put capture-app and reconstruct on the PATH (EXTRAS=export,plots,pictures,rerun,cluster,gpu: those too)
 # make install-capture   the same without reconstruction, for machines that only capture      make uninstall
 # make test   the quick tests, in 4 minutes            make check   lint, types, architecture
 # make test-v4l2   the rig on real camera drivers in a virtual machine (slow)

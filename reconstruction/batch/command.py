@@ -11,11 +11,11 @@ from capture_app.common.text import ProgressStep
 from capture_app.console.terminal import talk
 from capture_app.session.files.locks import lock_file
 from capture_app.session.files.output_folder import replaces_only
-from reconstruction.batch.executors import Executor
 from reconstruction.batch.plan import DEPTH_TASK, BatchOptions, plan
 from reconstruction.batch.rows import BatchResult, Row, completed_row, group_medians, judged_rows
 from reconstruction.batch.summary import NAMES, write_summary
 from reconstruction.batch.units import UNITS, WORK, Outcome, Unit, is_done, remove_leftovers
+from reconstruction.batch.workers import Workers
 
 TIMINGS = "timings.csv"
 
@@ -24,7 +24,7 @@ def batch(
     sessions: Sequence[Path],
     out: Path,
     options: BatchOptions,
-    executor: Executor,
+    workers: Workers,
     task: str = DEPTH_TASK,
 ) -> BatchResult:
     """Compute all units that are not in `out` yet, and the summary of all.
@@ -44,7 +44,7 @@ def batch(
         if done:
             talk(f"reusing {done} of {len(units)} results")
         try:
-            outcomes = _run_units(missing, done, root, executor, task)
+            outcomes = _run_units(missing, done, root, workers, task)
         finally:
             remove_leftovers(root)
         rows = judged_rows([_row(unit, root, outcomes) for unit in units] + failures)
@@ -104,14 +104,14 @@ def _run_units(
     units: Sequence[Unit],
     done: int,
     root: Path,
-    executor: Executor,
+    workers: Workers,
     task: str,
 ) -> dict[str, Outcome]:
     """Run the units; `done` are there already, and count in the progress lines."""
     by_key = {unit.key: unit for unit in units}
     outcomes: dict[str, Outcome] = {}
     began = time.monotonic()
-    with closing(executor.run_units(task, units, root)) as running:
+    with closing(workers.run_units(task, units, root)) as running, _report_interrupt(outcomes, len(units)):
         for outcome in running:
             outcomes[outcome.key] = outcome
             unit = by_key[outcome.key]
@@ -126,6 +126,16 @@ def _run_units(
                 with suppress(OSError), (root / WORK / TIMINGS).open("a") as file:
                     file.write(f"{outcome.key},{outcome.seconds:.3f},{label}\n")
     return outcomes
+
+
+@contextmanager
+def _report_interrupt(outcomes: dict[str, Outcome], total: int) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        saved = sum(not outcome.error for outcome in outcomes.values())
+        talk(f"stopping: {saved} of {total} results are saved; repeat the command to compute the others")
+        raise
 
 
 def _row(unit: Unit, root: Path, outcomes: dict[str, Outcome]) -> Row:

@@ -46,24 +46,25 @@ from reconstruction.session.conditions import SYNCED
 @matcher_option
 @time_shift_option
 @click.option(
-    "--executor",
-    type=click.Choice(["local", "slurm"]),
+    "--cluster",
+    metavar="WHERE",
     default="local",
-    help="local starts processes on this machine, slurm submits jobs to its cluster.",
+    help="Where to compute: local (processes of this machine), a queueing system (slurm, pbs, lsf, sge, oar, "
+    "moab, htcondor), or the address of a Dask scheduler, as in tcp://host:8786.",
 )
 @click.option(
-    "--slurm",
+    "--cluster-setting",
     "settings",
     multiple=True,
     metavar="NAME=VALUE",
-    help="SLURM setting, as in partition=gpu, time=30 (minutes), mem=8GB, cpus_per_task=4. "
+    help="Setting of a queue's jobs, as in queue=gpu, walltime=02:00:00, memory=8GB, cores=4. "
     "Repeat for several.",
 )
 @click.option(
     "--jobs",
     type=click.IntRange(min=1),
     metavar="N",
-    show_default="one per core, as memory allows; with SLURM no limit",
+    show_default="one per core, as memory allows; in a queue one per instant, at most 100",
     help="Number of instants to process in parallel.",
 )
 @out_option
@@ -71,7 +72,7 @@ from reconstruction.session.conditions import SYNCED
 @json_option
 def batch(
     sessions: tuple[Path, ...],
-    executor: str,
+    cluster: str,
     settings: tuple[str, ...],
     jobs: int | None,
     out: Path,
@@ -85,19 +86,10 @@ def batch(
     """
     from reconstruction.batch.command import batch as run
     from reconstruction.batch.command import exit_code
-    from reconstruction.batch.executors import Executor, LocalExecutor
     from reconstruction.batch.plan import BatchOptions
+    from reconstruction.batch.workers import Workers
 
-    chosen: Executor
-    if executor == "slurm":
-        from reconstruction.batch.executors import SlurmExecutor
-
-        chosen = SlurmExecutor(jobs, settings)
-    elif settings:
-        raise click.UsageError("--slurm is for --executor slurm")
-    else:
-        chosen = LocalExecutor(jobs)
-    result = run(sessions, out, BatchOptions(**options), chosen)
+    result = run(sessions, out, BatchOptions(**options), Workers(cluster, jobs, settings))
     inapplicable = f", {result.not_applicable} not applicable" if result.not_applicable else ""
     counts = f"{result.computed} computed, {result.reused} reused, {result.failed} failed{inapplicable}"
     answer(as_json, result, [counts, f"summary: {out / 'summary.html'}"])

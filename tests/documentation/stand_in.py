@@ -40,7 +40,7 @@ NOT_RUN = {
     frozenset({"calibrate", "charuco"}): BOARD,
     frozenset({"calibrate", "board"}): BOARD,
     frozenset({"multiview"}): "half a minute of all cores: tests/reconstruction/test_multiview.py",
-    frozenset({"slurm"}): "needs a cluster: make test-slurm",
+    frozenset({"--cluster"}): "needs a cluster: make test-slurm",
 }
 """Lines with these words are read by their commands, and not run, with the reason."""
 STAYS = (

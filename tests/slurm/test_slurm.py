@@ -1,4 +1,4 @@
-"""`reconstruct batch --executor slurm` on a real SLURM of one machine (make test-slurm)."""
+"""`reconstruct batch --cluster slurm` on a real SLURM of one machine (make test-slurm)."""
 
 import json
 import signal
@@ -42,7 +42,7 @@ def session(tmp_path_factory: pytest.TempPathFactory) -> Session:
 def start(session: Session, out: Path, *more: str) -> "subprocess.Popen[str]":
     command = [
         sys.executable, "-m", "reconstruction.cli", "batch", str(session.folder), "--out", str(out), "--json",
-        "--executor", "slurm", "--slurm", "mem=500MB", *more,
+        "--cluster", "slurm", "--cluster-setting", "memory=500MB", *more,
     ]  # fmt: skip
     return subprocess.Popen(command, cwd=ROOT, text=True, stdout=subprocess.PIPE, stderr=subprocess.PIPE)
 
@@ -72,66 +72,70 @@ def test_the_cluster_makes_the_same_bytes_as_this_machine(session: Session, tmp_
     assert running.returncode == 0, talk
     assert json.loads(printed)["computed"] == 4
     assert [line[:5] for line in talk.splitlines()] == ["[1/4]", "[2/4]", "[3/4]", "[4/4]"]
+    # With one process, which then has all cores of this machine, as the jobs of this SLURM have.
     here = [sys.executable, "-m", "reconstruction.cli", "batch", str(session.folder), *asked]
-    subprocess.run([*here, "--out", str(tmp_path / "here")], cwd=ROOT, check=True, capture_output=True)
+    subprocess.run(
+        [*here, "--jobs", "1", "--out", str(tmp_path / "here")], cwd=ROOT, check=True, capture_output=True
+    )
     assert results(tmp_path / "here") == results(tmp_path / "there")
 
 
-def test_a_repeated_command_waits_for_the_jobs_of_a_killed_one(session: Session, tmp_path: Path) -> None:
+def test_a_command_that_is_killed_leaves_no_jobs_and_is_resumed(session: Session, tmp_path: Path) -> None:
     out = tmp_path / "out"
-    running = start(session, out)
-    while not list(out.glob("work/slurm/*.job")):
+    running = start(session, out, "--jobs", "1")
+    while not list(out.glob("units/*/*/unit.json")):
         assert running.poll() is None, running.communicate()
         time.sleep(0.05)
     running.kill()
     running.communicate()
-    submitted = {path.name: path.read_text() for path in out.glob("work/slurm/*.job")}
+    queue_empties()
+    before = {path: path.stat().st_ino for path in out.glob("units/*/*/unit.json")}
     again = start(session, out)
     printed, talk = again.communicate()
     assert again.returncode == 0, talk
     result = json.loads(printed)
     assert result["computed"] + result["reused"] == 4
-    told = {path.name: path.read_text() for path in out.glob("work/slurm/*.job")}
-    assert told.items() >= submitted.items()
-    assert len(list(out.glob("units/*/*/unit.json"))) == 4
+    assert result["reused"] >= len(before) >= 1
+    assert {path: path.stat().st_ino for path in out.glob("units/*/*/unit.json")}.items() >= before.items()
 
 
 def test_an_interrupt_cancels_the_jobs(session: Session, tmp_path: Path) -> None:
     running = start(session, tmp_path / "out", "--jobs", "1")
-    while not queue():
+    while not list(tmp_path.glob("out/units/*/.*")):
         assert running.poll() is None, running.communicate()
         time.sleep(0.05)
     running.send_signal(signal.SIGINT)
-    running.communicate()
+    talk = running.communicate()[1]
     assert running.returncode == 130
+    assert "results are saved; repeat the command to compute the others" in talk
     queue_empties()
 
 
-def test_a_job_that_is_ended_and_a_unit_that_fails_are_lines(session: Session, tmp_path: Path) -> None:
-    image = session.image_file(session.images_by_instant()[1]["left"])
-    kept = image.read_bytes()
-    image.write_bytes(kept[:-20] + bytes(20))
-    try:
-        running = start(session, tmp_path / "out", "--instants", "0-2", "--jobs", "1")
-        while len(queue()) < 3:
-            assert running.poll() is None, running.communicate()
-            time.sleep(0.05)
-        subprocess.run(["scancel", sorted(queue())[-1]], check=True)
-        printed, talk = running.communicate()
-    finally:
-        image.write_bytes(kept)
-    assert running.returncode == 7, talk
-    problems = {row["instant"]: row["error"] for row in json.loads(printed)["units"]}
-    assert problems[0] == ""
-    assert "is damaged" in problems[1]
-    assert "ended without a result" in problems[2]
+def test_a_job_that_is_ended_costs_no_unit(session: Session, tmp_path: Path) -> None:
+    running = start(session, tmp_path / "out", "--jobs", "2")
+    while not list(tmp_path.glob("out/units/*/.*")):
+        assert running.poll() is None, running.communicate()
+        time.sleep(0.05)
+    subprocess.run(["scancel", sorted(queue())[-1]], check=True)
+    printed, talk = running.communicate()
+    assert running.returncode == 0, talk
+    assert json.loads(printed)["computed"] == 4
+    queue_empties()
 
 
 def test_a_setting_that_slurm_has_not(session: Session, tmp_path: Path) -> None:
-    running = start(session, tmp_path / "out", "--slurm", "partition=nowhere")
+    running = start(session, tmp_path / "out", "--cluster-setting", "queue=nowhere")
     talk = running.communicate()[1]
     assert running.returncode == 1
-    assert talk.startswith("reconstruct: error: SLURM refused the jobs: ")
+    assert talk.startswith("reconstruct: error: slurm refused the jobs: ")
     assert len(talk.splitlines()) == 1
     assert "nowhere" in talk
     assert not queue()
+
+
+def test_a_setting_that_jobs_do_not_have(session: Session, tmp_path: Path) -> None:
+    running = start(session, tmp_path / "out", "--cluster-setting", "partition=test")
+    talk = running.communicate()[1]
+    assert running.returncode == 3
+    assert len(talk.splitlines()) == 1
+    assert "partition" in talk

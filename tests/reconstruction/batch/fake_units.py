@@ -59,15 +59,18 @@ def _log(line: str) -> None:
 def main() -> None:
     """Run a batch of the units, or of real ones where a third argument asks for it."""
     from reconstruction.batch.command import batch
-    from reconstruction.batch.executors import LocalExecutor
     from reconstruction.batch.plan import DEPTH_TASK, BatchOptions
+    from reconstruction.batch.workers import Workers
 
     out, session, *real = sys.argv[1:]
     conditions = tuple(Condition.parse(text) for text in (("synced",) if real else CONDITIONS))
     # Whoever edits the program while a test runs computes no new units.
     options = BatchOptions(conditions=conditions, program="fixed")
     task = DEPTH_TASK if real else FAKE_TASK
-    batch([Path(session)], Path(out), options, LocalExecutor(2), task)
+    try:
+        batch([Path(session)], Path(out), options, Workers(jobs=2), task)
+    except KeyboardInterrupt:
+        sys.exit(130)
 
 
 if __name__ == "__main__":

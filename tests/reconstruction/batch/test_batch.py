@@ -4,8 +4,9 @@ import csv
 import fcntl
 import json
 import shutil
+import socket
 import sys
-from collections.abc import Callable, Generator, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 from types import SimpleNamespace
@@ -14,15 +15,16 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
+from distributed import LocalCluster
 
 from capture_app.common.errors import BadInputError, DiskFullError, ExitCode, NotAvailableError
 from capture_app.session.reading.reader import Session
 from reconstruction.batch.command import batch, exit_code
-from reconstruction.batch.executors import LocalExecutor, SlurmExecutor
 from reconstruction.batch.plan import DEPTH_TASK, BatchOptions, plan
 from reconstruction.batch.rows import Row
 from reconstruction.batch.summary import depth_sheets
-from reconstruction.batch.units import Outcome, Unit, run_unit
+from reconstruction.batch.units import run_unit
+from reconstruction.batch.workers import NO_DASHBOARD, Workers
 from reconstruction.multiview.matcher import Matcher
 from reconstruction.session.conditions import Condition
 from tests.reconstruction.batch.fake_units import FAKE_TASK
@@ -31,20 +33,23 @@ from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, 
 FAILING = "tests.reconstruction.batch.fake_units:compute_or_fail"
 
 
-class Here:
-    """An executor that works in this process."""
-
-    def run_units(self, task: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
-        yield from (run_unit(task, unit, root) for unit in units)
+@pytest.fixture(scope="module")
+def here() -> Iterator[Workers]:
+    """Workers of a Dask scheduler whose worker is a thread of this process."""
+    with LocalCluster(
+        n_workers=1, threads_per_worker=1, processes=False, dashboard_address=NO_DASHBOARD
+    ) as cluster:
+        yield Workers(cluster.scheduler_address)
 
 
 @pytest.fixture
-def run(boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> Callable[..., Any]:
-    def run(*, executor: Any = None, task: str = FAKE_TASK, sessions: Any = None, **options: Any) -> Any:
+def run(
+    boards: Session, tmp_path: Path, capsys: pytest.CaptureFixture[str], here: Workers
+) -> Callable[..., Any]:
+    def run(*, workers: Any = None, task: str = FAKE_TASK, sessions: Any = None, **options: Any) -> Any:
         result = batch(
-            sessions or [boards.folder], tmp_path / "out", BatchOptions(**options), executor or Here(),
-            task,
-        )  # fmt: skip
+            sessions or [boards.folder], tmp_path / "out", BatchOptions(**options), workers or here, task
+        )
         lines = capsys.readouterr().err.splitlines()
         return SimpleNamespace(result=result, lines=lines, out=tmp_path / "out")
 
@@ -103,10 +108,10 @@ def test_what_no_depth_can_be_made_of_is_not_applicable_and_no_failure(
 
 def test_units_that_fail_leave_the_others_alone(run: Callable[..., Any], boards: Session) -> None:
     sessions = [boards.folder, boards.folder / "nowhere"]
-    done = run(executor=LocalExecutor(2), task=FAILING, sessions=sessions)
+    done = run(workers=Workers(jobs=2), task=FAILING, sessions=sessions)
     problems = {row.instant: row.error for row in done.result.units}
     assert problems[0] == "ValueError: unheard of in two lines"
-    assert "SIGSEGV" in problems[1]
+    assert "its process died twice" in problems[1]
     assert " is full (make room" in problems[2]
     assert "memory" in problems[3]
     assert problems[4] == ""
@@ -249,11 +254,23 @@ def test_nothing_is_begun_on_a_full_disk(run: Callable[..., Any], monkeypatch: p
 
 def test_where_there_is_no_cluster(monkeypatch: pytest.MonkeyPatch, tmp_path: Path) -> None:
     monkeypatch.setenv("PATH", str(tmp_path))
-    with pytest.raises(NotAvailableError, match=r"squeue.*--executor local"):
-        SlurmExecutor()
-    monkeypatch.setitem(sys.modules, "submitit", None)
-    with pytest.raises(NotAvailableError, match=r"pip install 'submitit>="):
-        SlurmExecutor()
+    with pytest.raises(NotAvailableError, match=r"sbatch.*--cluster local"):
+        Workers("slurm")
+    monkeypatch.setitem(sys.modules, "dask_jobqueue", None)
+    with pytest.raises(NotAvailableError, match=r"dask.jobqueue"):
+        Workers("slurm")
+    with pytest.raises(BadInputError, match=r"'slum' is not a cluster.*slurm.*tcp://"):
+        Workers("slum")
+    with pytest.raises(BadInputError, match="'gpu' is not a setting"):
+        Workers("slurm", settings=["gpu"])
+
+
+def test_no_scheduler_at_an_address_is_one_line(run: Callable[..., Any]) -> None:
+    with socket.socket() as closed:
+        closed.bind(("127.0.0.1", 0))
+        address = f"tcp://127.0.0.1:{closed.getsockname()[1]}"
+        with pytest.raises(NotAvailableError, match=f"no Dask scheduler answers at {address}"):
+            run(workers=Workers(address), instants=(0,))
 
 
 @contextmanager

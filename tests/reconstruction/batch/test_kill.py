@@ -2,6 +2,8 @@
 
 import os
 import random
+import re
+import signal
 import subprocess
 import sys
 import time
@@ -19,7 +21,10 @@ ROOT = Path(__file__).parents[3]
 def start(out: Path, session: Path, log: Path, *more: str) -> "subprocess.Popen[bytes]":
     command = [sys.executable, "-m", "tests.reconstruction.batch.fake_units", str(out), str(session), *more]
     environment = {**os.environ, LOG: str(log)}
-    return subprocess.Popen(command, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL)
+    with log.with_suffix(".talk").open("w") as talk:
+        return subprocess.Popen(
+            command, cwd=ROOT, env=environment, stdout=subprocess.DEVNULL, stderr=talk, start_new_session=True
+        )
 
 
 def lines(log: Path) -> list[str]:
@@ -64,6 +69,24 @@ def kill_and_compare(boards: Session, tmp_path: Path, kills: int, seed: int) -> 
     # What was begun again is what was under way at a kill: at most one unit in each of two processes.
     assert sum(begun.values()) - len(begun) <= 2 * kills
     assert not list(out.rglob("*.part"))
+
+
+def test_an_interrupt_reaches_all_processes_and_says_what_is_saved(boards: Session, tmp_path: Path) -> None:
+    out, log = tmp_path / "out", tmp_path / "log"
+    running = start(out, boards.folder, log)
+    while not finished(out):
+        assert running.poll() is None
+        time.sleep(0.001)
+    # As a terminal's Ctrl-C: to the command and its processes.
+    os.killpg(running.pid, signal.SIGINT)
+    assert running.wait(60) == 130
+    talk = log.with_suffix(".talk").read_text().splitlines()
+    assert re.fullmatch(r"stopping: \d+ of 12 results are saved; repeat .*", talk[-1])
+    assert [line for line in talk[:-1] if not line.startswith("[")] == []
+    kept = finished(out)
+    assert start(out, boards.folder, log).wait(120) == 0
+    assert len(finished(out)) == 12
+    assert finished(out).items() >= kept.items()
 
 
 @pytest.mark.slow

@@ -1,0 +1,252 @@
+"""The workers of a batch: processes of this machine, jobs of a cluster, or a Dask scheduler's own.
+
+Processes, not threads, so that a crash in native code costs one unit only. Anyone who can connect to a Dask
+scheduler can run code through it, so the schedulers started here use TLS with keys made for the run.
+"""
+
+import logging
+import os
+import shutil
+import signal
+from collections.abc import Generator, Mapping, Sequence
+from contextlib import ExitStack, suppress
+from importlib import import_module
+from itertools import islice
+from multiprocessing import resource_tracker
+from pathlib import Path
+from typing import Any
+
+import msgspec
+
+from capture_app.common.errors import BadInputError, ExitCode, NotAvailableError, SimulshotError
+from capture_app.common.optional_packages import RECONSTRUCTION, load_optional
+from capture_app.common.text import first_line
+from capture_app.console.terminal import talk
+from reconstruction.batch.units import WORK, Outcome, Unit, run_unit
+from reconstruction.common.memory import (
+    DEFAULT_SHARE,
+    MOST_BY_DEFAULT,
+    free_memory,
+    limited_memory,
+    memory_budget,
+)
+
+LOCAL = "local"
+QUEUES = {
+    "slurm": "SLURMCluster", "pbs": "PBSCluster", "lsf": "LSFCluster", "sge": "SGECluster",
+    "oar": "OARCluster", "moab": "MoabCluster", "htcondor": "HTCondorCluster",
+}  # fmt: skip
+"""Queueing systems, and what submits jobs to each in dask-jobqueue."""
+MEMORY_OF_UNIT = 1 << 30
+"""Bytes that a unit of five 640x480 images needs at most."""
+MAX_QUEUED_JOBS = 100
+"""Jobs in the cluster's queue where `--jobs` names no other number."""
+CONNECT_S = 5
+NO_DASHBOARD = "127.0.0.1:0"
+CHECK_S = 30
+"""Interval at which jobs that ended early are replaced, and a queue in which none starts is reported."""
+SETTINGS: Mapping[str, Any] = {"cores": 1, "memory": "2GB"}
+CONFIGURATION: Mapping[str, Any] = {
+    # The time of a worker's job may have ended, or memory may have been short: once is no proof of a crash.
+    "distributed.scheduler.allowed-failures": 1,
+    # A unit may keep the interpreter busy for minutes, and a suspended computer wakes up again.
+    "distributed.scheduler.worker-ttl": None,
+    # Its default of one OpenMP thread would leave cores idle: each worker is bound to its cores instead.
+    "distributed.nanny.pre-spawn-environ": {},
+    # Nothing is served over HTTP, which has no keys.
+    "distributed.scheduler.http.routes": [],
+    "distributed.worker.http.routes": [],
+}
+
+
+class Workers:
+    """Where the units of a batch are computed, and how many at once."""
+
+    def __init__(self, where: str = LOCAL, jobs: int | None = None, settings: Sequence[str] = ()) -> None:
+        """`where`: `local`, one of `QUEUES`, or a Dask scheduler's address.
+
+        `jobs`: how many units at once; None = one per core as memory allows, one per unit in a queue.
+        `settings`: `name=value` of a queue's jobs, as dask-jobqueue names them.
+
+        Raises:
+            NotAvailableError: Dask is not installed, or the queue's commands are not on this machine.
+            BadInputError: there is no such place, or a setting is not `name=value`.
+        """
+        if where not in (LOCAL, *QUEUES) and "://" not in where:
+            known = ", ".join((LOCAL, *QUEUES))
+            raise BadInputError(
+                f"{where!r} is not a cluster",
+                hint=f"use {known}, or a Dask scheduler's address as in tcp://host:8786",
+            )
+        if settings and where not in QUEUES:
+            raise BadInputError("--cluster-setting is for the jobs of a queue, as of --cluster slurm")
+        self.dask = load_optional("distributed", RECONSTRUCTION, "a batch")
+        self.where, self.jobs = where, jobs
+        self.settings = {**SETTINGS, **dict(map(_parse_setting, settings))}
+        if where in QUEUES:
+            # Importing it makes Ctrl-C end a process as if all was well.
+            on_interrupt = signal.getsignal(signal.SIGINT)
+            queues = load_optional("dask_jobqueue", "cluster", f"--cluster {where}")
+            signal.signal(signal.SIGINT, on_interrupt)
+            self.queue = getattr(queues, QUEUES[where])
+            program = self.queue.job_cls.submit_command.split()[0]
+            if shutil.which(program) is None:
+                raise NotAvailableError(
+                    f"the command {program} is not on this machine",
+                    hint="run on a login node of the cluster, or use --cluster local",
+                )
+
+    def run_units(self, task: str, units: Sequence[Unit], root: Path) -> Generator[Outcome, None, None]:
+        """Run the units, and yield each outcome as it arrives; closing the generator early stops them.
+
+        Raises:
+            SimulshotError: the queue refuses the jobs, or the scheduler cannot be reached.
+        """
+        if not units:
+            return
+        # Its news is for Dask's developers; what happens to a unit is in its outcome.
+        logging.getLogger("distributed").setLevel(logging.CRITICAL)
+        with ExitStack() as stack:
+            stack.enter_context(import_module("dask").config.set(CONFIGURATION))
+            cores, memory, cluster = None, None, None
+            if self.where == LOCAL:
+                count, memory = self._local_share(len(units))
+                every = sorted(os.sched_getaffinity(0))
+                cores = [every[k % len(every) :: count] or every for k in range(count)]
+                cluster = stack.enter_context(self._local_cluster(count))
+            elif self.where in QUEUES:
+                count = min(len(units), self.jobs or MAX_QUEUED_JOBS)
+                cluster = stack.enter_context(self._queue_cluster(count, root))
+            else:
+                count = self.jobs or len(units)
+            client = stack.enter_context(self._connect(cluster or self.where))
+            left = iter(units)
+            running: dict[Any, Unit] = {}
+            while True:
+                for unit in islice(left, count - len(running)):
+                    future = client.submit(_run_in_worker, task, unit, root, memory, cores, pure=False)
+                    running[future] = unit
+                if not running:
+                    return
+                for future in self._wait_for_any(list(running), client, cluster, count):
+                    yield _outcome(future, running.pop(future))
+
+    def _local_share(self, units: int) -> tuple[int, int]:
+        """How many processes of this machine, and the memory budget of each in bytes."""
+        budget = memory_budget()
+        total = budget.limit_bytes if budget.asked_for else int(DEFAULT_SHARE * free_memory())
+        count = self.jobs or max(1, min(len(os.sched_getaffinity(0)), total // MEMORY_OF_UNIT))
+        return min(count, units), min(total // count, total if budget.asked_for else MOST_BY_DEFAULT)
+
+    def _local_cluster(self, count: int) -> Any:
+        # Ctrl-C is for this process alone: the others inherit what Dask's thread, begun here, blocks.
+        resource_tracker.ensure_running()
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+        try:
+            return self.dask.LocalCluster(
+                n_workers=count,
+                threads_per_worker=1,
+                memory_limit=0,
+                dashboard_address=NO_DASHBOARD,
+                security=True,
+                silence_logs=logging.CRITICAL,
+            )
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+    def _queue_cluster(self, count: int, root: Path) -> Any:
+        folder = root / WORK / "cluster"
+        folder.mkdir(parents=True, exist_ok=True)
+        settings = {
+            "processes": 1,
+            "job_name": "simulshot",
+            "log_directory": str(folder),
+            "shared_temp_directory": str(folder),
+            # One unit at a time, whatever its cores; the queue itself limits the memory.
+            "worker_extra_args": ["--nthreads", "1", "--memory-limit", "0", "--no-dashboard"],
+            "scheduler_options": {"dashboard_address": NO_DASHBOARD},
+            **self.settings,
+        }
+        try:
+            cluster = self.queue(security=True, silence_logs=logging.CRITICAL, **settings)
+        except (TypeError, ValueError) as error:
+            raise BadInputError(f"--cluster-setting: {first_line(error)}") from error
+        try:
+            cluster.sync(_submit_jobs, cluster, count)
+        except BaseException as error:
+            # It asserts that all jobs were started, also where one was refused.
+            with suppress(AssertionError):
+                cluster.close()
+            if not isinstance(error, RuntimeError):
+                raise
+            said = " ".join(str(error).partition("stderr:")[2].split()) or first_line(error)
+            raise SimulshotError(
+                f"{self.where} refused the jobs: {said}", hint="check the settings of --cluster-setting"
+            ) from error
+        return cluster
+
+    def _connect(self, place: Any) -> Any:
+        try:
+            return self.dask.Client(place, timeout=CONNECT_S)
+        except (OSError, ValueError) as error:
+            raise NotAvailableError(
+                f"no Dask scheduler answers at {place}: {first_line(error)}",
+                hint="check the address, or use --cluster local",
+            ) from error
+
+    def _wait_for_any(self, futures: list[Any], client: Any, cluster: Any, count: int) -> set[Any]:
+        """The futures that are done, at least one; jobs that ended early are submitted again meanwhile."""
+        while True:
+            with suppress(TimeoutError):
+                done: set[Any] = self.dask.wait(futures, CHECK_S, return_when="FIRST_COMPLETED").done
+                return done
+            if cluster is not None:
+                cluster.scale(count)
+            if not client.scheduler_info()["workers"]:
+                where = f"look at its queue and the logs in {WORK}/cluster" if self.where in QUEUES else ""
+                talk(f"no worker of {self.where} has started yet{where and f': {where}'}")
+
+
+async def _submit_jobs(cluster: Any, count: int) -> None:
+    """What `scale` does, except that it only logs what the queue refuses."""
+    while len(cluster.worker_spec) < count:
+        cluster.worker_spec.update(cluster.new_worker_spec())
+    await cluster
+
+
+def _run_in_worker(
+    task: str, unit: Unit, root: Path, memory: int | None, cores: Sequence[Sequence[int]] | None
+) -> Outcome:
+    """Compute a unit in a worker: on the cores that are this worker's, within its share of the memory."""
+    if cores is not None:
+        worker = import_module("distributed").get_worker()
+        # Of this thread, and so of all threads that it starts.
+        os.sched_setaffinity(0, cores[int(worker.name)])
+    # Before pycolmap: in the other order the first PNG that OpenCV writes aborts the process.
+    import_module("cv2")
+    with limited_memory(memory):
+        return run_unit(task, unit, root)
+
+
+def _outcome(future: Any, unit: Unit) -> Outcome:
+    if future.cancelled():
+        raise SimulshotError(
+            "the Dask scheduler has ended", hint="finished results are saved: repeat the command to continue"
+        )
+    error = future.exception()
+    if error is None:
+        outcome: Outcome = future.result()
+        return outcome
+    text = f"{type(error).__name__}: {first_line(error)}"
+    if type(error).__name__ == "KilledWorker":
+        text = "its process died twice, which often means too little memory; use fewer --jobs"
+    return Outcome(key=unit.key, error=text, exit_code=ExitCode.FAILURE)
+
+
+def _parse_setting(text: str) -> tuple[str, Any]:
+    name, equals, value = text.partition("=")
+    if not name or not equals:
+        raise BadInputError(f"{text!r} is not a setting", hint="write name=value, as in queue=gpu")
+    with suppress(msgspec.DecodeError):
+        return name, msgspec.json.decode(value)
+    return name, value

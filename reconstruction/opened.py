@@ -3,8 +3,8 @@
 import shutil
 import tempfile
 import weakref
-from collections.abc import Callable, Iterator
-from contextlib import ExitStack, contextmanager
+from collections.abc import Callable
+from contextlib import ExitStack
 from dataclasses import dataclass
 from os import PathLike
 from pathlib import Path
@@ -12,7 +12,7 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from capture_app.console.usage import Verbosity, set_verbosity, verbosity
+from capture_app.console.usage import silence
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply
 from capture_app.session.files.strangers import read_arrays
 from capture_app.session.reading.decoding import decode_image
@@ -127,12 +127,12 @@ class ReconstructedSession(OpenSession):
 
     def time(self, reference: str | None = None, *, apply: bool = False) -> TimeResult:
         """How late each camera is, by a lamp or by what moves; `apply` gives a recording these times."""
-        with _silence():
+        with silence():
             return measure_times(self.folder, reference, apply=apply)
 
     def calibrate(self, source: str = "sfm", **options: Any) -> CalibrateResult:
         """Calibrate the cameras and save that in the session. Options: `CalibrateOptions`."""
-        with _silence():
+        with silence():
             result = calibrate(
                 self.folder, CalibrateOptions(source=CalibrationSource.named(source), **options)
             )
@@ -149,7 +149,7 @@ def open_session(session: str | PathLike[str] | Session) -> ReconstructedSession
 
 
 def _make(kind: type[M], out: str | PathLike[str] | None, run: Callable[[Path], Any]) -> M:
-    with ExitStack() as undone, _silence():
+    with ExitStack() as undone, silence():
         if out is not None:
             return kind(run(Path(out)), Path(out))
         scratch = tempfile.mkdtemp(prefix="simulshot-")
@@ -157,13 +157,3 @@ def _make(kind: type[M], out: str | PathLike[str] | None, run: Callable[[Path], 
         made = kind(run(Path(scratch, "made")), Path(scratch, "made"))
         weakref.finalize(made, undone.pop_all().close)
         return made
-
-
-@contextmanager
-def _silence() -> Iterator[None]:
-    before = verbosity()
-    set_verbosity(Verbosity.QUIET)
-    try:
-        yield
-    finally:
-        set_verbosity(before)

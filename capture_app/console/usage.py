@@ -2,6 +2,9 @@
 
 import logging
 import platform
+from collections.abc import Iterator
+from contextlib import contextmanager
+from contextvars import ContextVar
 from enum import IntEnum
 from typing import TypeVar
 
@@ -22,12 +25,15 @@ class Verbosity(IntEnum):
 
 C = TypeVar("C", bound=click.Command)
 _verbosity = Verbosity.NORMAL
+"""Of this process's command line."""
+_silenced = ContextVar("silenced", default=False)
+"""Whether the code that asks runs within `silence`: of a thread or a task, not of the process."""
 _log = logging.getLogger(__name__)
 
 
 def verbosity() -> Verbosity:
     """Return how much the running command says."""
-    return _verbosity
+    return Verbosity.QUIET if _silenced.get() else _verbosity
 
 
 def set_verbosity(value: Verbosity) -> None:
@@ -39,6 +45,16 @@ def set_verbosity(value: Verbosity) -> None:
         logging.basicConfig(level=logging.INFO, format=line, datefmt="%H:%M:%S")
         logging.getLogger(__name__.partition(".")[0]).setLevel(logging.DEBUG)
         _log.debug("simulshot %s, Python %s, %s", __version__, platform.python_version(), platform.platform())
+
+
+@contextmanager
+def silence() -> Iterator[None]:
+    """Keep what runs within from printing progress and notes, but no other thread's work."""
+    token = _silenced.set(True)
+    try:
+        yield
+    finally:
+        _silenced.reset(token)
 
 
 def examples(*lines: str, after: str = "") -> str:

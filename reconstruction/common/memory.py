@@ -11,6 +11,7 @@ import threading
 from collections import OrderedDict
 from collections.abc import Callable, Hashable, Iterator
 from contextlib import AbstractContextManager, contextmanager, suppress
+from contextvars import ContextVar
 from pathlib import Path
 from typing import TYPE_CHECKING, TypeVar
 
@@ -137,28 +138,27 @@ class MemoryBudget:
 
 
 def memory_budget() -> MemoryBudget:
-    """The budget of the running command; outside of any, that of this process's free memory."""
-    return _running[-1] if _running else MemoryBudget(default_budget())
+    """The budget of the running command or session; outside of any, that of this process's free memory."""
+    return _budget.get(None) or MemoryBudget(default_budget())
 
 
 def limited_memory(limit_bytes: int | None = None) -> AbstractContextManager[MemoryBudget]:
     """Set the budget of what runs within; None = `default_budget`."""
     size = default_budget() if limit_bytes is None else limit_bytes
-    return running(_running, MemoryBudget(size, asked_for=limit_bytes is not None))
+    return running(_budget, MemoryBudget(size, asked_for=limit_bytes is not None))
 
 
-_running: list[MemoryBudget] = []
-"""Budgets of this process, the innermost last: memory is the process's, whichever thread asks."""
+_budget: ContextVar[MemoryBudget] = ContextVar("budget")
 
 
 @contextmanager
-def running(stack: list[T], one: T) -> Iterator[T]:
-    """Let something be the innermost of what runs in this process."""
-    stack.append(one)
+def running(variable: ContextVar[T], value: T) -> Iterator[T]:
+    """Set a variable of this thread for what runs within; `worker_pool` hands it on to its threads."""
+    token = variable.set(value)
     try:
-        yield one
+        yield value
     finally:
-        stack.remove(one)
+        variable.reset(token)
 
 
 def default_budget() -> int:

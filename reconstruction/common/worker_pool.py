@@ -1,14 +1,18 @@
 """Threads for work that OpenCV does, at most one a core."""
 
 import os
-from collections.abc import Iterator
-from concurrent.futures import ThreadPoolExecutor
+import threading
+from collections.abc import Callable, Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from contextlib import contextmanager
+from contextvars import copy_context
+from typing import Any, TypeVar
 
 import cv2
 
 from reconstruction.common.memory import memory_budget
 
+T = TypeVar("T")
 MAX_WORKERS = 8
 """Each takes some hundred MB for its sweep."""
 
@@ -23,12 +27,25 @@ def worker_count() -> int:
     return memory_budget().fit_count(SWEEP_BYTES, min(MAX_WORKERS, cores), share=0.5)
 
 
+class _Pool(ThreadPoolExecutor):
+    """Threads that work within the memory budget, the checks and the silence of who submits to them."""
+
+    def submit(self, work: Callable[..., T], /, *arguments: Any, **named: Any) -> Future[T]:
+        return super().submit(copy_context().run, work, *arguments, **named)
+
+
+_opencv_lock = threading.Lock()
+_opencv_threads: list[int] = []
+"""How many threads OpenCV had before each of the pools that are open; the number is the process's."""
+
+
 @contextmanager
 def worker_pool() -> Iterator[ThreadPoolExecutor]:
     """A pool of `worker_count` threads; OpenCV, which each of them calls, then uses none of its own."""
-    before = cv2.getNumThreads()
-    cv2.setNumThreads(1)
-    pool = ThreadPoolExecutor(worker_count())
+    with _opencv_lock:
+        _opencv_threads.append(cv2.getNumThreads())
+        cv2.setNumThreads(1)
+    pool = _Pool(worker_count())
     try:
         yield pool
     except KeyboardInterrupt:
@@ -41,4 +58,8 @@ def worker_pool() -> Iterator[ThreadPoolExecutor]:
     else:
         pool.shutdown()
     finally:
-        cv2.setNumThreads(before)
+        with _opencv_lock:
+            before = _opencv_threads.pop()
+            # The last one sets what the first one found, in whichever order they end.
+            if not _opencv_threads:
+                cv2.setNumThreads(before)

@@ -6,6 +6,7 @@ result, or refused.
 
 import hashlib
 from contextlib import AbstractContextManager
+from contextvars import ContextVar
 from pathlib import Path
 
 from capture_app.common.errors import IncompleteError
@@ -53,13 +54,12 @@ class PictureChecks:
 
 def picture_checks() -> PictureChecks:
     """The checks of the running command; outside of any, changed pictures are used."""
-    return _running[-1] if _running else PictureChecks(required=False)
+    return _checks.get(None) or PictureChecks(required=False)
 
 
 def checked_pictures(*, required: bool) -> AbstractContextManager[PictureChecks]:
     """Check the pictures that are read within."""
-    return running(_running, PictureChecks(required=required))
+    return running(_checks, PictureChecks(required=required))
 
 
-_running: list[PictureChecks] = []
-"""Checks of this process, the innermost last, whichever thread reads."""
+_checks: ContextVar[PictureChecks] = ContextVar("checks")

@@ -1,14 +1,22 @@
 """The commands as methods of an open session: results with arrays, and not a word on the terminal."""
 
 import shutil
+import threading
+from concurrent.futures import ThreadPoolExecutor, wait
 from pathlib import Path
 
+import cv2
 import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError
+from capture_app.console.terminal import talk
+from capture_app.console.usage import silence
 from capture_app.session.reading.opened import open_session as open_for_pictures
 from reconstruction import open_session
+from reconstruction.common.memory import limited_memory, memory_budget
+from reconstruction.common.worker_pool import worker_pool
+from reconstruction.session.picture_checksums import checked_pictures, picture_checks
 
 SAMPLE = Path(__file__).resolve().parents[2] / "sample_sessions" / "jumper"
 
@@ -27,6 +35,49 @@ def test_depth_comes_as_arrays_and_without_a_word(capfd: pytest.CaptureFixture[s
     assert folder.is_dir()
     del made
     assert not folder.exists()
+
+
+def test_two_sessions_in_two_threads_neither_silence_nor_limit_each_other(
+    capfd: pytest.CaptureFixture[str],
+) -> None:
+    both = threading.Barrier(2)
+
+    def small() -> tuple[int, bool, int]:
+        with silence(), limited_memory(300 << 20), checked_pictures(required=True), worker_pool() as pool:
+            both.wait()
+            talk("never heard")
+            within = pool.submit(lambda: (memory_budget().limit_bytes, picture_checks().required)).result()
+            pool.submit(talk, "never heard from a worker").result()
+            both.wait()
+            return (*within, cv2.getNumThreads())
+
+    before = cv2.getNumThreads()
+    with ThreadPoolExecutor(1) as other, limited_memory(2 << 30):
+        beside = other.submit(small)
+        both.wait()
+        with worker_pool():
+            talk("heard")
+            assert memory_budget().limit_bytes == 2 << 30
+            assert not picture_checks().required
+            both.wait()
+            assert beside.result() == (300 << 20, True, 1)
+        assert cv2.getNumThreads() == before
+        both.reset()
+    assert capfd.readouterr().err == "heard\n"
+
+
+def test_a_session_at_work_in_another_thread_silences_nobody_else(capfd: pytest.CaptureFixture[str]) -> None:
+    said = 0
+    with ThreadPoolExecutor(2) as pool:
+        work = [
+            pool.submit(open_session(SAMPLE).stereo, instant=k, pair=("cam00", "cam01")) for k in range(2)
+        ]
+        while not all(one.done() for one in work):
+            talk("heard")
+            said += 1
+            wait(work, 0.02)
+    assert [one.result().result.instant for one in work] == [0, 1]
+    assert capfd.readouterr().err == "heard\n" * said
 
 
 @pytest.mark.slow

@@ -27,7 +27,7 @@ from reconstruction.multiview.result import MultiviewResult
 from reconstruction.panorama.command import PanoramaOptions, PanoramaResult, panorama
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.stereo.command import StereoDepth, StereoOptions, stereo
-from reconstruction.time_offsets.command import TimeResult, measure_times
+from reconstruction.time_offsets.session_offsets import TimeResult, measure_times
 
 R = TypeVar("R")
 

@@ -15,7 +15,7 @@ import numpy as np
 
 from benchmarks.report import new_parser, print_rows, talk
 from benchmarks.time_offsets.rendered_motion import Shutter, Take, write_take
-from reconstruction.time_offsets.command import measure_times
+from reconstruction.time_offsets.session_offsets import measure_times
 
 PAIRS = (
     ("cam00", "cam01"),

@@ -11,7 +11,7 @@ from capture_app.console.usage import examples
 from reconstruction.commands.options import checksums_option, memory_option, session_argument
 
 if TYPE_CHECKING:
-    from reconstruction.time_offsets.command import TimeResult
+    from reconstruction.time_offsets.session_offsets import TimeResult
 
 
 @click.command(
@@ -40,7 +40,7 @@ def time_command(session: Path, reference: str | None, apply: bool, as_json: boo
     times it is looked for however large it is, with the rate. A torch that blinks eight times before all
     cameras also tells how long their rows take.
     """
-    from reconstruction.time_offsets.command import measure_times
+    from reconstruction.time_offsets.session_offsets import measure_times
 
     result = measure_times(session, reference, apply=apply)
     aligned = f"{session}: aligned by what moves" if result.applied else ""

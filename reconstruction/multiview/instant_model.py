@@ -4,7 +4,9 @@ import time
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from importlib.util import find_spec
+from itertools import pairwise
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -44,7 +46,7 @@ from reconstruction.multiview.matcher import (
 )
 from reconstruction.multiview.moment import FILES, measured_share, write_moment
 from reconstruction.multiview.result import MultiviewResult, ViewResult
-from reconstruction.scores.truth import depth_shares
+from reconstruction.scores.truth import DepthShares, depth_shares
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SceneMotion
 from reconstruction.session.picture_checksums import picture_checks
@@ -97,12 +99,7 @@ def model_instant(
     progress.total = len(images) + (3 if options.mesh or options.cloud else 2)
     progress.step("how near and how far the scene is")
     calibrated = {camera: image.calibrated for camera, image in images.items()}
-    still.look(calibrated)
-    scene = still.scene = still.scene or find_coarse_scene(calibrated)
-    views_seen = {camera: calibrated[camera].view for camera in scene.points}
-    sources = choose_source_views(views_seen, scene.points)
-    if not any(sources.values()):
-        raise refuse_views(views_seen, scene.points)
+    scene, sources = _find_sources(calibrated, still)
     left_out |= {c: _why_alone(c, calibrated, scene) for c in images if not sources.get(c)}
     images = {camera: image for camera, image in images.items() if sources.get(camera)}
     progress.total = len(images) + (3 if options.mesh or options.cloud else 2)
@@ -129,7 +126,6 @@ def model_instant(
         marks["mesh"] = time.perf_counter()
     reference = choose_reference_view(image_views(images), scene.points)
     depth = found[reference].depth
-    main = next(view for view in views if view.camera == reference)
     result = MultiviewResult(
         session=dataset.name,
         instant=options.instant,
@@ -140,11 +136,7 @@ def model_instant(
         calibration=calibration,
         unit=unit,
         reference=reference,
-        coverage=main.coverage,
-        within_2pct=main.within_2pct,
-        mover_within_2pct=main.mover_within_2pct,
-        static_within_2pct=main.static_within_2pct,
-        median_error_pct=main.median_error_pct,
+        **_figures(next(view for view in views if view.camera == reference)),
         movers_1cm=movers,
         moving_measured=measured_share(images[reference], depth, motion) if options.page else None,
         nearest=min(scene.depth_ranges[camera][0] for camera in images),
@@ -156,10 +148,7 @@ def model_instant(
         mesh_triangles=triangles,
         files=(FUSED, *files, *(FILES if options.page else ()), "workspace", RESULT),
         seconds=round(time.perf_counter() - marks["begin"], 3),
-        seconds_of={
-            stage: round(now - before, 3)
-            for before, (stage, now) in zip(marks.values(), list(marks.items())[1:], strict=False)
-        },
+        seconds_of=_stage_seconds(marks),
         memory_notes=memory_budget().notes,
         changed_pictures=picture_checks().changed,
         versions=library_versions(),
@@ -168,6 +157,34 @@ def model_instant(
         write_moment(result, images[reference], depth, part / FUSED)
     write_atomic(part / RESULT, pretty_json(result))
     return result
+
+
+def _find_sources(
+    images: Mapping[str, CalibratedImage], still: StillScene
+) -> tuple[CoarseScene, dict[str, tuple[str, ...]]]:
+    """Find where the scene is, and the cameras that each camera's depth is measured with.
+
+    Raises:
+        BadInputError: no two cameras can measure depth together.
+    """
+    still.look(images)
+    scene = still.scene = still.scene or find_coarse_scene(images)
+    views = {camera: images[camera].view for camera in scene.points}
+    sources = choose_source_views(views, scene.points)
+    if not any(sources.values()):
+        raise refuse_views(views, scene.points)
+    return scene, sources
+
+
+def _figures(view: ViewResult) -> dict[str, Any]:
+    """The figures of a view that stand for its instant."""
+    return {name: getattr(view, name) for name in ("coverage", *DepthShares.__struct_fields__)}
+
+
+def _stage_seconds(marks: Mapping[str, float]) -> dict[str, float]:
+    """How long each stage took, from the times (s) at which the stages ended."""
+    ends = list(marks.items())
+    return {stage: round(now - before, 3) for (_, before), (stage, now) in pairwise(ends)}
 
 
 def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: CoarseScene) -> str:

@@ -1,1 +1,1 @@
-"""Time offsets between cameras, measured from motion in their images."""
+"""Time offsets of a session's cameras, from a blinking lamp or from motion; begin at `session_offsets`."""

@@ -1,4 +1,4 @@
-"""`reconstruct time`: how late each camera of a session is, by a lamp that blinks, or what moves."""
+"""Time offsets of all cameras of a session, by a blinking lamp where it shows one, else by what moves."""
 
 import tempfile
 import time
@@ -20,7 +20,7 @@ from reconstruction.time_offsets.rig_offsets import MOTION, measure_rig_offsets
 
 
 class TimeResult(Struct, frozen=True, kw_only=True):
-    """What `reconstruct time` found; `cameras` by name."""
+    """The measured time offsets, as `reconstruct time --json` prints them; `cameras` by name."""
 
     session: str
     reference: str

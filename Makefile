@@ -87,7 +87,7 @@ docs: $(VENV)/.installed-dev
 
 test-dist: dist
 	for python in $(PYTHONS); do \
-	  for built in dist/*; do sh tests/installed.sh $$python $$built || exit 1; done; \
+	  for built in dist/*; do sh tests/packaging/installed.sh $$python $$built || exit 1; done; \
 	done
 
 demo: $(VENV)/.installed

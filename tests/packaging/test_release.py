@@ -9,7 +9,7 @@ import yaml
 import capture_app
 from capture_app.common.address import DEFAULT_PORT
 
-ROOT = Path(__file__).resolve().parents[1]
+ROOT = Path(__file__).resolve().parents[2]
 PROJECT = tomllib.loads((ROOT / "pyproject.toml").read_text())
 
 
@@ -46,12 +46,28 @@ def test_forms_and_workflows_can_be_read() -> None:
     assert "capture-app doctor --report" in form
 
 
+LIBRARIES = {*re.findall(r"\.so\.\d+:(\S+)", (ROOT / "Makefile").read_text())}
+
+
+def test_every_push_and_pull_request_is_tried_on_every_python() -> None:
+    workflow = yaml.safe_load((ROOT / ".github" / "workflows" / "test.yml").read_text())
+    assert {"push", "pull_request"} <= {*workflow[True]}, "YAML reads `on` as true"
+    assert workflow["permissions"] == {"contents": "read"}
+    test, check = workflow["jobs"]["test"], workflow["jobs"]["check"]
+    named = [line for line in PROJECT["project"]["classifiers"] if re.search(r":: 3\.\d+$", line)]
+    assert test["strategy"]["matrix"]["python"] == [line.rpartition(" ")[2] for line in named]
+    for job, target in ((test, "make test"), (check, "make check")):
+        lines = [step["run"] for step in job["steps"] if "run" in step]
+        assert lines[-1].endswith(target)
+        assert set(" ".join(lines).split()) >= LIBRARIES
+        assert all("@v" in step["uses"] for step in job["steps"] if "uses" in step)
+
+
 def test_the_container_installs_what_the_makefile_does() -> None:
     """No builder is here to try it with: its steps are checked against what is tried."""
     recipe = (ROOT / "Dockerfile").read_text()
-    libraries = re.findall(r"\.so\.\d+:(\S+)", (ROOT / "Makefile").read_text())
-    assert libraries
-    assert set(libraries) <= set(recipe.split())
+    assert LIBRARIES
+    assert set(recipe.split()) >= LIBRARIES
     assert f"EXPOSE {DEFAULT_PORT}/udp {DEFAULT_PORT}/tcp" in recipe
     for source in re.findall(r"^COPY (?!--from)(.+) \S+$", recipe, re.MULTILINE):
         for name in source.split():

@@ -60,6 +60,10 @@ LIBRARIES := libGL.so.1:libgl1 libEGL.so.1:libegl1 libX11.so.6:libx11-6 \
 # Tests wait half of their time for processes and screens: more workers than cores.
 WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 
+# Containers often set it. Then each worker, and each of the hundreds of programs that tests start, compiles all that
+# it imports.
+unexport PYTHONDONTWRITEBYTECODE
+
 .PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-evening bench-stamps bench-phones bench-clients bench-any-rig bench-multiview bench-pairs bench-verdicts bench-time bench-folders bench-panel bench-tui paper soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
@@ -242,6 +246,7 @@ $(VENV)/.installed: pyproject.toml constraints.txt reconstruction/depth/kernels.
 
 $(VENV)/.installed-dev: $(VENV)/.installed
 	$(BIN)/python -m pip install --quiet --disable-pip-version-check -c constraints.txt -e '.[dev,reconstruction]'
+	$(BIN)/python -m compileall -q capture_app reconstruction benchmarks
 	@touch $@
 
 python:

@@ -8,6 +8,7 @@ from collections import deque
 from collections.abc import Sequence
 from itertools import accumulate
 from math import hypot, sqrt
+from operator import sub
 from typing import NamedTuple
 
 from capture_app.sync.clock.likely_line import DRIFT, STAMP_NS
@@ -124,17 +125,16 @@ class AnswerGroups:
         slope = (products[many] - many * middle * level) / spread
         variance = max(0.0, offset_squares[many] - many * level**2 - slope**2 * spread) / (many - 2)
 
-        def off(first: int) -> float:
-            late = (offsets[first + count] - offsets[first]) / count - level
-            return late - slope * ((times[first + count] - times[first]) / count - middle)
-
+        intercept = level - slope * middle
+        sloped = [offset - slope * time for offset, time in zip(offsets, times, strict=True)]
+        earlier = list(map(sub, sloped[count : many + 1], sloped))
         ahead = (times[-1] - times[many]) / count - middle
         chance = variance * (1.0 / count + 1.0 / many + ahead**2 / spread)
         return Newest(
             since_ns=self._groups[-count][0],
-            moved=off(many),
+            moved=(sloped[-1] - sloped[many]) / count - intercept,
             grown=(gaps[-1] - gaps[many]) / count - gap,
             doubt=hypot(sqrt(chance), DRIFT * ahead**2 / 2.0, 2.0 * STAMP_NS),
             least_skew=abs(slope) - SIGMAS * sqrt(variance / spread),
-            usual=max([abs(off(first)) for first in range(many - count + 1)]),
+            usual=max(max(earlier) / count - intercept, intercept - min(earlier) / count),
         )

@@ -11,6 +11,7 @@ import socket
 import ssl
 import time
 from collections.abc import AsyncIterator, Callable
+from dataclasses import dataclass, field
 from http import HTTPStatus
 from pathlib import Path
 
@@ -20,7 +21,7 @@ from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Handler
 
 from capture_app.common.errors import UnknownMachineError
-from capture_app.common.tasks import Background, end
+from capture_app.common.tasks import end
 from capture_app.common.text import UNREADABLE
 from capture_app.phones import wire
 from capture_app.phones.admission import Admission, Admitted
@@ -141,6 +142,25 @@ LEFT = 1000
 """How a page closes its link when its user ends it."""
 REPLACED = 4001
 """How the link of a page is closed when the same phone has come by another."""
+CLOSE_S = 2.0
+"""Timeout of a page's answer to the closing of its link."""
+
+
+@dataclass(eq=False)
+class _Link:
+    """A page's link, the task that reads it, and how it is closed."""
+
+    reading: asyncio.Task[None] = field(init=False)
+    close_code: int = 0
+    close_reason: bytes = b""
+
+    def end(self, code: int, reason: bytes) -> None:
+        """Have the link closed, with a code and a reason for the page."""
+        # The reading task closes the link: when another does, aiohttp does not wait for the page's answer. A
+        # page that is still sending then has its connection reset and loses the code; not knowing that it
+        # is replaced, it comes back and takes the link from the newer page.
+        self.close_code, self.close_reason = code, reason
+        self.reading.cancel()
 
 
 class PhoneGateway:
@@ -161,10 +181,9 @@ class PhoneGateway:
         self._size = size
         self._phones: dict[str, Phone] = {}
         self._door = Door()
-        self._links: set[web.WebSocketResponse] = set()
-        self._link_of: dict[str, web.WebSocketResponse] = {}
+        self._links: set[_Link] = set()
+        self._link_of: dict[str, _Link] = {}
         """That of each phone, by its key."""
-        self._closing = Background()
 
     @contextlib.asynccontextmanager
     async def serving(self, listening: socket.socket, tls: ssl.SSLContext | None) -> AsyncIterator[None]:
@@ -183,8 +202,8 @@ class PhoneGateway:
                 try:
                     yield
                 finally:
-                    for link in tuple(self._links):
-                        await link.close(code=1001, message=b"The leader has ended. This page waits for it.")
+                    for link in self._links:
+                        link.end(1001, b"The leader has ended. This page waits for it.")
         finally:
             await runner.cleanup()
 
@@ -211,31 +230,46 @@ class PhoneGateway:
         if admitted is None:
             raise web.HTTPForbidden(text="this link was not asked for")
         socket_ = web.WebSocketResponse(
-            compress=False, max_msg_size=wire.MAX_PICTURE_BYTES, heartbeat=HEARTBEAT_S
+            timeout=CLOSE_S, compress=False, max_msg_size=wire.MAX_PICTURE_BYTES, heartbeat=HEARTBEAT_S
         )
         await socket_.prepare(request)
-        self._links.add(socket_)
+        link = _Link()
+        link.reading = asyncio.create_task(self._read(link, socket_, admitted, request.protocol))
+        self._links.add(link)
         try:
-            await self._serve(socket_, admitted, request.protocol)
+            await link.reading
+        except asyncio.CancelledError:
+            if not link.close_code:
+                raise
         except (*UNREADABLE, ValueError, TimeoutError):
-            await socket_.close(code=1003, message=b"This page is of another version: load it again.")
+            link.end(1003, b"This page is of another version: load it again.")
         finally:
-            self._links.discard(socket_)
+            self._links.discard(link)
+        if link.close_code:
+            await socket_.close(code=link.close_code, message=link.close_reason)
         return socket_
 
-    async def _serve(
-        self, link: web.WebSocketResponse, admitted: Admitted, connection: web.RequestHandler
+    async def _read(
+        self,
+        link: _Link,
+        socket_: web.WebSocketResponse,
+        admitted: Admitted,
+        connection: web.RequestHandler,
     ) -> None:
         assert isinstance(connection, _Connection)
-        hello = await _hello(link)
+        hello = await _hello(socket_)
         self._door.trust(connection.transport)
-        self._replace_link(admitted, link)
+        # Two pages would tell of two clocks.
+        self._end_link(admitted, _REPLACED)
+        self._link_of[admitted.key] = link
 
         async def send(message: str | bytes) -> None:
             # That a link has just broken off is noticed by who reads it.
             with contextlib.suppress(ConnectionError):
-                if not link.closed:
-                    await (link.send_str(message) if isinstance(message, str) else link.send_bytes(message))
+                if not socket_.closed:
+                    await (
+                        socket_.send_str(message) if isinstance(message, str) else socket_.send_bytes(message)
+                    )
 
         phone = self._phones.get(admitted.key)
         is_new = phone is None
@@ -246,7 +280,7 @@ class PhoneGateway:
         if is_new:
             self._on_phone(phone)
         try:
-            async for message in link:
+            async for message in socket_:
                 received_ns = connection.received_ns
                 if message.type is WSMsgType.BINARY:
                     told = wire.decode_binary(message.data)
@@ -260,23 +294,17 @@ class PhoneGateway:
                         raise ValueError("a second hello")
                     phone.take_text(said)
         finally:
-            phone.link_closed(send, by_user=link.close_code == LEFT)
-
-    def _replace_link(self, admitted: Admitted, link: web.WebSocketResponse) -> None:
-        # Two pages would tell of two clocks.
-        self._close_link(admitted, _REPLACED)
-        self._link_of[admitted.key] = link
+            phone.link_closed(send, by_user=socket_.close_code == LEFT)
 
     def _put_off(self, admitted: Admitted) -> None:
         self._admission.put_off(admitted)
         if (phone := self._phones.pop(admitted.key, None)) is not None:
             phone.said_goodbye = True
-        self._close_link(admitted, _PUT_OFF)
+        self._end_link(admitted, _PUT_OFF)
 
-    def _close_link(self, admitted: Admitted, why: bytes) -> None:
-        link = self._link_of.get(admitted.key)
-        if link is not None and not link.closed:
-            self._closing.start(link.close(code=REPLACED, message=why))
+    def _end_link(self, admitted: Admitted, reason: bytes) -> None:
+        if (link := self._link_of.get(admitted.key)) is not None:
+            link.end(REPLACED, reason)
 
 
 async def _hello(link: web.WebSocketResponse) -> wire.Hello:

@@ -22,6 +22,7 @@ def found(capsys: pytest.CaptureFixture[str], command: str, session: str, *optio
     return result
 
 
+@pytest.mark.slow
 def test_stereo(tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     out = tmp_path / "depth"
     result = found(capsys, "stereo", "jumper", "--out", out)

@@ -23,7 +23,9 @@ def take(
     return photograph.take(start_ns, np.random.default_rng(5))
 
 
-@pytest.mark.parametrize(("seed", "screen"), [(1, False), (2, False), (3, True)], ids=str)
+@pytest.mark.parametrize(
+    ("seed", "screen"), [(1, False), pytest.param(2, False, marks=pytest.mark.slow), (3, True)], ids=str
+)
 def test_photographs_tell_their_time_within_their_error_bar(seed: int, screen: bool) -> None:
     outcome = judge(draw_case(seed, screen=screen))
     assert not outcome.refusal

@@ -282,7 +282,7 @@ def test_a_slewed_leader_is_told_and_followed(slew_ppm: int) -> None:
     assert error_ns(time_map, link, end_ns) <= time_map.uncertainty_ns
 
 
-@pytest.mark.parametrize("slew_ppm", [-8_000, 3_000])
+@pytest.mark.parametrize("slew_ppm", [pytest.param(-8_000, marks=pytest.mark.slow), 3_000])
 def test_no_line_is_laid_while_a_clock_is_slewed_beyond_the_premise(slew_ppm: int) -> None:
     """Within MAX_SKEW a line through such answers is certain of itself, and a millisecond off."""
     link, rng = Link(offset_ns=10**10, skew_ppm=20, epoch_ns=0), random.Random(6)

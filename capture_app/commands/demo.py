@@ -15,6 +15,7 @@ from capture_app.common.child import Child, Talk
 from capture_app.common.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.common.tasks import first_of
 from capture_app.common.text import UNREADABLE, ProgressStep
+from capture_app.common.timeouts import READY_TIMEOUT_S
 from capture_app.console.terminal import answer, json_option, show_progress, table, talk
 from capture_app.console.usage import examples
 from capture_app.session.files.durable import free_name
@@ -30,7 +31,6 @@ CAMERA_OPTIONS = "drops=0,scale=0.75,samples=2"
 QUICK = ("--max-multiview-instants", "3", "--multiview-width", "320")
 """Depth from all cameras of small pictures: as telling, in a fifth of the time."""
 TOLERANCE_US = 50
-READY_TIMEOUT_S = 90.0
 
 
 class NodeErrors(Struct, frozen=True, kw_only=True):

@@ -19,8 +19,7 @@ from capture_app.common.errors import (
     NotAvailableError,
     SimulshotError,
 )
-
-PATIENCE_S = 2.0
+from capture_app.common.timeouts import CHILD_STOP_TIMEOUT_S
 
 Talk = Callable[[str], None]
 _KINDS: dict[int | None, type[SimulshotError]] = {
@@ -110,7 +109,7 @@ class Child:
             try:
                 os.killpg(self.process.pid, kind)
                 os.killpg(self.process.pid, signal.SIGCONT)
-                async with asyncio.timeout(PATIENCE_S):
+                async with asyncio.timeout(CHILD_STOP_TIMEOUT_S):
                     await self.process.wait()
             except ProcessLookupError:
                 break

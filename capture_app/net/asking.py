@@ -4,12 +4,11 @@ import asyncio
 from typing import Any, TypeVar
 
 from capture_app.common.errors import NetworkError
+from capture_app.common.timeouts import ANSWER_TIMEOUT_S
 from capture_app.net.channel import Channel
 from capture_app.protocol import messages
 from capture_app.protocol.message import Message
 from capture_app.trust.trust import Trust
-
-ANSWER_TIMEOUT_S = 10.0
 
 A = TypeVar("A", bound=Message)
 

@@ -28,6 +28,7 @@ from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachi
 from capture_app.common.pairing_codes import Role
 from capture_app.common.tasks import first_of
 from capture_app.common.text import UNREADABLE, printable_json
+from capture_app.common.timeouts import CLOSE_TIMEOUT_S
 from capture_app.trust.trust import STRANGER, Peer, Trust
 
 GREETING = b"SSH1"
@@ -123,8 +124,6 @@ CHUNK_BYTES = 1 << 18
 CONNECT_TIMEOUT_S, OPEN_TIMEOUT_S = 5.0, 1.0
 SAYS_NOTHING = "nothing there says a word"
 WHAT_HANGS = "the leader hangs, is stopped (Ctrl-Z), or is no leader: look at it, or start it again"
-CLOSE_TIMEOUT_S = 30.0
-"""Until what was sent last is taken in, of a stream that is closed."""
 _TOO_SLOW = "the rest of a message did not come in time"
 _BROKEN = "the transfer broke off in the middle of a message"
 

@@ -18,6 +18,7 @@ from pathlib import Path
 from capture_app.common.address import Address, resolve
 from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.common.tasks import end, first_of
+from capture_app.common.timeouts import PROBE_TIMEOUT_S
 from capture_app.net.channel import SAYS_NOTHING, WHAT_HANGS, open_identified
 from capture_app.net.udp import MAX_BYTES, client_socket
 from capture_app.sync.wire.codec import (
@@ -31,8 +32,6 @@ from capture_app.trust.trust import Trust
 
 QUESTION_GAPS_S = (0.0, 0.25, 0.5)
 """How long to wait before each time that the question is sent: any one of the datagrams may be lost."""
-PATIENCE_S = 1.5
-"""Until a machine has answered, whose WiFi may have to wake up, or the kernel has looked for it."""
 LAST_S = 0.3
 """How much of that is left for the stream after the datagrams."""
 _NEIGHBOURS = Path("/proc/net/arp")
@@ -76,7 +75,7 @@ _OF_ERRNO = {
 
 
 async def find_obstacle(
-    leader: Address, patience_s: float = PATIENCE_S, *, trust: Trust | None = None
+    leader: Address, patience_s: float = PROBE_TIMEOUT_S, *, trust: Trust | None = None
 ) -> Obstacle | None:
     """Return what is in the way to a leader, None where it answers and it and this machine know each other.
 
@@ -112,7 +111,7 @@ async def _find_obstacle(
     return obstacle(leader, by_udp, by_tcp, is_there=_is_neighbour_there(address.host))
 
 
-async def first_to_answer(leaders: Sequence[Address], patience_s: float = PATIENCE_S) -> Address | None:
+async def first_to_answer(leaders: Sequence[Address], patience_s: float = PROBE_TIMEOUT_S) -> Address | None:
     """Return the leader that answers first, whatever version it speaks; None where none does in time."""
 
     async def if_it_answers(leader: Address) -> Address | None:

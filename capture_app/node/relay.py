@@ -20,6 +20,7 @@ from capture_app.common.errors import (
 from capture_app.common.interfaces import own_hosts
 from capture_app.common.tasks import end
 from capture_app.common.text import duration
+from capture_app.common.timeouts import UPSTREAM_TIMEOUT_S
 from capture_app.net.channel import Channel, connect
 from capture_app.net.discovery import announced
 from capture_app.net.multicast import send_due_beacon
@@ -50,8 +51,6 @@ from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import OF_CAMERAS, Relay
 from capture_app.trust.sealed_engines import SealedRelay
-
-UPSTREAM_TIMEOUT_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

@@ -14,11 +14,12 @@ from capture_app.common.address import Address
 from capture_app.common.camera_facts import CameraFacts, Control, ControlState
 from capture_app.common.errors import CameraError, SimulshotError
 from capture_app.common.tasks import Background, first_of
+from capture_app.common.timeouts import PAGE_CLOSED_S, PHONE_IMAGE_TIMEOUT_S
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.phones.frame_times import TimedFrame
-from capture_app.phones.phone import PATIENCE_S, Phone
+from capture_app.phones.phone import Phone
 from capture_app.protocol.news import Log
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
@@ -64,7 +65,7 @@ class PhonePicture:
     def _fetch(self, width: int | None) -> bytes:
         coming = asyncio.run_coroutine_threadsafe(self.phone.fetch(self.page, self.id, width), self.loop)
         try:
-            data = coming.result(PATIENCE_S + _SLACK_S)
+            data = coming.result(PHONE_IMAGE_TIMEOUT_S + _SLACK_S)
         except TimeoutError as error:
             coming.cancel()
             raise CameraError(f"{self.phone.name} did not bring it") from error
@@ -139,8 +140,6 @@ class PhoneCamera(Camera):
         self._phone.unwatch()
 
 
-AWAY_S = 60.0
-"""A phone whose page is gone for so long leaves the rig; it comes back under its name."""
 RETRY_S = 2.0
 TELL_EVERY_S = 0.5
 
@@ -193,7 +192,7 @@ async def _until_gone(phone: Phone) -> None:
         if phone.said_goodbye:
             return
         try:
-            async with asyncio.timeout(AWAY_S):
+            async with asyncio.timeout(PAGE_CLOSED_S):
                 await phone.back.wait()
         except TimeoutError:
             return

@@ -23,6 +23,7 @@ from aiohttp.typedefs import Handler
 from capture_app.common.errors import UnknownMachineError
 from capture_app.common.tasks import end
 from capture_app.common.text import UNREADABLE
+from capture_app.common.timeouts import HANDSHAKE_TIMEOUT_S, IDENTIFY_TIMEOUT_S
 from capture_app.phones import wire
 from capture_app.phones.admission import Admission, Admitted
 from capture_app.phones.phone import Phone
@@ -38,9 +39,6 @@ _faults = logging.getLogger(f"{__name__}.http")
 _faults.addFilter(_is_ours)
 MOST_STRANGERS = 128
 """Connections open at a time that are no phone's link; the newest beyond are closed."""
-STRANGER_S = 20.0
-"""A connection that has not become a link by then is closed: no page takes so long to load."""
-HANDSHAKE_S = 10.0
 MOST_GREETED = 64
 LOOK_EVERY_S = 0.5
 
@@ -100,7 +98,7 @@ class Door:
                 lambda: _Connection(server, loop=loop, logger=_faults, keepalive_timeout=5.0),
                 connection,
                 ssl=tls,
-                ssl_handshake_timeout=None if tls is None else HANDSHAKE_S,
+                ssl_handshake_timeout=None if tls is None else HANDSHAKE_TIMEOUT_S,
             )
         except OSError:
             connection.close()
@@ -122,7 +120,7 @@ class Door:
             known = self._since_s
             self._since_s = {one: known.get(one, now_s) for one in open_now - self._trusted}
             oldest_first = sorted(self._since_s, key=self._since_s.__getitem__)
-            late = [one for one in oldest_first if now_s - self._since_s[one] >= STRANGER_S]
+            late = [one for one in oldest_first if now_s - self._since_s[one] >= IDENTIFY_TIMEOUT_S]
             for transport in (*late, *oldest_first[MOST_STRANGERS:]):
                 if isinstance(transport, asyncio.WriteTransport):
                     transport.abort()

@@ -17,6 +17,7 @@ from capture_app.common.camera_facts import (
     TimestampSource,
 )
 from capture_app.common.errors import CameraError
+from capture_app.common.timeouts import PHONE_IMAGE_TIMEOUT_S
 from capture_app.phones import wire
 from capture_app.phones.frame_times import FrameTimes, TimedFrame
 from capture_app.phones.wire import Ping
@@ -107,8 +108,6 @@ _log = logging.getLogger(__name__)
 
 ORDER_S = 10.0
 MOST_EXPOSURE_US = 1e7
-PATIENCE_S = 15.0
-"""How long a picture is waited for, over a link that comes back, too."""
 DELIVERY_NS = 100_000_000
 """A frame reaches a page at most so long after it is read out; assumed, as no browser tells."""
 NEVER = "its page is not open: open it on the phone again"
@@ -244,7 +243,7 @@ class Phone:
         if picture is None:
             picture = self._pictures[key] = asyncio.get_running_loop().create_future()
         try:
-            async with asyncio.timeout(PATIENCE_S):
+            async with asyncio.timeout(PHONE_IMAGE_TIMEOUT_S):
                 while not picture.done():
                     await self.back.wait()
                     if page != self.page:
@@ -255,7 +254,7 @@ class Phone:
                     await asyncio.wait((picture, closed), return_when=asyncio.FIRST_COMPLETED)
                     closed.cancel()
         except TimeoutError:
-            raise CameraError(f"{self.name} did not bring it in {PATIENCE_S:g} s") from None
+            raise CameraError(f"{self.name} did not bring it in {PHONE_IMAGE_TIMEOUT_S:g} s") from None
         finally:
             self._pictures.pop(key, None)
         if not picture.result():

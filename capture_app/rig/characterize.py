@@ -15,6 +15,7 @@ from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.common.clock import HostClock, NodeClock
 from capture_app.common.errors import CameraError
 from capture_app.common.text import count
+from capture_app.common.timeouts import NO_FRAME_TIMEOUT_S
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.rig.cameras import modes_of, open_camera
 from capture_app.sync.phase.actuators import InjectionProfile
@@ -27,8 +28,6 @@ from capture_app.sync.phase.injection import (
 )
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 
-PATIENCE_S = 15.0
-"""A camera without frames for so long gives none."""
 PLACE_FRAMES = 40
 """Frames that tell the phase, before and after a move."""
 OUTLIER = 4.0
@@ -176,10 +175,10 @@ class StreamWatch:
         while not holds():
             self._arrived.clear()
             try:
-                async with asyncio.timeout(PATIENCE_S):
+                async with asyncio.timeout(NO_FRAME_TIMEOUT_S):
                     await self._arrived.wait()
             except TimeoutError:
-                raise CameraError(f"the camera gave no frames for {PATIENCE_S:.0f} s") from None
+                raise CameraError(f"the camera gave no frames for {NO_FRAME_TIMEOUT_S:.0f} s") from None
             if self._failure is not None:
                 raise CameraError(f"the camera failed: {self._failure}")
 

@@ -22,15 +22,13 @@ from capture_app.common.errors import (
     UnknownMachineError,
 )
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
-from capture_app.net.asking import ANSWER_TIMEOUT_S, ask, receive_answer
+from capture_app.common.timeouts import ANSWER_TIMEOUT_S, ORDER_TIMEOUT_S, STATUS_TIMEOUT_S
+from capture_app.net.asking import ask, receive_answer
 from capture_app.net.channel import Channel, connect
 from capture_app.protocol import messages, orders
 from capture_app.protocol.message import Message
 from capture_app.protocol.orders import ExposeAppPhones
 from capture_app.protocol.status import BurstStatus, NewsLine, NodeStatus, Preview, RigStatus
-
-ORDER_TIMEOUT_S = 40.0
-"""A camera that is started has to be opened first."""
 
 A = TypeVar("A", bound=Message)
 
@@ -203,8 +201,6 @@ class LinkLost(Struct, frozen=True):
 Update = RigStatus | NewsLine | Preview | LinkLost
 
 
-SILENCE_S = 10.0
-"""A leader sends its status more often than this, changed or not."""
 RETRY_S = (0.2, 0.5, 1.0, 2.0)
 
 
@@ -249,7 +245,7 @@ class RigLink:
                     if self._wish is not None:
                         await channel.send(self._wish)
                     while True:
-                        message = await receive_answer(channel, SILENCE_S)
+                        message = await receive_answer(channel, STATUS_TIMEOUT_S)
                         failures = 0
                         async for update in self._read(channel, message):
                             yield update

@@ -14,6 +14,7 @@ from msgspec import Struct
 from capture_app.common.address import Address, resolve
 from capture_app.common.clock import HostClock, NodeClock, SimulatedClock
 from capture_app.common.errors import NetworkError
+from capture_app.common.timeouts import JOIN_TIMEOUT_S
 from capture_app.net.server import bind_port
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
 from capture_app.simulation.exchanges import START_TRUE_NS, exchanges, read_trace
@@ -26,7 +27,6 @@ from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.poll_schedule import PACE_NS, SteadySchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 
-JOIN_TIMEOUT_S = 10.0
 TRIALS, REPLAYED_TRIALS = 10, 100
 PAUSE_S = 0.25
 """Time between two trials, in which the link is idle: a link may be slower at first."""

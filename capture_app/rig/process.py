@@ -21,12 +21,12 @@ from capture_app.common.child import error_of_exit
 from capture_app.common.errors import NetworkError, SimulshotError
 from capture_app.common.interfaces import own_hosts
 from capture_app.common.passwords import reveal_password
+from capture_app.common.timeouts import RIG_START_TIMEOUT_S
 from capture_app.protocol.orders import AddCamera
 from capture_app.rig.link import ask_status, give_order
 from capture_app.session.files.durable import write_atomic
 from capture_app.trust.trust import Trust
 
-START_TIMEOUT_S = 60.0
 CHECK_EVERY_S = 0.1
 LOGS_KEPT = 10
 
@@ -134,7 +134,7 @@ async def start_rig(
     """
     log = _new_log()
     process = _spawn(sessions, host, port, cameras, log, is_owned)
-    for _ in range(round(START_TIMEOUT_S / CHECK_EVERY_S)):
+    for _ in range(round(RIG_START_TIMEOUT_S / CHECK_EVERY_S)):
         for rig in list_rigs():
             if rig.pid == process.pid:
                 with contextlib.suppress(NetworkError):
@@ -144,7 +144,7 @@ async def start_rig(
             raise _failure(process.returncode, log)
         await asyncio.sleep(CHECK_EVERY_S)
     process.terminate()
-    raise NetworkError(f"the rig did not answer within {START_TIMEOUT_S:g} s", hint=f"its log is {log}")
+    raise NetworkError(f"the rig did not answer within {RIG_START_TIMEOUT_S:g} s", hint=f"its log is {log}")
 
 
 async def attach(

@@ -14,6 +14,7 @@ from typing import Any, Self, TypeVar
 from capture_app.common.address import Address, parse_address
 from capture_app.common.errors import BadInputError, IncompleteError, NotAvailableError, SimulshotError
 from capture_app.common.node_state import NodeState
+from capture_app.common.timeouts import READY_TIMEOUT_S, RIG_STOP_TIMEOUT_S
 from capture_app.protocol.orders import AddSimulated, StopRig
 from capture_app.protocol.status import RigStatus
 from capture_app.rig.link import RigLink, ask_status, give_order, present_cameras
@@ -23,9 +24,6 @@ from capture_app.session.reading.opened import OpenSession
 
 T = TypeVar("T")
 LOOK_EVERY_S = 0.2
-READY_TIMEOUT_S = 120.0
-STOP_TIMEOUT_S = 60.0
-"""The pictures of a burst under way are saved first."""
 
 
 class AsyncRig:
@@ -133,7 +131,7 @@ class AsyncRig:
         with contextlib.suppress(SimulshotError):
             await give_order(leader, StopRig())
         with contextlib.suppress(ProcessLookupError):
-            for _ in range(round(STOP_TIMEOUT_S / LOOK_EVERY_S)):
+            for _ in range(round(RIG_STOP_TIMEOUT_S / LOOK_EVERY_S)):
                 os.kill(pid, 0)
                 await asyncio.sleep(LOOK_EVERY_S)
 

@@ -19,6 +19,7 @@ from textual.screen import Screen
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import count, printable
+from capture_app.common.timeouts import SCREEN_STOP_TIMEOUT_S
 from capture_app.protocol.orders import StopRig
 from capture_app.protocol.status import NewsLine, RigStatus
 from capture_app.rig.link import LinkLost, RigLink
@@ -42,7 +43,6 @@ from capture_app.tui.widgets.picture import SharpTerminal, find_sharp_terminal
 LEAVE, STOP, STAY = "leave", "stop", "stay"
 NAMED_JOBS = 2
 """How many jobs are named; of the others the number is told."""
-STOP_TIMEOUT_S = 10.0
 
 
 def quit_question(
@@ -265,11 +265,11 @@ class SimulshotApp(App[None]):
 
     @work(group="leaving", exclusive=True)
     async def _end(self, *, stop_rig: bool) -> None:
-        self.notify("Stopping the rig …" if stop_rig else "Leaving …", timeout=STOP_TIMEOUT_S)
+        self.notify("Stopping the rig …" if stop_rig else "Leaving …", timeout=SCREEN_STOP_TIMEOUT_S)
         message = "The rig is stopped." if stop_rig else None
         try:
             if stop_rig:
-                await asyncio.wait_for(self._source.order(StopRig()), STOP_TIMEOUT_S)
+                await asyncio.wait_for(self._source.order(StopRig()), SCREEN_STOP_TIMEOUT_S)
         except (SimulshotError, TimeoutError) as error:
             message = printable(f"The rig may still run: {error or 'it did not answer'}")
         # While the screen can still say so: a job under way takes seconds to end.

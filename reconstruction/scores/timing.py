@@ -6,6 +6,7 @@ from typing import Any
 import msgspec
 from msgspec import Struct
 
+from capture_app.common.instants import is_same_instant
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.time_offsets.crossings import MIN_INSTANTS, InstantOffset, OffsetFit
 
@@ -104,7 +105,7 @@ def judge_timing(
         reason = "what was measured is neither clearly zero nor clearly another offset"
     frames = round(late / spacing_ms)
     # Far less has to be known for the frame: that its neighbours are not it.
-    same = not offset and agree and abs(late) + ODD_SIGMAS * sd < spacing_ms / 2
+    same = not offset and agree and is_same_instant(abs(late) + ODD_SIGMAS * sd, spacing_ms)
     return Timing(
         reference=reference,
         other=other,
@@ -142,7 +143,7 @@ def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float
         return timing
     known = timing.late_ms is not None and timing.uncertainty_ms is not None
     most_ms = abs(timing.late_ms or 0.0) + (timing.uncertainty_ms or 0.0) if known else spacing_ms
-    if abs(peak_ms) < spacing_ms / 2:
+    if is_same_instant(peak_ms, spacing_ms):
         same_ms = None if timing.offset else min(most_ms, spacing_ms / 2)
         return msgspec.structs.replace(timing, same_frame_ms=same_ms)
     if timing.synchronized or timing.same_frame_ms is not None:

@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import TYPE_CHECKING, TypeVar
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.instants import is_same_instant
 
 if TYPE_CHECKING:
     from reconstruction.session.dataset import Dataset
@@ -142,7 +143,7 @@ def nearest_frame_offset(instants_ns: Sequence[int], period_ns: int, offset_ms: 
             f"the burst is too short for an offset of {offset_ms:g} ms",
             hint=f"the largest offset possible is {distances[-1] / 1e6:.0f} ms",
         )
-    if abs(nearest - asked_ns) > spacing / 2:
+    if not is_same_instant(nearest - asked_ns, spacing):
         raise BadInputError(
             f"no two frames of the burst are about {offset_ms:g} ms apart",
             hint=f"the nearest offset possible is {nearest / 1e6:.1f} ms",

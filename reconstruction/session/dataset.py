@@ -11,6 +11,7 @@ import numpy as np
 
 from capture_app.common.camera_facts import unshared_uncertainties_ns
 from capture_app.common.errors import BadInputError, IncompleteError, NotApplicableError, reading
+from capture_app.common.instants import is_same_instant
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
 from capture_app.session.reading.reader import Session
@@ -50,7 +51,7 @@ def shift_times(
             exposure_start_ns=None if start is None else start + shift_ns,
         )
         other = placed.get((record.camera, instant))
-        if abs(moved.residual_ns) <= period_ns / 2 and (
+        if is_same_instant(moved.residual_ns, period_ns) and (
             other is None or abs(moved.residual_ns) < abs(other.residual_ns)
         ):
             placed[record.camera, instant] = moved
@@ -292,7 +293,7 @@ class Dataset:
         for camera, offset_ms in zip(self.cameras, offsets_ms, strict=True):
             wanted = times[instant] + round(offset_ms * 1e6)
             nearest = min(range(len(times)), key=lambda k: abs(times[k] - wanted))
-            if abs(times[nearest] - wanted) > self.period_ns / 2:
+            if not is_same_instant(times[nearest] - wanted, self.period_ns):
                 raise BadInputError(
                     f"no instant is {offset_ms:g} ms from instant {instant} of this burst",
                     hint=f"its instants reach from {(times[0] - times[instant]) / 1e6:.0f} "

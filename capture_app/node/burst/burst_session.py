@@ -12,7 +12,8 @@ from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.errors import BadInputError, DiskError, DiskFullError, SimulshotError, TryAgainError
 from capture_app.common.tasks import Background
 from capture_app.common.text import count
-from capture_app.node.burst.camera_share import AFTER_LAST_INSTANT_NS, CameraShare
+from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS
+from capture_app.node.burst.camera_share import CameraShare
 from capture_app.node.burst.intake import DiskThreads, Intake, known
 from capture_app.node.burst.plans import (
     InstantChoice,

@@ -5,6 +5,11 @@ from dataclasses import dataclass, field
 
 from msgspec.structs import replace
 
+from capture_app.common.timeouts import (
+    CAMERA_DISCONNECTED_AGAIN_NS,
+    CAMERA_DISCONNECTED_NS,
+    CAMERA_STALLED_NS,
+)
 from capture_app.node.burst.intake import partial_receipts
 from capture_app.node.burst.plans import InstantChoice
 from capture_app.protocol.messages import ImageReceipt
@@ -14,14 +19,6 @@ from capture_app.session.format.manifest import MissingImage
 from capture_app.session.writing.instant_set import InstantSet
 from capture_app.session.writing.session_writer import SessionWriter
 
-PATIENCE_NS = 10_000_000_000
-"""A camera that has had no stream open for this long has left its images behind."""
-SHORT_TIMEOUT_NS = 2_000_000_000
-"""How long a camera is waited for that left the burst before without a word."""
-STALL_NS = 180_000_000_000
-"""A camera that has a stream open and sends nothing for this long has too."""
-AFTER_LAST_INSTANT_NS = 2_000_000_000
-"""A camera is waited for from so long after its last frame on."""
 ADVANCE_BYTES = 1 << 18
 """How much of an image counts as something: a slow link brings less than a whole one in all that time."""
 
@@ -82,9 +79,10 @@ class CameraShare:
     def why_silent(self, lost: Mapping[str, str], now_ns: int) -> str:
         """Why not to wait for it any longer, empty where there is no reason; `lost` are reasons by name."""
         silent_ns = now_ns - self.heard_ns
-        gone_ns, stalled_ns = (
-            (SHORT_TIMEOUT_NS, PATIENCE_NS) if self.short_timeout else (PATIENCE_NS, STALL_NS)
-        )
+        if self.short_timeout:
+            gone_ns, stalled_ns = CAMERA_DISCONNECTED_AGAIN_NS, CAMERA_DISCONNECTED_NS
+        else:
+            gone_ns, stalled_ns = CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
         if silent_ns >= gone_ns and (not self.streams or self.name in lost):
             return lost.get(self.name, "it sent nothing")
         if self.streams and self.name not in lost and self.plan.picking:

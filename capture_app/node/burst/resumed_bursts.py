@@ -5,8 +5,8 @@ from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError, DiskFullError, SimulshotError
+from capture_app.common.timeouts import CAMERA_DISCONNECTED_NS, RETURN_NS
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.camera_share import PATIENCE_NS
 from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.burst.plans import check_machine
 from capture_app.protocol.messages import CameraReport, ImageReceipt, ReportAck
@@ -14,9 +14,6 @@ from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.session.format.burst_plan import PLAN, read_plan
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import Session, is_being_written
-
-RETURN_NS = 60_000_000_000
-"""How long nodes have to come back after a start with what they hold of an interrupted burst."""
 
 Key = tuple[int, int]
 
@@ -47,7 +44,7 @@ class ResumedBursts:
             async with self._opening:
                 try:
                     key = (await asyncio.to_thread(read_plan, folder)).key
-                    session = await self._resume(key, folder, now_ns + wait_ns - PATIENCE_NS)
+                    session = await self._resume(key, folder, now_ns + wait_ns - CAMERA_DISCONNECTED_NS)
                     await session.finish_if_complete()
                 except SimulshotError:
                     # One that cannot be taken up is left as it is; `sessions repair` says why.

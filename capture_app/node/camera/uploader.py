@@ -15,6 +15,7 @@ from capture_app.common.address import Address
 from capture_app.common.errors import CameraError, DiskError, NetworkError, SimulshotError
 from capture_app.common.tasks import end
 from capture_app.common.text import count
+from capture_app.common.timeouts import UPLOAD_ANSWER_TIMEOUT_S
 from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.burst_upload import BurstUpload, Spool, encode_frame
 from capture_app.protocol.messages import (
@@ -35,7 +36,6 @@ from capture_app.trust.trust import Trust
 RETRY_S = (0.5, 1.0, 2.0, 4.0)
 SPACE_EVERY_S = 30.0
 MAX_WAITING_BURSTS = 64
-ANSWER_TIMEOUT_S = 30.0
 MAX_IN_FLIGHT = 64
 """How many images are sent ahead of the leader's answers: its disk is synced for many at a time."""
 ASK_AGAIN_S = 0.05
@@ -202,15 +202,17 @@ class BurstSender:
         message: NodeStream | CameraReport | ImageUpload | SpoolSpace,
         *payloads: memoryview,
     ) -> None:
-        await self._channel.send(message, *payloads, stall_s=ANSWER_TIMEOUT_S)
+        await self._channel.send(message, *payloads, stall_s=UPLOAD_ANSWER_TIMEOUT_S)
 
     async def _receive(self) -> Answer:
         while True:
             try:
-                async with asyncio.timeout(ANSWER_TIMEOUT_S):
+                async with asyncio.timeout(UPLOAD_ANSWER_TIMEOUT_S):
                     received = await self._channel.receive()
             except TimeoutError as error:
-                raise NetworkError(f"the leader did not answer within {ANSWER_TIMEOUT_S:g} s") from error
+                raise NetworkError(
+                    f"the leader did not answer within {UPLOAD_ANSWER_TIMEOUT_S:g} s"
+                ) from error
             match received:
                 case None:
                     raise NetworkError("the leader closed the stream")

@@ -16,11 +16,11 @@ from capture_app.common.child import Child
 from capture_app.common.errors import BadInputError, NetworkError
 from capture_app.common.names import check_name, free_name
 from capture_app.common.passwords import hide_password
+from capture_app.common.timeouts import NODE_START_TIMEOUT_S, PHONES_START_TIMEOUT_S
 from capture_app.protocol.news import Log
 from capture_app.protocol.orders import FLAT_SCENES, MAX_NODES, VIEWS, AddSimulated, PhoneInvited
 from capture_app.trust.trust import Trust
 
-PHONES_START_TIMEOUT_S = 30.0
 EVENT = "invitation"
 
 
@@ -89,9 +89,6 @@ class LocalPhones:
         self._news_came.set()
 
 
-START_TIMEOUT_S = 15.0
-
-
 class LocalNodes:
     """Starts and ends such nodes; one that ends by itself is told in the news."""
 
@@ -153,9 +150,9 @@ class LocalNodes:
         ended = asyncio.create_task(child.process.wait())
         spoken = asyncio.create_task(child.spoken.wait())
         # It speaks when its camera is open, or of the error that it ends with.
-        await asyncio.wait((ended, spoken), timeout=START_TIMEOUT_S, return_when=asyncio.FIRST_COMPLETED)
+        await asyncio.wait((ended, spoken), timeout=NODE_START_TIMEOUT_S, return_when=asyncio.FIRST_COMPLETED)
         if any(": error: " in line for line in child.said):
-            await asyncio.wait((ended,), timeout=START_TIMEOUT_S)
+            await asyncio.wait((ended,), timeout=NODE_START_TIMEOUT_S)
         spoken.cancel()
         ended.cancel()
         if child.process.returncode is not None:

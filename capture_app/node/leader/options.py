@@ -6,8 +6,8 @@ from pathlib import Path
 
 from capture_app.common.address import DEFAULT_PORT
 from capture_app.common.clock import HostClock, NodeClock
+from capture_app.common.timeouts import RETURN_NS
 from capture_app.net.multicast import BeaconSender
-from capture_app.node.burst.resumed_bursts import RETURN_NS
 from capture_app.node.leader.followers import RigFollower
 from capture_app.protocol.news import Log
 from capture_app.sync.tree.succession import Continued

@@ -9,6 +9,7 @@ from capture_app.common.clock import NodeClock
 from capture_app.common.errors import DiskFullError, IncompleteError
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import count, duration, megabytes
+from capture_app.common.timeouts import DEGRADED_WAIT_S
 from capture_app.node.leader.snapshots import present_cameras
 from capture_app.protocol.messages import SpoolSpace
 from capture_app.protocol.news import off_rate_line
@@ -20,8 +21,6 @@ from capture_app.sync.rig.roster import Member
 from capture_app.sync.timekeeping.rates import LEADER, HostOffRate, RateVote
 
 CHECK_EVERY_S = 0.1
-COARSE_WAIT_S = 5.0
-"""A clock that has just become less accurate than asked for may be better again within so long."""
 GUESSED_PIXELS_PER_BYTE = 4
 """What a camera's JPEG is taken to have before any of its images is known."""
 MARGIN = 1.1
@@ -55,7 +54,7 @@ async def reasons_until_ready(
 ) -> AsyncGenerator[str, None]:
     """Yield what keeps the rig from being ready until it is, or as ready as it will be.
 
-    Nodes that are only less accurate than asked for do after COARSE_WAIT_S, as more time hardly helps them.
+    Nodes that are only less accurate than asked for do after DEGRADED_WAIT_S, as more time hardly helps them.
     Raises IncompleteError where others are not ready when the time is over.
     """
     loop = asyncio.get_running_loop()
@@ -72,7 +71,7 @@ async def reasons_until_ready(
                 )
         else:
             usable_s = now_s if usable_s is None else usable_s
-            if now_s >= min(deadline_s, usable_s + COARSE_WAIT_S):
+            if now_s >= min(deadline_s, usable_s + DEGRADED_WAIT_S):
                 return
         yield reason
         # States change with a node's report, which is no event.

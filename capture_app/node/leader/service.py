@@ -15,6 +15,7 @@ from capture_app.common.errors import (
     UnknownMachineError,
 )
 from capture_app.common.tasks import end
+from capture_app.common.timeouts import DEPARTURE_TIMEOUT_S, UNDECIDED_S
 from capture_app.net.channel import Channel
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
@@ -31,10 +32,6 @@ from capture_app.protocol.status import NodeDetail
 from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.rig.leader import Leader
 
-DEPARTURE_TIMEOUT_S = 3.0
-"""Time that an ended node has to say goodbye, or to be noticed by its silence."""
-UNDECIDED_S = 0.1
-"""How long an answer to a report waits for other cameras, on which it depends which instants are wanted."""
 WorkingOn = dict[tuple[int, int, str], BurstSession]
 """By a leader's run, a burst's number and a camera, the session that a stream brings images of."""
 

@@ -8,6 +8,7 @@ from typing import Any, TypeVar
 from msgspec.structs import replace
 
 from capture_app.common.errors import IncompleteError, NetworkError
+from capture_app.common.timeouts import NODE_ANSWER_TIMEOUT_S
 from capture_app.net.channel import Channel
 from capture_app.protocol.messages import NodeStream, ToLeader
 from capture_app.protocol.orders import (
@@ -24,7 +25,6 @@ from capture_app.protocol.orders import (
 )
 from capture_app.protocol.status import NodeDetail, Preview
 
-ANSWER_TIMEOUT_S = 5.0
 NodeRequest = DetailRequest | ControlsRequest | KeepStamp
 NodeAnswer = NodeDetail | ControlsAnswer | StampKept
 A = TypeVar("A", NodeDetail, ControlsAnswer, StampKept)
@@ -151,7 +151,7 @@ class Viewfinders:
 async def _answer(stream: _Stream, name: str, answer: "asyncio.Future[A]") -> A:
     """Wait for what others may wait for too. Raises IncompleteError where a node does not answer."""
     try:
-        async with asyncio.timeout(ANSWER_TIMEOUT_S):
+        async with asyncio.timeout(NODE_ANSWER_TIMEOUT_S):
             return await asyncio.shield(answer)
     except TimeoutError as error:
         # What is still to come would be taken for the answer to the next request.

@@ -8,6 +8,7 @@ from itertools import pairwise
 from typing import Any
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.instants import is_same_instant
 
 LONE_PERIOD_NS = 33_333_333
 """The period that is assumed where every camera has only one frame."""
@@ -79,7 +80,7 @@ def match(cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> list[d
         for frame in frames if name != lead else ():
             number = _nearest(lead_ns, frame.leader_ns)
             away_ns = abs(lead_ns[number] - frame.leader_ns)
-            if away_ns > period_ns / 2:
+            if not is_same_instant(away_ns, period_ns):
                 left.append((frame.leader_ns, name, frame))
                 continue
             rival = groups[number].get(name)
@@ -138,7 +139,7 @@ def _group(frames: Sequence[tuple[int, str, TimedFrame]], period_ns: int) -> lis
     groups: list[dict[str, TimedFrame]] = []
     first_ns = 0
     for at_ns, name, frame in frames:
-        if not groups or name in groups[-1] or at_ns - first_ns >= period_ns / 2:
+        if not groups or name in groups[-1] or not is_same_instant(at_ns - first_ns, period_ns):
             groups.append({})
             first_ns = at_ns
         groups[-1][name] = frame

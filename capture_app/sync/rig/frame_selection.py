@@ -8,6 +8,7 @@ from typing import Generic, TypeVar
 from msgspec import structs
 
 from capture_app.common.camera_facts import EXACT_STAMPS, CameraFacts, StampAccuracy
+from capture_app.common.instants import is_same_instant
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import PhaseEstimate, PhaseEstimator, StampError
@@ -241,7 +242,7 @@ class CameraGrid:
             return Gap(instant, "the camera gave no frames")
         stamp_ns, frame = nearest
         pick = self.pick(time_map, frame, stamp_ns, instant, at_ns)
-        if abs(pick.residual_ns) > self.rig_grid.period_ns // 2:
+        if not is_same_instant(pick.residual_ns, self.rig_grid.period_ns):
             late = stamp_ns == ring.oldest_local_ns and stamp_ns > wanted_ns
             return Gap(instant, "it had left the ring buffer" if late else DROPPED)
         return pick

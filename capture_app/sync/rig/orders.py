@@ -5,6 +5,7 @@ from dataclasses import dataclass, replace
 
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.common.errors import BadInputError, NoCameraHereError
+from capture_app.common.timeouts import TRIGGER_GIVE_UP_NS
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_phase_choice import CameraPhase
 from capture_app.sync.phase.period_choice import MAX_DRIFT_PPM
@@ -53,7 +54,6 @@ def instant_of_least_spread(
 TRIGGER_LEAD_NS = 500_000_000
 """A burst that is asked for now begins this much later, so that every client hears of it before."""
 TRIGGER_AGAIN_NS = 50_000_000
-TRIGGER_GIVE_UP_NS = 5_000_000_000
 AFTER_BURST_NS = 1_000_000_000
 """The grid stays as it is for so long after a burst's last instant: until then clients pick frames."""
 MOST_AWAY_NS = 24 * 3_600_000_000_000

@@ -10,6 +10,7 @@ from msgspec import structs
 from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.names import is_name
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
+from capture_app.common.timeouts import CLIENT_SILENT_NS, FORGET_LOST_NS
 from capture_app.sync.engine import Address
 from capture_app.sync.phase.grid_phase_choice import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeChanged
@@ -24,9 +25,6 @@ from capture_app.sync.wire.messages import (
 )
 from capture_app.sync.wire.principal import Principal
 
-CLIENT_SILENT_NS = 2_000_000_000
-FORGET_LOST_NS = 600_000_000_000
-"""A lost member that was not heard for so long is forgotten: by then somebody has put it away."""
 MAX_CLIENTS = 32_000
 MOST_OF_ONE = 100
 """How many names one machine has: it takes no room of others."""

@@ -8,6 +8,7 @@ from msgspec import structs
 
 from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
+from capture_app.common.timeouts import LEADER_SILENT_NS
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import Joined, LeaderNews
 from capture_app.sync.timekeeping.clock_events import ClockEvent, ClockSynced
@@ -41,8 +42,6 @@ from capture_app.sync.wire.messages import (
 )
 
 HEARTBEAT_EVERY_NS = 500_000_000
-LEADER_SILENT_NS = 1_500_000_000
-"""Three heartbeats, and all else that was asked, unanswered: whoever looks at a node hears it within 2 s."""
 HELLO_EVERY_NS, RAREST_HELLO_NS, RARER = 500_000_000, 2_000_000_000, 1.5
 """After the first ones hellos that stay unanswered are ever rarer: thousands may have lost one leader."""
 HELLOS = 3

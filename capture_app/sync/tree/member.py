@@ -4,10 +4,11 @@ import random
 from collections import deque
 
 from capture_app.common.camera_facts import CameraFacts
+from capture_app.common.timeouts import LEADER_SILENT_NS
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.engine import Address
 from capture_app.sync.rig.failover import LeaderChoice, answers_probe
-from capture_app.sync.rig.time_client import LEADER_SILENT_NS, TimeClient
+from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.poll_schedule import TreeSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import Message, WireError, encode

@@ -12,6 +12,7 @@ from textual.content import Content
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import clock_offset, count, printable
+from capture_app.common.timeouts import READY_TIMEOUT_S
 from capture_app.protocol.orders import CancelBurst, EndBurst, Order
 from capture_app.protocol.status import BurstStatus, NodeStatus, Preview, RigStatus
 from capture_app.rig.link import RigLink
@@ -43,7 +44,6 @@ from capture_app.tui.widgets.lines import Lines
 
 MOST_ANSWERS = 9
 """How many bursts are offered to be cancelled: as many as there are keys for."""
-WAIT_READY_S = 120.0
 MOST_TAKES = 100
 NARROW = 110
 """A window of fewer columns is narrow: the plan leaves the pictures more room."""
@@ -234,7 +234,7 @@ class ShootView(ModeView):
         status, ready = self._record.status, plan
         if status is not None and any(map(is_settling, cameras_of(status))):
             cameras = [node for node in cameras_of(status) if node.state is not NodeState.LOST]
-            ready = replace(plan, wait_ready_s=WAIT_READY_S, nodes=len(cameras))
+            ready = replace(plan, wait_ready_s=READY_TIMEOUT_S, nodes=len(cameras))
         self._failure, self._taking = "", (taking := Taking(self._rig, ready))
         try:
             async for event in taking:

@@ -8,8 +8,8 @@ import msgspec
 import pytest
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.timeouts import CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.camera_share import PATIENCE_NS, STALL_NS
 from capture_app.node.leader.bursts import create_numbered
 from capture_app.session.format.manifest import MissingImage
 from capture_app.session.library.listing import list_sessions
@@ -91,12 +91,12 @@ async def test_a_camera_without_a_stream_is_given_up_after_a_while(tmp_path: Pat
     await deliver(session, "a", 0, 1)
     session.stream_opened("b")
     last_ns = INSTANTS_NS[-1] + 2_000_000_000
-    await session.give_up_silent_cameras({}, last_ns + 2 * PATIENCE_NS)
+    await session.give_up_silent_cameras({}, last_ns + 2 * CAMERA_DISCONNECTED_NS)
     assert not session.finished.is_set(), "its stream is open: it is at work"
-    session.stream_closed("b", last_ns + 2 * PATIENCE_NS)
-    await session.give_up_silent_cameras({}, last_ns + 3 * PATIENCE_NS - 1)
+    session.stream_closed("b", last_ns + 2 * CAMERA_DISCONNECTED_NS)
+    await session.give_up_silent_cameras({}, last_ns + 3 * CAMERA_DISCONNECTED_NS - 1)
     assert not session.finished.is_set(), "it may come back"
-    await session.give_up_silent_cameras({"b": "lost: silent for 2 s"}, last_ns + 3 * PATIENCE_NS)
+    await session.give_up_silent_cameras({"b": "lost: silent for 2 s"}, last_ns + 3 * CAMERA_DISCONNECTED_NS)
     assert {gap.reason for gap in saved(session).manifest.missing} == {"lost: silent for 2 s"}
 
 
@@ -105,7 +105,7 @@ async def test_a_camera_that_stalls_is_given_up_in_the_end(tmp_path: Path) -> No
     session.stream_opened("a")
     await session.accept_report(report("a", 0, 1), now_ns=5_000_000_000)
     await receive_image(session, upload("a", 0), pieces(IMAGE), now_ns=5_000_000_000)
-    await session.give_up_silent_cameras({}, 5_000_000_000 + STALL_NS)
+    await session.give_up_silent_cameras({}, 5_000_000_000 + CAMERA_STALLED_NS)
     assert len(saved(session).manifest.images) == 1
 
 
@@ -128,7 +128,7 @@ async def test_an_image_over_a_slow_link_is_waited_for_while_it_comes(
         nonlocal now_ns
         for begin in range(0, len(image), piece_bytes):
             yield image[begin : begin + piece_bytes]
-            now_ns += (PATIENCE_NS if short_timeout else STALL_NS) // 2
+            now_ns += (CAMERA_DISCONNECTED_NS if short_timeout else CAMERA_STALLED_NS) // 2
             await session.give_up_silent_cameras(lost, now_ns)
 
     sent = upload("a", 0)

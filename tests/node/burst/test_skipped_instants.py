@@ -7,8 +7,8 @@ import pytest
 
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, TryAgainError
+from capture_app.common.timeouts import CAMERA_DISCONNECTED_NS
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.camera_share import PATIENCE_NS
 from capture_app.protocol.messages import CameraReport
 from capture_app.protocol.news import Log
 from capture_app.rig.repair import repair
@@ -115,7 +115,7 @@ async def test_a_report_waits_for_the_other_cameras(tmp_path: Path) -> None:
 async def test_a_lost_camera_does_not_hold_up_the_others(tmp_path: Path) -> None:
     session = await begun(tmp_path, "a", "b")
     session.stream_opened("a")
-    late_ns = INSTANTS_NS[0] + 3 * PERIOD_NS + 2_000_000_000 + PATIENCE_NS
+    late_ns = INSTANTS_NS[0] + 3 * PERIOD_NS + 2_000_000_000 + CAMERA_DISCONNECTED_NS
     await session.accept_report(dropping("a", 3, 0), late_ns)
     await session.give_up_silent_cameras({"b": "lost: silent for 2 s"}, late_ns)
     await deliver(session, "a", 1, 2)

@@ -13,12 +13,13 @@ from hypothesis import strategies as st
 from benchmarks.simulated.changing_clocks import draw_wandering_clock
 from benchmarks.simulated.clock_tree import ROOT, RelayOutage, Tree, TreeSpec, measure, run_shard
 from capture_app.common.node_state import NodeState
+from capture_app.common.timeouts import CLIENT_SILENT_NS, FORGET_LOST_NS
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.engine import Address
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import LEAST_ANSWERS, PROBE_EVERY_NS, LeaderChoice
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.roster import CLIENT_SILENT_NS, FORGET_LOST_NS, van_der_corput
+from capture_app.sync.rig.roster import van_der_corput
 from capture_app.sync.rig.time_client import HELLOS, TimeClient
 from capture_app.sync.timekeeping.poll_schedule import Progress, TreeSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper

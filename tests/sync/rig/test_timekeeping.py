@@ -7,10 +7,11 @@ from itertools import pairwise
 import pytest
 
 from capture_app.common.node_state import NodeState
+from capture_app.common.timeouts import LEADER_SILENT_NS
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig.events import Joined, LeaderNews
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.time_client import LEADER_SILENT_NS, NO_ANSWER, TimeClient
+from capture_app.sync.rig.time_client import NO_ANSWER, TimeClient
 from capture_app.sync.timekeeping.clock_events import ClockSynced
 from capture_app.sync.timekeeping.poll_schedule import (
     EASING_PACES_NS,

@@ -22,7 +22,6 @@
 # make bench-folders   twenty folders of videos as strangers have them: offset, error bar, truth and what was said (3 min; BENCH="--only lamp")
 # make bench-panel   the time read off 200 rendered photographs of LED panels and 200 of screens, and whether its error bar holds (15 min; BENCH="--count 20")
 # make test-crash   writers and outputs killed at every step, every bit flipped (slow)
-# make bench-reference   nodes that hear the same multicast beacons, on emulated links (root, 3 min)
 # make bench-relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
 # make bench-rig   bursts of five cameras with two fast clocks, over emulated WiFi links (root, 4 min)
 # make bench-seal   the clock and the trigger with and without seals of datagrams, side by side (root, 5 min)
@@ -64,7 +63,7 @@ WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 # it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-reference bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-evening bench-stamps bench-phones bench-clients bench-any-rig bench-multiview bench-pairs bench-verdicts bench-time bench-folders bench-panel bench-tui paper soak hostile fuzz test-crash check format python system clean
+.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-evening bench-stamps bench-phones bench-clients bench-any-rig bench-multiview bench-pairs bench-verdicts bench-time bench-folders bench-panel bench-tui paper soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -140,9 +139,6 @@ samples: $(VENV)/.installed
 
 bench-sync: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.clock.sync_link $(BENCH)
-
-bench-reference: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.clock.reference_broadcast $(BENCH)
 
 bench-relay: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.clock.relay_link $(BENCH)

@@ -94,21 +94,6 @@ class Network:
         _set_up(namespace, device, address)
         return f"{namespace}/{device}"
 
-    def multicast_hub(self) -> str:
-        """Make a namespace whose bridge hands a packet to all that `join_hub` within microseconds."""
-        hub = self.namespace("hub")
-        _add_bridge(hub, "")
-        return hub
-
-    def join_hub(self, namespace: str, address: str, ends: Sequence[str], hub: str) -> None:
-        """Give a namespace one address on its emulated links and the hub: multicast goes by the hub alone."""
-        _add_bridge(namespace, address)
-        for end in ends:
-            _add_port(namespace, end.rpartition("/")[2], "mcast_flood", "off")
-        device = self._add_veth(namespace, hub)
-        _add_port(namespace, device, "learning", "off", "flood", "off", "bcast_flood", "off")
-        _add_port(hub, device)
-
     @contextlib.contextmanager
     def emulation(
         self, links: Sequence[EmulatedLink], seed: int, *, loss: float = 0.0
@@ -172,17 +157,6 @@ def _set_up(namespace: str, device: str, address: str) -> None:
     if address:
         _ip_in(namespace, "addr", "add", address, "dev", device)
     _ip_in(namespace, "link", "set", device, "up")
-
-
-def _add_bridge(namespace: str, address: str) -> None:
-    _ip_in(namespace, "link", "add", "bridge", "type", "bridge", "mcast_snooping", "0")
-    _set_up(namespace, "bridge", address)
-
-
-def _add_port(namespace: str, device: str, *flags: str) -> None:
-    _ip_in(namespace, "link", "set", device, "master", "bridge", "up")
-    if flags:
-        _ip_in(namespace, "link", "set", device, "type", "bridge_slave", *flags)
 
 
 def _ip_in(namespace: str, *arguments: str) -> None:

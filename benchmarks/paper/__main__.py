@@ -25,7 +25,6 @@ STUDIES = {
     "clock-filters": "clock estimators under seven delay distributions: mean, minimum, ours",
     "led-panel": "total error, read from pictures of the paper's LED panel",
     "phase": "frame injections, restarts and frame durations that phase alignment takes",
-    "reference-broadcast": "differences between clients with and without common beacons",
     "scale": "thousands of clocks for an hour: one leader, and a tree of relays",
 }
 """Name and what it shows; its module has the same name, with underscores."""

@@ -26,7 +26,6 @@ from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, SteadySchedule
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
-from capture_app.sync.wire.messages import Group
 
 
 class VirtualTime:
@@ -130,16 +129,15 @@ class VirtualRig:
         period_ns: int | None = None,
         align_row: float | None = None,
         max_delay_ns: int = 0,
-        beacons: Group | None = None,
     ) -> None:
-        """`period_ns`, `align_row`, `max_delay_ns` and `beacons` are the leader's, see `LeaderConfig`."""
+        """`period_ns`, `align_row` and `max_delay_ns` are the leader's, see `LeaderConfig`."""
         self.nodes: dict[str, VirtualNode] = {}
         self.leader_events: list[LeaderEvent] = []
         self._rng = random.Random(seed)
         self._time = VirtualTime()
         self._leader_timer = Timer(self._time, self._pump_leader)
         rig = RigConfig(period_ns=period_ns, align_row=align_row, max_delay_ns=max_delay_ns)
-        self._config = LeaderConfig(0, 0, rig, beacons=beacons)
+        self._config = LeaderConfig(0, 0, rig)
         self.leader = self._new_leader()
         for spec in specs:
             self._time.schedule(spec.start_true_ns, self.start, spec)
@@ -195,9 +193,6 @@ class VirtualRig:
         ended = self.leader.orders.end(burst, frames, self.now_true_ns)
         self._pump_leader()
         return ended
-
-    def broadcast(self, data: bytes) -> None:
-        """Let a beacon of the leader go out: here nobody hears it."""
 
     def cancel(self, burst: Burst) -> None:
         """Take a burst back."""
@@ -297,8 +292,6 @@ class VirtualRig:
             node = self.nodes[name]
             for delay_ns in node.channel.deliveries("to_client", self.now_true_ns, self._rng):
                 self._time.schedule(self.now_true_ns + delay_ns, self._to_client, data, node)
-        if (beacon := self.leader.beacon_to_send()) is not None:
-            self.broadcast(beacon)
         while (event := self.leader.next_event()) is not None:
             self.leader_events.append(event)
         if (due_ns := self.leader.next_timer()) is not None:

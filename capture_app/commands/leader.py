@@ -14,8 +14,6 @@ from capture_app.commands.joining import inviting_phones, joining_command
 from capture_app.commands.options import (
     ADDRESS,
     ANY_PATH,
-    beacon_sender,
-    beacons_option,
     host_option,
     open_option,
     port_option,
@@ -89,7 +87,6 @@ APP_NOTE = (
     default=0.0,
     help="Allow the burst to be delayed by up to this much to reach the best predicted alignment.",
 )
-@beacons_option
 @click.option(
     "--android-app",
     is_flag=True,
@@ -118,7 +115,6 @@ def leader(
     align: str,
     align_row: float,
     max_delay_ms: float,
-    reference_broadcast: bool | None,
     android_app: bool,
     rpicam_hosts: tuple[str, ...],
     rpicam_shutter_us: float,
@@ -157,7 +153,6 @@ def leader(
                 *([AppPhones(host, aligns=is_apps_grid)] if android_app else []),
                 *rpicam_followers(rpicam_hosts, rpicam_shutter_us),
             ),
-            beacons=beacon_sender(reference_broadcast),
             news=news,
             spool=spool,
         )

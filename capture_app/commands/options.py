@@ -21,7 +21,6 @@ from capture_app.console.terminal import ParsedType
 
 if TYPE_CHECKING:
     from capture_app.interop.rpicam import RpicamSync
-    from capture_app.net.multicast import BeaconSender
 
 F = TypeVar("F", bound=Callable[..., Any])
 T = TypeVar("T")
@@ -149,19 +148,6 @@ clock_option = click.option(
     metavar="CLOCK",
     help="host, or sim[:offset_s=…,skew_ppm=…] for a simulated clock that is hours off.",
 )
-beacons_option = click.option(
-    "--reference-broadcast/--no-reference-broadcast",
-    default=None,
-    help="Let nodes of one access point agree by multicast beacons: as far as can be, or not at all"
-    " (where two or more hear the same, within the errors that they state).",
-)
-
-
-def beacon_sender(asked: bool | None) -> "BeaconSender | None":
-    """Who sends the beacons, as `beacons_option` was given."""
-    from capture_app.net.multicast import BEACONS, BeaconSender
-
-    return None if asked is False else BeaconSender(BEACONS, fully=bool(asked))
 
 
 def rpicam_options(command: F) -> F:

@@ -8,8 +8,6 @@ import click
 from capture_app.commands.joining import make_known, pairing_options
 from capture_app.commands.options import (
     ADDRESS,
-    beacon_sender,
-    beacons_option,
     clock_option,
     host_option,
     name_option,
@@ -34,7 +32,6 @@ if TYPE_CHECKING:
 @host_option
 @port_option
 @clock_option
-@beacons_option
 @rpicam_options
 @pairing_options
 @open_option
@@ -45,7 +42,6 @@ def relay(
     host: str,
     port: int,
     clock_text: str,
-    reference_broadcast: bool | None,
     rpicam_hosts: tuple[str, ...],
     rpicam_shutter_us: float,
     pin: str | None,
@@ -68,7 +64,6 @@ def relay(
         host=host,
         port=port,
         clock=parse_clock(clock_text, node=name),
-        beacons=beacon_sender(reference_broadcast),
         followers=rpicam_followers(rpicam_hosts, rpicam_shutter_us),
         news=Log(lambda line: log_line(f"{name}: {line}")),
     )

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from capture_app.protocol.status import NodeStatus, RigStatus
 
 NO_TIME = "-"
-_OPTIONAL = ("apart µs", "stamps µs")
+_STAMPS = "stamps µs"
 
 
 @click.command(epilog=examples("capture-app status", "capture-app status --leader 192.168.1.20 --watch"))
@@ -30,8 +30,7 @@ def status(leader: Address, watch: bool, as_json: bool) -> None:
     """Show the nodes of a running leader, those of its relays included: state, clock, phase, drops.
 
     "clock bound" is the largest possible clock error, that of the relays included. "stamps" is how well it is
-    known (95 %) how late a camera stamps its frames; those of simulated ones are exact. "apart", with
-    reference broadcast, is the uncertainty (95 %) between nodes that receive the same beacons.
+    known (95 %) how late a camera stamps its frames; those of simulated ones are exact.
 
     With --watch a line follows for all that happens; with --json an object a line, and a new status whenever
     it has changed, at most ten a second.
@@ -89,7 +88,7 @@ def _lines(rig: "RigStatus") -> Iterator[str]:
     if rig.nodes:
         rows = [_node_row(node) for node in in_tree_order(rig.nodes)]
         # What no node of a rig has is no column.
-        shown = [one for one in rows[0] if one not in _OPTIONAL or any(row[one] != NO_TIME for row in rows)]
+        shown = [one for one in rows[0] if one != _STAMPS or any(row[one] != NO_TIME for row in rows)]
         yield table(shown, [[row[name] for name in shown] for row in rows])
     if rig.app_phones:
         yield table(
@@ -121,8 +120,7 @@ def _node_row(node: "NodeStatus") -> dict[str, str]:
         "node": "  " * (node.depth - 1) + node.name,
         "state": str(node.state),
         "clock bound µs": _microseconds(node.hard_bound_ns),
-        "stamps µs": _microseconds(_stamp_error_ns(node)),
-        "apart µs": _microseconds(node.relative_uncertainty_ns),
+        _STAMPS: _microseconds(_stamp_error_ns(node)),
         "round trip µs": _microseconds(node.round_trip_ns),
         "phase error µs": _microseconds(node.phase_error_ns),
         "drops": str(node.drops),

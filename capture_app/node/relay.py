@@ -23,7 +23,6 @@ from capture_app.common.text import duration
 from capture_app.common.timeouts import UPSTREAM_TIMEOUT_S
 from capture_app.net.channel import Channel, connect
 from capture_app.net.discovery import announced
-from capture_app.net.multicast import send_due_beacon
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.join_watch import JoinWatch
@@ -111,15 +110,12 @@ class RelayNode:
                 )
             peers = tuple((peer.host, peer.port) for _, peer in found)
             instance = secrets.randbits(32)
-            beacons = options.beacons
             rng = random.Random(secrets.randbits(64))
             engine = Relay(
                 TreeMember(options.name, instance, peers, rng, OF_CAMERAS),
                 LeaderConfig(
                     instance,
                     transfer_port=listening.getsockname()[1],
-                    beacons=None if beacons is None else beacons.group,
-                    agree_fully=beacons is None or beacons.fully,
                 ),
                 rng,
             )
@@ -157,8 +153,6 @@ class RelayNode:
         self._engine.leave()
         self._pump.turn()
         self._pump.close()
-        if self.options.beacons is not None:
-            self.options.beacons.close()
         await self._server.stop()
 
     @property
@@ -243,7 +237,6 @@ class RelayNode:
         rate = self._engine.member.time.timekeeper.rate
         rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
         now_ns = self._clock.now_ns()
-        send_due_beacon(self.options.beacons, self._engine.leader, now_ns, self._sealed)
         self._enrolment.look(now_ns)
         self._requester.look()
         while (event := self._engine.next_event()) is not None and not self._is_leaving:

@@ -18,12 +18,10 @@ MOST_OF_ONE = 256
 
 
 class Grant(Struct, frozen=True, kw_only=True):
-    """A key for one run of a client, and the one of all clients, by which they know the leader's beacons."""
+    """A key for one run of a client."""
 
     key_id: int
     key: bytes
-    group_id: int
-    group_key: bytes
 
 
 @dataclass(slots=True)
@@ -47,7 +45,6 @@ class ClientKeys:
         self._at: dict[Address, _Client] = {}
         self._given: dict[str, dict[int, None]] = {}
         """The numbers of each machine's keys, by its pin, in the order in which they were given out."""
-        self._make_group()
 
     def __len__(self) -> int:
         return len(self._clients)
@@ -63,15 +60,13 @@ class ClientKeys:
             self._forget(next(known for known in self._clients if known in given))
         if len(self._clients) > self._most:
             self._forget(next(iter(self._clients)))
-        return Grant(key_id=key_id, key=key, group_id=self._group.key_id, group_key=self._group_key)
+        return Grant(key_id=key_id, key=key)
 
     def revoke_all_but(self, pins: Collection[str]) -> None:
-        """Take the keys of all but these machines back; those ask for new ones: all share one for beacons."""
-        if any(client.principal.pin not in pins for client in self._clients.values()):
-            self._clients.clear()
-            self._given.clear()
-            self._at.clear()
-            self._make_group()
+        """Take back the keys of all other machines than these."""
+        for key_id, client in list(self._clients.items()):
+            if client.principal.pin not in pins:
+                self._forget(key_id)
 
     def open(self, data: bytes, address: Address) -> tuple[bytes, Principal]:
         """Return the message of a datagram, and who sent it. Raises SealError where it is refused."""
@@ -90,14 +85,6 @@ class ClientKeys:
         """Return the datagram of a message for whoever is there; None where nobody with a key is."""
         client = self._at.get(address)
         return None if client is None else client.seal.seal(message)
-
-    def seal_for_all(self, message: bytes) -> bytes:
-        """Return the datagram of a message for all who have a key."""
-        return self._group.seal(message)
-
-    def _make_group(self) -> None:
-        self._group_key = self._random_bytes(KEY_BYTES)
-        self._group = Seal(self._new_id(), self._group_key, seals=Side.GROUP, opens=Side.GROUP)
 
     def _new_id(self) -> int:
         while True:
@@ -127,7 +114,6 @@ class LeaderKeys:
         self.wanted: set[Address] = set()
         """Leaders that it has something to say to, but no key for, or one that they do not know any more."""
         self._seals: dict[Address, Seal] = {}
-        self._groups: dict[Address, Seal] = {}
         self._last: dict[Address, bytes] = {}
         """The last message to each leader: it is sent again with a key that was asked for."""
         self._kept: dict[Address, bytes] = {}
@@ -135,9 +121,6 @@ class LeaderKeys:
     def hold(self, leader: Address, grant: Grant) -> None:
         """Use the key of a grant with that leader from now on."""
         self._seals[leader] = Seal(grant.key_id, grant.key, seals=Side.CLIENT, opens=Side.LEADER)
-        known = self._groups.get(leader)
-        if known is None or known.key_id != grant.group_id:
-            self._groups[leader] = Seal(grant.group_id, grant.group_key, seals=Side.GROUP, opens=Side.GROUP)
         self.wanted.discard(leader)
         if leader in self._last:
             self._kept[leader] = self._last[leader]
@@ -164,14 +147,6 @@ class LeaderKeys:
         if seal is None or seal.key_id != key_id:
             raise SealError(Refused.UNKNOWN_KEY)
         return seal.open(data)
-
-    def open_group(self, data: bytes) -> bytes:
-        """Return the message of a datagram to all clients of a leader. Raises SealError."""
-        key_id = key_of(data)
-        for seal in self._groups.values():
-            if seal.key_id == key_id:
-                return seal.open(data)
-        raise SealError(Refused.UNKNOWN_KEY)
 
     def is_key_of(self, data: bytes, leader: Address) -> bool:
         """Whether a datagram names the key of that leader, or says that it does not know it."""

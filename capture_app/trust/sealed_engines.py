@@ -48,14 +48,6 @@ class SealedClient:
         yield from _sealed(self._engine.datagrams_to_send(now_ns), self.keys)
         yield from self.keys.take_kept()
 
-    def open_broadcast(self, data: bytes) -> bytes | None:
-        """Return the message of a datagram to all clients; None, and count it, where it is refused."""
-        try:
-            return self.keys.open_group(data)
-        except SealError as error:
-            self.refusals.add("the group of the beacons", error.why)
-            return None
-
 
 class SealedLeader:
     """A leader, with a key for each of its clients; strangers are answered with no more than they sent."""

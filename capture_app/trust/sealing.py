@@ -3,7 +3,7 @@
 2 bytes   b"sS", 1 byte the version, 1 byte the kind
 4 bytes   which key, as whoever gave it out calls it
 8 bytes   the number of this datagram, big-endian; one key never seals two of the same number
-message   a datagram of `capture_app.sync.wire.codec`, or a beacon
+message   a datagram of `capture_app.sync.wire.codec`
 16 bytes  the seal of all before
 
 Nothing is hidden: names and times may be read on the way, but neither changed, made up nor sent twice. The
@@ -33,8 +33,6 @@ class Side(StrEnum):
 
     CLIENT = "client"
     LEADER = "leader"
-    GROUP = "group"
-    """A leader, to all its clients at once."""
 
 
 class Refused(StrEnum):

@@ -1,15 +1,11 @@
-"""A node's facts in the manifest and the event log: what agreement with other nodes did to its clock."""
-
-from dataclasses import replace
+"""The manifest's record of a node's clock; records of sessions from before stay readable."""
 
 import msgspec
-import pytest
 
-from capture_app.node.camera.camera_node import camera_record, event_line
+from capture_app.node.camera.camera_node import camera_record
 from capture_app.session.format.manifest import ClockRecord
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.frame_selection import FramesSelected
-from capture_app.sync.timekeeping.clock_events import ReferenceCorrected
 from capture_app.sync.wire.messages import Trigger
 from tests.facts import make_facts
 
@@ -31,29 +27,15 @@ def clock_of(time_map: TimeMap) -> ClockRecord | None:
     return camera_record("cam", make_facts(), ready, 0, 1000).clock
 
 
-@pytest.mark.parametrize("below_relay", [False, True])
-def test_a_clock_that_was_moved_says_so(below_relay: bool) -> None:
-    time_map = OWN.corrected_by(-120_000, 30_000.0, 7_499.6)
-    if below_relay:
-        time_map = time_map.chained_to(replace(OWN, uncertainty_ns=0.0, hard_bound_ns=0.0, offset_ns=0))
-    clock = clock_of(time_map)
-    assert clock is not None
-    corrected = clock.offset_ns, clock.reference_correction_ns, clock.relative_uncertainty_ns
-    assert corrected == (-119_000, -120_000, 7500)
-    assert clock.hard_bound_ns == pytest.approx(620_000, abs=2)
-    assert msgspec.json.decode(msgspec.json.encode(clock), type=ClockRecord) == clock
-
-
-def test_a_clock_that_was_not_moved_is_told_as_ever() -> None:
+def test_a_clock_is_recorded_without_the_fields_of_old_sessions() -> None:
     clock = clock_of(OWN)
     assert clock is not None
-    assert (clock.reference_correction_ns, clock.relative_uncertainty_ns) == (None, None)
-    assert b"moved" not in msgspec.json.encode(clock)
+    assert clock.offset_ns == 1000
+    assert b"reference" not in msgspec.json.encode(clock)
 
 
-def test_the_event_log_tells_when_clocks_agree_and_when_no_more() -> None:
-    assert event_line(ReferenceCorrected(7500)) == {
-        "event": "reference-correction-started",
-        "relative_uncertainty_ns": 7500,
-    }
-    assert event_line(ReferenceCorrected(None)) == {"event": "reference-correction-ended"}
+def test_a_clock_record_of_an_old_session_opens_and_stays_as_it_is() -> None:
+    clock = clock_of(OWN)
+    old = msgspec.to_builtins(clock) | {"reference_correction_ns": -120_000, "relative_uncertainty_ns": 7500}
+    read = msgspec.convert(old, ClockRecord)
+    assert msgspec.to_builtins(read) == old

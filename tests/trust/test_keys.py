@@ -18,6 +18,8 @@ def test_a_machine_takes_no_room_of_others_by_asking_for_keys() -> None:
     assert sealed is not None
     assert keys.open(sealed, node)[0] == b"hello"
     keys.revoke_all_but(["honest"])
+    assert len(keys) == 1
+    keys.revoke_all_but([])
     assert len(keys) == 0
     keys.grant(Principal("left", 2, pin="honest"))
     assert len(keys) == 1

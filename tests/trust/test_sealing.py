@@ -77,11 +77,8 @@ def test_other_keys_and_other_sides_forge() -> None:
     other = bytes(reversed(KEY))
     assert why_refused(leader(), client(other).seal(b"m")) is Refused.FORGED
     assert why_refused(leader(), client(KEY, 8).seal(b"m")) is Refused.UNKNOWN_KEY
-    # What somebody on the way sends back, or brings to a group.
+    # What somebody on the way sends back.
     assert why_refused(leader(), leader().seal(b"m")) is Refused.FORGED
-    group = Seal(7, KEY, seals=Side.GROUP, opens=Side.GROUP)
-    assert why_refused(group, leader().seal(b"m")) is Refused.FORGED
-    assert why_refused(leader(), group.seal(b"m")) is Refused.FORGED
 
 
 @given(st.binary(max_size=200))

@@ -19,7 +19,6 @@ from capture_app.common.camera_facts import SIMULATED, CameraFacts, Control, Pha
 from capture_app.common.clock import HostRate, SimulatedClock
 from capture_app.common.errors import NetworkError, ungrouped_errors
 from capture_app.common.node_state import NodeState
-from capture_app.net.multicast import BeaconReceiver
 from capture_app.net.udp import Pump, client_socket
 from capture_app.node.camera.burst_upload import BurstUpload, Spool
 from capture_app.node.camera.supervisor import CameraStream, CameraSupervisor, NodeOptions
@@ -153,7 +152,6 @@ class RigMember:
         request = KeyRequest(name=options.name, instance=instance)
         keys = None if self._sealed is None else self._sealed.keys
         self._keys = KeyRequester(keys, request, self._engine.time, options.trust, self._pump)
-        self._beacons = BeaconReceiver(self._receive_broadcast, self._clock, self._pump.turn)
         self._camera = CameraSupervisor(options, stream, self._engine, self._pump)
         self._viewfinder = Viewfinder(options, instance, self._camera.controls, self)
         stream.receivers.append(self._viewfinder)
@@ -179,7 +177,6 @@ class RigMember:
             self._engine.leave()
             self._pump.turn()
             self._pump.close()
-            self._beacons.close()
 
     @property
     def standing(self) -> tuple[NodeState | None, str]:
@@ -233,11 +230,6 @@ class RigMember:
 
     # What the engine tells
 
-    def _receive_broadcast(self, data: bytes, now_ns: int) -> None:
-        message = data if self._sealed is None else self._sealed.open_broadcast(data)
-        if message is not None:
-            self._engine.receive_broadcast(message, now_ns)
-
     def _drain(self) -> None:
         if self._is_leaving:
             return
@@ -279,7 +271,6 @@ class RigMember:
             self._samples.clear()
             known = None if self._profiles is None else self._profiles.way(self.options.name, leader.host)
             self._engine.set_path_asymmetry(known)
-            self._beacons.follow(event.beacons, leader.host)
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")
         self._happened.append({"local_ns": now_ns, **event_line(event)})
@@ -340,7 +331,6 @@ def camera_record(
     where it stamps by one; `held` are the controls that somebody set.
     """
     time_map, phase = ready.time_map, ready.phase
-    relative_ns = time_map.relative_uncertainty_ns
     return CameraRecord(
         name=name,
         facts=facts,
@@ -353,8 +343,6 @@ def camera_record(
             hard_bound_ns=round(time_map.hard_bound_ns),
             round_trip_ns=time_map.round_trip_ns,
             samples=time_map.samples,
-            reference_correction_ns=time_map.reference_correction_ns,
-            relative_uncertainty_ns=None if relative_ns is None else round(relative_ns),
             device_uncertainty_ns=None if device is None else device.uncertainty_ns,
             device_hard_bound_ns=None if device is None else device.hard_bound_ns,
         ),
@@ -396,10 +384,6 @@ def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
             return {"event": "clock-stepped" if jumped else "clock-rate-changed"}
         case clock_events.ClockRateUnusual(None):
             return {"event": "clock-rate-usual"}
-        case clock_events.ReferenceCorrected(None):
-            return {"event": "reference-correction-ended"}
-        case clock_events.ReferenceCorrected(uncertainty_ns):
-            return {"event": "reference-correction-started", "relative_uncertainty_ns": uncertainty_ns}
         case events.PhaseCorrected(command, before):
             error_ns = None if before is None else before.error_ns
             fields = msgspec.to_builtins(command) | {"phase_error_ns": error_ns}

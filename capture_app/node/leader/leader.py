@@ -10,7 +10,6 @@ from typing import Self
 from capture_app.common.address import Address, own_machine_address, reachable_host
 from capture_app.common.errors import SimulshotError
 from capture_app.net.discovery import announced
-from capture_app.net.multicast import send_due_beacon
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.leader.bursts import ActiveBursts
@@ -81,8 +80,6 @@ class LeaderNode:
                 max_delay_ns=options.max_delay_ns,
                 grid_phase_ns=options.grid_phase_ns,
             ),
-            beacons=None if options.beacons is None else options.beacons.group,
-            agree_fully=options.beacons is None or options.beacons.fully,
             continues=None if continued is None else continued.told,
             grid=None if continued is None else continued.grid,
         )
@@ -118,8 +115,6 @@ class LeaderNode:
         self.engine.leave()
         self._pump.turn()
         self._pump.close()
-        if self.options.beacons is not None:
-            self.options.beacons.close()
         await self._server.stop()
         await self.bursts.close()
 
@@ -143,7 +138,6 @@ class LeaderNode:
 
     def _drain(self) -> None:
         now_ns = self._clock.now_ns()
-        send_due_beacon(self.options.beacons, self.engine, now_ns, self._sealed)
         self.enrolment.look(now_ns)
         while (event := self.engine.next_event()) is not None:
             if isinstance(event, BurstAnswered):

@@ -7,7 +7,6 @@ from pathlib import Path
 from capture_app.common.address import DEFAULT_PORT
 from capture_app.common.clock import HostClock, NodeClock
 from capture_app.common.timeouts import RETURN_NS
-from capture_app.net.multicast import BeaconSender
 from capture_app.node.leader.followers import RigFollower
 from capture_app.protocol.news import Log
 from capture_app.sync.tree.succession import Continued
@@ -21,8 +20,6 @@ class PortOptions:
     host: str = "0.0.0.0"  # noqa: S104 - cameras are other machines
     port: int = DEFAULT_PORT
     """UDP and TCP; 0 for a free one."""
-    beacons: BeaconSender | None = None
-    """Sends beacons, so that nodes which hear the same multicast packets agree with each other."""
     followers: Sequence[RigFollower] = ()
     """Other programs that are told the rig's grid: started and closed with it."""
     trust: Trust = field(default_factory=Trust.of_user)

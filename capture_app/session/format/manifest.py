@@ -51,9 +51,9 @@ class ClockRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     round_trip_ns: Count
     samples: Count
     reference_correction_ns: int | None = None
-    """The part of the offset that comes from agreeing with cameras that hear the same packets."""
+    """Only in old sessions: the part of the offset that came from agreement with other cameras."""
     relative_uncertainty_ns: Count | None = None
-    """95 % error against the clocks of those cameras."""
+    """Only in old sessions: 95 % error against the clocks of those cameras."""
     device_uncertainty_ns: Count | None = None
     """95 % error of the clock that the camera itself stamps by, as a phone does, against its node's."""
     device_hard_bound_ns: Count | None = None

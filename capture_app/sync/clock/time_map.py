@@ -24,10 +24,6 @@ class TimeMap:
     samples: int
     round_trip_ns: int
     drift_uncertainty: float = 0.0
-    reference_correction_ns: int | None = None
-    """What the reference broadcast has added at the epoch; None where it is not in use."""
-    relative_uncertainty_ns: float | None = None
-    """95 % error against other receivers of it."""
 
     def leader_from_local(self, local_ns: int) -> int:
         """Leader time in ns of a local time in ns."""
@@ -47,20 +43,6 @@ class TimeMap:
     def hard_bound_at(self, local_ns: int) -> float:
         """The most that `leader_from_local(local_ns)` can be wrong, in ns, link asymmetry included."""
         return self.hard_bound_ns + self.skew_bound * abs(local_ns - self.epoch_local_ns)
-
-    def corrected_by(
-        self, correction_ns: int, uncertainty_ns: float, relative_uncertainty_ns: float
-    ) -> "TimeMap":
-        """Return the map with a correction added, which widens the hard bound, and other uncertainties."""
-        hard_bound_ns = self.hard_bound_ns + abs(correction_ns)
-        return replace(
-            self,
-            offset_ns=self.offset_ns + correction_ns,
-            uncertainty_ns=min(uncertainty_ns, hard_bound_ns),
-            hard_bound_ns=hard_bound_ns,
-            reference_correction_ns=correction_ns,
-            relative_uncertainty_ns=relative_uncertainty_ns,
-        )
 
     def chained_to(self, upstream: "TimeMap") -> "TimeMap":
         """Return the map to the clock that a relay follows: `upstream` maps the relay's clock to that one.

@@ -322,10 +322,6 @@ class Client(Generic[F]):
             case _:
                 pass
 
-    def receive_broadcast(self, data: bytes, now_ns: int) -> None:
-        """Take in a datagram of the group that the leader named; of those only its beacons count."""
-        self.time.receive_broadcast(data, now_ns)
-
     def frame_arrived(self, stamp: FrameStamp, frame: F, now_ns: int, size_bytes: int = 0) -> None:
         """Take in the next frame of the stream, and how much memory it takes."""
         self.ring.add(stamp.timestamp_ns, frame, size_bytes)

@@ -10,7 +10,6 @@ from capture_app.sync.phase.estimator import PhaseEstimate
 from capture_app.sync.rig.frame_selection import FramesSelected
 from capture_app.sync.timekeeping.clock_events import ClockEvent
 from capture_app.sync.wire.camera_commands import CameraCommand
-from capture_app.sync.wire.messages import Group
 
 F = TypeVar("F")
 
@@ -23,8 +22,6 @@ class Joined:
     """TCP port of the leader that images go to."""
     leader: int
     """The leader's run, a random number."""
-    beacons: Group | None = None
-    """Where its beacons can be heard; None where it sends none."""
 
 
 @dataclass(frozen=True, slots=True)

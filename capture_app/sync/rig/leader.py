@@ -15,7 +15,6 @@ from capture_app.common.node_state import NodeState
 from capture_app.sync.engine import Address
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_phase_choice import GridPhaseChoice
-from capture_app.sync.reference_broadcast import Broadcaster
 from capture_app.sync.rig.events import LeaderEvent, NodeChanged
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.orders import BurstOrder, Orders
@@ -36,10 +35,8 @@ from capture_app.sync.wire.codec import (
 from capture_app.sync.wire.messages import (
     MOST_OTHERS,
     MOST_TEXT,
-    ArrivalReport,
     ControlMessage,
     Goodbye,
-    Group,
     Heartbeat,
     HeartbeatAck,
     Hello,
@@ -78,10 +75,6 @@ class LeaderConfig:
     exchanges_per_s: float = 20_000.0
     """Time requests that all clients together may send at most; with more clients each of them sends fewer.
     A leader that has too much to do asks for less."""
-    beacons: Group | None = None
-    """Where to send beacons, so that clients which hear the same ones agree; None for none."""
-    agree_fully: bool = True
-    """Whether they agree as far as their hard bounds allow, not only within their own 95 % errors."""
     continues: UpstreamMap | None = None
     """From this leader's clock to that of the one whose place it takes."""
     grid: FrameGrid | None = None
@@ -115,7 +108,6 @@ class Leader:
         """By machine or host, why it was refused last, and when that was told."""
         self.orders = Orders(config.instance, self.roster)
         """The bursts that they are to take."""
-        self._broadcaster = Broadcaster(config.instance, config.beacons, fully=config.agree_fully)
         self._review_is_due = False
         """Whether the cameras that the grid suits may not be those that are here."""
         self._update_due_ns = 0
@@ -206,13 +198,12 @@ class Leader:
         self._events.extend(self.orders.expire(now_ns))
         for members, trigger in self.orders.triggers_due(now_ns):
             self.send_trigger(members, trigger)
-        self._broadcaster.handle_timer(now_ns, self.roster.pollers)
 
     # Out
 
     def next_timer(self) -> int | None:
         """Leader time in ns at which `handle_timer` wants to be called, None for never."""
-        timers_ns = self.roster.next_timer(), self.orders.next_timer(), self._broadcaster.due_ns
+        timers_ns = self.roster.next_timer(), self.orders.next_timer()
         return min((due_ns for due_ns in timers_ns if due_ns is not None), default=None)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
@@ -229,11 +220,6 @@ class Leader:
             change = RELIEF if self._waited_ns > LOADED_NS else RISE
             self._share = min(max(change * self._share, LEAST_SHARE), 1.0)
         return datagrams
-
-    def beacon_to_send(self) -> bytes | None:
-        """Return the beacon that is due, for the group of the configuration; None where none is."""
-        beacon = self._broadcaster.beacon_to_send()
-        return None if beacon is None else encode(beacon)
 
     def next_event(self) -> LeaderEvent | None:
         """Return the next thing that happened, None where there is none."""
@@ -299,10 +285,6 @@ class Leader:
         match message:
             case TimeRequest():
                 self._times.append((reply_before_t2(message, now_ns), address, now_ns))
-            case ArrivalReport():
-                arrival = self._broadcaster.answer(message, now_ns)
-                if arrival is not None:
-                    self._outbox.append((encode(arrival), address))
             case Heartbeat():
                 self._receive_heartbeat(member, message, now_ns)
             case TriggerAck():
@@ -423,8 +405,6 @@ class Leader:
         if event is not None:
             self._events.append(event)
         config, current = self.config, self.current.message(self.pace_ns)
-        welcome = Welcome(
-            hello.instance, member.number, config.transfer_port, current, member.slot, config.beacons
-        )
+        welcome = Welcome(hello.instance, member.number, config.transfer_port, current, member.slot)
         self._outbox.append((encode(welcome), address))
         self._pass_up(member, hello, now_ns)

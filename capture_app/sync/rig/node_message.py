@@ -52,7 +52,7 @@ def of_state(
             time_map is not None and error_ns is not None and wanted_ns is not None
         ):
             # By such a clock frames are aligned again and again: the clock is the reason in both states.
-            own = keeper.uncorrected_map
+            own = keeper.map_to_leader
             by_relay = own is not None and own.uncertainty_at(now_ns) <= wanted_ns
             if keeper.clock.longer_ns and not by_relay:
                 return f"{_sure_to(error_ns, wanted_ns)}: {way_longer(keeper.clock.longer_ns)}"

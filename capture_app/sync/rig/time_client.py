@@ -24,8 +24,6 @@ from capture_app.sync.wire.codec import (
 from capture_app.sync.wire.messages import (
     CLOCK,
     MAX_DEPTH,
-    AgreedArrival,
-    Beacon,
     ControlMessage,
     Goodbye,
     Heartbeat,
@@ -128,13 +126,6 @@ class TimeClient:
         if message is not None:
             self.receive_message(message, now_ns)
 
-    def receive_broadcast(self, data: bytes, now_ns: int) -> None:
-        """Take in a datagram of the leader's multicast group; all but its beacons are ignored."""
-        message = self.decode(data)
-        leader = self.followed.leader if self.followed is not None and self.is_member else None
-        if isinstance(message, Beacon) and message.leader == leader:
-            self.timekeeper.listener.add_arrival(message.number, now_ns)
-
     def decode(self, data: bytes) -> Message | None:
         """Return the message of a datagram; None, and count it, where it is none."""
         try:
@@ -169,7 +160,7 @@ class TimeClient:
             case UnknownMember() if self.is_addressed(message):
                 self.lose("the leader has stopped" if message.stops else "the leader was restarted", now_ns)
                 self.hellos = HELLOS if message.stops else self.hellos
-            case HeartbeatAck() | AgreedArrival() | Trigger() | Notice() if self.is_addressed(message):
+            case HeartbeatAck() | Trigger() | Notice() if self.is_addressed(message):
                 self._heard_ns = now_ns
                 self._take_word(message, now_ns)
             case _:
@@ -185,7 +176,7 @@ class TimeClient:
         self.hellos, self.unanswered, self.why_joining = 0, 0, ""
         self._heard_ns = now_ns
         self._heartbeat_due_ns = now_ns
-        self._events.append(Joined(welcome.transfer_port, config.leader, welcome.beacons))
+        self._events.append(Joined(welcome.transfer_port, config.leader))
         return True
 
     def lose(self, reason: str, now_ns: int) -> None:
@@ -241,9 +232,6 @@ class TimeClient:
         if now_ns >= self._heartbeat_due_ns:
             self._outbox.append(Heartbeat(self.number, self._report(now_ns)))
             self._heartbeat_due_ns = now_ns + self._heartbeat_every_ns
-        arrivals = self.timekeeper.arrival_report(now_ns)
-        if arrivals is not None:
-            self._outbox.append(arrivals)
 
     # Out
 
@@ -297,11 +285,9 @@ class TimeClient:
             return "the leader has another grid of instants"
         return "the relay follows another leader" if config.path[0] != self.followed.path[0] else ""
 
-    def _take_word(self, message: HeartbeatAck | AgreedArrival | Trigger | Notice, now_ns: int) -> None:
+    def _take_word(self, message: HeartbeatAck | Trigger | Notice, now_ns: int) -> None:
         if isinstance(message, HeartbeatAck):
             self._take_answer(message, now_ns)
-        elif isinstance(message, AgreedArrival):
-            self.timekeeper.listener.accept(message)
         elif isinstance(message, Notice):
             self._events.append(LeaderNews("said", message.text))
 

@@ -47,12 +47,4 @@ class ClockRateUnusual:
     """By how much this node's clock is faster; None where it is no more than usual again."""
 
 
-@dataclass(frozen=True, slots=True)
-class ReferenceCorrected:
-    """The clock is being moved to where all agree that hear the same beacons, or is so no more."""
-
-    relative_uncertainty_ns: int | None
-    """95 % error of this clock against those of the others, in ns; None where nothing was agreed for long."""
-
-
-ClockEvent = ClockChanged | StepRefused | ClockSynced | WayLonger | ClockRateUnusual | ReferenceCorrected
+ClockEvent = ClockChanged | StepRefused | ClockSynced | WayLonger | ClockRateUnusual

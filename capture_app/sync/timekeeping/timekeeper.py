@@ -3,17 +3,13 @@
 from collections import deque
 from collections.abc import MutableSequence
 
-from msgspec.structs import replace
-
 from capture_app.common.node_state import NodeState
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.reference_broadcast import Listener
 from capture_app.sync.timekeeping.clock_events import (
     ClockChanged,
     ClockEvent,
     ClockSynced,
-    ReferenceCorrected,
     StepRefused,
     WayLonger,
 )
@@ -25,7 +21,7 @@ from capture_app.sync.timekeeping.poll_schedule import (
 )
 from capture_app.sync.timekeeping.rates import RateWatch
 from capture_app.sync.wire.codec import request_at, request_before_t0
-from capture_app.sync.wire.messages import ArrivalReport, Report, RigConfigMessage, TimeReply
+from capture_app.sync.wire.messages import Report, RigConfigMessage, TimeReply
 
 OUTSTANDING = 512
 TELL_STEPS_EVERY_NS = 10_000_000_000
@@ -54,9 +50,8 @@ class Timekeeper:
         self.target = target or AccuracyTarget()
         self.rate = RateWatch()
         self.schedule = schedule or SteadySchedule()
-        self.listener = Listener()
-        self.uncorrected_map: TimeMap | None = None
-        """The estimate of the leader's clock by its answers only, without a reference correction."""
+        self.map_to_leader: TimeMap | None = None
+        """The newest estimate of the clock of the leader that is asked, also where that is a relay."""
         self.time_map: TimeMap | None = None
         """The newest estimate of the leader's clock, the root's where the leader is a relay."""
         self.path: tuple[int, ...] = ()
@@ -90,8 +85,7 @@ class Timekeeper:
         """
         if self._asked is None or config.leader != self._asked.leader:
             self.clock.reset()
-            self.listener.reset()
-            self.uncorrected_map = None
+            self.map_to_leader = None
         if self.time_is_known and self.time_map is not None and config.path[0] != self.path[0]:
             continued = config.continues
             if continued is not None and continued.is_finite and continued.path[0] == self.path[0]:
@@ -139,8 +133,7 @@ class Timekeeper:
             self.synced = self.time_is_known = False
             self.target.restart()
             self.rate.restart()
-            self.listener.reset()
-            self.time_map = self.uncorrected_map = None
+            self.time_map = self.map_to_leader = None
             self.schedule.restart(now_ns)
             if not self._stepped:
                 self.events.append(ClockChanged(jumped=True))
@@ -168,15 +161,7 @@ class Timekeeper:
 
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` wants to be called."""
-        due_ns = min(self.schedule.estimate_due_ns, self.schedule.request_due_ns)
-        tell_due_ns = self.listener.next_timer() if self.synced else None
-        return due_ns if tell_due_ns is None else min(due_ns, tell_due_ns)
-
-    def arrival_report(self, now_ns: int) -> ArrivalReport | None:
-        """Return the report of the beacons that were received, None where none is due."""
-        if not self.synced or self.uncorrected_map is None:
-            return None
-        return self.listener.report_due(self._number, self.uncorrected_map, now_ns)
+        return min(self.schedule.estimate_due_ns, self.schedule.request_due_ns)
 
     def request_to_send(self, now_ns: int) -> bytes | None:
         """Return the request that is due, None where none is; it carries `now_ns`, so send it at once."""
@@ -195,7 +180,7 @@ class Timekeeper:
         slewing_ppm = self.rate.host_slewing_ppm
         if time_map is None:
             return Report(state=state, message=message, samples=samples, slewing_ppm=slewing_ppm)
-        report = Report(
+        return Report(
             state=state,
             message=message,
             offset_ns=_sendable(time_map.leader_from_local(now_ns) - now_ns),
@@ -205,14 +190,6 @@ class Timekeeper:
             round_trip_ns=time_map.round_trip_ns,
             samples=samples,
             slewing_ppm=slewing_ppm,
-        )
-        corrected = self.listener.corrected
-        if corrected is None:
-            return report
-        return replace(
-            report,
-            reference_correction_ns=corrected.reference_correction_ns,
-            relative_uncertainty_ns=round(corrected.relative_uncertainty_ns or 0.0),
         )
 
     # The parts
@@ -231,7 +208,7 @@ class Timekeeper:
         own, asked = self.clock.time_map(now_ns), self._asked
         if own is None or asked is None:
             return
-        self.uncorrected_map = own
+        self.map_to_leader = own
         in_holdover = self.time_is_known and self.path[-1] != asked.leader
         schedule = self.schedule
         wary = in_holdover or self._stepped
@@ -240,7 +217,7 @@ class Timekeeper:
         self._stepped = False
         if abs(own.offset_ns) > FURTHEST_NS or (in_holdover and self._is_worse(asked.root_map(own))):
             return
-        time_map = asked.root_map(self._corrected(own, now_ns))
+        time_map = asked.root_map(own)
         if abs(time_map.offset_ns) > FURTHEST_NS:
             return
         self.time_map, self.path = time_map, asked.path
@@ -258,14 +235,6 @@ class Timekeeper:
         assert self.time_map is not None, "in holdover there is a map"
         until_ns = self.schedule.estimate_due_ns
         return self.time_map.uncertainty_at(until_ns) < time_map.uncertainty_at(until_ns)
-
-    def _corrected(self, own: TimeMap, now_ns: int) -> TimeMap:
-        was_corrected = self.listener.corrected is not None
-        time_map = self.listener.correct(own, now_ns)
-        error_ns = time_map.relative_uncertainty_ns
-        if was_corrected is (error_ns is None):
-            self.events.append(ReferenceCorrected(None if error_ns is None else round(error_ns)))
-        return time_map
 
 
 def _sendable(value_ns: float) -> int | None:

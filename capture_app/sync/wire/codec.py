@@ -21,7 +21,6 @@ from msgspec.structs import replace
 
 from capture_app.common.text import REPLACEMENT, UNREADABLE
 from capture_app.sync.wire.messages import (
-    ArrivalReport,
     ControlMessage,
     Goodbye,
     Heartbeat,
@@ -36,7 +35,7 @@ from capture_app.sync.wire.messages import (
 )
 
 MAGIC = b"sS"
-VERSION = 6
+VERSION = 7
 TOKEN_BYTES = 8
 KIND_VERSION = 0
 _ASKING = 0
@@ -98,7 +97,7 @@ _T0 = struct.Struct(">q16x")
 _T2 = struct.Struct(">q")
 
 Message = TimeRequest | TimeReply | ControlMessage
-FromMember = TimeRequest | Heartbeat | TriggerAck | Goodbye | ArrivalReport
+FromMember = TimeRequest | Heartbeat | TriggerAck | Goodbye
 FromClient = FromMember | MemberReports | Hello
 
 _encoder = msgspec.msgpack.Encoder()

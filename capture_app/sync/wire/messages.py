@@ -1,7 +1,5 @@
 """Messages between nodes: time, joining, heartbeats and bursts.
 
-Messages of the reference broadcast: beacons, which a radio cell receives at one instant, and answers.
-
 A relay's map from its own clock to the root's, as messages carry it.
 """
 
@@ -14,56 +12,6 @@ from capture_app.common.camera_facts import CameraFacts, PhaseControl, Timestamp
 from capture_app.common.names import Name
 from capture_app.common.node_state import CLOCK_ONLY, NodeState
 from capture_app.sync.clock.time_map import TimeMap
-
-MOST_ARRIVALS = 32
-_OCTET = "(25[0-5]|2[0-4][0-9]|1[0-9][0-9]|[1-9]?[0-9])"
-Host = Annotated[str, Meta(pattern=rf"^239\.{_OCTET}\.{_OCTET}\.{_OCTET}$")]
-"""An IPv4 multicast address within an organization (RFC 2365), so that no client joins a global one."""
-BeaconNumber = Annotated[int, Meta(ge=1, le=2**32 - 1)]
-TimeNs = Annotated[int, Meta(ge=-(2**63), le=2**63 - 1)]
-ErrorNs = Annotated[int, Meta(ge=0, le=10**18)]
-Arrival = tuple[BeaconNumber, TimeNs]
-"""A beacon's number, and when it was received, in ns of the leader's time."""
-
-
-class Group(Struct, frozen=True, array_like=True):
-    """The IPv4 multicast group and the UDP port that a leader sends its beacons to."""
-
-    host: Host
-    port: Annotated[int, Meta(ge=1024, le=65535)]
-
-
-class Beacon(Struct, frozen=True, tag="beacon"):
-    """A datagram that all receive at one instant; when it was sent does not matter."""
-
-    leader: int
-    """The run of the leader that sent it."""
-    number: BeaconNumber
-
-
-class ArrivalReport(Struct, frozen=True, tag="arrivals"):
-    """When a client received the newest beacons, by its own estimate of the leader's clock."""
-
-    client: int
-    uncertainty_ns: ErrorNs
-    """95 % error of that estimate."""
-    hard_bound_ns: ErrorNs
-    """Largest error that the time messages allow."""
-    arrivals: Annotated[tuple[Arrival, ...], Meta(max_length=MOST_ARRIVALS)]
-
-
-class AgreedArrival(Struct, frozen=True, tag="agreed-arrival"):
-    """When a client's clock should have received a beacon, to agree with all clients that received it."""
-
-    client: int
-    number: BeaconNumber
-    """The beacon's."""
-    leader_ns: TimeNs
-    uncertainty_ns: ErrorNs
-    """95 % error against the leader's clock."""
-    relative_uncertainty_ns: ErrorNs
-    """95 % error against the other clients' clocks."""
-
 
 MAX_DEPTH = 8
 """Most clocks between a node's and the root's."""
@@ -216,8 +164,6 @@ class Welcome(Struct, frozen=True, tag="welcome"):
     config: RigConfigMessage
     slot: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
     """The part of its pace at which a client sends its time requests, in leader time."""
-    beacons: Group | None = None
-    """Where the leader's beacons can be heard; None where it sends none."""
 
 
 class JoinRefusal(Struct, frozen=True, tag="join-refusal"):
@@ -253,10 +199,6 @@ class Report(Struct, frozen=True, kw_only=True, array_like=True):
     """Largest phase error that this client does not correct: what was asked for, or what its stamps allow."""
     stamp_quantum_ns: int = 0
     """Step that the camera's timestamps come in, 0 where it is too fine to matter."""
-    reference_correction_ns: int | None = None
-    """By how much agreement with other clients moved this clock; None where there is none."""
-    relative_uncertainty_ns: int | None = None
-    """95 % error of this clock against those of the other clients that hear the same beacons."""
     slewing_ppm: float | None = None
     """By how much this host makes its clock run faster than usual, as it says itself; None if it does not."""
 
@@ -352,7 +294,4 @@ ControlMessage = (
     | TriggerAck
     | Notice
     | Goodbye
-    | Beacon
-    | ArrivalReport
-    | AgreedArrival
 )

@@ -15,7 +15,6 @@ from benchmarks.paper import (
     led_panel,
     naive,
     phase,
-    reference_broadcast,
     scale,
 )
 from benchmarks.paper.__main__ import main
@@ -177,30 +176,6 @@ def test_known_mechanisms_explain_a_part_of_the_papers_naive_triggers(tmp_path: 
     assert [path.name for path in draw(outcome, tmp_path)] == ["naive.png"]
     (table,) = naive.paper_part(share=0.1, seed=2)
     assert table.protocol.values["wifi.mean"] == pytest.approx(modelled["wifi_ms"]["mean_abs"], rel=0.1)
-
-
-@pytest.mark.slow
-def test_a_reference_broadcast_halves_what_it_should_and_leaves_the_rest() -> None:
-    cases = {name: reference_broadcast.CASES[name] for name in ("pair", "copies")}
-    one, two = (
-        reference_broadcast.run(trials=1, seed=3, cases=cases, seconds=11, settled_s=9) for _ in range(2)
-    )
-    assert one.result == two.result
-    ours, alone = one.result.ours, one.result.baseline
-    with_us, without_us = (f["pair"]["between_clients_us"]["mean_abs"] for f in (ours, alone))
-    assert with_us < without_us / 2
-    assert ours["pair"]["in_use_share"] == 1.0
-    assert ours["copies"]["in_use_share"] == 0.0
-    assert ours["copies"]["between_clients_us"] == alone["copies"]["between_clients_us"]
-    assert all(figures["coverage_hard_bound"] == 1.0 for figures in (*ours.values(), *alone.values()))
-    assert len(one.tables[0].rows[0]) == len(one.tables[0].head)
-
-
-def test_the_reference_broadcast_draws(tmp_path: Path) -> None:
-    cases = {"pair": reference_broadcast.CASES["pair"]}
-    outcome = reference_broadcast.run(trials=1, seed=1, cases=cases, seconds=4, settled_s=3)
-    (path,) = draw(outcome, tmp_path)
-    assert path.stat().st_size > 10_000
 
 
 @pytest.mark.slow

@@ -1,4 +1,4 @@
-"""The wire format: round trips, limits, what comes from strangers, and nodes of before there were beacons."""
+"""The wire format: round trips, limits, what comes from strangers."""
 
 from contextlib import suppress
 
@@ -12,14 +12,9 @@ from capture_app.common.camera_facts import CameraFacts, PhaseControl, Timestamp
 from capture_app.common.node_state import NodeState
 from capture_app.sync.wire.codec import MAGIC, MAX_DATAGRAM, VERSION, Message, WireError, decode, encode
 from capture_app.sync.wire.messages import (
-    MOST_ARRIVALS,
     MOST_OTHERS,
-    AgreedArrival,
-    ArrivalReport,
-    Beacon,
     ControlMessage,
     Goodbye,
-    Group,
     Heartbeat,
     HeartbeatAck,
     Hello,
@@ -56,10 +51,7 @@ reports = st.builds(
     Report, state=st.sampled_from(NodeState), message=text, offset_ns=st.none() | i64, skew_ppm=floats
 )
 config = st.builds(RigConfigMessage, leader=u32, anchor_leader_ns=i64, period_ns=i64)
-numbers = st.integers(1, 2**32 - 1)
-errors = st.integers(0, 10**18)
 others = st.lists(st.integers(0, 2**32 - 1), max_size=MOST_OTHERS).map(tuple)
-arrivals = st.lists(st.tuples(numbers, i64), max_size=MOST_ARRIVALS).map(tuple)
 control: st.SearchStrategy[ControlMessage] = st.one_of(
     st.builds(Welcome, u32, u32, u32, config),
     st.builds(JoinRefusal, u32, text),
@@ -70,9 +62,6 @@ control: st.SearchStrategy[ControlMessage] = st.one_of(
     st.builds(TriggerAck, u32, u32, u32, others=others),
     st.builds(TriggerAck, u32, u32, u32, text),
     st.builds(Notice, u32, text),
-    st.builds(Beacon, u32, numbers),
-    st.builds(ArrivalReport, u32, errors, errors, arrivals),
-    st.builds(AgreedArrival, u32, numbers, i64, errors, errors),
 )
 CONFIG = RigConfigMessage(leader=2, anchor_leader_ns=5, period_ns=33_333_333)
 HEADER = MAGIC + bytes([VERSION, 3])
@@ -127,92 +116,12 @@ def test_a_name_that_could_leave_its_folder_is_refused(name: str) -> None:
         decode(encode(Hello(name, 1, camera)))
 
 
-def test_beacons_are_small() -> None:
-    full = tuple((2**32 - 1 - k, 2**62 + k) for k in range(24))
-    assert len(encode(Beacon(2**32 - 1, 2**32 - 1))) <= 45
-    assert len(encode(ArrivalReport(2**32 - 1, 10**6, 10**7, full))) <= 450
-    assert len(encode(AgreedArrival(2**32 - 1, 2**32 - 1, 2**62, 10**6, 10**6))) <= 120
-
-
-def test_a_group_goes_with_the_welcome() -> None:
-    welcome = Welcome(1, 3, 4, CONFIG, beacons=Group("239.255.47.10", 47011))
-    assert decode(encode(welcome)) == welcome
-
-
-@pytest.mark.parametrize(
-    ("host", "port"),
-    [
-        ("224.0.0.251", 47011),
-        ("238.255.0.1", 47011),
-        ("239.256.0.1", 47011),
-        ("239.1.2", 47011),
-        ("239.1.2.3.4", 47011),
-        ("239.255.47.10 ", 47011),
-        ("example.org", 47011),
-        ("239.255.47.10", 53),
-        ("239.255.47.10", 65536),
-    ],
-)
-def test_nobody_is_made_to_join_a_group_of_the_wide_world(host: str, port: int) -> None:
+@pytest.mark.parametrize("slot", [-0.1, 1.0, "5", None])
+def test_values_that_cannot_be_are_refused(slot: object) -> None:
+    welcome = msgspec.to_builtins(Welcome(1, 3, 4, CONFIG, slot=0.5))
+    assert decode(HEADER + msgspec.msgpack.encode(welcome)) == Welcome(1, 3, 4, CONFIG, slot=0.5)
     with pytest.raises(WireError, match="malformed"):
-        decode(encode(Welcome(1, 3, 4, CONFIG, beacons=Group(host, port))))
-
-
-@pytest.mark.parametrize(
-    "message",
-    [
-        Beacon(1, 0),
-        Beacon(1, 2**32),
-        ArrivalReport(1, -1, 0, ()),
-        ArrivalReport(1, 0, 10**18 + 1, ()),
-        ArrivalReport(1, 0, 0, ((0, 5),)),
-        ArrivalReport(1, 0, 0, ((1, 2**63),)),
-        ArrivalReport(1, 0, 0, ((1, 5),) * (MOST_ARRIVALS + 1)),
-        AgreedArrival(1, 0, 0, 0, 0),
-        AgreedArrival(1, 1, 2**63, 0, 0),
-        AgreedArrival(1, 1, 0, 0, -1),
-    ],
-)
-def test_values_that_cannot_be_are_refused(message: ControlMessage) -> None:
-    with pytest.raises(WireError, match="malformed"):
-        decode(encode(message))
-
-
-@pytest.mark.parametrize("value", [float("nan"), 1.5, "5", None])
-def test_times_are_whole_numbers(value: object) -> None:
-    told = msgspec.to_builtins(AgreedArrival(1, 1, 0, 0, 0))
-    assert decode(HEADER + msgspec.msgpack.encode(told)) == AgreedArrival(1, 1, 0, 0, 0)
-    told["leader_ns"] = value
-    with pytest.raises(WireError, match="malformed"):
-        decode(HEADER + msgspec.msgpack.encode(told))
-
-
-class OldConfig(msgspec.Struct, array_like=True):
-    leader: int
-    anchor_leader_ns: int
-    period_ns: int
-
-
-class OldWelcome(msgspec.Struct, frozen=True, tag="welcome"):
-    """A welcome as it was before beacons."""
-
-    instance: int
-    client: int
-    transfer_port: int
-    config: OldConfig
-
-
-def test_a_node_of_before_understands_a_leader_of_today() -> None:
-    data = encode(Welcome(1, 3, 4, CONFIG, beacons=Group("239.255.47.10", 47011)))
-    old = msgspec.msgpack.decode(data[len(HEADER) :], type=OldWelcome)
-    assert (old.client, old.config.period_ns) == (3, 33_333_333)
-
-
-def test_a_leader_of_before_is_one_without_beacons() -> None:
-    data = HEADER + msgspec.msgpack.encode(OldWelcome(1, 3, 4, OldConfig(2, 5, 33_333_333)))
-    welcome = decode(data)
-    assert isinstance(welcome, Welcome)
-    assert welcome.beacons is None
+        decode(HEADER + msgspec.msgpack.encode(welcome | {"slot": slot}))
 
 
 CLEAR_SCREEN = "\x1b[2J\x1b]0;owned\x07\u009b31m"

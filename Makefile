@@ -24,11 +24,8 @@
 # make test-crash   writers and outputs killed at every step, every bit flipped (slow)
 # make bench-relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
 # make bench-rig   bursts of five cameras with two fast clocks, over emulated WiFi links (root, 4 min)
-# make bench-seal   the clock and the trigger with and without seals of datagrams, side by side (root, 5 min)
-# make bench-app   stand-ins for phones with the paper's Android app, five minutes over emulated WiFi (root, 6 min)
 # make bench-record   ten minutes of recording by four cameras of 1080p30 MJPEG, replayed, 50 kills and 8 outages (30 min, 30 GB; BENCH="--seconds 60 --kills 0 --outages 0")
 # make bench-joining   how soon a node finds its leader, or says why it does not join (root, nftables, 3 min)
-# make bench-evening   a transcript of the first evening, typed into a terminal: installs (root, tmux, iproute2, 3 min; BENCH=--no-install: 1 min)
 # make bench-stamps   a rig with a camera whose stamps are 15 ms late, before and after that is measured by motion (5 min)
 # make bench-phones   a phone's page in a real browser over an emulated link: its clock, bursts, a kill (root, Chromium, 4 min)
 # make paper   the paper's tables and figures measured again, for docs/paper.md (simulated, 15 min; PAPER="--quick --out DIR")
@@ -36,7 +33,6 @@
 # make soak SECONDS=120   burst after burst, whether threads, memory, open files or phase errors grow, and the largest phase error (SOAK="--cameras 5 --every 20")
 # make hostile   hostile datagrams, frames and connections against a running rig (HOSTILE="--datagrams 10000000 --frames 200000")
 # make fuzz SECONDS=120   every reader of strangers' bytes under a coverage-guided fuzzer, so many seconds each (FUZZ="datagram": that one)
-# make bench-tui   what the terminal UI costs beside a rig of 20 cameras, and that the rig does not notice it (5 min)
 # make screenshots   the pictures of the screen in docs/images, from a real run with simulated cameras
 # make animation   film a take on the real screen for README, a minute or two
 # make calibration-pictures   the pictures of docs/calibration.md, from the simulator (a minute)
@@ -63,7 +59,7 @@ WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 # it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-relay bench-rig bench-seal bench-app bench-record bench-joining bench-evening bench-stamps bench-phones bench-clients bench-any-rig bench-multiview bench-pairs bench-verdicts bench-time bench-folders bench-panel bench-tui paper soak hostile fuzz test-crash check format python system clean
+.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-relay bench-rig bench-record bench-joining bench-stamps bench-phones bench-clients bench-any-rig bench-multiview bench-pairs bench-verdicts bench-time bench-folders bench-panel paper soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -146,17 +142,8 @@ bench-relay: $(VENV)/.installed
 bench-rig: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.clock.rig_link $(BENCH)
 
-bench-seal: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.clock.sealed_link $(BENCH)
-
-bench-app: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.clock.app_link $(BENCH)
-
 bench-joining: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.joining.first_evening $(BENCH)
-
-bench-evening:
-	$(PYTHON) benchmarks/joining/evening_transcript.py $(BENCH)
 
 bench-stamps: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.time_offsets.biased_camera $(BENCH)
@@ -191,9 +178,6 @@ bench-time: $(VENV)/.installed
 
 bench-panel: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.panel.read_photographs $(BENCH)
-
-bench-tui: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.screen.tui_load $(BENCH)
 
 paper: $(VENV)/.installed-dev
 	$(BIN)/python -m benchmarks.paper paper --markdown docs/paper.md $(PAPER)

@@ -178,7 +178,7 @@ def paper_link(wait_ns: int = WAIT_NS, quick_ns: int = QUICK_NS) -> WirelessLink
     Assumed, since the paper says nothing: Gamma of shape 2 for most messages, exponential for the quick
     ones, the same least wait of most messages in both ways (a difference d moves the filter of 300
     messages by d / 2, which the panel's errors bound), and that a link once quick remains so. Two
-    numbers are fitted (`python -m benchmarks.clock.paper_link_fit`): that wait, to 1.87 ms, and the mean
+    numbers are fitted: that wait, to 1.87 ms, and the mean
     of the quick ones beyond their floor, to 1.02 and 0.996. Not fitted, and so a test of the law: a
     minimum filter of 300 messages is then off by 29 us on average and 120 at most in 239 trials; the
     paper's panel found 32 and 121.

@@ -29,8 +29,7 @@ STAMP_NS = 1_000.0
 """The asymmetry of two programs: one that was just woken up stamps late (real; on loopback and cables)."""
 EXCESS = 0.7
 """How far the least delay measured lies above the minimum delay is the mean distance of the next ones to it,
-give or take this share: chosen on 28 laws of delay that no experiment uses
-(`benchmarks/clock/clock_laws.py`).
+give or take this share: chosen on 28 laws of delay that no experiment uses.
 """
 
 

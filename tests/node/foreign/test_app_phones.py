@@ -11,7 +11,6 @@ from typing import cast
 
 import pytest
 
-from benchmarks.clock.app_phone import PhoneOnSockets
 from capture_app.common.clock import HostClock, SimulatedClock
 from capture_app.common.errors import BadInputError, NetworkError
 from capture_app.interop.app_phones import AppPhones
@@ -22,6 +21,7 @@ from capture_app.protocol.news import Log
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.sync.rig.frame_selection import Burst
+from tests.node.foreign.app_phone_on_sockets import PhoneOnSockets
 from tests.session.conftest import jpeg
 from tests.waiting import SLOW_PATIENCE_S, until
 

@@ -4,13 +4,13 @@ import random
 from collections.abc import Callable
 from typing import Any
 
-from benchmarks.clock.app_phone_stand_in import StandInPhone
 from benchmarks.simulated.virtual_rig import Timer, VirtualTime
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.common.clock import SimulatedClock
 from capture_app.interop.app_leader import AppLeader
 from capture_app.interop.app_protocol import CALL_PORT, TIME_PORT
 from capture_app.simulation.links import Channel, Direction, Link
+from tests.sync.foreign.app_phone import StandInPhone
 
 S = 1_000_000_000
 LEADER = "10.0.0.1"

@@ -1,22 +1,14 @@
-"""A stand-in for a phone with the Android app, on the app's two ports: one end of `app_link`.
+"""A stand-in for a phone with the Android app, on the app's two ports."""
 
-python -m benchmarks.clock.app_phone 10.77.0.2 10.77.0.1 --seconds 300 --skew-ppm 20
-"""
-
-import argparse
-import asyncio
-import json
 import random
 import time
 from typing import Self
 
-from benchmarks.clock.app_phone_stand_in import Address, StandInPhone
 from capture_app.common.clock import SimulatedClock
 from capture_app.interop.app_protocol import CALL_PORT, TIME_PORT
 from capture_app.net.server import bind_datagrams
 from capture_app.net.udp import Pump
-
-LOOK_EVERY_S, PATIENCE_S = 0.1, 60.0
+from tests.sync.foreign.app_phone import Address, StandInPhone
 
 
 class _CallPort:
@@ -95,44 +87,3 @@ class PhoneOnSockets:
         """What it takes for leader time now, less what that is, where the leader's clock is this host's."""
         true_ns = time.monotonic_ns()
         return (self.phone.leader_from_local(self.clock.local_from_true(true_ns)) - true_ns) / 1000
-
-
-async def follow(host: str, leader_host: str, seconds: float, skew_ppm: float) -> dict[str, object]:
-    """Join, and return the errors in us while the phone is synchronized, and how long that took in s."""
-    clock = SimulatedClock(round(7200e9), skew_ppm, time.monotonic_ns())
-    errors: list[float] = []
-    async with PhoneOnSockets("a3f1", host, leader_host, clock) as one:
-        began_s = time.monotonic()
-        async with asyncio.timeout(PATIENCE_S):
-            while not one.is_synced:  # noqa: ASYNC110 - the phone tells nobody
-                await asyncio.sleep(LOOK_EVERY_S)
-        synced_s = time.monotonic() - began_s
-        lapses, first_offset_ns = 0, one.phone.offset_ns
-        while time.monotonic() - began_s < synced_s + seconds:
-            await asyncio.sleep(LOOK_EVERY_S)
-            lapses += not one.is_synced
-            errors.append(one.error_us())
-        pictures = [[p.leader_ns, p.true_ns] for p in one.phone.pictures]
-        told_once_us = errors[-1] + (one.phone.offset_ns - first_offset_ns) / 1000
-    return {
-        "synced_s": synced_s,
-        "errors_us": errors,
-        "lapses": lapses,
-        "told_once_us": told_once_us,
-        "pictures": pictures,
-    }
-
-
-def main() -> None:
-    """Run the phone and print what it saw."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("host", help="the phone's own address")
-    parser.add_argument("leader", help="the leader's, of the WiFi's hotspot")
-    parser.add_argument("--seconds", type=float, required=True)
-    parser.add_argument("--skew-ppm", type=float, default=20.0)
-    options = parser.parse_args()
-    print(json.dumps(asyncio.run(follow(options.host, options.leader, options.seconds, options.skew_ppm))))
-
-
-if __name__ == "__main__":
-    main()

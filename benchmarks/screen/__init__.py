@@ -1,1 +1,0 @@
-"""What the terminal UI costs: processor time, bytes to the terminal, and what the rig notices of it."""

@@ -1,14 +1,19 @@
 """Rooms with nearly blank walls, slanted floors, thin rods, leaves and a child, by the project's renderer."""
 
+from collections.abc import Callable
+from functools import partial
+
 import numpy as np
 
-from benchmarks.scenery import bodies, materials, studio
-from benchmarks.scenery.__main__ import SEED, figure
+from benchmarks.scenery import materials
 from benchmarks.scenery.meshes import Mesh, box, ellipsoid, panel, rod
-from benchmarks.scenery.studio import BACK, FLOOR, FRONT, LEFT, RIGHT, TOP
-from capture_app.simulation.scenes.definition import Part, Picture, Point, SceneDefinition, Stage
+from capture_app.simulation.scenes.definition import Part, Picture, Point, SceneDefinition, Stage, read_stage
 from capture_app.simulation.scenes.moving_bodies import jumping_child, turn, walking_child
 
+SEED = 20190516
+FLOOR, BACK, FRONT, TOP = 1.0, 4.3, 0.6, -2.2
+LEFT, RIGHT = -2.3, 2.3
+"""The studio's walls, floor and ceiling, in m; what stands in these rooms comes from there."""
 NEARLY_BLANK = 0.004
 """Deviation of a wall's paint, of 1: below the noise of a picture."""
 WEAK = 0.018
@@ -31,7 +36,7 @@ ATTIC_CAMERAS: dict[str, tuple[Point, Point]] = {
 
 
 def _pictures(rng: np.random.Generator) -> dict[str, Picture]:
-    return bodies.pictures(rng) | {
+    return {
         "wall": materials.plain(rng, (700, 900), (226, 220, 208), rough=NEARLY_BLANK),
         "side": materials.plain(rng, (700, 900), (204, 210, 206), rough=NEARLY_BLANK),
         "door": materials.plain(rng, (400, 200), (186, 190, 182), rough=NEARLY_BLANK),
@@ -40,18 +45,7 @@ def _pictures(rng: np.random.Generator) -> dict[str, Picture]:
         "rail": materials.plain(rng, (64, 700), (120, 112, 104), rough=0.05),
         "steel": materials.plain(rng, (64, 200), (72, 76, 82), rough=0.06),
         "lamp": materials.plain(rng, (120, 240), (236, 228, 206), rough=NEARLY_BLANK),
-        "pale_wood": materials.wood(rng, (128, 512), (206, 164, 112)),
-        "dark_wood": materials.wood(rng, (128, 512), (96, 62, 42)),
-        "leaf": materials.leaf(rng, (160, 64), (62, 112, 58)),
-        "leaf_light": materials.leaf(rng, (160, 64), (98, 142, 70)),
-        "soil": materials.plain(rng, (64, 64), (66, 48, 36), rough=0.3),
-        "basket": materials.cloth(rng, (120, 260), [(196, 156, 104), (150, 108, 66)], stripe=9, fade=1.6),
         "boards": materials.planks(rng, (200, 260), (196, 152, 100), width=40, length=200),
-        "mountains": studio.mountains(rng),
-        "shapes": studio.shapes(rng),
-        "harbour": studio.harbour(rng),
-        "words": studio.words(rng),
-        "city": studio.city(rng),
     }
 
 
@@ -73,7 +67,7 @@ def _rods(rng: np.random.Generator, *, z: float, slant: float, count: int) -> li
     return [*meshes, rod((-1.1 + slant, -0.55, z), (1.1 + slant, -0.55, z), 0.012, "dark_wood")]
 
 
-def _room(rng: np.random.Generator) -> list[Part]:
+def _room(rng: np.random.Generator, plant: list[Mesh]) -> list[Part]:
     high, deep = FLOOR + 0.3 - TOP, BACK - FRONT
     walls = [
         panel((LEFT, TOP, BACK), (RIGHT - LEFT, 0, 0), (0, high, 0), "wall"),
@@ -95,11 +89,11 @@ def _room(rng: np.random.Generator) -> list[Part]:
         Part("pictures", pictures),
         Part("lamp", lamp),
         Part("rods", [m.moved((0.65, 0.0, 0.0)) for m in _rods(rng, z=3.0, slant=0.15, count=7)]),
-        Part("plant", [m.moved((0.75, -0.12, 0.2)) for m in studio.plant(rng)]),
+        Part("plant", [m.moved((0.75, -0.12, 0.2)) for m in plant]),
     ]
 
 
-def _attic(rng: np.random.Generator) -> list[Part]:
+def _attic(rng: np.random.Generator, plant: list[Mesh]) -> list[Part]:
     across, deep = RIGHT - LEFT, BACK - FRONT
     walls = [
         # The gable, and two sides of the roof that lean inwards.
@@ -118,25 +112,22 @@ def _attic(rng: np.random.Generator) -> list[Part]:
         Part("walls", walls),
         Part("pictures", pictures),
         Part("rods", [m.moved((-0.35, 0.1, 0.2)) for m in _rods(rng, z=2.7, slant=-0.3, count=9)]),
-        Part("plant", [m.moved((2.75, -0.25, -0.35)) for m in studio.plant(rng)]),
+        Part("plant", [m.moved((2.75, -0.25, -0.35)) for m in plant]),
     ]
 
 
-def _room_stage() -> Stage:
-    rng = np.random.default_rng(SEED)
-    pictures = _pictures(rng)
-    return Stage(_room(rng), figure(), pictures)
+def _stage(fixtures: Callable[[np.random.Generator, list[Mesh]], list[Part]]) -> Stage:
+    """One of the rooms, with the studio's child, plant and pictures."""
+    rng, studio = np.random.default_rng(SEED), read_stage("studio")
+    pictures = studio.pictures | _pictures(rng)
+    child = {name: part for name, part in studio.parts.items() if part.thing == "figure"}
+    plant = next(part.meshes for part in studio.fixtures if part.thing == "plant")
+    return Stage(fixtures(rng, [Mesh(**vars(mesh)) for mesh in plant]), child, pictures)
 
 
-def _attic_stage() -> Stage:
-    rng = np.random.default_rng(SEED)
-    pictures = _pictures(rng)
-    return Stage(_attic(rng), figure(), pictures)
-
-
-ROOM = SceneDefinition(ROOM_CAMERAS, _room_stage, jumping_child)
+ROOM = SceneDefinition(ROOM_CAMERAS, partial(_stage, _room), jumping_child)
 """Upright walls, a ramp for a floor, a door, three pictures."""
 ATTIC = SceneDefinition(
-    ATTIC_CAMERAS, _attic_stage, lambda seconds: walking_child(seconds, ahead=0.3, prefix="")
+    ATTIC_CAMERAS, partial(_stage, _attic), lambda seconds: walking_child(seconds, ahead=0.3, prefix="")
 )
 """Walls that lean, two ramps that cross, a chimney, and cameras that stand wider apart."""

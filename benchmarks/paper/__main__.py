@@ -21,9 +21,7 @@ from capture_app.common.errors import ExitCode, SimulshotError
 from capture_app.console.terminal import print_json, print_line, talk
 
 STUDIES = {
-    "naive": "triggering without synchronization, as in the paper, and with it",
     "clock-filters": "clock estimators under seven delay distributions: mean, minimum, ours",
-    "led-panel": "total error, read from pictures of the paper's LED panel",
     "phase": "frame injections, restarts and frame durations that phase alignment takes",
     "scale": "thousands of clocks for an hour: one leader, and a tree of relays",
 }
@@ -39,8 +37,10 @@ def main(arguments: Sequence[str] | None = None) -> int:
     parser.add_argument("name", nargs="?", choices=names, metavar="NAME")
     parser.add_argument("--trials", type=int, metavar="N", help="number of trials of a study (its own)")
     parser.add_argument("--quick", action="store_true", help="a quarter of the trials")
-    parser.add_argument("--out", type=Path, metavar="DIR", help="folder for figures (needs matplotlib)")
-    of_paper = parser.add_argument_group(PAPER, "--out (paper) gets paper.md and paper.json, too")
+    of_paper = parser.add_argument_group(PAPER)
+    of_paper.add_argument(
+        "--out", type=Path, default=Path(PAPER), metavar="DIR", help="folder for the page and its pictures"
+    )
     of_paper.add_argument(
         "--only",
         metavar="KEY",
@@ -50,28 +50,15 @@ def main(arguments: Sequence[str] | None = None) -> int:
         help="measure this table or figure only, such as table-2; repeat for several",
     )
     of_paper.add_argument(
-        "--compared",
-        metavar="DIR",
-        action="append",
-        default=[],
-        type=Path,
-        help="folder of `reconstruct compare` of a session in sample_sessions/, to show as the paper's "
-        "applications; repeat for several",
-    )
-    of_paper.add_argument(
         "--markdown", metavar="FILE", type=Path, help="write the page here, too, its pictures into images/"
     )
     of_scale = parser.add_argument_group("scale")
     of_scale.add_argument("--clients", metavar="N", type=int, action="append", help="repeat for several rigs")
     of_scale.add_argument("--minutes", type=float, help="simulated time (5)")
-    of_scale.add_argument(
-        "--full", action="store_true", help="10 to 5,000 clients for an hour: takes half one"
-    )
     of_scale.add_argument("--shape", choices=scale.SHAPES, help="one leader for all, or a tree of relays")
     of_scale.add_argument(
         "--shards", type=int, metavar="N", help="simulate so many of each rig's shards, for all"
     )
-    of_scale.add_argument("--jobs", type=int, metavar="N", help="number of processes (one per core)")
     options = parser.parse_args(arguments)
     try:
         _run(options, [options.name] if options.name else list(names))
@@ -85,9 +72,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 def _run(options: Namespace, names: Sequence[str]) -> None:
     """Run them all; the JSON of several is one object, by name."""
-    if PAPER in names and options.out is None:
-        options.out = Path(PAPER)
-    if options.out is not None:
+    if PAPER in names:
         require_plots(options.out)
     found: dict[str, Any] = {}
     for name in names:
@@ -97,7 +82,6 @@ def _run(options: Namespace, names: Sequence[str]) -> None:
                 options.out,
                 quick=options.quick,
                 seed=options.seed,
-                compared=options.compared,
                 markdown=options.markdown,
                 only=frozenset(options.only),
             )
@@ -108,9 +92,6 @@ def _run(options: Namespace, names: Sequence[str]) -> None:
         found[name] = outcome.result
         if not options.json:
             print_line("\n".join(outcome_lines(outcome)))
-        if options.out is not None:
-            for path in outcome.draw(options.out):
-                talk(f"drew {path}")
     if options.json:
         print_json(found if len(names) > 1 else found[names[0]])
 
@@ -124,9 +105,8 @@ def _measure(name: str, options: Namespace) -> Outcome:
         outcome: Outcome = study.run(trials=trials, seed=options.seed)
         return outcome
     size = scale.ScaleOptions(
-        sizes=options.clients or (scale.FULL_SIZES if options.full else scale.SIZES),
-        minutes=options.minutes or (scale.FULL_MINUTES if options.full else scale.MINUTES),
-        jobs=options.jobs,
+        sizes=options.clients or scale.SIZES,
+        minutes=options.minutes or scale.MINUTES,
         shapes=(options.shape,) if options.shape else scale.SHAPES,
         most_shards=options.shards,
     )

@@ -1,7 +1,7 @@
 """A node's clock where clocks or ways change in the middle: is it told what the node then says of itself?
 
 Each case draws clocks and a link for each trial, and looks at the node ten times a second: the engine's own
-node and leader, messages and all, in virtual time. Prints a table; it is part of `clock-filters`, too.
+node and leader, messages and all, in virtual time. Prints a table.
 """
 
 import random

@@ -12,7 +12,6 @@ from benchmarks.simulated.wireless import (
     PACE_NS,
     PAPER_LINK,
     GammaDelay,
-    TroubleSpells,
     WirelessLink,
     wireless,
 )
@@ -88,11 +87,6 @@ HALF_LEAST_NS = 498_000
 ASYMMETRY = 0.05
 """One sigma of half the difference of the least delays, as a share of half the least round trip."""
 _CABLE = Link(GammaDelay(50_000, 60_000), GammaDelay(50_000, 60_000))
-_SPELLS = TroubleSpells(calm_ns=1_000_000_000, trouble_ns=1_000_000_000, extra_ns=15_000_000)
-_RARELY_QUICK = Link(
-    BimodalDelay(HALF_LEAST_NS, 1_878_000, quick_share=0.045, gap_ns=450_000),
-    BimodalDelay(HALF_LEAST_NS, 1_133_000, quick_share=0.045, gap_ns=450_000),
-)
 
 DrawLink = Callable[[random.Random], Link]
 
@@ -127,16 +121,6 @@ def any_law(rng: random.Random, share: float = ASYMMETRY) -> Link:
 def cable(rng: random.Random) -> Link:
     """A cable with a switch: 50 us each way, and 10 more on average."""
     return unequal(_CABLE, rng, half_ns=50_000)
-
-
-def bursty(rng: random.Random) -> Link:
-    """The paper's link with 5 % loss, half of the time in trouble: 15 ms more each way, and a third lost."""
-    return unequal(replace(PAPER_LINK, loss=0.05, spells=_SPELLS), rng)
-
-
-def rarely_quick(rng: random.Random) -> Link:
-    """The paper's mean delays, but one message in 22 only is near the least delay of its way."""
-    return unequal(_RARELY_QUICK, rng)
 
 
 def _minimum(law: DelayLaw) -> int:

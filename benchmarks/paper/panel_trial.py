@@ -1,25 +1,21 @@
 """One trial of two phones before the LED panel, one at the leader, one on its WiFi (paper, section 6.1)."""
 
 import random
-from collections.abc import Sequence
-from dataclasses import dataclass, field, replace
+from dataclasses import dataclass, replace
 from functools import partial
 
 import numpy as np
-from numpy.typing import NDArray
 
 from benchmarks.simulated.panel_photographs import difference_ns, read_time
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
 from benchmarks.simulated.wifi_laws import LOOPBACK
-from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay
+from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import IncompleteError
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
-from capture_app.simulation.links import DelayLaw, Link
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 from capture_app.simulation.rendering.panel_photograph import Image, render
 from capture_app.simulation.sensor import SensorFrame
-from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.timekeeping.poll_schedule import NEVER_NS, Progress, SteadySchedule
 
 
@@ -44,42 +40,6 @@ class OnceSchedule(SteadySchedule):
         return at_once and progress.samples < self._messages
 
 
-Floats = NDArray[np.float64]
-REACH_NS, STEP_NS = 250_000, 500
-"""Offsets that are tried, to both sides of the truth."""
-
-
-def oracle_error_ns(to_leader_ns: Sequence[int], to_client_ns: Sequence[int], link: Link) -> float:
-    """Error in ns of the posterior mean of a client's offset, by the true delays of messages of both ways.
-
-    The link's laws are Gamma of shape 2; of its quick moments nothing is made. An offset off by x makes
-    each way to the leader longer by x, and each way back shorter. Messages that came late by an outlier's
-    law say nothing, and are left out.
-    """
-    offs_ns = np.arange(-REACH_NS, REACH_NS + 1, STEP_NS, dtype=np.float64)
-    scores = _log_likelihood(to_leader_ns, link.to_leader, offs_ns)
-    scores += _log_likelihood(to_client_ns, link.to_client, -offs_ns)
-    weights = np.exp(scores - scores.max())
-    return float(weights @ offs_ns / weights.sum())
-
-
-def minimum_filter_error_ns(to_leader_ns: Sequence[int], to_client_ns: Sequence[int]) -> float:
-    """Error in ns of the paper's estimator on the same messages: that of the least round trip."""
-    there, back = min(zip(to_leader_ns, to_client_ns, strict=True), key=sum)
-    return (there - back) / 2
-
-
-def _log_likelihood(delays_ns: Sequence[int], law: DelayLaw, offs_ns: Floats) -> Floats:
-    """Log-likelihoods, but for a constant, of Gamma delays of shape 2 that seem longer by so much."""
-    assert isinstance(law, GammaDelay)
-    scale_ns = (law.mean_ns - law.minimum_ns) / 2.0
-    kept_ns = [ns for ns in delays_ns if not ns > law.outlier_from_ns > 0]
-    excess_ns = np.array(kept_ns, dtype=np.float64)[None, :] + offs_ns[:, None] - law.minimum_ns
-    possible = np.maximum(excess_ns, 1e-300)
-    scores: Floats = np.sum(np.log(possible) - possible / scale_ns, axis=1)
-    return scores
-
-
 EXPOSURE_NS = 100_000
 PICK_NS = 1_500_000_000
 """So long after its instants a burst is picked."""
@@ -101,8 +61,6 @@ class PanelProtocol:
     phases are undone by a random long exposure. Else all is new, the phones' models too."""
     skew_ppm: float = 15.0
     """One sigma of the client's clock."""
-    scatter_ns: int = 0
-    """Standard deviation of what an injected frame moves the phase by, beyond whole rows."""
 
 
 PAPERS = PanelProtocol(20_000, messages=300, anew=True, skew_ppm=0.3)
@@ -122,13 +80,6 @@ class Trial:
     """From the start, or from the reset, until both phones were ready."""
     corrections: tuple[int, int]
     """Injected frames of each phone until the picture."""
-    bounded: bool
-    within_95: bool
-    """The client's clock was as good as it said."""
-    oracle_us: float
-    """Error of the clock by the same first messages, had one known the laws of the link."""
-    minimum_filter_us: float
-    """Error of the clock by the one of these messages with the least round trip, as in the paper."""
     pictures: tuple[Image, Image] | None
 
 
@@ -138,25 +89,6 @@ class Shot:
 
     frame: SensorFrame
     phase_error_ns: int
-    bounded: bool
-    """The hard bound held."""
-    within_95: bool
-
-
-@dataclass(slots=True)
-class _Delays:
-    """True one-way times in ns of the client's messages, both ways."""
-
-    clock: SimulatedClock
-    samples: list[ClockSample] = field(default_factory=list)
-
-    @property
-    def to_leader_ns(self) -> list[int]:
-        return [sample.t1_ns - self.clock.true_from_local(sample.t0_ns) for sample in self.samples]
-
-    @property
-    def to_client_ns(self) -> list[int]:
-        return [self.clock.true_from_local(sample.t3_ns) - sample.t2_ns for sample in self.samples]
 
 
 def run_trial(rng: random.Random, protocol: PanelProtocol = PAPERS, *, keep: bool = False) -> Trial:
@@ -165,9 +97,8 @@ def run_trial(rng: random.Random, protocol: PanelProtocol = PAPERS, *, keep: boo
     The picture is asked for as soon as both phones are ready, and is that of half a second later, as with any
     burst. `keep` keeps its pictures.
     """
-    phones = [_draw_phone(rng, protocol.scatter_ns) for _ in range(2)]
+    phones = [_draw_phone(rng) for _ in range(2)]
     clock = SimulatedClock(rng.randrange(-HOURS_NS, HOURS_NS), rng.gauss(0.0, protocol.skew_ppm))
-    delays = _Delays(clock)
     once = protocol.messages is not None
     schedule = partial(OnceSchedule, protocol.messages) if protocol.messages is not None else SteadySchedule
     leader_spec = NodeSpec("leader", phones[0], SimulatedClock(0), LOOPBACK, protocol.tolerance_ns)
@@ -175,7 +106,7 @@ def run_trial(rng: random.Random, protocol: PanelProtocol = PAPERS, *, keep: boo
     rig = VirtualRig(
         [
             replace(leader_spec, schedule=schedule, any_clock=once),
-            replace(client_spec, schedule=schedule, any_clock=once, samples=delays.samples),
+            replace(client_spec, schedule=schedule, any_clock=once),
         ],
         seed=rng.getrandbits(32),
     )
@@ -183,7 +114,6 @@ def run_trial(rng: random.Random, protocol: PanelProtocol = PAPERS, *, keep: boo
     began_ns, before = 0, (0, 0)
     if protocol.anew:
         began_ns, before = rig.now_true_ns, _corrections(rig)
-        delays.samples.clear()
         for node in rig.nodes.values():
             period_ns = node.spec.profile.period_ns
             node.sensor.inject(period_ns + rng.randrange(LEAST_STRETCH_NS, period_ns), rig.now_true_ns)
@@ -209,8 +139,6 @@ def run_trial(rng: random.Random, protocol: PanelProtocol = PAPERS, *, keep: boo
     true_ns = client.frame.start_true_ns - leader.frame.start_true_ns
     phase_ns = client.phase_error_ns - leader.phase_error_ns
     after = _corrections(rig)
-    first = slice(protocol.messages or SteadySchedule.synced_samples)
-    known = delays.to_leader_ns[first], delays.to_client_ns[first]
     return Trial(
         decoded_us=difference_ns(times_ns[1], times_ns[0]) / 1000,
         true_us=true_ns / 1000,
@@ -218,10 +146,6 @@ def run_trial(rng: random.Random, protocol: PanelProtocol = PAPERS, *, keep: boo
         phase_us=phase_ns / 1000,
         ready_s=ready_s,
         corrections=(after[0] - before[0], after[1] - before[1]),
-        bounded=leader.bounded and client.bounded,
-        within_95=client.within_95,
-        oracle_us=oracle_error_ns(*known, PAPER_LINK) / 1000,
-        minimum_filter_us=minimum_filter_error_ns(*known) / 1000,
         pictures=(pictures[0], pictures[1]) if keep else None,
     )
 
@@ -238,13 +162,12 @@ def _corrections(rig: VirtualRig) -> tuple[int, int]:
     )
 
 
-def _draw_phone(rng: random.Random, scatter_ns: int) -> SensorProfile:
+def _draw_phone(rng: random.Random) -> SensorProfile:
     """A phone with the paper's rows, of unknown overhead, and an exposure of 100 us."""
     return replace(
         PROFILES["phone-a"],
         exposure_ns=EXPOSURE_NS,
         margin_rows=rng.randint(2, 60),
-        injection_jitter_ns=scatter_ns,
     )
 
 
@@ -256,10 +179,7 @@ def _find_shot(node: VirtualNode, number: int) -> Shot | None:
     pick = ready.frames[0]
     true_ns = pick.frame.start_true_ns
     leader_ns = ready.time_map.leader_from_local(node.spec.clock.local_from_true(true_ns))
-    error_ns = abs(leader_ns - true_ns)
     return Shot(
         frame=pick.frame,
         phase_error_ns=leader_ns - (pick.leader_ns - pick.residual_ns),
-        bounded=pick.hard_bound_ns is not None and error_ns <= pick.hard_bound_ns,
-        within_95=error_ns <= pick.uncertainty_ns,
     )

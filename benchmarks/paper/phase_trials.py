@@ -2,7 +2,6 @@
 
 import heapq
 import random
-from collections.abc import Callable
 from dataclasses import dataclass, field, replace
 
 from benchmarks.simulated.aligner_bench import Bench
@@ -68,8 +67,6 @@ def restart_like_the_paper(
     count: int,
     seed: int,
     tolerance_ns: int,
-    *,
-    crystal_ppm: Callable[[random.Random], float] = uniform_ppm,
 ) -> Attempt:
     """The paper's way with restarts: each camera by itself, against one grid, until all are in at one moment.
 
@@ -77,7 +74,7 @@ def restart_like_the_paper(
     """
     rng = random.Random(seed)
     period_ns = profile.period_ns
-    drifts = [crystal_ppm(rng) * 1e-6 for _ in range(count)]
+    drifts = [uniform_ppm(rng) * 1e-6 for _ in range(count)]
     since_ns = [0.0] * count
     phases_ns = [rng.uniform(-period_ns / 2, period_ns / 2) for _ in range(count)]
     mean_ns, sd_ns = profile.start_latency_ns
@@ -162,12 +159,11 @@ def restart_together(
     tolerance_ns: int,
     *,
     aimed: bool,
-    starts_known: int = 0,
 ) -> Attempt:
     """Our way: cameras that can only restart get a shared grid and a meeting instant, until all are aligned.
 
     The engine's aligners and shared grid on simulated sensors, with perfect clocks and network. Seconds
-    count from the moment that all cameras know their phase. `starts_known` start latencies were seen before.
+    count from the moment that all cameras know their phase.
     """
     rng = random.Random(seed)
     grid_choice = GridPhaseChoice(FrameGrid(0, profile.period_ns))
@@ -179,7 +175,6 @@ def restart_together(
             ppm=uniform_ppm(rng),
             aimed=aimed,
             grid=grid_choice.grid,
-            start_latencies_ns=[round(rng.gauss(*profile.start_latency_ns)) for _ in range(starts_known)],
         )
         for _ in range(count)
     ]

@@ -145,7 +145,6 @@ PARTS = {
     "led_panel": ("table-2", "figure-5", "figure-6"),
     "five_phones": ("worst-pair", "start-up", "burst"),
     "naive": ("table-1",),
-    "drawings": ("figure-3", "figure-4"),
 }
 """What each module measures, by key: it has `paper_part(share, seed)`, which returns a `Reproduction`
 of each, with that share of the paper's number of trials."""

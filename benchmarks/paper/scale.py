@@ -5,23 +5,21 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from functools import partial
 from hashlib import blake2b
-from math import ceil, isqrt, nan
-from pathlib import Path
+from math import isqrt, nan
 from time import perf_counter
 from typing import Any
 
-from benchmarks.paper.result import Outcome, Result, Table, new_figure, save
+from benchmarks.paper.result import Outcome, Result, Table
 from benchmarks.paper.trials import call_all, quantile
 from benchmarks.simulated.clock_tree import TreeResult, TreeSpec, run_shard
 from capture_app.console.terminal import talk
 
 TRIALS = 1
 SIZES = (10, 40)
-FULL_SIZES = (10, 100, 1000, 5000)
-MINUTES, FULL_MINUTES = 5.0, 60.0
+MINUTES = 5.0
 SHAPES = ("one_leader", "tree")
 SETTLED_S = 60.0
-"""Errors of later instants count; those before it are in the picture."""
+"""Errors of later instants count."""
 SHARD_CLIENTS = 300
 CLIENT_PACE_S = 1.0
 PAIRS = 1000
@@ -77,9 +75,6 @@ class Run:
         """All figures of this run; the digest is that of every datagram."""
         drawn = self.pairs_us(seed)
         settled = sorted(d for at_s, pairs in drawn if at_s > SETTLED_S for d in pairs)
-        minutes: dict[int, list[float]] = {}
-        for at_s, pairs in drawn:
-            minutes.setdefault(ceil(at_s / 60.0), []).extend(pairs)
         trials = len(self.parts) // self.shards
         judged = max(1, sum(part.judged for part in self.parts))
         elapsed_s = self.duration_s * trials * self.shards / self.of_shards
@@ -96,7 +91,6 @@ class Run:
                 "median": quantile(settled, 0.5),
                 "p99": quantile(settled, 0.99),
                 "max": settled[-1] if settled else nan,
-                "p99_by_minute": [quantile(sorted(pairs), 0.99) for pairs in minutes.values()],
             },
             "leader_messages_per_s": exchanges / elapsed_s,
             "relay_messages_per_s": max(part.busiest_relay_datagrams for part in self.parts)
@@ -141,9 +135,7 @@ def run(*, trials: int | None, seed: int, options: ScaleOptions | None = None) -
         f"The hard bound held in {least['coverage_hard_bound']:.2f} % of all judgements at least, the "
         f"stated 95 % in {least['coverage_95']:.1f} % at least.",
     )
-    return Outcome(
-        result, (_table(figures),), notes, lambda folder: [_draw(runs, seed, folder / "scale.png")]
-    )
+    return Outcome(result, (_table(figures),), notes, lambda _: [])
 
 
 def _simulate(spec: TreeSpec, seed: int, trials: int, options: ScaleOptions) -> Run:
@@ -180,24 +172,3 @@ def _table(figures: Mapping[str, Mapping[str, Any]]) -> Table:
             )
     head = ("clients", "pair, median us", "99 %", "largest", "one's largest", "leader, msg/s", "relay, msg/s")
     return Table((*head, "leader, % of a core", "simulated in s (of processors)"), rows)
-
-
-def _draw(runs: Mapping[str, Mapping[str, Run]], seed: int, path: Path) -> Path:
-    """Draw the 99 % quantile of the differences between two clients over time, for each run."""
-    figure = new_figure(figsize=(9, 5))
-    axes = figure.subplots()
-    for shape, sizes in runs.items():
-        for n, (clients, one) in enumerate(sizes.items()):
-            points = [(at_s / 60.0, quantile(pairs, 0.99)) for at_s, pairs in one.pairs_us(seed)]
-            style = f"C{n}-" if shape == "tree" else f"C{n}:"
-            axes.plot(*zip(*points, strict=True), style, lw=1, label=f"{clients}, {shape.replace('_', ' ')}")
-    axes.set(
-        yscale="log",
-        xlabel="minutes",
-        ylabel="99 % of the differences between two clients, us",
-        title="Clocks on the paper's link",
-    )
-    axes.yaxis.set_major_formatter("{x:g}")
-    axes.yaxis.set_minor_formatter("{x:g}")
-    axes.legend(ncols=2)
-    return save(figure, path)

@@ -198,27 +198,6 @@ BURST = PaperTable(
         PaperValue("apart.max", "views of one instant apart, largest", "us", None, less_is_better=True),
     ),
 )
-FIGURE_3 = PaperFigure(
-    "figure-3",
-    "The exchange of one message",
-    "Figure 3",
-    (
-        PaperValue("round_trip", "round trip", "us", None),
-        PaperValue("error", "error of its offset", "us", None),
-        PaperValue("bound", "half the round trip, which the error cannot exceed", "us", None),
-    ),
-)
-FIGURE_4 = PaperFigure(
-    "figure-4",
-    "Two ways into phase",
-    "Figure 4",
-    (
-        PaperValue("restarts", "restarts of this camera (paper: mean of all)", "", 28.7),
-        PaperValue("left", "phase error after the restarts", "us", None),
-        PaperValue("injections", "injected frames (paper: as drawn)", "", 1.0),
-        PaperValue("left_injected", "phase error after the injected frames", "us", None),
-    ),
-)
 FIGURE_5 = PaperFigure(
     "figure-5",
     "The LED panel, and what both phones see of it",
@@ -284,4 +263,4 @@ TABLES = (
     START_UP,
     BURST,
 )
-FIGURES = (FIGURE_3, FIGURE_4, FIGURE_5, FIGURE_6, FIGURE_7, FIGURE_S1, FIGURE_S2)
+FIGURES = (FIGURE_5, FIGURE_6, FIGURE_7, FIGURE_S1, FIGURE_S2)

@@ -1,7 +1,6 @@
 """The paper's tables and figures: what a study may hand over, and the page made of it."""
 
 from importlib import import_module
-from operator import attrgetter
 from pathlib import Path
 
 import msgspec
@@ -33,7 +32,7 @@ def test_a_number_of_the_paper_by_its_name() -> None:
 
 def test_names_and_keys_are_used_once() -> None:
     keys = [one.key for one in all_of_the_paper()]
-    assert len(set(keys)) == len(keys) >= 16
+    assert len(set(keys)) == len(keys) >= 14
     for one in all_of_the_paper():
         assert len(set(one.names)) == len(one.names) > 0
     measured = [key for keys in PARTS.values() for key in keys]
@@ -58,36 +57,26 @@ def test_a_share_of_the_trials(share: float, trials: int) -> None:
     assert share_of(239, share) == trials
 
 
-@pytest.mark.slow
-def test_the_page_has_the_papers_numbers_beside_ours(tmp_path: Path) -> None:
+def test_the_page_has_the_papers_numbers_beside_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
-    keys = frozenset(("figure-3", "figure-4"))
+    monkeypatch.setattr(page, "QUICK_SHARE", 0.005)
+    keys = frozenset(("table-2", "figure-5"))
     report = page.run(tmp_path, quick=True, seed=1, markdown=tmp_path / "docs" / "them.md", only=keys)
-    assert [entry.key for entry in report.figures] == ["figure-3", "figure-4"]
+    (table,), (figure,) = report.tables, report.figures
+    assert (table.key, figure.key) == ("table-2", "figure-5")
     assert msgspec.json.decode((tmp_path / "paper.json").read_bytes(), type=PaperReport) == report
     plain = (tmp_path / "paper.md").read_text()
     markdown = (tmp_path / "docs" / "them.md").read_text()
-    for entry in report.figures:
-        assert entry.files == (f"{entry.key}.svg",)
-        assert (tmp_path / entry.files[0]).stat().st_size > 10_000
-        assert (tmp_path / "docs" / "images" / f"them-{entry.key}.svg").exists()
-        assert f"]({entry.files[0]})" in plain
-        assert f"](images/them-{entry.key}.svg)" in markdown
-        for text in (plain, markdown):
+    assert figure.files == ("figure-5.jpg",)
+    assert (tmp_path / figure.files[0]).stat().st_size > 10_000
+    assert (tmp_path / "docs" / "images" / "them-figure-5.jpg").exists()
+    assert f"]({figure.files[0]})" in plain
+    assert "](images/them-figure-5.jpg)" in markdown
+    for text in (plain, markdown):
+        for entry in (table, figure):
             assert entry.title in text
             assert entry.rows[0].label in text
-    drawn = {row.name: row for row in report.figures[0].rows}
-    for ours in (attrgetter("protocol"), attrgetter("default")):
-        assert 0.0 < ours(drawn["error"]) <= ours(drawn["bound"]) == ours(drawn["round_trip"]) / 2
-    moves = {row.name: row for row in report.figures[1].rows}
-    assert moves["left"].protocol <= 500.0
-    assert moves["left"].default <= 500.0
-    assert moves["left_injected"].protocol < 12.0
-    assert moves["left_injected"].default <= 30.0
-    pictures = [(tmp_path / entry.files[0]).read_bytes() for entry in report.figures]
-    again = page.run(tmp_path, quick=True, seed=1, only=keys)
-    assert again == report
-    assert [(tmp_path / entry.files[0]).read_bytes() for entry in report.figures] == pictures
+    assert page.run(tmp_path, quick=True, seed=1, only=keys) == report
 
 
 @pytest.mark.slow
@@ -173,8 +162,8 @@ def test_the_command_prints_numbers_and_writes_the_page(
     printed = capsys.readouterr().out
     assert "Table I: triggered by a selfie stick, mean" in printed
     assert f"{tmp_path / 'paper.md'}" in printed
-    assert main([*command, "--only", "figure-3", "--json"]) == ExitCode.OK
+    assert main([*command, "--json"]) == ExitCode.OK
     report = msgspec.json.decode(capsys.readouterr().out, type=PaperReport)
     assert report == msgspec.json.decode((tmp_path / "paper.json").read_bytes(), type=PaperReport)
-    assert [entry.key for entry in (*report.tables, *report.figures)] == ["table-1", "figure-3"]
+    assert [entry.key for entry in (*report.tables, *report.figures)] == ["table-1"]
     assert {row.paper for row in report.tables[0].rows} >= {103.0, 69.0, 123.0}

@@ -15,7 +15,7 @@
 # make samples   render the sample sessions again from their recipes: the same bytes
 # make bench-sync   clock synchronization on an emulated WiFi link, beside other filters (root, 10 min; BENCH=--quick: 1 min)
 # make bench-any-rig   depth of an object by rigs of every kind: rings, a dome, opposite pairs, mixed (30 min; BENCH="--width 320")
-# make bench-multiview   depth from many views, beside a plain sweep and SGBM (BENCH="--scene plain ...")
+# make bench-multiview   depth from many views, beside SGBM (BENCH="--scene plain ...")
 # make bench-verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (20 min; BENCH="--seeds 1 --cache DIR")
 # make bench-pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
 # make bench-time   how wrong offsets are that a blinking torch (10 min) and a second of motion (BENCH="--trials 1") tell, beside doing nothing
@@ -25,11 +25,8 @@
 # make bench-relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)
 # make bench-rig   bursts of five cameras with two fast clocks, over emulated WiFi links (root, 4 min)
 # make bench-record   ten minutes of recording by four cameras of 1080p30 MJPEG, replayed, 50 kills and 8 outages (30 min, 30 GB; BENCH="--seconds 60 --kills 0 --outages 0")
-# make bench-joining   how soon a node finds its leader, or says why it does not join (root, nftables, 3 min)
-# make bench-stamps   a rig with a camera whose stamps are 15 ms late, before and after that is measured by motion (5 min)
 # make bench-phones   a phone's page in a real browser over an emulated link: its clock, bursts, a kill (root, Chromium, 4 min)
 # make paper   the paper's tables and figures measured again, for docs/paper.md (simulated, 15 min; PAPER="--quick --out DIR")
-# make bench-clients   a thousand clients of one leader over real UDP, half a minute
 # make soak SECONDS=120   burst after burst, whether threads, memory, open files or phase errors grow, and the largest phase error (SOAK="--cameras 5 --every 20")
 # make hostile   hostile datagrams, frames and connections against a running rig (HOSTILE="--datagrams 10000000 --frames 200000")
 # make fuzz SECONDS=120   every reader of strangers' bytes under a coverage-guided fuzzer, so many seconds each (FUZZ="datagram": that one)
@@ -59,7 +56,7 @@ WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 # it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-relay bench-rig bench-record bench-joining bench-stamps bench-phones bench-clients bench-any-rig bench-multiview bench-pairs bench-verdicts bench-time bench-folders bench-panel paper soak hostile fuzz test-crash check format python system clean
+.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-relay bench-rig bench-record bench-phones bench-any-rig bench-multiview bench-pairs bench-verdicts bench-time bench-folders bench-panel paper soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -142,17 +139,8 @@ bench-relay: $(VENV)/.installed
 bench-rig: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.clock.rig_link $(BENCH)
 
-bench-joining: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.joining.first_evening $(BENCH)
-
-bench-stamps: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.time_offsets.biased_camera $(BENCH)
-
 bench-phones: $(VENV)/.installed-dev
 	$(BIN)/python -m benchmarks.phones.phone_link $(BENCH)
-
-bench-clients: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.clock.many_clients $(BENCH)
 
 bench-record: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.sessions.recording --kills 50 --outages 8 $(BENCH)

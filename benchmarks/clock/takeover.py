@@ -16,10 +16,10 @@ from math import isqrt
 from time import process_time
 from typing import Any
 
-from benchmarks.clock.many_clients import CAMERA
 from benchmarks.report import new_parser, print_report, print_table, talk
 from benchmarks.simulated.clock_tree import Tree, TreeSpec
 from benchmarks.simulated.ranked_leaders import Machine, add_leaders
+from capture_app.common.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
 from capture_app.sync.engine import Address
 from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.failover import LeaderChoice
@@ -38,6 +38,15 @@ SETTLE_S, COUNT_S, AFTER_S = 25.0, 5.0, 9.0
 BIN_S = 0.5
 FLAT_FROM_S = 5.0
 TOLERANCE_NS = 100_000
+CAMERA = CameraFacts(
+    kind=SIMULATED,
+    model="none",
+    width=0,
+    height=0,
+    period_ns=33_333_333,
+    phase_control=PhaseControl.NONE,
+    timestamp_source=TimestampSource.UNKNOWN,
+)
 
 
 class OnceASecond(TreeSchedule):

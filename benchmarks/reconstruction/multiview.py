@@ -1,17 +1,13 @@
-"""Accuracy, time and memory of multi-view depth, beside a straightforward sweep and plain SGBM, in one run.
+"""Accuracy, time and memory of multi-view depth, beside plain SGBM, in one run.
 
     python -m benchmarks.reconstruction.multiview        four scenes, 640x480: the package's studio, a plainer
                                                          one, and two rooms with nearly blank walls
     python -m benchmarks.reconstruction.multiview --size 1920x1440 --condition synced
-    python -m benchmarks.reconstruction.multiview --scene path/to/scene.py --json
-    python -m benchmarks.reconstruction.multiview --session sample_sessions/jumper --instants 13
 
 Where there is a GPU that CuPy can use, the package's sweep is measured on it too.
 Each method runs in a process of its own, on the same pictures, after the other; the package's five times with
 grey levels that differ by a hundred-thousandth (means, and the spread of the first share). Shares are of all
 pixels that have a true depth, empty ones counted as wrong, of the rig's middle camera. Simulated pictures.
-With --session, `reconstruct multiview` runs on every instant of a session, synchronized and offset;
---instants renders the session's recipe again with so many, as a burst of 5 has room for the offsets once.
 """
 
 import multiprocessing
@@ -23,6 +19,7 @@ from collections.abc import Callable, Sequence
 from contextlib import nullcontext
 from dataclasses import replace
 from functools import partial
+from itertools import pairwise
 from pathlib import Path
 from typing import Any
 from unittest.mock import patch
@@ -31,9 +28,7 @@ import cv2
 import numpy as np
 
 from benchmarks.reconstruction.multiview_cloud import cloud_scores, normal_error_deg
-from benchmarks.reconstruction.multiview_plain import sgbm_pairs, simple_sweep
-from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Rendered, from_file
-from benchmarks.reconstruction.multiview_session import medians, print_session, render_longer, run_session
+from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Rendered
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth import sweep_matcher
@@ -47,6 +42,8 @@ from reconstruction.depth.view_choice import choose_reference_view, choose_sourc
 from reconstruction.multiview.input_images import undistort_image
 from reconstruction.scores.truth import depth_shares, right_depth
 from reconstruction.session.motion import MARGIN_PX, dilate
+from reconstruction.stereo.matching import match_rectified
+from reconstruction.stereo.stereo_pair import rectify
 
 Result = dict[str, Any]
 
@@ -107,27 +104,10 @@ def _as_found(_images: Any, _sources: Any, _ranges: Any, surfaces: Any, _pool: A
     return surfaces
 
 
-def straightforward(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
-    """A plane sweep as one would write it at first, of all views, with a check between them."""
-    greys = {
-        name: cv2.cvtColor(p, cv2.COLOR_BGR2GRAY).astype(np.float32) for name, p in condition.pictures.items()
-    }
-    true = np.concatenate([z[z > 0] for z in condition.depth.values()])
-    begun, cpu = time.perf_counter(), time.process_time()
-    found = simple_sweep(views, greys, 0.9 * float(true.min()), 1.1 * float(true.max()), reference)
-    seconds, cpu_seconds = time.perf_counter() - begun, time.process_time() - cpu
-    result = _shares(found, condition, reference)
-    return result | {
-        "map_s": seconds / len(views), "map_cpu_s": cpu_seconds / len(views), "peak_mb": _peak_mb()
-    }  # fmt: skip
-
-
-def sgbm(
-    views: dict[str, View], condition: Condition, reference: str, scratch: Path, *, padded: bool = True
-) -> Result:
+def sgbm(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
     """Plain SGBM of every pair of neighbours; the reference's map is the better of its two."""
     begun, cpu = time.perf_counter(), time.process_time()
-    maps = sgbm_pairs(views, condition.pictures, padded=padded)
+    maps = _sgbm_pairs(views, condition.pictures)
     seconds, cpu_seconds = time.perf_counter() - begun, time.process_time() - cpu
     mine = [_shares(depth, condition, reference) for (name, _), depth in maps.items() if name == reference]
     best = max(mine, key=lambda shares: shares["within_2pct"])
@@ -136,18 +116,29 @@ def sgbm(
     }  # fmt: skip
 
 
-def unpadded_sgbm(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
-    """The same without the columns beside the picture."""
-    return sgbm(views, condition, reference, scratch, padded=False)
+def _sgbm_pairs(views: dict[str, View], pictures: dict[str, Array]) -> dict[tuple[str, str], Array]:
+    """OpenCV's SGBM, both ways, of every two neighbours along x: depth on the first one's pixels.
+
+    Pictures are padded by as many columns as there are disparities, which SGBM leaves out.
+    """
+    ordered = sorted(views, key=lambda name: float(views[name].centre[0]))
+    grey = {name: cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for name, picture in pictures.items()}
+    found = {}
+    for pair in pairwise(ordered):
+        for first, second in (pair, pair[::-1]):
+            baseline = float(np.linalg.norm(views[first].centre - views[second].centre))
+            count = int(np.ceil(views[first].focal * baseline / 1.6 / 16)) * 16
+            canvas = rectify(views[first], views[second], (0.0, float(count)))
+            a, b = canvas.remap(grey[first])[0], canvas.remap(grey[second], other=True)[0]
+            found[first, second] = canvas.depth(np.nan_to_num(match_rectified(a, b, 0, count)))
+    return found
 
 
 METHODS: dict[str, Callable[..., Result]] = {
     "multiview": ours,
     "multiview --quick": partial(ours, quick=True),
     "multiview without planes": partial(ours, planes=False),
-    "straightforward sweep": straightforward,
     "SGBM, best pair": sgbm,
-    "SGBM, best pair, not padded": unpadded_sgbm,
 }
 if isinstance(CPU, CompiledEngine):
     METHODS["multiview by NumPy"] = partial(ours, engine=SweepEngine())
@@ -265,38 +256,21 @@ COLUMNS = {
 }
 
 
-def measure_session(session: Path, instants: int | None, conditions: Sequence[str], *, as_json: bool) -> None:
-    """Print the table of a session, or JSON."""
-    with tempfile.TemporaryDirectory() as folder:
-        if instants is not None:
-            session = render_longer(session, instants, Path(folder))
-        rows = run_session(session, Path(folder), conditions)
-    print_report({"rows": rows, "medians": medians(rows)}, print_session, as_json=as_json)
-
-
 def main() -> None:
     """Print a table, or JSON."""
     parser = new_parser(__doc__)
-    parser.add_argument(
-        "--scene", action="append", help=f"{', '.join(SCENES)}, or a Python file [default: all]"
-    )
-    parser.add_argument("--size", default="640x480", help="of the pictures; a file's scene has its own")
+    parser.add_argument("--scene", action="append", choices=list(SCENES), help="[default: all]")
+    parser.add_argument("--size", default="640x480", help="of the pictures")
     parser.add_argument("--method", action="append", choices=list(METHODS), help="[default: all]")
     parser.add_argument("--condition", action="append", choices=["synced", "offset"], help="[default: both]")
     parser.add_argument(
         "--seeds", type=int, default=5, help="grey levels that differ by next to nothing [default: 5]"
     )
-    parser.add_argument("--session", type=Path, help="a session with truth, instead of scenes")
-    parser.add_argument("--instants", type=int, help="render the session's recipe with so many instants")
     chosen = parser.parse_args()
-    if chosen.session is not None:
-        conditions = chosen.condition or ["synced", "offset"]
-        measure_session(chosen.session, chosen.instants, conditions, as_json=chosen.json)
-        return
     width, height = (int(part) for part in chosen.size.split("x"))
     rows: list[Result] = []
     for name in chosen.scene or SCENES:
-        rendered = SCENES[name](width, height) if name in SCENES else from_file(Path(name))
+        rendered = SCENES[name](width, height)
         rows += run(
             rendered, chosen.method or list(METHODS), chosen.condition or ("synced", "offset"), chosen.seeds
         )

@@ -1,8 +1,6 @@
-"""Scenes with exact truth for the multi-view benchmark: the package's studio, plainer ones, or a file's."""
+"""Scenes with exact truth for the multi-view benchmark: the package's studio, and plainer ones."""
 
-import importlib.util
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import Any
 
 import cv2
@@ -77,32 +75,6 @@ def _rendered(stage: Scene, names: tuple[str, ...], *, at_s: float) -> Rendered:
 
     size = next(iter(views.values()))
     return Rendered(f"{stage.name} {size.width}x{size.height}", views, shoot((0,) * 5), shoot(OFFSETS_MS))
-
-
-def from_file(path: Path) -> Rendered:
-    """A scene of a Python file with `Scene().render(camera, s)`, `.gt(camera, s)`, `cams5()` and `K`."""
-    spec = importlib.util.spec_from_file_location("benchmark_scene", path)
-    assert spec is not None
-    assert spec.loader is not None
-    module: Any = importlib.util.module_from_spec(spec)
-    spec.loader.exec_module(module)
-    scene, cameras = module.Scene(), module.cams5()
-    names = [f"cam{i}" for i in range(len(cameras))]
-    views = {
-        name: View(640, 480, np.asarray(module.K), np.zeros(5), camera["R"], camera["t"])
-        for name, camera in zip(names, cameras, strict=True)
-    }
-
-    def shoot(offsets: tuple[int, ...]) -> Condition:
-        pictures, depth, movers = {}, {}, {}
-        for number, (name, camera, offset_ms) in enumerate(zip(names, cameras, offsets, strict=True)):
-            at_s = 0.06 + offset_ms / 1000
-            pictures[name] = scene.render(camera, at_s, seed=100 * number + offset_ms % 97)
-            z, thing = scene.gt(camera, at_s)
-            depth[name], movers[name] = np.where(np.isfinite(z), z, 0).astype(np.float32), thing >= 2
-        return Condition(pictures, depth, movers)
-
-    return Rendered(path.stem, views, shoot((0,) * 5), shoot(OFFSETS_MS))
 
 
 def plain(width: int = 640, height: int = 480) -> Rendered:

@@ -9,7 +9,6 @@ import numpy as np
 
 from benchmarks.reconstruction import painted_scenes
 from benchmarks.reconstruction.painted_scenes import HEIGHT, WIDTH, Stage
-from benchmarks.reconstruction.rendered_street import rendered_street
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord
@@ -55,10 +54,9 @@ class Take:
         return 1e3 / 60 if self.kind == BALL else PERIOD_MS
 
 
-BALL, RENDERED = "real ball", "rendered street"
+BALL = "real ball"
 STAGES: dict[str, Callable[[int], tuple[Stage, dict[str, View]]]] = {
     "street": lambda seed: (painted_scenes.street(seed), painted_scenes.pair(0.5)),
-    RENDERED: lambda seed: (rendered_street(seed), painted_scenes.pair(0.5)),
     "slow street": lambda seed: (painted_scenes.street(seed, speed_m_s=3.0), painted_scenes.pair(0.4)),
     "boards": lambda seed: (painted_scenes.room(seed), painted_scenes.pair(0.3, turned_deg=2)),
     "slow boards": lambda seed: (
@@ -72,13 +70,12 @@ STAGES: dict[str, Callable[[int], tuple[Stage, dict[str, View]]]] = {
     ),
     "thrown ball": lambda seed: (painted_scenes.throw(seed), painted_scenes.pair(0.5)),
 }  # fmt: skip
-PAINTED = [kind for kind in STAGES if kind != RENDERED]
 
 
 def takes(seeds: int) -> Iterator[Take]:
     """Every kind with so many seeds."""
     for seed in range(seeds):
-        for kind in PAINTED:
+        for kind in STAGES:
             yield Take(kind, seed)
             yield Take(kind, seed, geometry_px=(0.3, 0.5, 0.1)[seed % 3])
             yield Take(kind, seed, late_ms=(10.0, -8.0, 14.0)[seed % 3], geometry_px=(0.0, 0.3)[seed % 2])
@@ -99,13 +96,6 @@ def real_takes(every: int) -> Iterator[Take]:
     for frames in (28, 24, 16):
         for start in range(0, 36 - frames, every):
             yield Take(BALL, 0, frames=frames, start=start)
-
-
-def car_takes(seeds: int) -> Iterator[Take]:
-    """A rendered rig on a car with geometry that is wrong by 0.3 px, synchronized and 10 ms late."""
-    for seed in range(100, 100 + seeds):
-        yield Take(RENDERED, seed, geometry_px=0.3)
-        yield Take(RENDERED, seed, geometry_px=0.3, late_ms=10.0)
 
 
 def session_of(take: Take, cache: Path, footage: Path | None) -> Path:

@@ -13,7 +13,7 @@ from collections.abc import Iterable
 from pathlib import Path
 from typing import Any
 
-from benchmarks.reconstruction.verdict_takes import Take, car_takes, real_takes, session_of, takes
+from benchmarks.reconstruction.verdict_takes import Take, real_takes, session_of, takes
 from benchmarks.report import new_parser, print_rows, talk
 from reconstruction.compare.tolerance import ToleranceOptions, measure_tolerance
 from reconstruction.scores.timing import Timing
@@ -105,14 +105,13 @@ def main() -> None:
     """Print a table, or with --json one object with every take."""
     parser = new_parser(__doc__)
     parser.add_argument("--seeds", type=int, default=3, help="of each kind of painted take (3)")
-    parser.add_argument("--car-seeds", type=int, default=0, help="of a car with geometry off by 0.3 px (0)")
     parser.add_argument("--footage", type=Path, help="folder with ball_launch")
     parser.add_argument(
         "--every", type=int, default=1, help="starts of the real ball's parts are so far apart"
     )
     parser.add_argument("--cache", type=Path, help="keeps what was painted")
     chosen = parser.parse_args()
-    wanted = [*takes(chosen.seeds), *car_takes(chosen.car_seeds)]
+    wanted = [*takes(chosen.seeds)]
     wanted += real_takes(chosen.every) if chosen.footage is not None else []
     with tempfile.TemporaryDirectory() as scratch:
         rows = run(wanted, chosen.cache or Path(scratch), chosen.footage)

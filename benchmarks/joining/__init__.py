@@ -1,1 +1,0 @@
-"""How soon a node joins, or says why it does not."""

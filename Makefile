@@ -18,7 +18,6 @@
 # make bench-multiview   depth from many views, beside SGBM (BENCH="--scene plain ...")
 # make bench-verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (20 min; BENCH="--seeds 1 --cache DIR")
 # make bench-pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
-# make bench-time   how wrong offsets are that a blinking torch (10 min) and a second of motion (BENCH="--trials 1") tell, beside doing nothing
 # make bench-folders   twenty folders of videos as strangers have them: offset, error bar, truth and what was said (3 min; BENCH="--only lamp")
 # make bench-panel   the time read off 200 rendered photographs of LED panels and 200 of screens, and whether its error bar holds (15 min; BENCH="--count 20")
 # make test-crash   writers and outputs killed at every step, every bit flipped (slow)
@@ -56,7 +55,7 @@ WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 # it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-relay bench-rig bench-record bench-phones bench-any-rig bench-multiview bench-pairs bench-verdicts bench-time bench-folders bench-panel paper soak hostile fuzz test-crash check format python system clean
+.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-relay bench-rig bench-record bench-phones bench-any-rig bench-multiview bench-pairs bench-verdicts bench-folders bench-panel paper soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -159,10 +158,6 @@ bench-verdicts: $(VENV)/.installed
 
 bench-folders: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.sessions.folders $(BENCH)
-
-bench-time: $(VENV)/.installed
-	$(BIN)/python -m benchmarks.time_offsets.light $(BENCH)
-	$(BIN)/python -m benchmarks.time_offsets.motion $(BENCH)
 
 bench-panel: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.panel.read_photographs $(BENCH)

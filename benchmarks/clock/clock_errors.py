@@ -1,11 +1,22 @@
-"""How far the times of simulated cameras' pictures are off the leader's, by what their sessions know."""
+"""How far the times of simulated cameras' pictures are off the leader's, by what their sessions know.
 
+The bursts are taken by real processes in network namespaces.
+"""
+
+import json
 from collections.abc import Iterable, Sequence
 from pathlib import Path
 from statistics import fmean
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from benchmarks.emulated_link.network import CAPTURE_APP, read_output
 from capture_app.session.reading.reader import Session
+
+
+def take_burst(namespace: str, leader: str, *, nodes: int, frames: int, wait_s: int) -> dict[str, Any]:
+    """Take a burst by the command, once so many nodes are ready; return what it prints."""
+    ask = ("burst", "--leader", leader, "--frames", str(frames), "--wait-s", str(wait_s), "--json")
+    return dict(json.loads(read_output(namespace, *CAPTURE_APP, *ask, "--min-nodes", str(nodes))))
 
 
 class ClockError(NamedTuple):

@@ -13,7 +13,7 @@ import time
 from pathlib import Path
 from typing import Any
 
-from benchmarks.clock.clock_errors import COLUMNS, error_figures, read_clock_errors
+from benchmarks.clock.clock_errors import COLUMNS, error_figures, read_clock_errors, take_burst
 from benchmarks.emulated_link.delays import Delays, EmulatedLink
 from benchmarks.emulated_link.network import CAPTURE_APP, Network, read_output, running
 from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, talk
@@ -48,8 +48,7 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
 
     def burst() -> Path:
         time.sleep(EVERY_S)
-        ready = ("--frames", "3", "--wait-s", "60", "--min-nodes", "2", "--json")
-        read_output(leader, *CAPTURE_APP, "burst", *LEADER, *ready)
+        take_burst(leader, LEADER[1], nodes=2, frames=3, wait_s=60)
         return max(sessions.glob("burst-*"))
 
     def judge(name: str) -> None:

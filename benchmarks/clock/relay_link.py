@@ -8,7 +8,6 @@ time off, after one link and after two? Then the relay is killed and started aga
 
 import argparse
 import contextlib
-import json
 import os
 import sys
 import time
@@ -16,9 +15,9 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from benchmarks.clock.clock_errors import COLUMNS, error_figures, read_clock_errors
+from benchmarks.clock.clock_errors import COLUMNS, error_figures, read_clock_errors, take_burst
 from benchmarks.emulated_link.delays import EmulatedLink
-from benchmarks.emulated_link.network import CAPTURE_APP, Network, read_output, running
+from benchmarks.emulated_link.network import CAPTURE_APP, Network, running
 from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, talk
 
 LEADER, RELAY = "10.77.0.1:47010", "10.79.0.1:47010"
@@ -61,25 +60,20 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
             stack.enter_context(running(places[place], *node))
         for number in range(options.bursts):
             talk(f"burst {number + 1} of {options.bursts} ...")
-            _burst(top)
+            take_burst(top, LEADER, nodes=len(NODES), frames=1, wait_s=90)
             time.sleep(BETWEEN_BURSTS_S)
         report = {"kind": "emulated link", "seed": options.seed, **_errors(sessions)}
         relaying.kill()
         time.sleep(BETWEEN_BURSTS_S)
         began_s = time.monotonic()
         stack.enter_context(running(*relay))
-        healed = _burst(top)
+        healed = take_burst(top, LEADER, nodes=len(NODES), frames=1, wait_s=90)
         report["healed"] = {
             "images": healed["received"],
             "expected": healed["expected"],
             "seconds_from_start_to_session": round(time.monotonic() - began_s, 1),
         }
     return {**report, "links": link_reports, "load_average": os.getloadavg()[0]}
-
-
-def _burst(namespace: str) -> dict[str, Any]:
-    ask = ("burst", "--leader", LEADER, "--frames", "1", "--wait-s", "90", "--json")
-    return dict(json.loads(read_output(namespace, *CAPTURE_APP, *ask, "--min-nodes", str(len(NODES)))))
 
 
 def _errors(sessions: Path) -> dict[str, Any]:

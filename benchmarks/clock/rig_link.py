@@ -15,7 +15,7 @@ from pathlib import Path
 from statistics import fmean
 from typing import Any
 
-from benchmarks.clock.clock_errors import error_figures, read_clock_errors
+from benchmarks.clock.clock_errors import error_figures, read_clock_errors, take_burst
 from benchmarks.emulated_link.delays import EmulatedLink
 from benchmarks.emulated_link.network import CAPTURE_APP, Network, read_output, running
 from benchmarks.report import new_parser, print_circumstances, print_report, print_rows, print_targets, talk
@@ -76,8 +76,12 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
         told = []
         for number in range(options.bursts):
             talk(f"burst {number + 1} of {options.bursts} ...")
-            _burst(leader, options.frames)
-            told.append(_status(leader))
+            take_burst(leader, f"10.77.0.1:{PORT}", nodes=len(NODES), frames=options.frames, wait_s=60)
+            told.append(
+                json.loads(
+                    read_output(leader, *CAPTURE_APP, "status", "--leader", f"10.77.0.1:{PORT}", "--json")
+                )
+            )
             if number == 0:
                 talk(f"the first one after {time.monotonic() - began_s:.0f} s; {told[0]['advice']}")
             time.sleep(options.every_s)
@@ -93,17 +97,6 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
         "links": link_reports,
         "load_average": os.getloadavg()[0],
     }
-
-
-def _burst(namespace: str, frames: int) -> None:
-    leader = f"10.77.0.1:{PORT}"
-    ask = ("burst", "--leader", leader, "--frames", str(frames), "--wait-s", "60", "--json")
-    read_output(namespace, *CAPTURE_APP, *ask, "--min-nodes", str(len(NODES)))
-
-
-def _status(namespace: str) -> dict[str, Any]:
-    ask = ("status", "--leader", f"10.77.0.1:{PORT}", "--json")
-    return dict(json.loads(read_output(namespace, *CAPTURE_APP, *ask)))
 
 
 def _errors(sessions: Path, told: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:

@@ -40,37 +40,6 @@ TARGETS: dict[str, dict[str, float]] = {
     "cable": {"mean_us": 1.0},
     "minute": {"mean_us": 25.0},
 }
-DOCUMENTED_US: dict[str, dict[str, float]] = {
-    "paper": {
-        "mean": 372.7,
-        "minimum": 26.3,
-        "per_direction_minimum": 8.5,
-        "widest_line": 19.4,
-        "ours": 8.8,
-    },
-    "loss": {
-        "mean": 376.6,
-        "minimum": 41.3,
-        "per_direction_minimum": 14.5,
-        "widest_line": 20.2,
-        "ours": 14.3,
-    },
-    "cable": {
-        "mean": 2.83,
-        "minimum": 0.29,
-        "per_direction_minimum": 0.31,
-        "widest_line": 0.45,
-        "ours": 0.34,
-    },
-    "minute": {
-        "mean": 668.9,
-        "minimum": 292.8,
-        "per_direction_minimum": 284.6,
-        "widest_line": 15.1,
-        "ours": 13.5,
-    },
-}
-"""The mean errors that docs/accuracy-measurements.md gives."""
 
 
 def main() -> int:
@@ -182,7 +151,6 @@ ERROR_COLUMNS = {
     "std": ("std", ".2f"),
     "bias": ("bias", ".2f"),
     "share": ("ours/this", ".3f"),
-    "documented": ("mean in docs/accuracy-measurements.md", ".2f"),
 }
 VERDICT_COLUMNS = {
     "says": ("", ""),
@@ -195,7 +163,7 @@ VERDICT_COLUMNS = {
 
 def _print(report: dict[str, Any]) -> None:
     for case, result in report["cases"].items():
-        errors_us, documented_us = result["errors_us"], DOCUMENTED_US[case]
+        errors_us = result["errors_us"]
         kind = "real" if case == "cable" else result["kind"]
         print(f"{CASES[case]} ({kind}, {result['trials']} trials)")
         rows = [
@@ -203,7 +171,6 @@ def _print(report: dict[str, Any]) -> None:
                 "name": name.replace("_", " "),
                 **figures,
                 "share": result["mean_abs_us"] / figures["mean_abs"],
-                "documented": documented_us.get(name),
             }
             for name, figures in errors_us.items()
         ]

@@ -31,7 +31,7 @@ from typing import Any
 
 from benchmarks.endurance.hostile_messages import INSIDER, hostile_datagram, hostile_frame
 from benchmarks.endurance.paired import PairedThief, paired_machine
-from benchmarks.endurance.soak import CAMERA, JOIN_S, Soak, Watched, are_ready, listening, start
+from benchmarks.endurance.soak import Soak, Watched, camera_command, listening, start, wait_until_ready
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from capture_app.common.address import Address, parse_address
 from capture_app.net.channel import connect
@@ -134,14 +134,9 @@ async def rig(folder: Path) -> AsyncIterator[tuple[Soak, Address]]:
         processes["relay"] = await start("relay", "relay", str(leader), "--name", "relay", *where)
         relay = await listening(processes["relay"].child, "relay at ")
         for name, parent in (("cam1", leader), ("cam2", relay)):
-            own = ("--until-eof", "--name", name, "--camera", CAMERA, "--clock", "sim")
-            spool = ("--spool", str(folder / "spool"), "--leader", str(parent))
-            processes[name] = await start(name, "node", *own, *spool)
-        run = Soak(leader, processes)
-        async with asyncio.timeout(JOIN_S):
-            while not await are_ready(leader, 3):  # noqa: ASYNC110
-                await asyncio.sleep(0.2)
-        yield run, relay
+            processes[name] = await start(name, *camera_command(name, folder, parent))
+        await wait_until_ready(leader, 3)
+        yield Soak(leader, processes), relay
     finally:
         await asyncio.gather(*(of.child.stop() for of in processes.values()))
 

@@ -206,23 +206,9 @@ async def rig(cameras: int, folder: Path) -> AsyncIterator[Soak]:
         leader = await listening(processes["leader"].child)
         for number in range(1, cameras + 1):
             name = f"cam{number}"
-            own = (
-                "--until-eof",
-                "--name",
-                name,
-                "--camera",
-                CAMERA,
-                "--clock",
-                "sim",
-                "--spool",
-                str(folder / "spool"),
-            )
-            processes[name] = await start(name, "node", *own, "--leader", str(leader))
-        run = Soak(leader, processes)
-        async with asyncio.timeout(JOIN_S):
-            while not await are_ready(leader, cameras):  # noqa: ASYNC110
-                await asyncio.sleep(0.2)
-        yield run
+            processes[name] = await start(name, *camera_command(name, folder, leader))
+        await wait_until_ready(leader, cameras)
+        yield Soak(leader, processes)
     finally:
         await asyncio.gather(*(of.child.stop() for of in processes.values()))
 
@@ -244,10 +230,20 @@ async def listening(child: Child, said: str = "leader at ") -> Address:
             await asyncio.sleep(0.1)
 
 
-async def are_ready(leader: Address, cameras: int) -> bool:
-    """Whether so many cameras are aligned."""
-    states = [node.state for node in (await ask_status(leader)).nodes]
-    return len(states) == cameras and all(state in (NodeState.READY, NodeState.COARSE) for state in states)
+def camera_command(name: str, folder: Path, *leaders: Address) -> list[str]:
+    """Return the command of a simulated camera's node."""
+    own = ["node", "--until-eof", "--name", name, "--camera", CAMERA, "--clock", "sim"]
+    asked = [word for leader in leaders for word in ("--leader", str(leader))]
+    return [*own, "--spool", str(folder / "spool"), *asked]
+
+
+async def wait_until_ready(leader: Address, nodes: int) -> None:
+    """Wait until there are so many nodes, all aligned."""
+    states: list[NodeState] = []
+    async with asyncio.timeout(JOIN_S):
+        while len(states) != nodes or not {*states} <= {NodeState.READY, NodeState.COARSE}:
+            await asyncio.sleep(0.2)
+            states = [node.state for node in (await ask_status(leader)).nodes]
 
 
 def report_of(run: Soak, options: Namespace, complaints: list[str]) -> dict[str, Any]:

@@ -21,7 +21,7 @@ from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
-from benchmarks.endurance.soak import CAMERA, JOIN_S, are_ready
+from benchmarks.endurance.soak import JOIN_S, camera_command, wait_until_ready
 from benchmarks.report import new_parser, print_report, print_table
 from capture_app.common.address import Address, parse_address
 from capture_app.common.child import Child
@@ -190,16 +190,11 @@ async def repeat(options: Namespace, folder: Path) -> Run:
         await note_lead(leader)
         other = await start_leader(among[1], among, folder / "1", "leader1")
         for number in range(options.cameras):
-            own = ["--until-eof", "--name", f"cam{number}", "--camera", CAMERA, "--clock", "sim"]
-            own += ["--spool", str(folder / "spool")]
-            for address in among:
-                own += ["--leader", str(address)]
-            children.append(await Child.start(f"cam{number}", ("capture_app.cli", "node", *own)))
+            command = camera_command(f"cam{number}", folder, *among)
+            children.append(await Child.start(f"cam{number}", ("capture_app.cli", *command)))
         for kill in range(options.kills):
             await says(other, FOLLOWS)
-            async with asyncio.timeout(JOIN_S):
-                while not await are_ready(leader.address, options.cameras + 1):  # noqa: ASYNC110
-                    await asyncio.sleep(0.2)
+            await wait_until_ready(leader.address, options.cameras + 1)
             await asyncio.sleep(FOLLOWED_S)
             await kill_and_take(run, leader, other, options.cameras)
             name = f"leader{among.index(leader.address)}"

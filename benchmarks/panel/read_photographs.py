@@ -5,7 +5,6 @@ Rendered photographs: `python -m benchmarks.panel.read_photographs [--count 200]
 
 import argparse
 import itertools
-import time
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -28,7 +27,6 @@ class Outcome:
     error_ns: float = 0.0
     uncertainty_ns: float = 0.0
     refusal: str = ""
-    wall_s: float = 0.0
 
     @property
     def limit_ns(self) -> float:
@@ -46,7 +44,6 @@ def judge(case: Case) -> Outcome:
     """Read a photograph and hold it against the truth."""
     photograph = case.photograph
     picture = case.picture()
-    begin = time.perf_counter()
     try:
         read = read_panel(
             picture,
@@ -54,9 +51,9 @@ def judge(case: Case) -> Outcome:
             row_time_ns=photograph.row_time_ns if case.told_row_time else None,
         )
     except PanelNotFoundError as error:
-        return Outcome(case, refusal=str(error), wall_s=time.perf_counter() - begin)
+        return Outcome(case, refusal=str(error))
     error_ns = nearest_ns(read.middle_ns - case.shown_ns(read.row), photograph.panel.cycle_ns)
-    return Outcome(case, error_ns, read.uncertainty_ns, wall_s=time.perf_counter() - begin)
+    return Outcome(case, error_ns, read.uncertainty_ns)
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
@@ -85,25 +82,12 @@ def main() -> None:
     parser = argparse.ArgumentParser(description=__doc__)
     parser.add_argument("--count", type=int, default=200)
     parser.add_argument("--first", type=int, default=0)
-    parser.add_argument("--kind", choices=("led", "screen"))
-    parser.add_argument("--each", action="store_true", help="print each photograph that is refused or off")
     options = parser.parse_args()
     for kind in ("led", "screen"):
-        if options.kind not in (None, kind):
-            continue
         seeds = range(options.first, options.first + options.count)
         outcomes = [judge(draw_case(seed, screen=kind == "screen")) for seed in seeds]
         print(f"{kind}: {options.count} rendered photographs, seeds from {options.first}")
         print(table(outcomes))
-        print(f"wall time of a reading: median {np.median([o.wall_s for o in outcomes]):.2f} s")
-        for o in outcomes if options.each else ():
-            if o.refusal or not o.in_bar or abs(o.error_ns) > o.limit_ns:
-                p = o.case.photograph
-                print(
-                    f"  {o.case.seed} {p.panel.name} E={p.exposure_ns / 1e3:.0f} r={p.row_time_ns / 1e3:.1f} "
-                    f"told={o.case.told_exposure:d}{o.case.told_row_time:d} light={p.lamp_light:.2f} "
-                    f"err={o.error_ns / 1e3:.0f} bar={o.uncertainty_ns / 1e3:.0f} {o.refusal}"
-                )
 
 
 if __name__ == "__main__":

@@ -20,13 +20,13 @@ from benchmarks.paper.clock_trials import (
 from benchmarks.paper.reproduction import Measured, Reproduction
 from benchmarks.paper.result import error_figures, new_figure, save
 from benchmarks.paper.trials import call_all, share_of
-from benchmarks.paper.values import FIGURE_7, FIGURE_S1, FIGURE_S2, LEAST_ROUND_TRIP, TABLE_2, TABLE_3
+from benchmarks.paper.values import FIGURE_S2, LEAST_ROUND_TRIP, TABLE_2, TABLE_3
 from benchmarks.simulated.wireless import LATE_NS, PACE_NS, PAPER_LINK
 from capture_app.console.terminal import talk
 from capture_app.simulation.exchanges import START_TRUE_NS, TURNAROUND_NS
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
+    pass
 
 
 MESSAGES = 10_000
@@ -102,53 +102,6 @@ def least_round_trips(seed: str, counts: Mapping[int, int]) -> dict[int, list[fl
 
 NAMES = {"mean": "mean", "minimum": "minimum", "per_direction_minimum": "per direction", "ours": "ours"}
 COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red")
-LONGEST_MS = 5.0
-
-
-def draw_one_way(messages: Sequence[Message], path: Path) -> Path:
-    """Draw the histogram of one-way times, means dashed, the paper's dotted."""
-    figure = new_figure(figsize=(8, 4.5))
-    axes: Axes = figure.subplots()
-    table = one_way_table(messages)
-    ways = {
-        "leader to client": ("to_client", [m.to_client_us / 1000.0 for m in messages]),
-        "client to leader": ("to_leader", [m.to_leader_us / 1000.0 for m in messages]),
-    }
-    for colour, (label, (name, times_ms)) in zip(COLOURS, ways.items(), strict=False):
-        axes.hist(times_ms, bins=150, range=(0.0, LONGEST_MS), alpha=0.55, color=colour, label=label)
-        axes.axvline(table[f"{name}.mean"] / 1000.0, color=colour, linestyle="--")
-        axes.axvline(TABLE_3[f"{name}.mean"] / 1000.0, color="black", linestyle=":", linewidth=1.0)
-    axes.set(
-        title=f"One-way times of {len(messages):,} messages (simulated; means dashed, the paper's dotted)",
-        xlabel="ms",
-        ylabel="messages",
-    )
-    axes.legend()
-    return save(figure, path)
-
-
-def draw_wedge(messages: Sequence[Message], path: Path) -> Path:
-    """Draw the error of each message's offset against its round trip; it lies within half of that."""
-    figure = new_figure(figsize=(8, 5))
-    axes: Axes = figure.subplots()
-    round_trips_ms = [m.round_trip_us / 1000.0 for m in messages]
-    axes.scatter(round_trips_ms, [m.offset_error_us for m in messages], s=3, alpha=0.3, linewidths=0)
-    for sign in (-1.0, 1.0):
-        axes.plot((0.0, 12.0), (0.0, sign * 6000.0), color="grey", linewidth=0.8)
-    best, kept = quickest(messages), [m.offset_error_us for m in messages if m.round_trip_us <= 10_000.0]
-    axes.axhline(sum(kept) / len(kept), color="tab:orange", linestyle="--", label="mean filter")
-    axes.plot(
-        best.round_trip_us / 1000.0, best.offset_error_us, "v", color="tab:red", label="least round trip"
-    )
-    axes.set(
-        xlim=(0.0, 12.0),
-        ylim=(-5000.0, 5000.0),
-        title="Each message by itself (simulated; the grey lines are half the round trip)",
-        xlabel="round trip, ms",
-        ylabel="error of its offset, us",
-    )
-    axes.legend()
-    return save(figure, path)
 
 
 def draw_convergence(found: Mapping[Setting, Convergence], path: Path) -> Path:
@@ -244,23 +197,6 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             default=None,
             simulated=SIMULATED,
             given=LEAST_ROUND_TRIP.names,
-        ),
-        Reproduction(
-            of=FIGURE_7,
-            protocol=every.only(FIGURE_7.names),
-            default=None,
-            simulated=SIMULATED,
-            given=FIGURE_7.names,
-            notes=("Means and floors are the paper's; the shape between them is assumed.",),
-            draw=partial(draw_one_way, done[0]),
-        ),
-        Reproduction(
-            of=FIGURE_S1,
-            protocol=every.only(FIGURE_S1.names),
-            default=None,
-            simulated=SIMULATED,
-            given=FIGURE_S1.names,
-            draw=partial(draw_wedge, done[0]),
         ),
         Reproduction(
             of=FIGURE_S2,

@@ -20,7 +20,6 @@ from capture_app.simulation.exchanges import START_TRUE_NS, exchanges, exchanges
 from capture_app.simulation.links import DelayLaw, Link
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.timekeeping import poll_schedule
-from capture_app.sync.tree.member import LONGEST_NS
 
 FIRST = 300
 """K of the paper, and of our engine."""
@@ -53,11 +52,6 @@ class EstimatorErrors:
     def mean_abs(self, name: str) -> float:
         """Mean absolute error of an estimator in us."""
         return error_figures(self.errors_us[name])["mean_abs"]
-
-    @property
-    def gain(self) -> float:
-        """How many times smaller the mean error of ours is than the minimum filter's."""
-        return self.mean_abs("minimum") / self.mean_abs("ours")
 
 
 def draw_clock(rng: random.Random) -> SimulatedClock:
@@ -141,9 +135,7 @@ FIRST_SECOND, AHEAD_1, AHEAD_5 = "first second", "1 s later", "5 s later"
 AHEAD = {FIRST_SECOND: 0, AHEAD_1: _S, AHEAD_5: 5 * _S}
 """How long after the last message of the first second; ns."""
 STEADY = {f"asking for {s} s": s * _S for s in (2, 3, 4, 10, 30)}
-RARELY = "asking once a second"
-RARELY_FOR_NS, RAREST_NS = 300 * _S, _S
-SITUATIONS = (*AHEAD, *STEADY, RARELY)
+SITUATIONS = (*AHEAD, *STEADY)
 
 
 @dataclass(slots=True)
@@ -172,7 +164,6 @@ def measure_coverage(draw: DrawLink, count: int, seed: str, *, most: int = MOST_
         _first_second(found, _Trial(draw, f"{seed} drawn {i}"))
     for i in range(min(count, most)):
         _steady(found, _Trial(draw, f"{seed} steady {i}"))
-        _rarely(found, _Trial(draw, f"{seed} rarely {i}"))
     return found
 
 
@@ -238,20 +229,6 @@ def _steady(found: Coverages, trial: _Trial) -> None:
     clock, situations = ClockFilter(), iter(STEADY)
     for now_ns in trial.feed(clock, steady_times(max(STEADY.values())), sorted(STEADY.values())):
         trial.judge(clock, now_ns, {next(situations): 0}, found)
-
-
-def _rarely(found: Coverages, trial: _Trial) -> None:
-    """A node of a relay of many: it asks ever more rarely."""
-    sent_ns = [0]
-    while sent_ns[-1] < RARELY_FOR_NS:
-        pace_ns = max(poll_schedule.SPACING_NS, sent_ns[-1] // poll_schedule.EASING)
-        sent_ns.append(sent_ns[-1] + min(pace_ns, RAREST_NS))
-    ends_ns = list(range(_S, sent_ns[-1] + _S, 2 * _S))
-    clock = ClockFilter(window_ns=LONGEST_NS)
-    for now_ns in trial.feed(clock, sent_ns, ends_ns):
-        # It looks at its clock now and then.
-        clock.time_map(trial.local_ns(now_ns))
-    trial.judge(clock, ends_ns[-1], {RARELY: 0}, found)
 
 
 COUNTS = (10, 30, 100, 300, 1000, 3000, 10_000)

@@ -48,8 +48,6 @@ def nothing_ms(_: random.Random) -> float:
 class Trigger:
     """What one and the other camera wait for, from the key to the order to take a picture."""
 
-    title: str
-    mechanisms: str
     one: Draw
     other: Draw
 
@@ -60,11 +58,9 @@ class Trigger:
 
 
 TRIGGERS: Mapping[str, Trigger] = {
-    "wired": Trigger("selfie stick, audio splitter", "frame grid", nothing_ms, nothing_ms),
-    "bluetooth": Trigger(
-        "two Bluetooth remotes, one button", "connection intervals, frame grid", bluetooth_ms, bluetooth_ms
-    ),
-    "wifi": Trigger("message over WiFi", "sleep until a beacon, link, frame grid", nothing_ms, wifi_ms),
+    "wired": Trigger(nothing_ms, nothing_ms),
+    "bluetooth": Trigger(bluetooth_ms, bluetooth_ms),
+    "wifi": Trigger(nothing_ms, wifi_ms),
 }
 """The paper's three by their names."""
 

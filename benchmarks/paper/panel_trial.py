@@ -76,10 +76,6 @@ class Trial:
     true_us: float
     clock_us: float
     phase_us: float
-    ready_s: float
-    """From the start, or from the reset, until both phones were ready."""
-    corrections: tuple[int, int]
-    """Injected frames of each phone until the picture."""
     pictures: tuple[Image, Image] | None
 
 
@@ -111,16 +107,13 @@ def run_trial(rng: random.Random, protocol: PanelProtocol = PAPERS, *, keep: boo
         seed=rng.getrandbits(32),
     )
     _wait(rig)
-    began_ns, before = 0, (0, 0)
     if protocol.anew:
-        began_ns, before = rig.now_true_ns, _corrections(rig)
         for node in rig.nodes.values():
             period_ns = node.spec.profile.period_ns
             node.sensor.inject(period_ns + rng.randrange(LEAST_STRETCH_NS, period_ns), rig.now_true_ns)
             node.channel = node.spec.link.open()
         rig.restart_leader()
         _wait(rig)
-    ready_s = (rig.now_true_ns - began_ns) / 1e9
     while True:
         number = rig.trigger(frames=1).number
         rig.run_for(PICK_NS)
@@ -138,14 +131,11 @@ def run_trial(rng: random.Random, protocol: PanelProtocol = PAPERS, *, keep: boo
         times_ns.append(read_time(pictures[-1], **rows))
     true_ns = client.frame.start_true_ns - leader.frame.start_true_ns
     phase_ns = client.phase_error_ns - leader.phase_error_ns
-    after = _corrections(rig)
     return Trial(
         decoded_us=difference_ns(times_ns[1], times_ns[0]) / 1000,
         true_us=true_ns / 1000,
         clock_us=(true_ns - phase_ns) / 1000,
         phase_us=phase_ns / 1000,
-        ready_s=ready_s,
-        corrections=(after[0] - before[0], after[1] - before[1]),
         pictures=(pictures[0], pictures[1]) if keep else None,
     )
 
@@ -153,13 +143,6 @@ def run_trial(rng: random.Random, protocol: PanelProtocol = PAPERS, *, keep: boo
 def _wait(rig: VirtualRig) -> None:
     if not rig.run_until(rig.all_usable, limit_ns=READY_NS):
         raise IncompleteError("the simulated rig did not get ready in a minute")
-
-
-def _corrections(rig: VirtualRig) -> tuple[int, int]:
-    return (
-        rig.nodes["leader"].client.aligner.corrections,
-        rig.nodes["client"].client.aligner.corrections,
-    )
 
 
 def _draw_phone(rng: random.Random) -> SensorProfile:

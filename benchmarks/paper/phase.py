@@ -20,7 +20,6 @@ from benchmarks.paper.phase_trials import (
 )
 from benchmarks.paper.result import Figures, Outcome, Result, Table
 from benchmarks.paper.trials import call_all
-from benchmarks.paper.values import INJECTIONS
 from capture_app.console.terminal import talk
 from capture_app.simulation.profiles import PROFILES
 
@@ -101,10 +100,6 @@ PHONE = replace(
     timestamp_noise_ns=3_000,
 )
 """Starts in 600 to 800 ms (paper, section 5.1): the spread covers a period, so that no aim helps."""
-PAPER = {
-    "injections_mean": {"phone": {"injection": INJECTIONS["moves.mean"]}},
-    "seconds_mean": {"phone": {"injection": INJECTIONS["moves.mean"] * INJECTIONS["each_s"]}},
-}
 
 
 def run(
@@ -154,7 +149,7 @@ def run(
             "seconds_mean": _figures({**theirs.injections, **theirs.restarts}, "seconds"),
             "never_share": _figures({**theirs.injections, **theirs.restarts}, "never"),
         },
-        paper=PAPER,
+        paper={},
     )
     return Outcome(result, tables(result), NOTES, lambda _: [])
 

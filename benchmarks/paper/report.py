@@ -140,9 +140,9 @@ def _row(value: PaperValue, protocol: Measured, default: Measured, *, put_in: bo
 
 
 PARTS = {
-    "clock_paper": ("table-3", "least-round-trip", "figure-7", "figure-s1", "figure-s2"),
+    "clock_paper": ("table-3", "least-round-trip", "figure-s2"),
     "phase_paper": ("injections", "restarts"),
-    "led_panel": ("table-2", "figure-5", "figure-6"),
+    "led_panel": ("table-2", "figure-5"),
     "five_phones": ("worst-pair", "start-up", "burst"),
     "naive": ("table-1",),
 }

@@ -1,7 +1,7 @@
 """A table or figure of the paper with our numbers beside it, by the names that `values` has."""
 
-from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass
 from pathlib import Path
 
 from benchmarks.paper.values import PaperFigure, PaperTable
@@ -15,10 +15,6 @@ class Measured:
     trials: int
     setup: str
     """A clause that says what differs between protocol and default, such as "tolerance 20 us"."""
-
-    def only(self, names: Sequence[str]) -> "Measured":
-        """Those numbers alone."""
-        return replace(self, values={name: self.values[name] for name in names})
 
 
 @dataclass(frozen=True, slots=True)

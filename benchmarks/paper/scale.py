@@ -6,7 +6,6 @@ from dataclasses import dataclass, field
 from functools import partial
 from hashlib import blake2b
 from math import isqrt, nan
-from time import perf_counter
 from typing import Any
 
 from benchmarks.paper.result import Outcome, Result, Table
@@ -54,7 +53,6 @@ class Run:
     """That were simulated."""
     of_shards: int = 1
     """That the rig has."""
-    seconds: float = 0.0
 
     def pairs_us(self, seed: int) -> list[tuple[float, list[float]]]:
         """Differences between two clients drawn at each instant, in us, smallest first."""
@@ -98,8 +96,6 @@ class Run:
             "leader_cores": sum(part.root_busy_ns for part in self.parts) / 1e9 / elapsed_s,
             "coverage_95": sum(part.within_95 for part in self.parts) / judged,
             "coverage_hard_bound": sum(part.within_bound for part in self.parts) / judged,
-            "simulated_in_s": self.seconds,
-            "processor_s": sum(part.processor_s for part in self.parts),
             "digest": blake2b("".join(p.digest for p in self.parts).encode(), digest_size=16).hexdigest(),
         }
 
@@ -112,8 +108,8 @@ def run(*, trials: int | None, seed: int, options: ScaleOptions | None = None) -
         for shape in options.shapes:
             relays = max(2, isqrt(clients)) if shape == "tree" else 0
             spec = TreeSpec(clients, relays, options.minutes * 60.0, CLIENT_PACE_S)
-            done = runs[shape][str(clients)] = _simulate(spec, seed, count, options)
-            talk(f"{clients} clients, {shape.replace('_', ' ')}: {done.seconds:.1f} s")
+            runs[shape][str(clients)] = _simulate(spec, seed, count, options)
+            talk(f"{clients} clients, {shape.replace('_', ' ')}")
     figures = {shape: {n: r.figures(seed) for n, r in sizes.items()} for shape, sizes in runs.items()}
     result = Result(
         name="scale",
@@ -148,9 +144,7 @@ def _simulate(spec: TreeSpec, seed: int, trials: int, options: ScaleOptions) -> 
         for trial in range(trials)
         for shard in range(some)
     ]
-    began_s = perf_counter()
     done.parts = call_all(calls, jobs=options.jobs, few=2)
-    done.seconds = perf_counter() - began_s
     return done
 
 
@@ -167,8 +161,7 @@ def _table(figures: Mapping[str, Mapping[str, Any]]) -> Table:
                     f"{f['leader_messages_per_s']:.0f}",
                     f"{f['relay_messages_per_s']:.0f}" if f["relays"] else "-",
                     f"{100 * f['leader_cores']:.1f}",
-                    f"{f['simulated_in_s']:.0f} ({f['processor_s']:.0f})",
                 )
             )
     head = ("clients", "pair, median us", "99 %", "largest", "one's largest", "leader, msg/s", "relay, msg/s")
-    return Table((*head, "leader, % of a core", "simulated in s (of processors)"), rows)
+    return Table((*head, "leader, % of a core"), rows)

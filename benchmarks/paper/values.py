@@ -209,34 +209,6 @@ FIGURE_5 = PaperFigure(
         PaperValue("apart", "these two pictures are apart", "us", None),
     ),
 )
-FIGURE_6 = PaperFigure(
-    "figure-6",
-    "Errors of phase, clock and both",
-    "Figure 6",
-    (
-        PaperValue("phase.max", "phase, largest", "us", 21.0, less_is_better=True),
-        PaperValue("clock.max", "clock, largest", "us", 121.0, at_most=True, less_is_better=True),
-        PaperValue("total.max", "total, largest", "us", 121.0, less_is_better=True),
-    ),
-)
-FIGURE_7 = PaperFigure(
-    "figure-7",
-    "One-way times",
-    "Figure 7",
-    (
-        PaperValue("to_client.mean", "leader to client, mean (dashed)", "us", 1133.0),
-        PaperValue("to_leader.mean", "client to leader, mean (dashed)", "us", 1878.0),
-    ),
-)
-FIGURE_S1 = PaperFigure(
-    "figure-s1",
-    "Error of a message's offset against its round trip",
-    "Supplement, figure 1",
-    (
-        PaperValue("bias.mean", "mean of all", "us", 372.0, less_is_better=True),
-        PaperValue("bias.least", "of the quickest message", "us", 19.0, less_is_better=True),
-    ),
-)
 FIGURE_S2 = PaperFigure(
     "figure-s2",
     "Convergence of the filters with the number of messages",
@@ -263,4 +235,4 @@ TABLES = (
     START_UP,
     BURST,
 )
-FIGURES = (FIGURE_5, FIGURE_6, FIGURE_7, FIGURE_S1, FIGURE_S2)
+FIGURES = (FIGURE_5, FIGURE_S2)

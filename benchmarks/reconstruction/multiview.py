@@ -27,7 +27,7 @@ from unittest.mock import patch
 import cv2
 import numpy as np
 
-from benchmarks.reconstruction.multiview_cloud import cloud_scores, normal_error_deg
+from benchmarks.reconstruction.multiview_cloud import cloud_scores
 from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Rendered
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
@@ -49,7 +49,6 @@ Result = dict[str, Any]
 
 SEED_SHARE = 1e-5
 """By which share grey levels differ from seed to seed."""
-EDGE_PX, THIN_PX = 3, 9
 
 
 def ours(
@@ -95,8 +94,6 @@ def ours(
         for name, view in found.items()
     }}  # fmt: skip
     result |= cloud_scores(cloud, views, condition.depth)
-    facing = found[reference].normals
-    result["normals_deg"] = normal_error_deg(facing, condition.depth[reference], views[reference])
     return result
 
 
@@ -152,24 +149,11 @@ def _shares(depth: Array, condition: Condition, reference: str) -> Result:
     given = (depth > 0) & (truth > 0)
     right = right_depth(depth, truth)
     wrong = float(np.mean(~right[given])) if given.any() else None
-    edges, thin = _edges_and_thin(truth)
     return {
         **shares,
-        "edges_within_2pct": float(np.mean(right[edges])),
-        "thin_within_2pct": float(np.mean(right[thin])) if thin.any() else None,
         "coverage": float(np.mean(depth > 0)),
         "given_wrong": wrong,
     }
-
-
-def _edges_and_thin(truth: Array) -> tuple[Array, Array]:
-    """Pixels near a jump of true depth, and those of things that are narrower than `THIN_PX` (bool)."""
-    inverse = np.where(truth > 0, 1 / np.maximum(truth, 1e-6), 0).astype(np.float32)
-    near = np.ones((2 * EDGE_PX + 1, 2 * EDGE_PX + 1), np.uint8)
-    edges = cv2.dilate(inverse, near) > 1.05 * cv2.erode(inverse, near)
-    across = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (THIN_PX, THIN_PX))
-    thin = inverse > 1.05 * cv2.morphologyEx(inverse, cv2.MORPH_OPEN, across)
-    return edges & (truth > 0), thin & (truth > 0)
 
 
 def _true_points(view: View, depth: Array) -> Array:
@@ -239,8 +223,6 @@ COLUMNS = {
     "within_2pct": ("within 2 %", ".1%"),
     "spread": ("spread", ".1%"),
     "mover_within_2pct": ("movers", ".1%"),
-    "thin_within_2pct": ("thin", ".1%"),
-    "edges_within_2pct": ("edges", ".1%"),
     "static_within_2pct": ("static", ".1%"),
     "mover_coverage": ("movers covered", ".1%"),
     "coverage": ("covered", ".1%"),
@@ -252,7 +234,6 @@ COLUMNS = {
     "all_fused_s": ("fused s", ".1f"),
     "all_fused_cpu_s": ("cpu", ".1f"),
     "f_score_1cm": ("F 1 cm", ".2f"),
-    "normals_deg": ("normal, deg", ".1f"),
 }
 
 

@@ -1,4 +1,4 @@
-"""How a fused cloud and a map of normals compare with the true surfaces."""
+"""How a fused cloud compares with the true surfaces."""
 
 from pathlib import Path
 
@@ -6,8 +6,6 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
-from reconstruction.depth.calibrated_image import CalibratedImage
-from reconstruction.depth.plane_fitting import fit_planes, surface_normals
 from reconstruction.multiview.cloud_accuracy import TOLERANCE_M, visible_points
 
 
@@ -36,17 +34,6 @@ def cloud_scores(cloud: Path, views: dict[str, View], depth: dict[str, Array]) -
         "recall_1cm": recall,
         "f_score_1cm": 2 * precision * recall / max(precision + recall, 1e-9),
     }
-
-
-def normal_error_deg(found: Array, depth: Array, view: View) -> float:
-    """Median angle between normals (height x width x 3, 0 = none) and those of the true depth, degrees."""
-    photo = CalibratedImage(view, depth, 5, 1.0)
-    inverse = np.where(depth > 0, 1 / np.maximum(depth, 1e-6), 0).astype(np.float32)
-    level, right, down = fit_planes(inverse, 0.03 * float(np.median(inverse)), radius=1)
-    true = surface_normals(level, right, down, photo.rays)
-    there = np.abs(found).sum(-1) > 0
-    cosine = np.clip((true * found).sum(-1)[there & (depth > 0)], -1, 1)
-    return float(np.degrees(np.median(np.arccos(cosine))))
 
 
 def _points(view: View, depth: Array) -> Array:

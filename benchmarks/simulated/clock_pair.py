@@ -3,8 +3,8 @@
 import random
 from collections.abc import Callable
 from dataclasses import dataclass
-from typing import Protocol
 
+from benchmarks.simulated.changing_clocks import ChangingClock
 from benchmarks.simulated.virtual_rig import Timer, VirtualTime
 from capture_app.common.node_state import NodeState
 from capture_app.simulation.links import DelayLaw, Direction, Link
@@ -17,16 +17,6 @@ from capture_app.sync.timekeeping.timekeeper import Timekeeper
 
 ADDRESS = ("node", 0)
 START_TRUE_NS = 10**12
-
-
-class Clock(Protocol):
-    """A clock of a node or a leader, steady or not."""
-
-    def local_from_true(self, true_ns: int) -> int:
-        """Reading of this clock in ns at a true time in ns."""
-
-    def true_from_local(self, local_ns: int) -> int:
-        """True time in ns of a reading in ns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,8 +38,8 @@ class ClockPair:
     def __init__(
         self,
         link: Link,
-        node: Clock,
-        leader: Clock,
+        node: ChangingClock,
+        leader: ChangingClock,
         rng: random.Random,
         tolerance_ns: int,
         silent_from_true_ns: int | None = None,

@@ -5,7 +5,7 @@ Virtual time: what is to happen is done in the order of its true time, and nothi
 
 import heapq
 import random
-from collections.abc import Callable, MutableSequence, Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -15,7 +15,6 @@ from capture_app.common.node_state import NodeState
 from capture_app.simulation.links import Channel, Link
 from capture_app.simulation.profiles import SensorProfile, facts_of
 from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
-from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig.client import Client, ClientConfig
@@ -99,8 +98,6 @@ class NodeSpec:
     """Makes the schedule by which it asks for the time."""
     any_clock: bool = False
     """Whether its clock is good enough once its schedule calls it synchronized, however well it is known."""
-    samples: MutableSequence[ClockSample] | None = None
-    """Called with each of its exchanges with the leader."""
 
 
 @dataclass(slots=True)
@@ -164,7 +161,7 @@ class VirtualRig:
             ring_ns=60 * spec.profile.period_ns,
             injection_profile=spec.injection_profile,
         )
-        client: Client[SensorFrame] = Client(config, rng, spec.schedule(), samples=spec.samples)
+        client: Client[SensorFrame] = Client(config, rng, spec.schedule())
         if spec.any_clock:
             client.time.timekeeper.target = AccuracyTarget()
         node = VirtualNode(spec, Sensor(spec.profile, rng), client, spec.link.open())

@@ -124,7 +124,7 @@ test-long: $(VENV)/.installed-dev
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m long
 
 test-odd-inputs: $(VENV)/.installed-dev
-	$(BIN)/pytest -m "long or not long" -n auto tests/reconstruction/odd_inputs
+	$(BIN)/pytest -m "long or not long" -n auto tests/reconstruction/commands
 
 samples: $(VENV)/.installed
 	$(BIN)/python -m benchmarks.samples --replace --out sample_sessions $(dir $(wildcard sample_sessions/*/recipe.json))
@@ -183,7 +183,7 @@ animation: $(VENV)/.installed-dev
 	$(BIN)/python docs/images/take_animation.py
 
 test-crash: $(VENV)/.installed-dev
-	$(BIN)/pytest -m "slow or long" -n auto tests/session/crashes
+	$(BIN)/pytest -m "slow or long" -n auto tests/session/writing
 
 screenshots: $(VENV)/.installed
 	$(BIN)/python docs/images/screenshots.py

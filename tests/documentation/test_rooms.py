@@ -9,7 +9,7 @@ import pytest
 ROOT = Path(__file__).resolve().parents[2]
 ROOMS = runpy.run_path(str(ROOT / "docs" / "rooms.py"))
 INITS = sorted((*ROOT.glob("capture_app/**/__init__.py"), *ROOT.glob("reconstruction/**/__init__.py")))
-WITHOUT_ROOM = {"benchmarks", "documentation", "end_to_end", "fuzz", "project", "samples", "slurm"}
+WITHOUT_ROOM = {"benchmarks", "documentation", "end_to_end", "fuzz", "packaging", "samples", "slurm"}
 """Folders of tests that test no single room of `capture_app`."""
 
 
@@ -24,14 +24,21 @@ def test_names_in_the_description_of_a_room_exist(path: Path) -> None:
 
 def test_names_on_the_page_of_the_architecture_exist() -> None:
     page = (ROOT / "docs" / "architecture.md").read_text()
-    code = "\n".join(path.read_text() for path in ROOT.glob("capture_app/**/*.py"))
-    code += "\n".join(path.read_text() for path in ROOT.glob("reconstruction/**/*.py"))
+    folders = ("capture_app", "reconstruction")
+    code = "\n".join(path.read_text() for folder in folders for path in (ROOT / folder).rglob("*.py"))
     missing = []
     for name in re.findall(r"`([^`]+)`", page):
-        if "/" in name or name.endswith((".py", ".md", ".toml", ".c", ".js")):
+        program, *words = name.split()
+        if program in ("capture-app", "reconstruct", "make", "python"):
+            found = all(re.search(rf"\b{word}\b", code) or (ROOT / word).exists() for word in words)
+            found = found or program == "make"
+        elif "/" in name:
             found = (ROOT / name).exists()
         else:
-            found = re.search(rf"\b{re.escape(name.split()[-1].rsplit('.')[-1])}\b", code) is not None
+            path = name.replace(".", "/")
+            places = (ROOT, ROOT / "capture_app", ROOT / "reconstruction")
+            found = any((at / near).exists() for at in places for near in (name, path, f"{path}.py"))
+            found = found or re.search(rf"(?<![\w.]){re.escape(name)}\b", code) is not None
         missing += [] if found else [name]
     assert missing == [], "paths are written from the root of the repository"
 
@@ -62,4 +69,4 @@ def test_a_folder_of_tests_mirrors_a_room() -> None:
 
 def test_a_commands_test_is_beside_those_of_other_commands() -> None:
     loose = [path.name for path in (ROOT / "tests").glob("test_*.py")]
-    assert loose == [], "each belongs to a room, or to tests/project"
+    assert loose == [], "each belongs to a room, or to tests/packaging"

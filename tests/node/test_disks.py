@@ -34,8 +34,8 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.writing.image_store import StoredImage
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.node import bursts
+from tests.node.camera.uploading import Picture, burst_upload, uploading
 from tests.node.joining import joined
-from tests.node.transfer.uploading import Picture, burst_upload, uploading
 from tests.waiting import until
 
 pytestmark = pytest.mark.usefixtures("open_rig")

@@ -20,7 +20,7 @@ from capture_app.rig.camera_times import (
 from capture_app.session.format.manifest import CameraRecord, ClockRecord
 from capture_app.simulation.profiles import PROFILES
 from tests.facts import make_facts
-from tests.simulation.rig.rigs import LAN, MS, ready_rig
+from tests.sync.rig.rigs import LAN, MS, ready_rig
 
 EXACT = make_facts()
 WEBCAM = make_facts(kind="v4l2", exposure_ns=10 * MS)

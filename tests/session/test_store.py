@@ -221,7 +221,7 @@ def test_no_path_leads_out(tmp_path_factory: pytest.TempPathFactory, path: str) 
 KILLED_WRITER = """
 import pathlib, sys
 from capture_app.session.writing.session_writer import SessionWriter
-from tests.session.crashes.killed_writer import die_at
+from tests.session.writing.killed_writer import die_at
 writer = SessionWriter.create(pathlib.Path(sys.argv[1]), "killed")
 die_at(2 * int(sys.argv[2]) - 1)
 for instant in range(1000):

@@ -14,7 +14,7 @@ from capture_app.common.node_state import NodeState
 from tests.cameras.libcamera.double_camera import Sensor
 from tests.cameras.libcamera.rig import NodeSpec, Rig
 from tests.simulation.camera.stepped import HOUR_NS, LoopClock, in_stepped_time
-from tests.simulation.rig.rigs import LAN
+from tests.sync.rig.rigs import LAN
 
 CRYSTALS_PPM = (0.0, 25.0, -30.0, 60.0)
 TOLERANCE_NS = 30_000

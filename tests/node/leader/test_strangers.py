@@ -35,8 +35,8 @@ from capture_app.session.format.journal import record_of_line
 from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingImage
 from capture_app.session.reading.reader import Session
 from tests.node import bursts
+from tests.node.camera.uploading import Picture, burst_upload, uploading
 from tests.node.joining import joined
-from tests.node.transfer.uploading import Picture, burst_upload, uploading
 from tests.waiting import until
 
 pytestmark = pytest.mark.usefixtures("open_rig")

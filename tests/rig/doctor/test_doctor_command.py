@@ -36,7 +36,7 @@ def test_a_report_holds_what_was_found_and_measured(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, capfd: pytest.CaptureFixture[str]
 ) -> None:
     monkeypatch.setenv("XDG_STATE_HOME", str(tmp_path))
-    report, panel = tmp_path / "report.json", Path(__file__).parents[2] / "sample_sessions" / "led_panel"
+    report, panel = tmp_path / "report.json", Path(__file__).parents[3] / "sample_sessions" / "led_panel"
     asked = ("--report", str(report), "--camera", "nothing:0", "--panel", str(panel))
     run(("doctor", "--spool", str(tmp_path / "spool"), *asked))
     told = msgspec.json.decode(report.read_bytes())

@@ -20,8 +20,8 @@ from capture_app.tui.widgets.row_list import RowList
 from tests.tui.driving import make_app, settle, toasts, until
 from tests.tui.fake_rig import FakeRig
 from tests.tui.jobs.found import add_comparison, add_depth, add_dose, add_job, add_panorama
-from tests.tui.pictures.sent import PLACEHOLDER, Sent
 from tests.tui.takes import make_take
+from tests.tui.widgets.sent import PLACEHOLDER, Sent
 
 QUICK = replace(COMPARE, module="tests.tui.jobs.quick_command", words=("compare",), quick="")
 SIZES = [(80, 24), (120, 40), (200, 50)]

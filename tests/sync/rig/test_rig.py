@@ -1,0 +1,266 @@
+"""The whole engine in virtual time: clocks hours apart, phases anywhere, links that lose and reorder."""
+
+import random
+from dataclasses import replace
+from typing import Any
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+
+from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
+from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay
+from capture_app.common.clock import SimulatedClock
+from capture_app.common.errors import BadInputError, IncompleteError
+from capture_app.common.node_state import NodeState
+from capture_app.simulation.links import Link
+from capture_app.simulation.profiles import PROFILES
+from capture_app.sync.rig.events import BurstAnswered, LeaderNews, NodeChanged
+from capture_app.sync.rig.frame_selection import Burst
+from capture_app.sync.wire.codec import encode
+from capture_app.sync.wire.messages import (
+    Goodbye,
+    HeartbeatAck,
+    Hello,
+    JoinRefusal,
+    RigConfigMessage,
+    TimeReply,
+    Trigger,
+    UnknownMember,
+    Welcome,
+)
+from tests.sync.rig.rigs import LAN, S, ready_rig
+
+
+def specs(
+    count: int, *profiles: str, seed: int = 1, link: Link = LAN, drop_share: float = 0.0
+) -> list[NodeSpec]:
+    rng = random.Random(seed)
+    return [
+        NodeSpec(
+            f"cam{n:02d}",
+            replace(PROFILES[profiles[n % len(profiles)]], drop_share=drop_share),
+            SimulatedClock(rng.randrange(-9 * 3600 * S, 9 * 3600 * S), rng.uniform(-50, 50)),
+            link,
+        )
+        for n in range(count)
+    ]
+
+
+def changes(rig: VirtualRig) -> list[str]:
+    return [event.change for event in rig.leader_events if isinstance(event, NodeChanged)]
+
+
+def errors_ns(rig: VirtualRig, burst: Burst) -> list[int]:
+    """True start of each picked frame minus its instant; the leader's clock is the true time."""
+    return [
+        pick.frame.start_true_ns - burst.instants_ns[pick.instant]
+        for node in rig.nodes.values()
+        for pick in node.bursts[burst.number].frames
+    ]
+
+
+def errors_of_burst(rig: VirtualRig, frames: int) -> list[int]:
+    burst = rig.trigger(frames=frames)
+    rig.run_for(3 * S)
+    return errors_ns(rig, burst)
+
+
+def test_five_phones_take_pictures_of_the_same_instant() -> None:
+    rig = ready_rig(specs(5, "phone-a", "phone-b"), seed=3)
+    errors = errors_of_burst(rig, frames=5)
+    assert len(errors) == 25
+    assert max(map(abs, errors)) < 150_000
+
+
+def test_the_hard_bound_holds_for_every_frame_on_the_papers_link() -> None:
+    four = [replace(spec, tolerance_ns=250_000) for spec in specs(4, "phone-a", link=PAPER_LINK, seed=5)]
+    rig = ready_rig(four, seed=6)
+    burst = rig.trigger(frames=10)
+    rig.run_for(3 * S)
+    for node in rig.nodes.values():
+        for pick in node.bursts[burst.number].frames:
+            error_ns = pick.leader_ns - (pick.frame.timestamp_true_ns - pick.outlier_ns)
+            assert abs(error_ns) <= pick.hard_bound_ns
+            assert pick.uncertainty_ns <= pick.hard_bound_ns
+
+
+def test_webcams_align_by_restarts() -> None:
+    camera_specs = [replace(spec, tolerance_ns=2_000_000) for spec in specs(2, "webcam", seed=2)]
+    rig = ready_rig(camera_specs, seed=4, limit_s=120)
+    errors = errors_of_burst(rig, frames=3)
+    assert len(errors) == 6
+    assert max(map(abs, errors)) < 2_500_000
+
+
+def test_a_trigger_may_lie_in_the_past() -> None:
+    rig = ready_rig(specs(2, "perfect"), seed=1)
+    rig.run_for(2 * S)
+    before = rig.now_true_ns
+    burst = rig.trigger(frames=5, at_leader_ns=before - S)
+    assert all(instant < before for instant in burst.instants_ns)
+    rig.run_for(S // 2)
+    errors = errors_ns(rig, burst)
+    assert len(errors) == 10
+    assert max(map(abs, errors)) < 200_000
+
+
+def test_a_node_that_dies_is_lost_within_3_s_and_comes_back_by_itself() -> None:
+    rig = ready_rig(specs(2, "perfect"), seed=1)
+    rig.kill("cam01")
+    assert rig.run_until(lambda: "lost" in changes(rig), limit_ns=3 * S)
+    rig.start(rig.nodes["cam01"].spec)
+    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    assert "returned" in changes(rig)
+
+
+def test_a_restarted_node_waits_until_its_old_self_is_given_up() -> None:
+    rig = ready_rig(specs(1, "perfect"), seed=1)
+    rig.kill("cam00")
+    again = rig.start(rig.nodes["cam00"].spec)
+    rig.run_for(S)
+    assert "another camera named cam00 is here" in again.client.report(0).message
+    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+
+
+def test_clients_find_a_restarted_leader_and_serve_its_first_burst() -> None:
+    rig = ready_rig(specs(2, "perfect"), seed=1)
+    rig.trigger(frames=2)
+    rig.run_for(2 * S)
+    rig.restart_leader()
+    assert rig.run_until(rig.all_ready, limit_ns=30 * S)
+    assert any(isinstance(e, LeaderNews) and e.what == "lost" for e in rig.nodes["cam00"].events)
+    for node in rig.nodes.values():
+        node.bursts.clear()
+    burst = rig.trigger(frames=2)
+    rig.run_for(2 * S)
+    assert len(errors_ns(rig, burst)) == 4
+
+
+def test_a_burst_is_finished_although_its_leader_is_gone() -> None:
+    rig = ready_rig(specs(2, "perfect"), seed=1)
+    burst = rig.trigger(frames=3, at_leader_ns=rig.now_true_ns + S)
+    rig.run_for(S // 10)
+    rig.leader.receive_datagram = lambda *_: None  # type: ignore[method-assign]
+    rig.run_for(5 * S)
+    assert all(node.client.state is NodeState.JOINING for node in rig.nodes.values())
+    assert len(errors_ns(rig, burst)) == 6
+
+
+def test_a_burst_that_nobody_can_take_is_refused() -> None:
+    rig = VirtualRig([], seed=1)
+    with pytest.raises(IncompleteError, match="no camera is here"):
+        rig.trigger(frames=5)
+    rig.start(specs(1, "perfect")[0])
+    rig.run_for(S // 4)
+    with pytest.raises(BadInputError, match="0 frames"):
+        rig.trigger(frames=0)
+    burst = rig.trigger(frames=1)
+    rig.run_for(S // 4)
+    refusals = [event for event in rig.leader_events if isinstance(event, BurstAnswered)]
+    assert refusals == [BurstAnswered("cam00", burst.number, "its clock is not synchronized yet")]
+
+
+def test_dropped_frames_leave_gaps_that_say_so() -> None:
+    rig = ready_rig(specs(3, "phone-a", drop_share=0.1), seed=8, limit_s=60)
+    burst = rig.trigger(frames=30)
+    rig.run_for(5 * S)
+    for node in rig.nodes.values():
+        ready = node.bursts[burst.number]
+        assert sorted([p.instant for p in ready.frames] + [g.instant for g in ready.gaps]) == list(range(30))
+        assert all(gap.reason == "the camera dropped the frame" for gap in ready.gaps)
+        assert len({pick.frame.sequence for pick in ready.frames}) == len(ready.frames)
+    assert max(map(abs, errors_ns(rig, burst))) < 500_000
+    assert sum(len(node.bursts[burst.number].gaps) for node in rig.nodes.values()) > 0
+
+
+def test_one_late_stamp_is_not_a_late_picture() -> None:
+    camera_specs = [
+        replace(spec, profile=replace(spec.profile, outlier_share=0.15))
+        for spec in specs(2, "phone-a", seed=9)
+    ]
+    rig = ready_rig(camera_specs, seed=5, limit_s=60)
+    burst = rig.trigger(frames=30)
+    rig.run_for(5 * S)
+    picks = [pick for node in rig.nodes.values() for pick in node.bursts[burst.number].frames]
+    assert all(abs(pick.leader_ns - pick.frame.start_true_ns) < 40_000 for pick in picks)
+    stamps_off = [pick.frame.timestamp_true_ns - pick.frame.start_true_ns for pick in picks]
+    assert any(off > 100_000 for off in stamps_off)
+    told = [(pick.outlier_ns, off) for pick, off in zip(picks, stamps_off, strict=True) if off > 100_000]
+    assert all(abs(outlier - off) < 40_000 for outlier, off in told)
+
+
+@pytest.mark.slow
+def test_the_same_seed_gives_the_same_run() -> None:
+    def run() -> list[tuple[str, object]]:
+        rig = VirtualRig(specs(2, "phone-a", "webcam", link=PAPER_LINK), seed=11)
+        rig.run_for(8 * S)
+        return [(name, node.client.report(0)) for name, node in rig.nodes.items()]
+
+    assert run() == run()
+
+
+u32 = st.integers(0, 2**32 - 1)
+times = st.integers(-(2**63), 2**63 - 1)
+numbers = st.sampled_from(["client", "instance", "other"])
+
+
+def forged_config(anchor_leader_ns: int, period_ns: int) -> RigConfigMessage:
+    return RigConfigMessage(leader=7, anchor_leader_ns=anchor_leader_ns, period_ns=period_ns)
+
+
+law = st.just(GammaDelay(50_000, 400_000, outlier_share=0.05))
+shares = st.floats(0, 0.3)
+
+
+@pytest.mark.slow
+@settings(max_examples=15, suppress_health_check=[HealthCheck.too_slow])
+@given(
+    link=st.builds(Link, law, law, shares, shares),
+    forged=st.lists(
+        st.one_of(
+            st.builds(lambda t0, t1, t2: ("time", t0, t1, t2), times, times, times),
+            st.builds(lambda a, p: ("welcome", a, p), times, times),
+            st.builds(lambda f, s, c: ("trigger", f, s, c), times, times, u32),
+            st.builds(lambda a, p: ("alive", a, p), times, times),
+            st.sampled_from([("unknown",), ("refused",), ("goodbye",), ("noise",)]),
+        ),
+        max_size=12,
+    ),
+    seed=u32,
+)
+def test_nothing_on_the_network_keeps_a_rig_from_getting_ready(
+    link: Link, forged: list[tuple[object, ...]], seed: int
+) -> None:
+    rig = VirtualRig(specs(1, "perfect", link=link), seed=seed)
+    rig.run_for(S)
+    node = rig.nodes["cam00"]
+    client = node.client.time.number or 0
+    instance = node.client.config.instance
+    for kind, *fields in forged:
+        more: Any = fields
+        message: Any
+        match kind:
+            case "time":
+                message = TimeReply(client, 5, *more)
+            case "welcome":
+                message = Welcome(instance, client, 1, forged_config(*more))
+            case "trigger":
+                message = Trigger(client, 7, 9, *more)
+            case "unknown":
+                message = UnknownMember(client)
+            case "alive":
+                message = HeartbeatAck(client, forged_config(*more))
+            case "refused":
+                message = JoinRefusal(instance, "no")
+            case "goodbye":
+                message = Goodbye(client)
+            case _:
+                message = Hello("stranger", 1, node.client.config.camera)
+        data = encode(message)
+        node.client.receive_datagram(data, node.spec.clock.local_from_true(rig.now_true_ns))
+        rig.leader.receive_datagram(data, ("cam00", 0), rig.now_true_ns)
+        rig.run_for(S // 10)
+    rig.run_for(5 * S)
+    ready = lambda: rig.nodes["cam00"].client.state is NodeState.READY  # noqa: E731
+    assert rig.run_until(ready, limit_ns=60 * S)

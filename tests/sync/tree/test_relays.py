@@ -1,0 +1,250 @@
+"""Cameras below relays in virtual time: bursts, grids and names are the whole tree's, and relays may die."""
+
+import random
+
+import pytest
+from msgspec import structs
+
+from benchmarks.simulated.clock_tree import ROOT
+from capture_app.common.node_state import NodeState
+from capture_app.sync.rig.client import Client, ClientConfig
+from capture_app.sync.rig.events import BurstAnswered, LeaderNews, NodeChanged
+from capture_app.sync.rig.rig_config import RigConfig
+from capture_app.sync.wire.codec import decode
+from capture_app.sync.wire.messages import Hello
+from tests.sync.rig.rigs import checked_error_ns
+from tests.sync.tree.relay_rig import CAMERA, Camera, RelayRig, S, camera_below_a_relay
+
+
+def test_a_burst_reaches_cameras_below_relays_of_relays_in_the_roots_time() -> None:
+    rig = RelayRig()
+    upper = rig.relay("upper", ROOT)
+    lower = rig.relay("lower", upper)
+    rig.camera("near", ROOT)
+    rig.camera("middle", upper)
+    rig.camera("far", lower)
+    rig.run_until(rig.all_ready)
+    rig.check_burst()
+    views = rig.views()
+    assert {name: views[name].via for name in views} == {
+        "near": None,
+        "upper": None,
+        "middle": "upper",
+        "lower": "upper",
+        "far": "lower",
+    }
+    bounds = [views[name].report.hard_bound_ns or 0 for name in ("upper", "lower", "far")]
+    assert bounds == sorted(bounds), "each clock on the way adds its own error"
+    assert bounds[0] > 0
+    assert rig.tree.root.pace_ns == 0
+
+
+def test_a_camera_that_can_only_restart_is_weighed_by_the_root_wherever_it_is() -> None:
+    rig = RelayRig()
+    relay = rig.relay("relay", ROOT)
+    rig.camera("near", ROOT)
+    far = rig.camera("far", relay, control="reset")
+    grid = rig.tree.root.grid
+    rig.run_until(lambda: rig.all_ready() and rig.tree.root.grid != grid)
+    assert rig.tree.root.grid == rig.relays["relay"].leader.grid
+    assert far.client.aligner.window.aligned
+
+
+def test_two_cameras_of_one_name_are_told_apart_anywhere_in_the_tree() -> None:
+    rig = RelayRig()
+    one, two = rig.relay("one", ROOT), rig.relay("two", ROOT)
+    first = rig.camera("cam", one, at="cam")
+    rig.run_until(lambda: first.client.state is NodeState.READY)
+    second = rig.camera("cam", two, at="other")
+    rig.run(4.0)
+    assert first.client.time.is_member
+    (said,) = (event for event in first.events if isinstance(event, LeaderNews) and event.what == "said")
+    assert "another camera below two wants to be cam" in said.text
+    assert second.client.state is NodeState.JOINING
+    refusal = "another camera named cam is here: give this one another --name"
+    assert LeaderNews("refused", refusal) in second.events
+    rig.kill("cam")
+    rig.run_until(lambda: second.client.state is NodeState.READY)
+    assert rig.views()["cam"].via == "two"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("next_parent", ["root", "relay"])
+def test_the_clients_of_a_dead_relay_go_on_below_the_next_parent(next_parent: str) -> None:
+    rig = RelayRig()
+    dying, other = rig.relay("dying", ROOT), rig.relay("other", ROOT)
+    below = rig.relay("below", dying, ROOT if next_parent == "root" else other)
+    rig.camera("a", dying, ROOT if next_parent == "root" else other)
+    rig.camera("b", below)
+    rig.run_until(rig.all_ready)
+    rig.check_burst()
+    rig.kill("dying")
+    rig.run(4.5)
+    del rig.relays["dying"]
+    rig.run_until(rig.all_ready)
+    rig.check_burst()
+    expected = None if next_parent == "root" else "other"
+    assert (rig.views()["a"].via, rig.views()["below"].via) == (expected, expected)
+
+
+def test_many_below_a_relay_are_told_together_and_answer_together() -> None:
+    rig = RelayRig()
+    upper = rig.relay("upper", ROOT)
+    lower = rig.relay("lower", upper)
+    for number in range(6):
+        rig.camera(f"cam{number}", lower if number % 2 else upper)
+    rig.run_until(rig.all_ready)
+    rig.run(5.0)
+    before, sent = rig.heard_at_root.copy(), rig.sent_by_root.copy()
+    rig.run(10.0)
+    told = rig.heard_at_root - before
+    assert 10 <= told["MemberReports"] <= 45, "however many they are"
+    assert told["Heartbeat"] <= 25, "only the relay's own"
+    assert (rig.sent_by_root - sent)["HeartbeatAck"] <= 25
+    before, sent = rig.heard_at_root.copy(), rig.sent_by_root.copy()
+    rig.check_burst()
+    assert 1 <= (rig.sent_by_root - sent)["Trigger"] <= 3
+    assert 1 <= (rig.heard_at_root - before)["TriggerAck"] <= 5
+
+
+def test_a_camera_that_falls_silent_below_relays_is_lost_at_the_root() -> None:
+    rig = RelayRig()
+    lower = rig.relay("lower", rig.relay("upper", ROOT))
+    for name in ("stays", "goes"):
+        rig.camera(name, lower)
+    rig.run_until(rig.all_ready)
+    rig.kill("goes")
+    rig.run(3.5)
+    assert NodeChanged("goes", "lost", "silent for 2 s") in rig.events
+    rig.run(10.0)
+    assert rig.views()["goes"].lost
+    assert not rig.views()["stays"].lost
+    rig.kill("lower")
+    rig.run(4.0)
+    assert rig.views()["lower"].lost
+    assert rig.views()["stays"].lost, "nobody speaks for it"
+
+
+def test_a_relay_that_stops_in_order_sends_its_clients_on_at_once() -> None:
+    rig, camera = camera_below_a_relay()
+    rig.relays.pop("relay").leave()
+    rig.tree.act("relay")
+    rig.run(0.2)
+    rig.kill("relay")
+    assert rig.views()["relay"].report.state is NodeState.LOST
+    rig.run_until(lambda: camera.client.state is NodeState.READY)
+    assert rig.views()["cam"].via is None
+
+
+def test_a_promised_burst_survives_the_relay_that_brought_it() -> None:
+    rig, camera = camera_below_a_relay()
+    burst = rig.trigger(2, after_s=8)
+    rig.run(0.5)
+    rig.kill("relay")
+    rig.run(9.0)
+    assert [(e.name, e.refusal) for e in rig.events if isinstance(e, BurstAnswered)] == [("cam", "")]
+    (ready,) = camera.ready
+    assert ready.trigger.burst == burst.number
+    assert len(ready.frames) == 2
+    assert rig.views()["cam"].via is None
+
+
+def test_a_relay_without_its_root_holds_the_time_over_even_for_new_clients() -> None:
+    rig = RelayRig()
+    relay = rig.relay("relay", ROOT)
+    old = rig.camera("old", relay)
+    rig.run_until(rig.all_ready)
+    rig.kill("root")
+    rig.run(10.0)
+    assert rig.relays["relay"].member.time.number is None
+    new = rig.camera("new", relay)
+    # The longer the holdover, the coarser.
+    rig.run_until(lambda: new.client.state in (NodeState.READY, NodeState.COARSE))
+    for camera in (old, new):
+        error_ns = checked_error_ns(camera.client.time_map, camera.clock, rig.tree.now_true_ns)
+        assert abs(error_ns) < 1_000_000
+    rig.tree.revive("root")
+    rig.run_until(rig.all_ready)
+    rig.check_burst()
+
+
+def test_a_camera_that_moves_without_having_been_lost_is_not_there_twice() -> None:
+    rig, camera = camera_below_a_relay()
+    assert rig.views()["cam"].via == "relay", "it had the patience to wait until the relay knew the time"
+    camera.client.time.hellos = 10
+    camera.client.time.lose("it was told to", camera.clock.local_from_true(rig.tree.now_true_ns))
+    rig.run_until(lambda: rig.views()["cam"].via is None)
+    rig.run(5.0)
+    assert NodeChanged("cam", "moved") in rig.events
+    assert rig.views()["cam"].via is None
+    assert camera.client.state is NodeState.READY
+    rig.check_burst()
+
+
+def test_a_burst_is_taken_while_the_new_leaders_clock_is_still_being_learned() -> None:
+    rig, camera = camera_below_a_relay()
+    rig.kill("relay")
+    rig.run_until(lambda: rig.views()["cam"].via is None)
+    rig.run(0.2)
+    assert camera.client.state is NodeState.SYNCING
+    rig.check_burst()
+
+
+def test_clients_go_back_to_their_relay_once_it_is_there_again_but_not_before_a_burst() -> None:
+    rig, camera = camera_below_a_relay(probe_every_ns=S)
+    rig.kill("relay")
+    rig.run_until(lambda: rig.views()["cam"].via is None)
+    rig.relay("relay", ROOT)
+    rig.run_until(rig.all_ready)
+    rig.trigger(2, after_s=8)
+    rig.run(7.0)
+    assert rig.views()["cam"].via is None
+    rig.run_until(lambda: rig.views()["cam"].via == "relay")
+    assert len(camera.ready[-1].frames) == 2
+    rig.check_burst()
+    assert not any(
+        isinstance(e, NodeChanged) and (e.name, e.change) == ("cam", "lost") for e in rig.events[-4:]
+    )
+
+
+@pytest.mark.slow
+def test_clients_leave_a_relay_that_has_lost_its_leader_for_one_that_has_not() -> None:
+    rig = RelayRig(probe_every_ns=S)
+    gate, other = rig.relay("gate", ROOT), rig.relay("other", ROOT)
+    middle = rig.relay("middle", gate)
+    relay = rig.relay("relay", middle)
+    rig.run_until(rig.all_ready)
+    rig.camera("cam", relay, other)
+    stays = rig.camera("stays", relay)
+    rig.run_until(rig.all_ready)
+    assert rig.views()["cam"].via == "relay"
+    rig.kill("gate")
+    rig.run_until(lambda: rig.relays["relay"].leader.current.in_holdover)
+    assert rig.relays["relay"].member.time.is_member, "its own parent is there, and alone"
+    rig.run_until(lambda: rig.views()["cam"].via == "other")
+    assert stays.client.state is NodeState.READY
+    assert stays.client.leader_in_holdover
+    assert "has lost the leader" in stays.client.report(0).message
+
+
+def test_the_first_camera_sets_the_rate_though_a_relay_joined_before() -> None:
+    rig = RelayRig()
+    rig.tree.root.current.config = RigConfig()
+    relay = rig.relay("relay", ROOT)
+    rig.run(3.0)
+    camera = structs.replace(CAMERA, period_ns=20_000_000)
+    rng = random.Random(1)
+    client: Client[int] = Client(ClientConfig("cam", 5, camera, 60_000, 90), rng)
+    rig.tree.add("cam", Camera(client, (relay,)), rng, (relay,))
+    rig.run(6.0)
+    grid = rig.tree.root.grid
+    assert grid is not None
+    assert grid.period_ns == 20_000_000
+    assert rig.relays["relay"].leader.grid == grid
+    # A root that is started anew hears of the rate from the first relay.
+    relay_node = rig.relays["relay"]
+    rig.kill("root")
+    rig.run(4.0)
+    relay_node.member.handle_timer(relay_node.next_timer() + S)
+    hellos = [decode(data) for data, _ in relay_node.member.datagrams_to_send(0)]
+    assert [hello.camera.period_ns for hello in hellos if isinstance(hello, Hello)] == [20_000_000]

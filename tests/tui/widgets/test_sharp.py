@@ -1,0 +1,152 @@
+"""Pictures in the terminal's own pixels: who gets them, and what is sent. The terminal is the test itself."""
+
+import base64
+import fcntl
+import os
+import pty
+import re
+import select
+import struct
+import subprocess
+import sys
+import termios
+from collections.abc import Iterator
+from pathlib import Path
+
+import cv2
+import numpy as np
+import pytest
+from textual.app import App
+from textual.pilot import Pilot
+
+from capture_app.session.reading.take_sheet import TakeSheet
+from capture_app.tui.widgets.look import LookScreen
+from capture_app.tui.widgets.picture import Picture, SharpTerminal
+from tests.tui.widgets.sent import PLACEHOLDER, Sent
+
+GLYPHS = re.compile("[▀▘▌▚▛▜▙]")
+ASKED_ATTRIBUTES, ASKED_KITTY = b"\x1b[c", re.compile(rb"\x1b_Gi=(\d+),[^\x1b]*a=q[^\x1b]*\x1b\\")
+KITTY, WEZTERM, XTERM = (b"\x1b[?62;c", True), (b"\x1b[?65;4;6;18;22c", True), (b"\x1b[?64;1;2;6;22c", False)
+MUTE = (b"", False)
+SAMPLE = Path(__file__).parents[3] / "sample_sessions" / "jumper"
+
+
+def sent_to(terminal: tuple[bytes, bool], choice: str = "local", **environment: str) -> str:
+    """All that a screen with one picture sends to a terminal of 40x12 cells of 8x16 pixels."""
+    attributes, knows_kitty = terminal
+    ours, theirs = pty.openpty()
+    fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 12, 40, 40 * 8, 12 * 16))
+    # A screen believes the size that earlier tests may have put there rather than its terminal.
+    never = ("SSH_CONNECTION", "SSH_TTY", "NO_COLOR", "COLUMNS", "LINES")
+    kept = {name: value for name, value in os.environ.items() if name not in never}
+    command = [sys.executable, "-m", "tests.tui.widgets.screen_of_a_picture", choice]
+    child = subprocess.Popen(
+        command,
+        stdin=theirs,
+        stdout=theirs,
+        stderr=theirs,
+        cwd=Path(__file__).parents[3],
+        env=kept | {"TERM": "xterm-256color", "COLORTERM": "truecolor"} | environment,
+        start_new_session=True,
+    )
+    os.close(theirs)
+    sent, answered = b"", 0
+    try:
+        while select.select([ours], [], [], 60)[0]:
+            try:
+                sent += os.read(ours, 65536)
+            except OSError:  # Linux tells so that the other end is closed
+                break
+            if ASKED_ATTRIBUTES in sent[answered:]:
+                os.write(ours, attributes)
+                answered = sent.index(ASKED_ATTRIBUTES, answered) + len(ASKED_ATTRIBUTES)
+            if knows_kitty and (asked := ASKED_KITTY.search(sent, answered)):
+                os.write(ours, b"\x1b_Gi=%s;OK\x1b\\" % asked[1])
+                answered = asked.end()
+        assert child.wait(10) == 0
+    finally:
+        child.kill()
+        child.wait()
+        os.close(ours)
+    return sent.decode()
+
+
+def pictures_in(sent: str) -> Iterator[np.ndarray]:
+    payload = ""
+    for options, part in re.findall(r"\x1b_G([^;\x1b]*);?([^\x1b]*)\x1b\\", sent):
+        if "f=100" in options:
+            payload += part
+            if "m=0" in options:
+                yield cv2.imdecode(np.frombuffer(base64.b64decode(payload), np.uint8), cv2.IMREAD_GRAYSCALE)
+                payload = ""
+
+
+def test_kitty_gets_the_picture_with_a_pixel_for_each_of_its_own() -> None:
+    sent = sent_to(KITTY)
+    (picture,) = pictures_in(sent)
+    assert picture.shape == (12 * 16, 32 * 8)  # 64x48, in cells twice as high as wide
+    assert abs(picture.mean(0) - np.linspace(0, 252, 256)).max() < 6
+    assert sent.count(PLACEHOLDER) in (
+        12 * 32,
+        2 * 12 * 32,
+    )  # once more where a late answer has all drawn again
+
+
+@pytest.mark.parametrize("terminal", [XTERM, WEZTERM, MUTE])
+def test_any_other_terminal_gets_glyphs(terminal: tuple[bytes, bool]) -> None:
+    sent = sent_to(terminal)
+    assert GLYPHS.search(sent)
+    assert PLACEHOLDER not in sent
+    assert not list(pictures_in(sent))
+
+
+@pytest.mark.slow
+def test_over_ssh_only_who_wants_it() -> None:
+    assert PLACEHOLDER in sent_to(KITTY, "sharp", SSH_CONNECTION="::1 1 ::1 22")
+    assert PLACEHOLDER not in sent_to(KITTY, SSH_CONNECTION="::1 1 ::1 22")
+
+
+def test_who_wants_glyphs_is_asked_nothing() -> None:
+    sent = sent_to(KITTY, "glyphs")
+    assert not ASKED_KITTY.search(sent.encode())
+    assert GLYPHS.search(sent)
+    assert PLACEHOLDER not in sent
+
+
+class SharpApp(App[None]):
+    sharp_terminal = SharpTerminal(Sent, (10, 20))
+
+
+async def settle(app: App[None], pilot: Pilot[None]) -> None:
+    await pilot.pause()
+    await app.workers.wait_for_complete()
+    await pilot.pause()
+
+
+async def test_a_picture_is_sharp_while_it_rests_and_is_let_go() -> None:
+    app = SharpApp()
+    async with app.run_test(size=(80, 24)) as pilot:
+        sheet = TakeSheet.open(SAMPLE)
+        look = LookScreen(sheet, sheet.cameras[0], 0)
+        app.push_screen(look)
+
+        async def seen() -> str:
+            await settle(app, pilot)
+            picture = look.query_one(Picture)
+            return "".join(picture.render_line(y).text for y in range(picture.size.height))
+
+        assert PLACEHOLDER in await seen()
+        await pilot.press("right")
+        await pilot.press("right")
+        assert PLACEHOLDER in await seen()
+        assert Sent.held == 1
+        await pilot.press("w")
+        assert GLYPHS.search(await seen())
+        assert Sent.held == 0
+        await pilot.press("w")
+        assert PLACEHOLDER in await seen()
+        await pilot.resize_terminal(60, 20)
+        assert PLACEHOLDER in await seen()
+        await pilot.press("escape")
+        await settle(app, pilot)
+        assert Sent.held == 0

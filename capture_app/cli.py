@@ -25,6 +25,29 @@ from capture_app.common.passwords import hide_password
 from capture_app.console.terminal import run_command_line, talk
 from capture_app.console.usage import add_verbosity, examples
 
+COMMANDS = {
+    "rig": "Start, list and stop rigs that run in the background of this machine.",
+    "leader": "Run a leader: nodes join it, and it takes and saves bursts.",
+    "node": "Run one camera and join a leader.",
+    "phones": "Let phones be cameras: a page that they open by a QR code.",
+    "relay": "Connect nodes that cannot reach the leader themselves.",
+    "doctor": "Look this machine over: network, clock, disks, cameras, and what repairs them.",
+    "trust": "List the machines that this one knows; let others in.",
+    "status": "Show the nodes of a running leader.",
+    "burst": "Take a burst with a running leader.",
+    "record": "Record a synchronized video with every camera.",
+    "cameras": "List the cameras of this machine; add, show and remove those of a running rig.",
+    "preview": "Save a small picture of what a camera of a running rig sees.",
+    "coverage": "Count live what a calibration board has covered, and say what is missing.",
+    "panel": "Show a clock to all cameras, and read from their pictures how far apart they are.",
+    "serve": "Show the terminal UI in a browser.",
+    "sessions": "List, show, verify, rename, annotate, trash, repair, import and export sessions.",
+    "link": "Measure the clock over your own link, real or recorded.",
+    "demo": "Try everything on this machine: simulated cameras, a burst, a comparison.",
+}
+MODULES = {"burst": "take", "record": "take"}
+"""Modules of `commands` whose name is not the command's."""
+
 
 class LazyGroup(click.Group):
     """A group that knows its commands by name and help, and loads one when it runs or completes."""
@@ -50,30 +73,6 @@ class LazyGroup(click.Group):
         """Write the table without importing anything."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, command.help or "") for name, command in self.commands.items()])
-
-
-COMMANDS = {
-    "rig": "Start, list and stop rigs that run in the background of this machine.",
-    "leader": "Run a leader: nodes join it, and it takes and saves bursts.",
-    "node": "Run one camera and join a leader.",
-    "phones": "Let phones be cameras: a page that they open by a QR code.",
-    "relay": "Connect nodes that cannot reach the leader themselves.",
-    "doctor": "Look this machine over: network, clock, disks, cameras, and what repairs them.",
-    "trust": "List the machines that this one knows; let others in.",
-    "status": "Show the nodes of a running leader.",
-    "burst": "Take a burst with a running leader.",
-    "record": "Record a synchronized video with every camera.",
-    "cameras": "List the cameras of this machine; add, show and remove those of a running rig.",
-    "preview": "Save a small picture of what a camera of a running rig sees.",
-    "coverage": "Count live what a calibration board has covered, and say what is missing.",
-    "panel": "Show a clock to all cameras, and read from their pictures how far apart they are.",
-    "serve": "Show the terminal UI in a browser.",
-    "sessions": "List, show, verify, rename, annotate, trash, repair, import and export sessions.",
-    "link": "Measure the clock over your own link, real or recorded.",
-    "demo": "Try everything on this machine: simulated cameras, a burst, a comparison.",
-}
-MODULES = {"burst": "take", "record": "take"}
-"""Modules of `commands` whose name is not the command's."""
 
 
 def load(name: str) -> click.Command:

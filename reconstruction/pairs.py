@@ -15,6 +15,28 @@ MAX_SIDE_PX = 1280
 MAX_POINTS = 2500
 CLEAR_CONTRAST, FAINT_CONTRAST = 0.02, 0.01
 """Least contrast of points at rest, and of points on what moves, which may be small."""
+STILL_RATIO = 0.75
+"""Greatest distance of a match at rest against that of the second best."""
+KEPT_MATCHES = 200
+MIN_MATCHES = 25
+GRID = (8, 6)
+CELLS = GRID[0] * GRID[1]
+"""Cells across, down and in all of the grid that shows over how much of a picture features are spread."""
+MIN_BASELINE = 1e-6
+"""Least distance of two cameras, in the calibration's unit and as a share of their distance from its origin.
+
+Cameras that are closer stand at one place: what is left are rounding errors."""
+MAX_CANVAS_SHARE = 8.0
+"""Largest canvas in pictures of the reference: cameras that look some 60 degrees off their common plane."""
+LEAST_AHEAD = 0.05
+"""A ray whose cosine to the plane's normal is less runs along the plane, and meets it nowhere near."""
+OVERLAP_LIMITS = (0.15, 0.8)
+"""Share of a picture that its neighbour in a panorama shows too."""
+EPIPOLAR_PX = 3.0
+BEST_PARALLAX_DEG = 10.0
+"""Beyond this the two views look too different to match densely."""
+MAX_TOLD = 3
+"""Pairs whose reasons are told in a sentence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -54,13 +76,6 @@ def detect_features(
     return Features(positions, np.asarray(descriptors, np.float32), contrasts)
 
 
-STILL_RATIO = 0.75
-"""Greatest distance of a match at rest against that of the second best."""
-
-
-KEPT_MATCHES = 200
-
-
 @lru_cache(maxsize=KEPT_MATCHES)
 def match_at_rest(a: Features, b: Features) -> tuple[Array, Array]:
     """Indices (n,) of points that are each other's best match; found once for all who ask."""
@@ -89,12 +104,6 @@ def match_descriptors(a: Array, b: Array, ratio: float) -> tuple[Array, Array]:
     ahead[rows, best] = np.inf
     keep = mutual & (first < ratio**2 * (ahead.min(1) + own))
     return rows[keep], best[keep]
-
-
-MIN_MATCHES = 25
-GRID = (8, 6)
-CELLS = GRID[0] * GRID[1]
-"""Cells across, down and in all of the grid that shows over how much of a picture features are spread."""
 
 
 def grid_cells(at: Array, width: int, height: int) -> set[tuple[int, int]]:
@@ -135,16 +144,6 @@ def _overlap(into: Array, size: tuple[int, int], frame: tuple[int, int]) -> floa
     mask = np.full((size[1], size[0]), 255, np.uint8)
     covered = cv2.warpPerspective(mask, into, frame, flags=cv2.INTER_NEAREST)
     return float((covered > 0).mean())
-
-
-MIN_BASELINE = 1e-6
-"""Least distance of two cameras, in the calibration's unit and as a share of their distance from its origin.
-
-Cameras that are closer stand at one place: what is left are rounding errors."""
-MAX_CANVAS_SHARE = 8.0
-"""Largest canvas in pictures of the reference: cameras that look some 60 degrees off their common plane."""
-LEAST_AHEAD = 0.05
-"""A ray whose cosine to the plane's normal is less runs along the plane, and meets it nowhere near."""
 
 
 def baseline(reference: View, other: View) -> float:
@@ -213,16 +212,6 @@ def canvas_bounds(reference: View, other: View) -> tuple[Array, Array]:
             f"{wide:.0f}x{tall:.0f} ({aside})"
         )
     return low, high
-
-
-OVERLAP_LIMITS = (0.15, 0.8)
-"""Share of a picture that its neighbour in a panorama shows too."""
-EPIPOLAR_PX = 3.0
-BEST_PARALLAX_DEG = 10.0
-"""Beyond this the two views look too different to match densely."""
-
-MAX_TOLD = 3
-"""Pairs whose reasons are told in a sentence."""
 
 
 @dataclass(frozen=True)

@@ -17,6 +17,8 @@ DICTIONARIES = {"ARUCO_ORIGINAL": 1024} | {
 
 MIN_CORNERS = 6
 """Pictures with fewer corners of the board do not count."""
+PLAIN = "none"
+"""What is typed for the markers' dictionary of a board that has none."""
 
 
 @dataclass(frozen=True)
@@ -106,10 +108,6 @@ class CharucoBoard(Squares):
 
 DEFAULT_BOARD = CharucoBoard(7, 5, 0.035, 0.026, "4X4_50")
 """What is printed and expected unless something else is asked for: it fits A4 and Letter."""
-
-
-PLAIN = "none"
-"""What is typed for the markers' dictionary of a board that has none."""
 
 
 class Checkerboard(Squares):

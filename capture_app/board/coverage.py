@@ -37,6 +37,8 @@ NAMES = (
     ("left", "middle", "right"),
     ("lower left", "bottom", "lower right"),
 )
+MOMENT_NS = 300_000_000
+"""Previews that are less apart than this are of one moment: the board is moved by hand."""
 
 
 class CameraCoverage(Struct, frozen=True, kw_only=True):
@@ -235,10 +237,6 @@ def coverage_table(found: BoardCoverage) -> tuple[tuple[str, ...], list[tuple[st
             )
         )
     return ("camera", "views", "covered", "tilted ↔", "tilted ↕", "shared with"), rows
-
-
-MOMENT_NS = 300_000_000
-"""Previews that are less apart than this are of one moment: the board is moved by hand."""
 
 
 class PreviewCount:

@@ -13,6 +13,8 @@ from capture_app.board.boards import MIN_CORNERS, CharucoBoard, Checkerboard
 Board = CharucoBoard | Checkerboard
 Corners = dict[int, NDArray[Any]]
 """Pixels (2,) of the board's corners by their number."""
+MAX_BEND_SHARE = 0.03
+"""Corners further from a flat board than this share of its size were misread; a lens bends it less."""
 
 
 class BoardDetector:
@@ -48,10 +50,6 @@ def _find_marked(detector: cv2.aruco.CharucoDetector, grey: NDArray[Any]) -> Cor
     if numbers is None or len(numbers) < MIN_CORNERS:
         return {}
     return dict(zip(np.ravel(numbers).tolist(), np.asarray(at, float).reshape(-1, 2), strict=True))
-
-
-MAX_BEND_SHARE = 0.03
-"""Corners further from a flat board than this share of its size were misread; a lens bends it less."""
 
 
 def is_flat_board(places: NDArray[Any], pixels: NDArray[Any]) -> bool:

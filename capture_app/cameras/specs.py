@@ -22,6 +22,16 @@ GROUP = "simulshot.cameras"
 """The entry points of camera drivers, by the kind that a spec begins with."""
 ATTRIBUTES = ("SPEC", "HELP", "NEEDS", "OPTIONS", "open_camera", "list_cameras")
 """What a driver has, see `CameraDriver`."""
+DEFAULT_SIZE = (640, 480)
+DEFAULT_FPS = 30.0
+_WHOLE = {"width": (1, 65_535), "height": (1, 65_535), "exposure-us": (1, 60_000_000)}
+_NUMBERS = {
+    "fps": (0.001, 10_000.0),
+    "exposure_us": (0.1, 1e7),
+    "gain": (0.1, 1000.0),
+    "row_us": (0.01, 1000.0),
+}
+"""Least and most of the options that drivers share."""
 
 
 @functools.cache
@@ -119,18 +129,6 @@ def read_number(
             f"{key}={text} of {camera}", hint=f"a number from {least:g} to {most:g} is needed"
         )
     return value
-
-
-DEFAULT_SIZE = (640, 480)
-DEFAULT_FPS = 30.0
-_WHOLE = {"width": (1, 65_535), "height": (1, 65_535), "exposure-us": (1, 60_000_000)}
-_NUMBERS = {
-    "fps": (0.001, 10_000.0),
-    "exposure_us": (0.1, 1e7),
-    "gain": (0.1, 1000.0),
-    "row_us": (0.01, 1000.0),
-}
-"""Least and most of the options that drivers share."""
 
 
 @dataclass(frozen=True, slots=True)

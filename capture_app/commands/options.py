@@ -29,6 +29,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 ADDRESS = ParsedType("host:port", parse_address)
+_USUAL_LEADER = f"that of this machine's newest rig, else 127.0.0.1:{DEFAULT_PORT}"
 
 
 def _skip_pairing(ctx: click.Context, param: click.Parameter, value: bool) -> None:
@@ -54,8 +55,6 @@ def _usual_leader() -> str:
     rigs = list_rigs()
     return rigs[0].leader if rigs else str(Address("127.0.0.1", DEFAULT_PORT))
 
-
-_USUAL_LEADER = f"that of this machine's newest rig, else 127.0.0.1:{DEFAULT_PORT}"
 
 _leader_option = click.option(
     "--leader",

@@ -46,6 +46,7 @@ if TYPE_CHECKING:
     from capture_app.rig.repair import RepairResult
 
 _root_argument = click.argument("root", type=ANY_PATH, default=Path("sessions"), required=False)
+WAIT_S = 20.0
 
 
 @click.command(epilog=examples("capture-app sessions rename sessions/burst-001 jump"))
@@ -129,9 +130,6 @@ def empty(root: Path, yes: bool, as_json: bool) -> None:
         click.confirm(f"Delete {count(len(found), 'session')} in {root} for good?", abort=True, err=True)
     deleted = empty_trash(root)
     answer(as_json, {"root": str(root), "deleted": deleted}, [f"{root}: {deleted} deleted"])
-
-
-WAIT_S = 20.0
 
 
 @click.command(

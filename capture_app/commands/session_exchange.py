@@ -32,6 +32,15 @@ from capture_app.session.exporting.exporter import (
 )
 from capture_app.session.reading.reader import Session
 
+_KINDS: dict[type[Any], dict[str, Any]] = {
+    bool: {"is_flag": True},
+    int: {"type": click.IntRange(min=0)},
+    float: {"type": FiniteRange(min=0, min_open=True)},
+    Path: {"type": ANY_PATH},
+}
+"""How an exporter's option is typed, by the type of its value."""
+_LOADED = f"{__name__}.loaded"
+
 
 class _ImportCommand(click.Command):
     """A command whose help lists the importers."""
@@ -232,16 +241,6 @@ def _parse_time_shifts(texts: tuple[str, ...]) -> dict[str, float]:
                 f"--time-shift-ms {text} is not CAMERA=MS", hint="example: cam1=-12.5"
             ) from None
     return found
-
-
-_KINDS: dict[type[Any], dict[str, Any]] = {
-    bool: {"is_flag": True},
-    int: {"type": click.IntRange(min=0)},
-    float: {"type": FiniteRange(min=0, min_open=True)},
-    Path: {"type": ANY_PATH},
-}
-"""How an exporter's option is typed, by the type of its value."""
-_LOADED = f"{__name__}.loaded"
 
 
 class _ExportCommand(click.Command):

@@ -16,6 +16,8 @@ MOST_STAMP_NS = 10_000_000_000
 """No stamp is further from its light, and none less surely known."""
 DELIVERY_NS = 5_000_000
 """How much later than a frame's readout a driver may stamp it, where nothing is known of it."""
+MICROSECONDS, TIMES, KELVIN, DIOPTRES = "µs", "×", "K", "dpt"
+"""Units that mean the same with every camera: exposure, gain, white balance, focus."""
 
 
 class CameraListing(Struct, frozen=True):
@@ -208,8 +210,6 @@ class Control(StrEnum):
     FOCUS = "focus"
 
 
-MICROSECONDS, TIMES, KELVIN, DIOPTRES = "µs", "×", "K", "dpt"
-"""Units that mean the same with every camera: exposure, gain, white balance, focus."""
 ControlValue = float | Literal["auto", "hold"]
 """A value in the control's unit; or that the camera chooses; or that what it has chosen is kept."""
 

@@ -25,6 +25,14 @@ SEEDED_SKEW_PPM = 50.0
 SEEDED_OFFSET_S = (3600.0, 36000.0)
 _UNIT = 10**12
 _HINT = "use host, sim, or sim:offset_s=7200,skew_ppm=12.5"
+EVERY_NS = 4_000_000_000
+"""Over so long two clocks that are read microseconds apart show their rates to about one ppm."""
+READINGS = 5
+SLEWED_PPM = 20.0
+"""A correction of the rate beyond the steady one that is worth to be told."""
+STEADY_PPM = 100.0
+"""No ordinary crystal needs a steady correction of more: what is beyond is a time being corrected."""
+USUAL_TICK_US = 10_000
 
 
 class NodeClock(Protocol):
@@ -127,16 +135,6 @@ def parse_clock(text: str, *, node: str) -> NodeClock:
 def _divide(numerator: int, denominator: int) -> int:
     """Quotient rounded to the nearest integer; floats would lose nanoseconds after hours."""
     return (2 * numerator + denominator) // (2 * denominator)
-
-
-EVERY_NS = 4_000_000_000
-"""Over so long two clocks that are read microseconds apart show their rates to about one ppm."""
-READINGS = 5
-SLEWED_PPM = 20.0
-"""A correction of the rate beyond the steady one that is worth to be told."""
-STEADY_PPM = 100.0
-"""No ordinary crystal needs a steady correction of more: what is beyond is a time being corrected."""
-USUAL_TICK_US = 10_000
 
 
 class _Timex(ctypes.Structure):

@@ -12,6 +12,8 @@ import click
 
 from capture_app import __version__
 
+C = TypeVar("C", bound=click.Command)
+
 
 class Verbosity(IntEnum):
     """How much a command says on stderr."""
@@ -23,7 +25,6 @@ class Verbosity(IntEnum):
     """With times, what the program logs, and where an error comes from."""
 
 
-C = TypeVar("C", bound=click.Command)
 _verbosity = Verbosity.NORMAL
 """Of this process's command line."""
 _silenced = ContextVar("silenced", default=False)

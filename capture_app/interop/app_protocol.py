@@ -23,6 +23,18 @@ MOST_BYTES = 1024
 
 PERIOD_NS, GOAL_PHASE_NS, ALIGNED_NS = 33_320_000, 15_000_000, 100_000
 """The app's own constants (for a Pixel 3): leader time % period is to be at the goal, aligned to so much."""
+KNOCK_EVERY_NS = 100_000_000
+"""Until a phone has answered once it is asked no quicker: forged heartbeats must aim no flood at anybody."""
+OUTSTANDING = 512
+ACCURATE_NS = 50_000.0
+"""A phone is told the time when it is known to this 95 % error, or will hardly be known better. With twice
+that 3 of 16 phones were up to 214 us off in their first minute, with this none over 43 (simulated link)."""
+STILL_EVERY_NS = 500_000_000
+"""The app keeps one trigger at a time, and saves a picture before the next: it takes none in between."""
+AGAIN_EVERY_NS, LAST_CALL_NS = 100_000_000, 100_000_000
+"""A trigger is repeated, as nothing acknowledges it, but not near its time: it would be obeyed twice."""
+QUIET_BEFORE_NS, QUIET_AFTER_NS = 3_000_000_000, 1_000_000_000
+"""Phones do not move their phase so long before a picture, and after it: it takes five long frames, 2 s."""
 
 
 class Method(IntEnum):
@@ -64,14 +76,6 @@ def heartbeat_name(text: str) -> str | None:
     if len(parts) != 3 or parts[2] not in ("true", "false"):
         return None
     return parts[0]
-
-
-KNOCK_EVERY_NS = 100_000_000
-"""Until a phone has answered once it is asked no quicker: forged heartbeats must aim no flood at anybody."""
-OUTSTANDING = 512
-ACCURATE_NS = 50_000.0
-"""A phone is told the time when it is known to this 95 % error, or will hardly be known better. With twice
-that 3 of 16 phones were up to 214 us off in their first minute, with this none over 43 (simulated link)."""
 
 
 class AppPhone:
@@ -160,14 +164,6 @@ class AppPhone:
             self._knock_due_ns = now_ns + KNOCK_EVERY_NS
         else:
             self._schedule.request_sent(now_ns, self._progress)
-
-
-STILL_EVERY_NS = 500_000_000
-"""The app keeps one trigger at a time, and saves a picture before the next: it takes none in between."""
-AGAIN_EVERY_NS, LAST_CALL_NS = 100_000_000, 100_000_000
-"""A trigger is repeated, as nothing acknowledges it, but not near its time: it would be obeyed twice."""
-QUIET_BEFORE_NS, QUIET_AFTER_NS = 3_000_000_000, 1_000_000_000
-"""Phones do not move their phase so long before a picture, and after it: it takes five long frames, 2 s."""
 
 
 @dataclass(slots=True)

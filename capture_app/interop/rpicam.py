@@ -26,6 +26,7 @@ SEND_EVERY_NS = 500_000_000
 """A client obeys each packet by one longer or shorter frame, some frames later: not much more often."""
 READY_EVERY_NS = 10_000_000_000
 """Clients begin to record together at the first such mark of leader time after they have heard of it."""
+HOPS = 1
 
 
 def sync_packet(
@@ -42,9 +43,6 @@ def sync_packet(
         for instant_ns in (latest_ns, grid.instant(grid.index_of(mark_ns)))
     )
     return PACKET.pack(round(grid.period_ns / 1000), 0, frame_us, 0, ready_us)
-
-
-HOPS = 1
 
 
 class RpicamSync(RigFollower):

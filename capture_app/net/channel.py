@@ -35,6 +35,19 @@ GREETING = b"SSH1"
 # Each stream of TLS has a buffer of that size from its first moment on: with asyncio's own 256 KiB strangers
 # could use the memory up.
 asyncio.sslproto.SSLProtocol.max_size = 1 << 15
+MAX_HEADER_BYTES = 1 << 20
+MAGIC = b"SSH1"
+MAX_PAYLOAD_BYTES = 64 << 20
+CHUNK_BYTES = 1 << 18
+"""The most that is read of a stream at once, and half of what is kept of it unread."""
+CONNECT_TIMEOUT_S, OPEN_TIMEOUT_S = 5.0, 1.0
+SAYS_NOTHING = "nothing there says a word"
+WHAT_HANGS = "the leader hangs, is stopped (Ctrl-Z), or is no leader: look at it, or start it again"
+_TOO_SLOW = "the rest of a message did not come in time"
+_BROKEN = "the transfer broke off in the middle of a message"
+_PREFIX = struct.Struct(">4sIQ")
+_ENCODER = msgspec.json.Encoder()
+M = TypeVar("M")
 
 
 async def open_identified(
@@ -97,9 +110,6 @@ def _certificate(writer: asyncio.StreamWriter) -> bytes | None:
     return None if tls is None else tls.getpeercert(binary_form=True)
 
 
-MAX_HEADER_BYTES = 1 << 20
-
-
 @dataclass(frozen=True, slots=True)
 class Patience:
     """How long to wait for a peer, in s."""
@@ -115,22 +125,6 @@ class Patience:
 
 
 FOR_EVER = Patience(first_s=None, idle_s=None, message_s=None, header_bytes=MAX_HEADER_BYTES)
-
-
-MAGIC = b"SSH1"
-MAX_PAYLOAD_BYTES = 64 << 20
-CHUNK_BYTES = 1 << 18
-"""The most that is read of a stream at once, and half of what is kept of it unread."""
-CONNECT_TIMEOUT_S, OPEN_TIMEOUT_S = 5.0, 1.0
-SAYS_NOTHING = "nothing there says a word"
-WHAT_HANGS = "the leader hangs, is stopped (Ctrl-Z), or is no leader: look at it, or start it again"
-_TOO_SLOW = "the rest of a message did not come in time"
-_BROKEN = "the transfer broke off in the middle of a message"
-
-_PREFIX = struct.Struct(">4sIQ")
-_ENCODER = msgspec.json.Encoder()
-
-M = TypeVar("M")
 
 
 class Channel(Generic[M]):

@@ -40,6 +40,22 @@ MOST_LABEL_LETTERS = 50
 """How long a name may be: with the port it must be a label of DNS, of 63 bytes."""
 
 Kind = Literal["leader", "relay"]
+MOST_LEADERS, MOST_ADDRESSES, MOST_NAME_LETTERS = 32, 16, 80
+MOST_TOLD = 240
+"""Letters of all leaders' addresses that are announced: a property of DNS has 255 with its name."""
+DETAILS_MS = 3000
+"""How long to ask for the address of one that was heard of."""
+OWN_S = 0.5
+"""How long this machine's own leaders may take to answer."""
+OTHERS_S = 0.6
+"""How long to listen for further leaders: all of one network have answered by then."""
+ANSWER_S = 1.0
+SAY_S = 2.0
+ASK_EVERY_S = 0.2
+NOBODY = (
+    "no leader is found in this network yet: start one with: capture-app (on the machine that is to save the"
+    " pictures), or give its address: --leader HOST:PORT"
+)
 
 
 @asynccontextmanager
@@ -138,13 +154,6 @@ async def _close(responder: AsyncZeroconf | None) -> None:
                 await responder.async_close()
 
 
-MOST_LEADERS, MOST_ADDRESSES, MOST_NAME_LETTERS = 32, 16, 80
-MOST_TOLD = 240
-"""Letters of all leaders' addresses that are announced: a property of DNS has 255 with its name."""
-DETAILS_MS = 3000
-"""How long to ask for the address of one that was heard of."""
-
-
 class LeaderBrowser:
     """Listens for announcements; `async with LeaderBrowser()` begins, and ends with the block.
 
@@ -223,19 +232,6 @@ class LeaderBrowser:
 
 def _short(text: str) -> str:
     return " ".join(printable(text[:MOST_NAME_LETTERS]).split())
-
-
-OWN_S = 0.5
-"""How long this machine's own leaders may take to answer."""
-OTHERS_S = 0.6
-"""How long to listen for further leaders: all of one network have answered by then."""
-ANSWER_S = 1.0
-SAY_S = 2.0
-ASK_EVERY_S = 0.2
-NOBODY = (
-    "no leader is found in this network yet: start one with: capture-app (on the machine that is to save the"
-    " pictures), or give its address: --leader HOST:PORT"
-)
 
 
 async def search_leaders(

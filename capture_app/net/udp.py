@@ -26,6 +26,8 @@ ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size)
 
 Reading = Callable[[], int]
 """Returns what a clock of the host shows, in ns."""
+MAX_BYTES = 2048
+MAX_ROUND = 64
 
 
 class ReceiptTimes:
@@ -70,10 +72,6 @@ class ReceiptTimes:
         # In this order: whatever comes between makes the time late.
         real_ns = self._realtime()
         return real_ns, self._monotonic()
-
-
-MAX_BYTES = 2048
-MAX_ROUND = 64
 
 
 class SinglePeerEngine:

@@ -13,6 +13,15 @@ PITCH_MM = 10.0
 """The distance from one LED to the next, unless another is asked for: it suits LEDs of 5 mm."""
 CROSS_MM = (4.0, 0.3)
 """Length and width of a cross's lines."""
+REGISTERS = 3
+"""An array's: TPIC6B595 of Texas Instruments (SLIS032), whose outputs sink up to 150 mA each."""
+DRAINS = (4, 5, 6, 7, 14, 15, 16, 17)
+"""Pins of a register's outputs DRAIN0 to DRAIN7, in the package with 20 pins."""
+SUPPLY_V, FORWARD_V, OHM = 5.0, 2.0, 330
+"""The board's supply, a red LED's forward voltage, and each LED's resistor."""
+SKETCH = "panel/panel.ino"
+"""Arduino's programs want a sketch in a folder of its name."""
+FILES = (SKETCH, "WIRING.md", "wiring.svg", "frame.pdf", "frame.svg")
 
 
 def frame_page(panel: Panel, paper: str = "a4", pitch_mm: float = PITCH_MM) -> Page:
@@ -48,12 +57,6 @@ def frame_page(panel: Panel, paper: str = "a4", pitch_mm: float = PITCH_MM) -> P
 
 
 TEMPLATES = Path(__file__).parent / "sketch"
-REGISTERS = 3
-"""An array's: TPIC6B595 of Texas Instruments (SLIS032), whose outputs sink up to 150 mA each."""
-DRAINS = (4, 5, 6, 7, 14, 15, 16, 17)
-"""Pins of a register's outputs DRAIN0 to DRAIN7, in the package with 20 pins."""
-SUPPLY_V, FORWARD_V, OHM = 5.0, 2.0, 330
-"""The board's supply, a red LED's forward voltage, and each LED's resistor."""
 
 
 def driven(register: int, drain: int) -> str | None:
@@ -103,11 +106,6 @@ def _filled(template: str, values: Mapping[str, object]) -> str:
     for name, value in values.items():
         text = text.replace(f"@{name}@", str(value))
     return text
-
-
-SKETCH = "panel/panel.ino"
-"""Arduino's programs want a sketch in a folder of its name."""
-FILES = (SKETCH, "WIRING.md", "wiring.svg", "frame.pdf", "frame.svg")
 
 
 def write_sketch(panel: Panel, out: Path, *, paper: str, pitch_mm: float) -> tuple[Path, ...]:

@@ -17,6 +17,21 @@ _SAMPLES = 5
 """Samples across a lamp's core, and down."""
 _FULL = 250
 """Levels from here on are saturated."""
+TONES = np.linspace(0.8, 1.25, 7)
+"""Exponents by which cameras' tone curves differ from sRGB's."""
+_TONE_SIGMA = 0.12
+_UNEVEN = 0.07
+"""Lamps differ in brightness by this, and pictures get darker to the corners."""
+_FLOOR = 0.012
+"""What blur brings from one lamp to the next, as a share of a lamp's light."""
+_GLARE = 0.06
+"""Share of a spot of glare that is not seen beside the lamp."""
+_OFFSET_SIGMA = 0.03
+"""Deviation of the light that lamps throw back when off, against the ground beside them."""
+_LAGS = np.array([0.137, 0.476, 0.999, 2.387])
+"""Means of the quarters of an exponential law."""
+_FREEDOM = 5.0
+"""Degrees of freedom of Student's law for a lamp's misfit: a few that something covers do not decide."""
 
 
 def measure(
@@ -71,23 +86,6 @@ def _sample(found: FoundPanel, picture: NDArray[np.uint8], middles: Floats, arou
     x, y = (at[:, axis].reshape(len(middles), -1) for axis in (0, 1))
     seen = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
     return np.asarray(seen, float).reshape(len(middles), len(around), -1)
-
-
-TONES = np.linspace(0.8, 1.25, 7)
-"""Exponents by which cameras' tone curves differ from sRGB's."""
-_TONE_SIGMA = 0.12
-_UNEVEN = 0.07
-"""Lamps differ in brightness by this, and pictures get darker to the corners."""
-_FLOOR = 0.012
-"""What blur brings from one lamp to the next, as a share of a lamp's light."""
-_GLARE = 0.06
-"""Share of a spot of glare that is not seen beside the lamp."""
-_OFFSET_SIGMA = 0.03
-"""Deviation of the light that lamps throw back when off, against the ground beside them."""
-_LAGS = np.array([0.137, 0.476, 0.999, 2.387])
-"""Means of the quarters of an exponential law."""
-_FREEDOM = 5.0
-"""Degrees of freedom of Student's law for a lamp's misfit: a few that something covers do not decide."""
 
 
 @dataclass(frozen=True, slots=True)

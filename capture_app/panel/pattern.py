@@ -35,6 +35,15 @@ SCAN_SHARE = 0.9
 
 Scan = Literal["none", "down", "right", "up", "left"]
 """The way in which a screen draws a refresh over the panel; a panel of LEDs has none."""
+RATES_HZ = (30, 50, 60, 72, 75, 90, 100, 120, 144, 165, 240)
+"""Refresh rates of screens that markers can tell."""
+RATE_TOLERANCE = 0.03
+"""A screen's rate may differ by this share from the one its markers tell (59.94 Hz is 60)."""
+_FIRST_MARKER = 50
+"""Lower numbers are on the usual calibration board, which may stand in the same picture."""
+_MARKERS = 4
+_LED_KINDS = 6
+"""Room for panels of LEDs before those of screens."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -207,17 +216,6 @@ def marker_squares(number: int) -> list[list[int]]:
     picture = cv2.aruco.generateImageMarker(words, number, MARKER_MODULES, borderBits=1)
     squares: list[list[int]] = (np.asarray(picture) > 0).astype(int).tolist()
     return squares
-
-
-RATES_HZ = (30, 50, 60, 72, 75, 90, 100, 120, 144, 165, 240)
-"""Refresh rates of screens that markers can tell."""
-RATE_TOLERANCE = 0.03
-"""A screen's rate may differ by this share from the one its markers tell (59.94 Hz is 60)."""
-_FIRST_MARKER = 50
-"""Lower numbers are on the usual calibration board, which may stand in the same picture."""
-_MARKERS = 4
-_LED_KINDS = 6
-"""Room for panels of LEDs before those of screens."""
 
 
 def _led_panels() -> Iterator[Panel]:

@@ -26,6 +26,46 @@ SHORTEST_NS, LONGEST_NS, LONGEST_ROW_NS = 50e3, 24e6, 36e3
 """Exposures and row times that a camera may have that does not tell them."""
 CANDIDATES, FEW_CANDIDATES = 12, 4
 """How many times are kept of a shutter that is known, and of each that may be."""
+TEMPER = 0.55
+"""Misfits of neighbouring lamps have causes in common: so much of their log-likelihood counts."""
+SHARE = 0.95
+"""Share of the cases in which the time is within its error bar."""
+_RIVAL, _RIVAL_TEMPER = 0.005, 0.6
+"""A picture is refused where a time elsewhere has this chance; other lamps tell it, so that more counts."""
+_OPEN = 0.05
+"""A neighbourhood at whose ends times have this chance, against its best, does not bound the time."""
+_TIMES = 301
+_WORTH = 25.0
+"""Candidates worse than the best by this log-likelihood, as it counts, are not looked at any closer."""
+_POOL, _OF_EXPOSURE, _REFINED = 120, 12, 6
+"""Candidates that are looked at, of these with one exposure, and refined."""
+_SPREADS = (0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008, 0.004, 0.002)
+"""Shares of the exposure, or of _ROW_STEP_NS, by which the shutter may be off."""
+_ROW_STEP_NS = 10_000.0
+_PLAIN = np.array([0.9, 1.0, 1.1])
+"""Tone curves that are tried until the time is nearly known."""
+_RESPONSES_NS = (0.3e6, 1.5e6, 4e6)
+"""Time constants of screens' cells, quick (OLED) to slow."""
+_MISFIT = 4.0
+_MAX_MISFITS = 0.12
+"""A panel of which more lamps than this share misfit by as many sigmas is not what its markers say."""
+_MAX_RMS, _SCREEN_MAX_RMS = 1.3, 3.5
+"""A panel whose lamps misfit by more sigmas on the whole is not it either; usual are 0.3 to 1, of slow
+screens 2."""
+_MAX_TICKS = 2.0
+"""An error bar of more ticks of LEDs tells no time that they are for."""
+_MIN_CONTRAST, _MIN_LIGHT = 4.0, 0.005
+"""Lamps that are lit must stand out by this factor from the noise, and by this share of a full sensor."""
+_SCREEN_MODEL_TICKS = 0.06
+"""What is not known of how a screen draws and how slowly its cells change, in refreshes."""
+_LED_MODEL_NS = 6_000.0
+"""What is not known of where lamps' middles are, and of the switching of LEDs."""
+_PLACE_SHARE = 1.0
+"""How far all lamps may be off together, as a share of the error of the markers' corners."""
+_UNSEEN_BEND = 0.12
+"""Pitches by which a lens may bend a panel of which only three markers are seen."""
+_TONE_SHARE = 0.12
+"""By how much a tone curve may misjudge the share for which a lamp was lit."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -95,28 +135,6 @@ def _group_scores(model: LightModel, number: int, times_ns: Floats) -> Callable[
         return np.asarray(score[bin_of])
 
     return scores
-
-
-TEMPER = 0.55
-"""Misfits of neighbouring lamps have causes in common: so much of their log-likelihood counts."""
-SHARE = 0.95
-"""Share of the cases in which the time is within its error bar."""
-_RIVAL, _RIVAL_TEMPER = 0.005, 0.6
-"""A picture is refused where a time elsewhere has this chance; other lamps tell it, so that more counts."""
-_OPEN = 0.05
-"""A neighbourhood at whose ends times have this chance, against its best, does not bound the time."""
-_TIMES = 301
-_WORTH = 25.0
-"""Candidates worse than the best by this log-likelihood, as it counts, are not looked at any closer."""
-_POOL, _OF_EXPOSURE, _REFINED = 120, 12, 6
-"""Candidates that are looked at, of these with one exposure, and refined."""
-_SPREADS = (0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008, 0.004, 0.002)
-"""Shares of the exposure, or of _ROW_STEP_NS, by which the shutter may be off."""
-_ROW_STEP_NS = 10_000.0
-_PLAIN = np.array([0.9, 1.0, 1.1])
-"""Tone curves that are tried until the time is nearly known."""
-_RESPONSES_NS = (0.3e6, 1.5e6, 4e6)
-"""Time constants of screens' cells, quick (OLED) to slow."""
 
 
 class Posterior:
@@ -290,28 +308,6 @@ def _spread(model: LightModel, one: Candidate, times: Floats, tried: "list[tuple
         if TEMPER * (centre - max(around, default=centre)) < 1.0:
             return max(factor, step)
     return max(tried[-1])
-
-
-_MISFIT = 4.0
-_MAX_MISFITS = 0.12
-"""A panel of which more lamps than this share misfit by as many sigmas is not what its markers say."""
-_MAX_RMS, _SCREEN_MAX_RMS = 1.3, 3.5
-"""A panel whose lamps misfit by more sigmas on the whole is not it either; usual are 0.3 to 1, of slow
-screens 2."""
-_MAX_TICKS = 2.0
-"""An error bar of more ticks of LEDs tells no time that they are for."""
-_MIN_CONTRAST, _MIN_LIGHT = 4.0, 0.005
-"""Lamps that are lit must stand out by this factor from the noise, and by this share of a full sensor."""
-_SCREEN_MODEL_TICKS = 0.06
-"""What is not known of how a screen draws and how slowly its cells change, in refreshes."""
-_LED_MODEL_NS = 6_000.0
-"""What is not known of where lamps' middles are, and of the switching of LEDs."""
-_PLACE_SHARE = 1.0
-"""How far all lamps may be off together, as a share of the error of the markers' corners."""
-_UNSEEN_BEND = 0.12
-"""Pitches by which a lens may bend a panel of which only three markers are seen."""
-_TONE_SHARE = 0.12
-"""By how much a tone curve may misjudge the share for which a lamp was lit."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -29,6 +29,8 @@ if TYPE_CHECKING:
 
 _JPEG_START = b"\xff\xd8\xff"
 _SLACK_S = 5.0
+RETRY_S = 2.0
+TELL_EVERY_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,10 +140,6 @@ class PhoneCamera(Camera):
     async def stop(self) -> None:
         """Hand on no more frames; the phone's camera goes on. Calling it twice is harmless."""
         self._phone.unwatch()
-
-
-RETRY_S = 2.0
-TELL_EVERY_S = 0.5
 
 
 class PhoneNodes:

@@ -17,6 +17,7 @@ LASTS = datetime.timedelta(days=800)
 """Apple's browsers take none that lasts longer than 825 days."""
 RENEWED_BEFORE = datetime.timedelta(days=30)
 _DAY = datetime.timedelta(days=1)
+_END = "-----END CERTIFICATE-----\n"
 
 
 @dataclass(frozen=True, slots=True)
@@ -67,9 +68,6 @@ def own_certificate(folder: Path, hosts: Iterable[str], now: datetime.datetime) 
             f"cannot keep the certificate of the phones' page in {folder}: {error.strerror or error}",
             hint="set XDG_DATA_HOME to a folder that can be written",
         ) from error
-
-
-_END = "-----END CERTIFICATE-----\n"
 
 
 def _unusable(file: Path) -> BadInputError:

@@ -28,6 +28,42 @@ from capture_app.phones import wire
 from capture_app.phones.admission import Admission, Admitted
 from capture_app.phones.phone import Phone
 
+MOST_STRANGERS = 128
+"""Connections open at a time that are no phone's link; the newest beyond are closed."""
+MOST_GREETED = 64
+LOOK_EVERY_S = 0.5
+SCRIPTS = ("requirements.js", "controls.js", "opening.js", "page.js", "link.js", "camera.js")
+PARTS = {
+    "": ("index.html", "text/html"),
+    "page.css": ("page.css", "text/css"),
+    **{name: (name, "text/javascript") for name in SCRIPTS},
+}
+DEFAULT_SIZE = (1280, 720)
+HEARTBEAT_S = 5.0
+HELLO_S = 10.0
+LEFT = 1000
+"""How a page closes its link when its user ends it."""
+REPLACED = 4001
+"""How the link of a page is closed when the same phone has come by another."""
+CLOSE_S = 2.0
+"""Timeout of a page's answer to the closing of its link."""
+_PUT_OFF = b"The leader has put this phone off. To come back, scan the code that it shows now."
+_REPLACED = b"This phone takes part by another page of it. Close one of them."
+_POLICY = (
+    "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src data:;"
+    " media-src 'self' blob: mediastream:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_HEADERS = {
+    # A page that no other can reach into is given precise timers.
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Embedder-Policy": "require-corp",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(self), screen-wake-lock=(self), microphone=(), geolocation=()",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+
 
 def _is_ours(record: logging.LogRecord) -> bool:
     error = record.exc_info[1] if record.exc_info else None
@@ -37,10 +73,6 @@ def _is_ours(record: logging.LogRecord) -> bool:
 _faults = logging.getLogger(f"{__name__}.http")
 """Where the web server tells of faults; those of what strangers send are none."""
 _faults.addFilter(_is_ours)
-MOST_STRANGERS = 128
-"""Connections open at a time that are no phone's link; the newest beyond are closed."""
-MOST_GREETED = 64
-LOOK_EVERY_S = 0.5
 
 
 class _Connection(web.RequestHandler):
@@ -127,21 +159,6 @@ class Door:
 
 
 PAGE = Path(__file__).parent / "page"
-SCRIPTS = ("requirements.js", "controls.js", "opening.js", "page.js", "link.js", "camera.js")
-PARTS = {
-    "": ("index.html", "text/html"),
-    "page.css": ("page.css", "text/css"),
-    **{name: (name, "text/javascript") for name in SCRIPTS},
-}
-DEFAULT_SIZE = (1280, 720)
-HEARTBEAT_S = 5.0
-HELLO_S = 10.0
-LEFT = 1000
-"""How a page closes its link when its user ends it."""
-REPLACED = 4001
-"""How the link of a page is closed when the same phone has come by another."""
-CLOSE_S = 2.0
-"""Timeout of a page's answer to the closing of its link."""
 
 
 @dataclass(eq=False)
@@ -330,21 +347,3 @@ async def _guard(request: web.Request, handler: Handler) -> web.StreamResponse:
 async def _say_no_server(request: web.Request, response: web.StreamResponse) -> None:
     """Tell nobody which program of which version this is."""
     response.headers.popall("Server", None)
-
-
-_PUT_OFF = b"The leader has put this phone off. To come back, scan the code that it shows now."
-_REPLACED = b"This phone takes part by another page of it. Close one of them."
-_POLICY = (
-    "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src data:;"
-    " media-src 'self' blob: mediastream:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
-)
-_HEADERS = {
-    # A page that no other can reach into is given precise timers.
-    "Cross-Origin-Opener-Policy": "same-origin",
-    "Cross-Origin-Embedder-Policy": "require-corp",
-    "Cross-Origin-Resource-Policy": "same-origin",
-    "Permissions-Policy": "camera=(self), screen-wake-lock=(self), microphone=(), geolocation=()",
-    "X-Content-Type-Options": "nosniff",
-    "Referrer-Policy": "no-referrer",
-    "Cache-Control": "no-store",
-}

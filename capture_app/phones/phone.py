@@ -30,6 +30,12 @@ PENDING = 64
 BROWSER_NS = 60_000.0
 """95 % of what a browser takes longer one way than the other between clock and socket; no exchange shows it.
 Headless Chromium over a loopback: see docs/accuracy-measurements.md."""
+ORDER_S = 10.0
+MOST_EXPOSURE_US = 1e7
+DELIVERY_NS = 100_000_000
+"""A frame reaches a page at most so long after it is read out; assumed, as no browser tells."""
+NEVER = "its page is not open: open it on the phone again"
+STARTING = "its camera is starting, or its clock is being measured"
 
 
 class PhoneClock:
@@ -106,12 +112,6 @@ class PhoneClock:
 
 _log = logging.getLogger(__name__)
 
-ORDER_S = 10.0
-MOST_EXPOSURE_US = 1e7
-DELIVERY_NS = 100_000_000
-"""A frame reaches a page at most so long after it is read out; assumed, as no browser tells."""
-NEVER = "its page is not open: open it on the phone again"
-STARTING = "its camera is starting, or its clock is being measured"
 Send = Callable[[str | bytes], Awaitable[None]]
 OnFrame = Callable[[TimedFrame], None]
 

@@ -17,6 +17,15 @@ from capture_app.sync.timekeeping import clock_events
 from capture_app.sync.timekeeping.rates import HostOffRate
 from capture_app.trust.sealing import DatagramsRefused
 
+_NODE_LINES = {
+    "joined": "{0.name} joined",
+    "returned": "{0.name} is back",
+    "lost": "lost {0.name}: {0.reason}",
+    "forgotten": "forgot {0.name}, which was lost",
+    "refused": "refused {0.name} {0.where}: {0.reason}",
+}
+KEPT = 500
+
 
 @dataclass(frozen=True, slots=True)
 class FollowerNews:
@@ -30,15 +39,6 @@ class FollowerNews:
 
 News = events.LeaderEvent | HostOffRate | DatagramsRefused | BurstStatus | FollowerNews
 """What a leader tells about: nodes and phones that come and go, odd clocks, damaged seals, and bursts."""
-
-
-_NODE_LINES = {
-    "joined": "{0.name} joined",
-    "returned": "{0.name} is back",
-    "lost": "lost {0.name}: {0.reason}",
-    "forgotten": "forgot {0.name}, which was lost",
-    "refused": "refused {0.name} {0.where}: {0.reason}",
-}
 
 
 def news_line(news: News) -> str:
@@ -133,9 +133,6 @@ def news_record(news: News) -> dict[str, object]:
             return {"event": "host-at-rate", "name": name}
     kind = re.sub(r"(?<!^)(?=[A-Z])", "-", type(news).__name__).lower()
     return {"event": kind, **msgspec.to_builtins(news)}
-
-
-KEPT = 500
 
 
 class Log:

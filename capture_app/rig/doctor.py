@@ -32,6 +32,12 @@ from capture_app.trust.trust import Trust
 
 Grade = Literal["good", "note", "warning", "problem"]
 """A problem keeps this machine from taking part, a warning makes it worse or less sure."""
+SAMPLE_BYTES = 16 << 20
+SLOW_MB_S = 20.0
+"""A disk slower than this holds a burst up: a camera of 1080p at 30 frames/s makes about 15 MB/s of JPEG."""
+LITTLE_BYTES = 1 << 30
+CLOCK_WATCHED_S = 2.2
+LISTEN_S = 1.5
 
 
 class Finding(Struct, frozen=True):
@@ -41,13 +47,6 @@ class Finding(Struct, frozen=True):
     grade: Grade
     text: str
     remedy: str = ""
-
-
-SAMPLE_BYTES = 16 << 20
-SLOW_MB_S = 20.0
-"""A disk slower than this holds a burst up: a camera of 1080p at 30 frames/s makes about 15 MB/s of JPEG."""
-LITTLE_BYTES = 1 << 30
-CLOCK_WATCHED_S = 2.2
 
 
 def version() -> Finding:
@@ -130,9 +129,6 @@ def _write_speed(folder: Path, size: int) -> float:
         file.flush()
         os.fsync(file.fileno())
         return size / 1e6 / max(time.monotonic() - began_s, 1e-9)
-
-
-LISTEN_S = 1.5
 
 
 async def leader(address: Address) -> Finding:

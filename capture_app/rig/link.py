@@ -31,6 +31,8 @@ from capture_app.protocol.orders import ExposeAppPhones
 from capture_app.protocol.status import BurstStatus, NewsLine, NodeStatus, Preview, RigStatus
 
 A = TypeVar("A", bound=Message)
+ISO_OF_GAIN_1 = 100
+RETRY_S = (0.2, 0.5, 1.0, 2.0)
 
 
 async def ask_status(leader: Address) -> RigStatus:
@@ -85,9 +87,6 @@ async def ask_burst(leader: Address, request: messages.BurstRequest) -> AsyncIte
                 yield answer.burst
                 if answer.burst.done:
                     return
-
-
-ISO_OF_GAIN_1 = 100
 
 
 CamerasControls = dict[str, CameraControls]
@@ -199,9 +198,6 @@ class LinkLost(Struct, frozen=True):
 
 
 Update = RigStatus | NewsLine | Preview | LinkLost
-
-
-RETRY_S = (0.2, 0.5, 1.0, 2.0)
 
 
 def start_again(rig: RigStatus) -> str:

@@ -34,6 +34,11 @@ MOST_GAIN = 16.0
 CHOSEN_KELVIN = 5000.0
 WANDER, WANDER_NS = 0.3, 10_000_000_000
 """An exposure that the camera chooses goes up and down by this share, once in so long, as under clouds."""
+DEPTH_STEPS_PER_M = 2048
+DELIVERY_NS = (2_000_000, 4_000_000)
+"""Least and most time from the end of a frame's readout to its callback."""
+STALL_NS = 500_000_000
+"""A driver has few buffers: frames that are not fetched for this long are dropped."""
 
 
 class SimulatedControls:
@@ -105,9 +110,6 @@ class SimulatedControls:
         return max(least, min(rows, self._profile.neutral_rows)) * self._profile.row_time_ns
 
 
-DEPTH_STEPS_PER_M = 2048
-
-
 @dataclass(frozen=True, slots=True)
 class SimulatedPicture:
     """A picture that is rendered when it is saved."""
@@ -148,12 +150,6 @@ def encode_truth(source: PictureSource, frame: SensorFrame) -> bytes:
 def stable_seed(text: str) -> int:
     """A seed, 0 to 2**63 - 1, that is the same for the same text in every run."""
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest()) >> 1
-
-
-DELIVERY_NS = (2_000_000, 4_000_000)
-"""Least and most time from the end of a frame's readout to its callback."""
-STALL_NS = 500_000_000
-"""A driver has few buffers: frames that are not fetched for this long are dropped."""
 
 
 class SimulatedCamera(Camera):

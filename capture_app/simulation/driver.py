@@ -44,6 +44,15 @@ OPTIONS = {
 }
 
 _CAMERA = "a simulated camera"
+_CHANGES: dict[str, tuple[float, Callable[[float], dict[str, Any]]]] = {
+    "exposure_ms": (1e3, lambda ms: {"exposure_ns": round(ms * 1e6)}),
+    "noise_us": (1e4, lambda us: {"timestamp_noise_ns": round(us * 1e3)}),
+    "stamp_bias_ms": (100, lambda ms: {"stamp_bias_ns": round(ms * 1e6)}),
+    "outliers": (1, lambda share: {"outlier_share": share}),
+    "drops": (1, lambda share: {"drop_share": share}),
+    "start_ms": (1e4, lambda ms: {"start_latency_ns": (round(ms * 1e6), 0)}),
+}
+"""The largest value of an option from 0 on, and what it changes of the profile."""
 
 
 def list_cameras() -> list[CameraListing]:
@@ -102,17 +111,6 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
         calibrated=not _says(options, "calibration", "none", otherwise="true"),
         automatic=_says(options, "auto", "exposure"),
     )
-
-
-_CHANGES: dict[str, tuple[float, Callable[[float], dict[str, Any]]]] = {
-    "exposure_ms": (1e3, lambda ms: {"exposure_ns": round(ms * 1e6)}),
-    "noise_us": (1e4, lambda us: {"timestamp_noise_ns": round(us * 1e3)}),
-    "stamp_bias_ms": (100, lambda ms: {"stamp_bias_ns": round(ms * 1e6)}),
-    "outliers": (1, lambda share: {"outlier_share": share}),
-    "drops": (1, lambda share: {"drop_share": share}),
-    "start_ms": (1e4, lambda ms: {"start_latency_ns": (round(ms * 1e6), 0)}),
-}
-"""The largest value of an option from 0 on, and what it changes of the profile."""
 
 
 def _adjusted(profile: SensorProfile, options: Mapping[str, str]) -> SensorProfile:

@@ -15,6 +15,9 @@ COLUMNS = ("t_s", "rtt_ms")
 LEAST_ROWS = 50
 MOST = 1e10
 """No recording lasts so many s, and no round trip so many ms."""
+TURNAROUND_NS = 30_000
+"""How long a leader takes from the receipt of a request to the reply."""
+START_TRUE_NS = 10**12
 
 
 def read_trace(path: Path, rng: random.Random) -> Link:
@@ -45,11 +48,6 @@ def read_trace(path: Path, rng: random.Random) -> Link:
         there_ns.append(round((least_ms / 2.0 + part_ms) * 1e6))
         back_ns.append(round((round_trip_ms - least_ms / 2.0 - part_ms) * 1e6))
     return Link(ReplayedDelay(tuple(there_ns), every_ns), ReplayedDelay(tuple(back_ns), every_ns))
-
-
-TURNAROUND_NS = 30_000
-"""How long a leader takes from the receipt of a request to the reply."""
-START_TRUE_NS = 10**12
 
 
 class LocalClock(Protocol):

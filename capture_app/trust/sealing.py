@@ -26,6 +26,13 @@ KIND_SEALED, KIND_UNKNOWN_KEY = 4, 5
 HEAD_BYTES = 16
 OVERHEAD_BYTES = HEAD_BYTES + SEAL_BYTES
 _MASK = (1 << WINDOW) - 1
+_SEALED = MAGIC + bytes([VERSION, KIND_SEALED])
+_UNKNOWN_KEY = MAGIC + bytes([VERSION, KIND_UNKNOWN_KEY])
+TELL_EVERY_NS = 10_000_000_000
+FEW = 10
+"""How many must come twice, or with a key of before a new start, to be somebody's doing."""
+MOST_KINDS = 32
+"""How many places and reasons are told apart between two tellings."""
 
 
 class Side(StrEnum):
@@ -137,17 +144,6 @@ def _keyed(key: bytes, side: Side) -> "blake2s":
     if len(key) != KEY_BYTES:
         raise ValueError(f"a key of {len(key)} bytes, not {KEY_BYTES}")
     return blake2s(key=key, digest_size=SEAL_BYTES, person=side.encode())
-
-
-_SEALED = MAGIC + bytes([VERSION, KIND_SEALED])
-_UNKNOWN_KEY = MAGIC + bytes([VERSION, KIND_UNKNOWN_KEY])
-
-
-TELL_EVERY_NS = 10_000_000_000
-FEW = 10
-"""How many must come twice, or with a key of before a new start, to be somebody's doing."""
-MOST_KINDS = 32
-"""How many places and reasons are told apart between two tellings."""
 
 
 @dataclass(frozen=True, slots=True)

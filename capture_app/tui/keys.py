@@ -14,6 +14,8 @@ from capture_app.tui.settings import KEYS_FILE
 from capture_app.tui.widgets.lines import Lines
 
 OWN = "capture_app."
+EVERYWHERE = "app"
+KEY_WIDTH, NAME_WIDTH = 16, 22
 
 
 def known_actions() -> dict[str, Binding]:
@@ -52,10 +54,6 @@ def _subclasses(kind: type[DOMNode]) -> Iterator[type[DOMNode]]:
     for each in kind.__subclasses__():
         yield each
         yield from _subclasses(each)
-
-
-EVERYWHERE = "app"
-KEY_WIDTH, NAME_WIDTH = 16, 22
 
 
 class HelpScreen(BoxDialog[bool]):

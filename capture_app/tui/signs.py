@@ -5,6 +5,9 @@ from dataclasses import dataclass
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.protocol.status import LOST_IS_NEWS_NS, NodeStatus, RigStatus
 
+MISSING = "!"
+"""The glyph of a rig whose cameras are ready, but one of which was lost a short while ago."""
+
 
 @dataclass(frozen=True, slots=True)
 class Sign:
@@ -39,8 +42,6 @@ GRADES = {
 """How good a take is, in every mode; `GRADE_LIMITS` says what the words mean."""
 NO_LEADER = Sign("✖", "leader lost", "$error")
 WAITING = Sign("○", "connecting", "$foreground-muted")
-MISSING = "!"
-"""The glyph of a rig whose cameras are ready, but one of which was lost a short while ago."""
 EMPTY = Sign("○", "no camera", "$foreground-muted")
 
 

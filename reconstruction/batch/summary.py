@@ -27,6 +27,15 @@ MAX_COLUMNS = 12
 """Instants that a sheet shows, spread evenly: more do not fit a page."""
 MAX_SHEETS = 20
 """Sessions whose pictures a page shows; the tables list them all."""
+CSV, JSON, HTML = "summary.csv", "summary.json", "summary.html"
+NAMES = (CSV, JSON, HTML)
+SHARES = {
+    "coverage": "Given a distance",
+    "within_2pct": "Measured correctly",
+    "mover_within_2pct": "Moving: measured correctly",
+    "static_within_2pct": "At rest: measured correctly",
+}
+FIRST = "Session and condition"
 
 
 def depth_sheets(root: Path, rows: Sequence[Row]) -> list[dict[str, Any]]:
@@ -59,17 +68,6 @@ def _thumbnail(root: Path, path: str) -> dict[str, object] | None:
         return {"path": path, **embed_image(root / path, most_px=THUMBNAIL_PX)}
     except BadInputError:
         return None
-
-
-CSV, JSON, HTML = "summary.csv", "summary.json", "summary.html"
-NAMES = (CSV, JSON, HTML)
-SHARES = {
-    "coverage": "Given a distance",
-    "within_2pct": "Measured correctly",
-    "mover_within_2pct": "Moving: measured correctly",
-    "static_within_2pct": "At rest: measured correctly",
-}
-FIRST = "Session and condition"
 
 
 def write_summary(root: Path, result: BatchResult) -> None:

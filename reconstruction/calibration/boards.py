@@ -29,6 +29,15 @@ MAX_BOARDS = 40
 
 Lens = tuple[Array, Array]
 """The camera matrix 3x3 in px and OpenCV's distortion (5,)."""
+HUBER_PX = 1.0
+"""Corners that miss by more count less and less: they were misread."""
+MAX_STEPS = 30
+ENOUGH = 1e-5
+"""The share by which the loss falls in the last step."""
+LENS = 6
+"""fx, fy, cx, cy, k1, k2: few boards, or boards at one angle, do not determine the higher terms."""
+BUNDLE_MOMENTS_EACH, BUNDLE_MOMENTS = 20, 150
+"""Moments of each camera and pair, and in all, that are adjusted together: the time grows with their cube."""
 
 
 def calibrate_lens(name: str, size: tuple[int, int], board: Board, seen: Sequence[Corners]) -> Lens:
@@ -85,15 +94,6 @@ def refuse_other_sizes(recording: Dataset, dataset: Dataset, cameras: Sequence[s
                 f"{name} has pictures of {sizes[0]} in {recording.name}, of {sizes[1]} in {dataset.name}",
                 hint="record the board in the mode that is used later: another may show another part",
             )
-
-
-HUBER_PX = 1.0
-"""Corners that miss by more count less and less: they were misread."""
-MAX_STEPS = 30
-ENOUGH = 1e-5
-"""The share by which the loss falls in the last step."""
-LENS = 6
-"""fx, fy, cx, cy, k1, k2: few boards, or boards at one angle, do not determine the higher terms."""
 
 
 Sightings = Mapping[tuple[str, int], tuple[Array, Array]]
@@ -252,10 +252,6 @@ def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, 
             kept[0].extend(seen[a][i] for i in both)
             kept[1].extend(seen[b][i] for i in both)
     return {pair: (np.array(x), np.array(y)) for pair, (x, y) in shared.items() if x}
-
-
-BUNDLE_MOMENTS_EACH, BUNDLE_MOMENTS = 20, 150
-"""Moments of each camera and pair, and in all, that are adjusted together: the time grows with their cube."""
 
 
 def calibrate_from_board(

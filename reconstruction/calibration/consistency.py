@@ -41,6 +41,13 @@ FAR_AWAY = 1e6
 
 Groups = dict[tuple[str, ...], Array]
 """Pixels (k, n, 2) of points that all of k cameras see."""
+OTHER_RIG = 0.5, 0.05
+"""Share of the pairs and triples of cameras that contradict each other in another rig's calibration, and by
+what share of the picture."""
+USUAL_WIDTH = 640
+"""In smaller pictures exchanged cameras contradict each other by fewer pixels."""
+MOST_SUSPECTS = 12
+"""The most cameras of which it is tried whether two were exchanged."""
 
 
 class MovedCamera(Struct, frozen=True, kw_only=True):
@@ -252,14 +259,6 @@ def _shift(
     concerned = [group for group in groups if set(names) & set(group.cameras)]
     return max(float(np.median(group.errors.sum(0))) for group in concerned)
 
-
-OTHER_RIG = 0.5, 0.05
-"""Share of the pairs and triples of cameras that contradict each other in another rig's calibration, and by
-what share of the picture."""
-USUAL_WIDTH = 640
-"""In smaller pictures exchanged cameras contradict each other by fewer pixels."""
-MOST_SUSPECTS = 12
-"""The most cameras of which it is tried whether two were exchanged."""
 
 Views = dict[str, View]
 

@@ -22,6 +22,9 @@ from reconstruction.calibration.rig import Rig, calibrated_views, refuse_faults,
 from reconstruction.pairs import Features, detect_features
 from reconstruction.session.dataset import Dataset
 
+GLANCE = 320, 500
+"""Pixels of a picture's longer side and points in it that are enough where all is right."""
+
 
 class CameraMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """What a camera must be and how it must be set for its calibration to hold."""
@@ -166,10 +169,6 @@ def settle_calibration(dataset: Dataset) -> None:
         return
     dataset.adopt_calibration(kept.with_origin)
     talk(f"calibration kept from {kept.session} of {kept.created[:10]}: {describe_check(check)}")
-
-
-GLANCE = 320, 500
-"""Pixels of a picture's longer side and points in it that are enough where all is right."""
 
 
 def _middle_features(dataset: Dataset, cameras: Iterable[str], *least: int) -> dict[str, Features]:

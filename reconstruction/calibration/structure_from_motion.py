@@ -31,6 +31,12 @@ LEAST_TO_TELL_LENSES = 3
 """The fewest cameras that tell focal lengths: of two whose axes meet, any fit."""
 GUESS = "a guess from these pictures alone"
 """What the source of a calibration says that nothing but pictures is behind."""
+MAX_INSTANTS = 3
+"""Instants that structure from motion uses: more add time, not geometry, where the rig stands still."""
+FEATURE_BYTES_PER_PIXEL = 220
+"""What SIFT takes: the picture at twice its size, a dozen times in float, and its smaller octaves."""
+FEATURE_SHARE = 0.6
+"""Share of the memory budget for all pictures whose features are found at once."""
 
 
 def likely_focal_lengths(dataset: Dataset, field_of_view_deg: float | None = None) -> dict[str, float]:
@@ -83,15 +89,6 @@ def refuse_odd_lenses(found: Mapping[str, CameraCalibration], focal_px: Mapping[
 def field_of_view_deg(camera: CameraCalibration) -> float:
     """How wide a camera sees, from the left to the right edge."""
     return math.degrees(2 * math.atan(camera.width / 2 / camera.fx))
-
-
-MAX_INSTANTS = 3
-"""Instants that structure from motion uses: more add time, not geometry, where the rig stands still."""
-
-FEATURE_BYTES_PER_PIXEL = 220
-"""What SIFT takes: the picture at twice its size, a dozen times in float, and its smaller octaves."""
-FEATURE_SHARE = 0.6
-"""Share of the memory budget for all pictures whose features are found at once."""
 
 
 def guess_calibration(motion: SceneMotion) -> Calibration:

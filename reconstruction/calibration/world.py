@@ -30,6 +30,13 @@ MAX_BOARD_ERROR_PX = 3.0
 
 Marks = Mapping[str, tuple[tuple[float, float], tuple[float, float]]]
 """Two points' pixels (x, y) in each of two cameras or more."""
+MAX_MOMENTS = 20
+MAX_TURN_DEG = 3.0
+"""Between two moments, of a board that lies still."""
+MAX_MISFIT_SHARE = 0.05
+"""Root mean square misfit as a share of the board's size: more, and it is no flat board."""
+WORLD_FROM_BOARD = np.diag([1.0, -1.0, -1.0])
+"""A board's x and y are right and down as one looks at it, its z into the floor."""
 
 
 def marked_points(views: Mapping[str, View], marks: Marks) -> Array:
@@ -110,15 +117,6 @@ def _board_factor(
     spreads = (float(np.linalg.norm(of - of.mean(0))) for of in (places, points))
     true, found = spreads
     return true / found if found > 0 else None
-
-
-MAX_MOMENTS = 20
-MAX_TURN_DEG = 3.0
-"""Between two moments, of a board that lies still."""
-MAX_MISFIT_SHARE = 0.05
-"""Root mean square misfit as a share of the board's size: more, and it is no flat board."""
-WORLD_FROM_BOARD = np.diag([1.0, -1.0, -1.0])
-"""A board's x and y are right and down as one looks at it, its z into the floor."""
 
 
 @dataclass(frozen=True)

@@ -19,6 +19,15 @@ if TYPE_CHECKING:
 
 
 MOST_INSTANTS = 1_000_000
+CONDITION = ParsedType("condition", Condition.parse)
+"""How late each camera's images are: see `CONDITION_HELP`."""
+OFFSETS_HELP = (
+    "MS: every second camera is late by this much. MS,MS,...: each camera is late by this much, in the "
+    "session's order. CAMERA=MS,...: the named cameras are late. "
+    f"{DISTINCT}: each camera is late by a different one of {', '.join(f'{ms:g}' for ms in DISTINCT_MS)} ms, "
+    "drawn for each instant."
+)
+CONDITION_HELP = f"{SYNCED}: images of the same instant. {OFFSETS_HELP}"
 
 
 def parse_pair(text: str) -> tuple[str, str]:
@@ -66,10 +75,6 @@ def study_options(options: type[msgspec.Struct]) -> Iterator[click.Option]:
             yield click.Option([*settings.pop("names"), one.name], default=default, **settings)
 
 
-CONDITION = ParsedType("condition", Condition.parse)
-"""How late each camera's images are: see `CONDITION_HELP`."""
-
-
 def memory_option(command: Callable[..., None]) -> Callable[..., None]:
     """Give a command the option `--memory`, keep its dense work within, and say what that changed."""
 
@@ -106,15 +111,6 @@ def checksums_option(command: Callable[..., None]) -> Callable[..., None]:
             talk(note)
 
     return checked
-
-
-OFFSETS_HELP = (
-    "MS: every second camera is late by this much. MS,MS,...: each camera is late by this much, in the "
-    "session's order. CAMERA=MS,...: the named cameras are late. "
-    f"{DISTINCT}: each camera is late by a different one of {', '.join(f'{ms:g}' for ms in DISTINCT_MS)} ms, "
-    "drawn for each instant."
-)
-CONDITION_HELP = f"{SYNCED}: images of the same instant. {OFFSETS_HELP}"
 
 
 def pair_option(*names: str, use: str) -> Callable[..., Any]:

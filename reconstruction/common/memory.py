@@ -22,6 +22,14 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _UNLIMITED = 1 << 62
+DEFAULT_SHARE = 0.5
+"""Share of the memory that is free when a command begins."""
+MOST_BY_DEFAULT = 3 << 30
+"""Bytes at most where nobody asked: a result hardly depends on how much memory happened to be free."""
+LEAST_BYTES = 128 << 20
+SCALE_STEP = 2**-0.25
+LEAST_SCALE = 1 / 16
+_UNITS = {"K": 1e3, "M": 1e6, "G": 1e9, "T": 1e12, "Ki": 2**10, "Mi": 2**20, "Gi": 2**30, "Ti": 2**40}
 
 
 def free_memory() -> int:
@@ -79,16 +87,6 @@ def _process_memory() -> int:
         used = int(Path("/proc/self/statm").read_text().split()[0])
         return limit - used * resource.getpagesize()
     return limit
-
-
-DEFAULT_SHARE = 0.5
-"""Share of the memory that is free when a command begins."""
-MOST_BY_DEFAULT = 3 << 30
-"""Bytes at most where nobody asked: a result hardly depends on how much memory happened to be free."""
-LEAST_BYTES = 128 << 20
-SCALE_STEP = 2**-0.25
-LEAST_SCALE = 1 / 16
-_UNITS = {"K": 1e3, "M": 1e6, "G": 1e9, "T": 1e12, "Ki": 2**10, "Mi": 2**20, "Gi": 2**30, "Ti": 2**40}
 
 
 class MemoryBudget:

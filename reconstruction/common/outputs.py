@@ -15,6 +15,8 @@ from capture_app.session.files.output_folder import OutputFolder, replaces_only
 METRICS = "metrics.json"
 STAGES = "stages"
 OURS = {METRICS, "report.html", "pictures", "depth.tiff", "depth_filled.tiff", STAGES}
+VERSION = 9
+"""Raised whenever a stage computes something else: old outputs are then made again."""
 
 
 def comparison_folder(out: Path) -> OutputFolder:
@@ -47,10 +49,6 @@ def write_metrics(folder: Path, result: msgspec.Struct) -> None:
 
 
 Result = TypeVar("Result")
-
-
-VERSION = 9
-"""Raised whenever a stage computes something else: old outputs are then made again."""
 
 
 class StageCache:

@@ -30,6 +30,41 @@ SAME_SHADE = 6.0
 """Deviations of the picture's noise by which neighbours differ that are taken for one shade."""
 REACH_PX = 4
 MIDDLE = 128.0
+TOLERANCE = 0.006
+"""Points are on a plane if their depth is off by less than this share."""
+MIN_SHARE = 0.004
+"""Share of a picture that must lie on a plane."""
+MAX_PLANES = 32
+TRIALS, JUDGES, FINALISTS = 240, 2000, 8
+"""Points whose own planes are tried for the next plane, points by which these are judged, and how many are
+fitted to all points before one is chosen: else another plane wins if a grey level differs a little."""
+ROUNDS = 2.0, 1.5, 1.0, 1.0
+"""Tolerances within which points count for each fit: what is tilted at first stays so among the nearest."""
+NORMAL_RADIUS_PX = 3
+CHANGE = 60
+"""Penalty of a change of plane between neighbours, where 255 is the cost of no likeness."""
+ALIKE, ALIKE_PRICE = 0.05, 0.005
+"""Added to the cost (0 to 1) where a plane with more points is within this share: both match nearly as well,
+and the other is more exact."""
+MIN_VISIBLE = 0.02
+"""Share of a picture that a plane must cover to be tried there."""
+MIN_SOURCES = 2
+"""That must see a pixel, where there are so many: at a rim what lies outside a picture says nothing."""
+LIKE, LIKE_ON_AVERAGE = 0.3, 0.08
+"""Correlation of a wide window that is evidence; and its mean over a patch of one plane."""
+MIN_PATCH_PX = 12
+AS_FOUND = 0
+EVIDENT_COST = 0.45
+"""Matching cost that stands for evidence in the windows of the whole picture."""
+RIM_PX = 4
+"""How far windows of the whole picture carry the depth of a thing beyond its edge."""
+LIKE_SHADE = 2.0
+"""Deviations of the noise by which a pixel may differ from the shade of what is blank beside it."""
+MIN_BLANK_SHARE = 0.02
+"""Share of the pictures that must be blank."""
+EVIDENT, EVIDENT_WIDE = 0.5, 0.8
+"""Matching costs below which a surface's points count, by the picture's windows and by wide ones."""
+WIDE_SWEEP = SweepOptions(window=WINDOW, fine_window=WINDOW, refinements=(Refinement(0.35, 4),))
 
 
 @dataclass(frozen=True, eq=False)
@@ -69,19 +104,6 @@ def extract_blank_part(image: CalibratedImage) -> BlankPart:
     averaged = view.width * view.height / (small.width * small.height)
     part = CalibratedImage(small, texture.astype(np.float32), WINDOW, image.noise / averaged)
     return BlankPart(part, shade, there, mask)
-
-
-TOLERANCE = 0.006
-"""Points are on a plane if their depth is off by less than this share."""
-MIN_SHARE = 0.004
-"""Share of a picture that must lie on a plane."""
-MAX_PLANES = 32
-TRIALS, JUDGES, FINALISTS = 240, 2000, 8
-"""Points whose own planes are tried for the next plane, points by which these are judged, and how many are
-fitted to all points before one is chosen: else another plane wins if a grey level differs a little."""
-ROUNDS = 2.0, 1.5, 1.0, 1.0
-"""Tolerances within which points count for each fit: what is tilted at first stays so among the nearest."""
-NORMAL_RADIUS_PX = 3
 
 
 class SurfacePoints(NamedTuple):
@@ -176,21 +198,6 @@ def _selected(points: SurfacePoints, chosen: Array | slice) -> SurfacePoints:
     return SurfacePoints(*(part[chosen] for part in points))
 
 
-CHANGE = 60
-"""Penalty of a change of plane between neighbours, where 255 is the cost of no likeness."""
-ALIKE, ALIKE_PRICE = 0.05, 0.005
-"""Added to the cost (0 to 1) where a plane with more points is within this share: both match nearly as well,
-and the other is more exact."""
-MIN_VISIBLE = 0.02
-"""Share of a picture that a plane must cover to be tried there."""
-MIN_SOURCES = 2
-"""That must see a pixel, where there are so many: at a rim what lies outside a picture says nothing."""
-LIKE, LIKE_ON_AVERAGE = 0.3, 0.08
-"""Correlation of a wide window that is evidence; and its mean over a patch of one plane."""
-MIN_PATCH_PX = 12
-AS_FOUND = 0
-
-
 PlaneChoice = tuple[Array, Array, Array]
 """Each plane's `inverse_depth_gradient` (n, 3), that of `AS_FOUND` means nothing; each small pixel's plane by
 its number there, `AS_FOUND` for none; and whether it is evident (bool)."""
@@ -258,14 +265,6 @@ def _evident_patches(number: Array, likeness: Array) -> Array:
     return found
 
 
-EVIDENT_COST = 0.45
-"""Matching cost that stands for evidence in the windows of the whole picture."""
-RIM_PX = 4
-"""How far windows of the whole picture carry the depth of a thing beyond its edge."""
-LIKE_SHADE = 2.0
-"""Deviations of the noise by which a pixel may differ from the shade of what is blank beside it."""
-
-
 def lay_planes(surface: Surface, image: CalibratedImage, mask: Array, choice: PlaneChoice) -> Surface:
     """The surface with the chosen planes wherever the picture is blank (`mask`) and nothing matched."""
     size = image.view.width, image.view.height
@@ -308,13 +307,6 @@ def _continue_to_edges(planes: tuple[Array, Array, Array], image: CalibratedImag
     at, start = (rows[behind], columns[behind]), (from_row[behind], from_column[behind])
     level[at] = there[behind]
     slope_x[at], slope_y[at] = slope_x[start], slope_y[start]
-
-
-MIN_BLANK_SHARE = 0.02
-"""Share of the pictures that must be blank."""
-EVIDENT, EVIDENT_WIDE = 0.5, 0.8
-"""Matching costs below which a surface's points count, by the picture's windows and by wide ones."""
-WIDE_SWEEP = SweepOptions(window=WINDOW, fine_window=WINDOW, refinements=(Refinement(0.35, 4),))
 
 
 def settle_blank_walls(

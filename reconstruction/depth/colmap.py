@@ -24,6 +24,28 @@ from reconstruction.depth.visibility import find_denied
 
 POINTS_PER_VIEW = 300
 """Fusion takes its neighbourhoods from points that views share; without them it finds nothing."""
+MIN_VIEWS = 3
+"""Views in whose maps a point must be, fewer where there are fewer; the limits are COLMAP's."""
+MAX_NORMAL_ERROR_DEG = 30.0
+MAX_DEPTH_ERROR = 0.01
+MAX_REPROJECTION_ERROR_PX = 1.5
+MAX_TRAVERSAL_DEPTH = 2
+"""Views one after the other that a point is followed through; more of them eat its neighbours."""
+END = b"end_header\n"
+ENVIRONMENT = "SIMULSHOT_CUDA_PYTHON"
+HINT = (
+    "python3 -m venv cuda && cuda/bin/pip install pycolmap-cuda12, then set "
+    f"{ENVIRONMENT}=cuda/bin/python; or use --matcher sweep"
+)
+STDERR = 2
+PROGRAM = """
+import sys, pycolmap
+pycolmap.logging.minloglevel = 2
+options = pycolmap.PatchMatchOptions()
+options.geom_consistency = True
+options.depth_min, options.depth_max = float(sys.argv[2]), float(sys.argv[3])
+pycolmap.patch_match_stereo(sys.argv[1], "COLMAP", "option-all", options)
+"""
 
 
 def write_workspace(
@@ -161,15 +183,6 @@ def write_array(path: Path, values: Array) -> None:
     path.write_bytes(header + np.ascontiguousarray(planes, "<f4").tobytes())
 
 
-MIN_VIEWS = 3
-"""Views in whose maps a point must be, fewer where there are fewer; the limits are COLMAP's."""
-MAX_NORMAL_ERROR_DEG = 30.0
-MAX_DEPTH_ERROR = 0.01
-MAX_REPROJECTION_ERROR_PX = 1.5
-MAX_TRAVERSAL_DEPTH = 2
-"""Views one after the other that a point is followed through; more of them eat its neighbours."""
-
-
 def fuse_depth_maps(
     folder: Path, cloud: Path, views: Mapping[str, View], depth_views: Mapping[str, ViewDepth], group: int
 ) -> int:
@@ -208,9 +221,6 @@ def fuse_depth_maps(
     return count
 
 
-END = b"end_header\n"
-
-
 def _seen_file(cloud: Path) -> Path:
     return cloud.with_name(cloud.name + ".vis")
 
@@ -239,22 +249,6 @@ def read_fused_cloud(path: Path, views: int) -> tuple[Array, Array, Array]:
     seen = np.zeros((len(rows), views), bool)
     seen[np.repeat(np.arange(len(rows)), lengths), np.delete(lists, heads)] = True
     return np.array(rows["at"]), np.array(rows["colour"]), seen
-
-
-ENVIRONMENT = "SIMULSHOT_CUDA_PYTHON"
-HINT = (
-    "python3 -m venv cuda && cuda/bin/pip install pycolmap-cuda12, then set "
-    f"{ENVIRONMENT}=cuda/bin/python; or use --matcher sweep"
-)
-STDERR = 2
-PROGRAM = """
-import sys, pycolmap
-pycolmap.logging.minloglevel = 2
-options = pycolmap.PatchMatchOptions()
-options.geom_consistency = True
-options.depth_min, options.depth_max = float(sys.argv[2]), float(sys.argv[3])
-pycolmap.patch_match_stereo(sys.argv[1], "COLMAP", "option-all", options)
-"""
 
 
 CudaGpu = tuple[str, Path]

@@ -16,6 +16,19 @@ WAYS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 MIN_GAIN = 0.02
 """By how much, of 1, a plane from beside must match better than a pixel's own: noise differs, too."""
 SMOOTHING_PX = 3
+TOLERANCE = 1.0
+"""Neighbours on one plane are within so many steps of the first sweep of it."""
+MIN_PLANES, MAX_PLANES = 24, 400
+"""Depths of the first sweep."""
+MIN_WIDTH_PX = 200
+STEP_PX = 0.8
+"""Distance between the depths of the first sweep, in the source in which it is largest."""
+PENALTIES, FINE_PENALTIES = (20, 800), (10, 300)
+"""Penalties of a step by one depth between neighbours and of any larger one, in the first sweep and in those
+along the surface; 255 is the cost of no likeness."""
+MAX_PROPOSED_COST = 0.8
+"""A depth that others confirmed must match as well as this, or better than what was found before; one that
+nobody confirmed both."""
 
 
 def move_edges(
@@ -47,13 +60,6 @@ def _cost_along(inverse_depth: Array, source_views: Sequence[SourceView], engine
     return box_filter(engine.costs_along(source_views, inverse_depth).astype(np.float32), SMOOTHING_PX)
 
 
-TOLERANCE = 1.0
-"""Neighbours on one plane are within so many steps of the first sweep of it."""
-
-MIN_PLANES, MAX_PLANES = 24, 400
-"""Depths of the first sweep."""
-
-
 class Refinement(NamedTuple):
     """A sweep along the surface: its step, in steps of the first sweep, and how many of them on each side."""
 
@@ -61,17 +67,6 @@ class Refinement(NamedTuple):
     steps: int
     edges_share: float = 0.0
     """By which share of the picture's width edges may move before."""
-
-
-MIN_WIDTH_PX = 200
-STEP_PX = 0.8
-"""Distance between the depths of the first sweep, in the source in which it is largest."""
-PENALTIES, FINE_PENALTIES = (20, 800), (10, 300)
-"""Penalties of a step by one depth between neighbours and of any larger one, in the first sweep and in those
-along the surface; 255 is the cost of no likeness."""
-MAX_PROPOSED_COST = 0.8
-"""A depth that others confirmed must match as well as this, or better than what was found before; one that
-nobody confirmed both."""
 
 
 @dataclass(frozen=True)

@@ -29,6 +29,14 @@ from reconstruction.depth.plane_sweep import (
 )
 from reconstruction.depth.still_scene import WHOLE, StillScene, boxes_around, renewed
 
+MAX_VOTERS = 8
+"""Other views that are asked whether they agree: the sources first, then theirs."""
+NORMAL_TOLERANCE = 0.03
+"""Neighbours on one plane differ from it by less than this share of the median inverse depth."""
+CELLS_SHARE = 0.4
+"""Share of the memory budget for the matching costs of all sweeps that run at once."""
+BYTES_PER_CELL = 5
+
 
 def propose_inverse_depth(others: Iterable[tuple[SourceView, Array]], shape: tuple[int, int]) -> Array:
     """Inverse depth (`shape`) of the nearest surface that other views' depths put here; 0 = none.
@@ -53,16 +61,6 @@ def _close_gaps(inverse_depth: Array) -> Array:
     front = cv2.morphologyEx(inverse_depth, cv2.MORPH_CLOSE, kernel)
     behind = inverse_depth < 0.98 * front
     return np.where(behind, front, inverse_depth).astype(np.float32)
-
-
-MAX_VOTERS = 8
-"""Other views that are asked whether they agree: the sources first, then theirs."""
-NORMAL_TOLERANCE = 0.03
-"""Neighbours on one plane differ from it by less than this share of the median inverse depth."""
-
-CELLS_SHARE = 0.4
-"""Share of the memory budget for the matching costs of all sweeps that run at once."""
-BYTES_PER_CELL = 5
 
 
 @dataclass(frozen=True, eq=False)

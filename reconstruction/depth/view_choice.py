@@ -24,6 +24,7 @@ MIN_SCORE = 0.12
 """A view that shares less than about an eighth of the picture is not worth its time."""
 SPAN_SHARE = 0.3
 """Depths at which two views share less of the picture are not searched."""
+MAX_SOURCES = 4
 
 
 @dataclass(frozen=True)
@@ -161,9 +162,6 @@ def _measured(view: View, other: View, points: Array) -> tuple[float, float, flo
     inside, angle = seen_points(view, other, grid_points(view, depth))
     middle = float(np.median(angle[inside] if inside.any() else angle))
     return score_points(view, other, points), float(inside.mean()), middle
-
-
-MAX_SOURCES = 4
 
 
 def choose_source_views(views: Mapping[str, View], points: Mapping[str, Array]) -> dict[str, tuple[str, ...]]:

@@ -53,6 +53,7 @@ from reconstruction.session.picture_checksums import picture_checks
 
 RESULT = "multiview.json"
 FUSED = "fused.ply"
+OURS = {*FILES, RESULT, "depth", "workspace", FUSED, f"{FUSED}.vis", "cloud.ply", "mesh.ply", "turntable.png"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -224,9 +225,6 @@ def write_view(
         picture=f"{name}.png",
         **shares,
     )
-
-
-OURS = {*FILES, RESULT, "depth", "workspace", FUSED, f"{FUSED}.vis", "cloud.ply", "mesh.ply", "turntable.png"}
 
 
 def multiview(

@@ -46,6 +46,12 @@ from reconstruction.session.picture_checksums import picture_checks
 
 RECORDING = "sequence.rrd"
 _JPEG = b"\xff\xd8"
+RESULT = "sequence.json"
+PLAN = "plan.json"
+INSTANTS, CLOUDS, MESHES, DEPTH, MASKS = "instants", "clouds", "meshes", "depth", "movers"
+_WORK, _LOCK = ".work", ".lock"
+_BEGUN = {PLAN, f"{PLAN}{PART}", _WORK, _LOCK}
+OURS = _BEGUN | {RESULT, INSTANTS, CLOUDS, MESHES, DEPTH, MASKS, CALIBRATION, RECORDING}
 
 
 def write_recording(
@@ -72,12 +78,6 @@ def write_recording(
     stream.disconnect()
 
 
-RESULT = "sequence.json"
-PLAN = "plan.json"
-INSTANTS, CLOUDS, MESHES, DEPTH, MASKS = "instants", "clouds", "meshes", "depth", "movers"
-_WORK, _LOCK = ".work", ".lock"
-_BEGUN = {PLAN, f"{PLAN}{PART}", _WORK, _LOCK}
-OURS = _BEGUN | {RESULT, INSTANTS, CLOUDS, MESHES, DEPTH, MASKS, CALIBRATION, RECORDING}
 OURS |= {f"{RESULT}{PART}", f"{CALIBRATION}{PART}"}
 """With what a killed run leaves half written."""
 

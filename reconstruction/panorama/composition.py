@@ -18,6 +18,8 @@ MAX_WIDENING = 2.0
 
 Box = tuple[int, int, int, int]
 """Left, top, right and bottom, px of the panorama; it may begin below zero."""
+SEAM_PIXELS = 0.1e6
+"""Exposures and seams are found in layers made this small: both take minutes in full pictures."""
 
 
 @dataclass(frozen=True)
@@ -127,10 +129,6 @@ def _for_warper(view: View) -> tuple[Array, Array]:
 def _inside(at: Array, view: View) -> Array:
     """Whether pixels (..., 2) lie in a view's picture (bool)."""
     return np.asarray(((at > -0.5) & (at < (view.width - 0.5, view.height - 0.5))).all(-1))
-
-
-SEAM_PIXELS = 0.1e6
-"""Exposures and seams are found in layers made this small: both take minutes in full pictures."""
 
 
 def compose_layers(layers: Sequence[Layer], canvas: Box) -> Array:

@@ -29,6 +29,8 @@ LEAST_LIKENESS = 0.8
 """Normalized correlation of both patches; less is another thing."""
 MOST_RETURN_PX = 0.5
 """Found again from there, a point must lie so near to where it began."""
+GHOST_GREY = 30.0
+"""Where two pictures differ by more grey levels than this, they are marked as a ghost."""
 
 
 @dataclass(frozen=True)
@@ -176,10 +178,6 @@ def _patches(picture: Array, at: Array) -> Array:
     parts = [slice(k, k + MOST_ROWS) for k in range(0, len(at), MOST_ROWS)]
     sampled = np.concatenate([cv2.remap(grey, xs[part], ys[part], cv2.INTER_LINEAR) for part in parts])
     return np.asarray(sampled - sampled.mean(1, keepdims=True))
-
-
-GHOST_GREY = 30.0
-"""Where two pictures differ by more grey levels than this, they are marked as a ghost."""
 
 
 class Misfit(Struct, frozen=True, kw_only=True):

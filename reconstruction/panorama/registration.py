@@ -33,6 +33,7 @@ EXPECTED_MATCHES = (8.0, 0.2)
 
 Their share is 0.3; cameras of a rig stand apart, and one plane of the scene is less of all that they share.
 """
+INLIER_PX = 3.0
 
 
 @dataclass(frozen=True)
@@ -217,9 +218,6 @@ def _for_opencv(
         feature.keypoints = points
         features.append(feature)
     return features, matches
-
-
-INLIER_PX = 3.0
 
 
 def register_pictures(

@@ -20,6 +20,12 @@ from reconstruction.common.image_files import image_size, read_image, refuse_odd
 from reconstruction.common.memory import ByteCache, memory_budget
 from reconstruction.session.picture_checksums import picture_checks
 
+KEPT_SHARE = 0.12
+"""Share of the memory budget for decoded images that may be asked for again."""
+WORK_SHARE = 0.3
+WORK_BYTES_PER_PIXEL = 60
+"""What a command takes at least for each pixel of the images it works on at once."""
+
 
 def shift_times(
     records: Iterable[ImageRecord],
@@ -62,13 +68,6 @@ def shift_times(
                 hint=f"the burst is {(instants_ns[-1] - instants_ns[0]) / 1e6:.0f} ms long",
             )
     return placed
-
-
-KEPT_SHARE = 0.12
-"""Share of the memory budget for decoded images that may be asked for again."""
-WORK_SHARE = 0.3
-WORK_BYTES_PER_PIXEL = 60
-"""What a command takes at least for each pixel of the images it works on at once."""
 
 
 class Dataset:

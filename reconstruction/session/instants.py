@@ -17,6 +17,14 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SceneMotion
 
 MAX_DRAWS = 400
+CANDIDATES = 4
+"""Instants that are looked at for each that is wanted."""
+LEAST_CANDIDATES = 16
+"""Fewest instants that are looked at."""
+LEAST_MOVING = 0.0001
+"""Share of the picture that must move before every one of the cameras."""
+FEWEST = 3
+"""Where fewer instants show that much motion, those that show most of it are taken."""
 
 
 @dataclass(frozen=True)
@@ -157,16 +165,6 @@ def _pair_offset(dataset: Dataset, condition: Condition, first: str, second: str
     except BadInputError as error:
         raise ValueError(str(error)) from error
     return found if asked_ms > 0 else found.reversed
-
-
-CANDIDATES = 4
-"""Instants that are looked at for each that is wanted."""
-LEAST_CANDIDATES = 16
-"""Fewest instants that are looked at."""
-LEAST_MOVING = 0.0001
-"""Share of the picture that must move before every one of the cameras."""
-FEWEST = 3
-"""Where fewer instants show that much motion, those that show most of it are taken."""
 
 
 def choose_moving_instants(

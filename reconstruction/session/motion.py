@@ -24,6 +24,9 @@ SHAKE_PX = 0.7
 BACKGROUND_FRAMES = 25
 """A longer burst is thinned to so many images, or up to twice as many."""
 BACKGROUND_ROWS = 256
+MARGIN_PX = 5
+MOVERS_SHARE = 0.05
+"""Share of the memory budget for masks and for backgrounds that may be asked for again."""
 
 
 def median_background(images: Sequence[Array]) -> Array:
@@ -82,11 +85,6 @@ def _fill_spots(mask: Array) -> Array:
         if cv2.contourArea(outline) >= MIN_AREA_PX:
             cv2.drawContours(solid, [outline], -1, 1, cv2.FILLED)
     return solid > 0
-
-
-MARGIN_PX = 5
-MOVERS_SHARE = 0.05
-"""Share of the memory budget for masks and for backgrounds that may be asked for again."""
 
 
 class SceneMotion:

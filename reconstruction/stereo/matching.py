@@ -15,6 +15,21 @@ BLOCK = 3
 
 BYTES_PER_PIXEL = 160
 """Memory that matching and its checks take for each pixel (measured); of costs, only some rows are kept."""
+CHECK_WINDOW = 9
+"""Side of the window in which the two views are correlated, px."""
+MAX_LEFT_RIGHT_PX = 1.0
+"""Difference between the disparities of both directions within which a match is accepted."""
+MAX_GREY_DIFFERENCE = 10.0
+"""Mean difference of brightness beside the noise within which it is, grey levels of 255."""
+SURFACE_PX = 1.0
+"""How far neighbours on one surface lie from each other, standard deviation in px of disparity."""
+REACH_PX = 5.0
+"""Over how many pixels a surface is smoothed, standard deviation; the window is as wide."""
+WINDOW = 7
+"""Side of the window over which the left shift is measured, px."""
+MAX_SHIFT_PX = 0.5
+WEAK_GRADIENT = 20.0
+"""Squared change of brightness per pixel ((grey levels)^2) at which half of a shift is believed."""
 
 
 def matching_bytes(width: float, height: float, disparities: float) -> float:
@@ -67,16 +82,6 @@ def warp_by_disparity(image: Array, disparity: Array) -> Array:
     return np.asarray(cv2.remap(source, shifted, ys, cv2.INTER_LINEAR, borderValue=(float("nan"),)))
 
 
-CHECK_WINDOW = 9
-"""Side of the window in which the two views are correlated, px."""
-
-
-MAX_LEFT_RIGHT_PX = 1.0
-"""Difference between the disparities of both directions within which a match is accepted."""
-MAX_GREY_DIFFERENCE = 10.0
-"""Mean difference of brightness beside the noise within which it is, grey levels of 255."""
-
-
 def same_appearance(a: Array, b: Array, min_correlation: float = 0.0) -> Array:
     """Where two images (float32, grey levels) look the same, by correlation and brightness (bool).
 
@@ -102,17 +107,6 @@ def fill_small_holes(checked: Array, raw: Array) -> Array:
     mean = cv2.blur(value, (7, 7)) / np.maximum(weight, 1e-6)
     fits = ~good & (weight > 0.3) & (np.abs(raw - mean) < 1.0)
     return np.where(fits, raw, checked)
-
-
-SURFACE_PX = 1.0
-"""How far neighbours on one surface lie from each other, standard deviation in px of disparity."""
-REACH_PX = 5.0
-"""Over how many pixels a surface is smoothed, standard deviation; the window is as wide."""
-WINDOW = 7
-"""Side of the window over which the left shift is measured, px."""
-MAX_SHIFT_PX = 0.5
-WEAK_GRADIENT = 20.0
-"""Squared change of brightness per pixel ((grey levels)^2) at which half of a shift is believed."""
 
 
 def refine_disparity(reference: Array, other: Array, disparity: Array) -> Array:

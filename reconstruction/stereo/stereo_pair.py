@@ -34,6 +34,24 @@ WINDOW = 61
 """Side of the window over which they are averaged, px."""
 MAX_CHANGE = 3.0
 """Over one step; a greater one is an edge, not a slope. px."""
+SAME_GAIN, SAME_BIAS = 0.05, 4.0
+"""Pictures that differ by more (factor, grey levels) are made equally bright and matched again."""
+MAX_RESIDUAL_PX = 0.7
+"""Displacement left after the disparity is taken out, also between rows: 0 for a true match."""
+MIN_ISLAND_PX = 60
+"""Smaller islands of depth are dropped."""
+VOLUME_SHARE = 0.6
+"""Share of the memory budget for matching; the rest is for pictures and maps."""
+MIN_AGREEMENT = 0.35
+"""Share of textured pixels on whose coarse disparity both directions agree: views of the same thing reach
+0.55 to 0.75, unrelated noise 0.27."""
+MIN_PIXELS = 30
+"""Fewer pixels than this are not measured."""
+PATCH_PX = 21
+PATCHES = 40
+ROWS_PX = 28
+"""How far from its row a patch is searched, px."""
+LIKENESS = 0.75
 
 
 def fill_holes(disparity: Array) -> Array:
@@ -196,16 +214,6 @@ def rectify(
     )
 
 
-SAME_GAIN, SAME_BIAS = 0.05, 4.0
-"""Pictures that differ by more (factor, grey levels) are made equally bright and matched again."""
-MAX_RESIDUAL_PX = 0.7
-"""Displacement left after the disparity is taken out, also between rows: 0 for a true match."""
-MIN_ISLAND_PX = 60
-"""Smaller islands of depth are dropped."""
-VOLUME_SHARE = 0.6
-"""Share of the memory budget for matching; the rest is for pictures and maps."""
-
-
 @dataclass(frozen=True)
 class DepthMap:
     """One pair's depth on the reference view's pixels.
@@ -340,11 +348,6 @@ def _looks_alike(found: _Match, disparity: Array) -> Array:
     return np.asarray(alike & ~np.isfinite(found.checked))
 
 
-MIN_AGREEMENT = 0.35
-"""Share of textured pixels on whose coarse disparity both directions agree: views of the same thing reach
-0.55 to 0.75, unrelated noise 0.27."""
-
-
 def find_disparity_range(
     pair: tuple[View, View], images: list[tuple[Array, Array, Array]]
 ) -> tuple[float, float]:
@@ -389,15 +392,6 @@ def find_disparity_range(
         low, high = min(low, ends[0]), max(high, ends[1])
     margin = 0.15 * (high - low) + 4
     return max(0.0, float(low - margin)), float(high + margin)
-
-
-MIN_PIXELS = 30
-"""Fewer pixels than this are not measured."""
-PATCH_PX = 21
-PATCHES = 40
-ROWS_PX = 28
-"""How far from its row a patch is searched, px."""
-LIKENESS = 0.75
 
 
 def epipolar_errors(

@@ -20,6 +20,35 @@ from reconstruction.time_offsets.pair_geometry import (
     places,
 )
 
+MATCH_PX = 0.5
+"""Error of a match across its epipolar line, to begin with; then it is measured."""
+LEAST_MATCH_PX = 0.1
+LEAST_STILL_PX = 0.2
+LEAST_ACROSS_PX = 1.0
+"""Points that cross their line by less within a frame tell nothing."""
+BIN_MS = 0.25
+NEAR_PX = 4.0
+"""Matches that are further from what most agree on are wrong ones."""
+FARTHEST_STILL_PX = 6.0
+"""Matches of what stands still that are further from their epipolar lines are wrong ones."""
+LEAST_VOTES = 6.0
+"""Fewest crossings that must agree."""
+DISTINCT = 1.6
+"""Ratio of the crossings that agree to those on any other offset: wrong ones agree on everything."""
+MIN_POINTS = 3
+"""Fewer points of an instant may all be wrong matches."""
+MIN_INSTANTS = 3
+"""With fewer instants there is no error bar that could be believed."""
+SHARP_FRAMES = 1 / 6
+"""What an instant tells less sharply is not told: a wheel that turns looks alike at several offsets."""
+SYSTEMATIC_MS = 0.25
+"""What is left of rows, exposures and the paths between images; one standard deviation."""
+SHARED_PX = 0.1
+"""What all points of one part of the picture err by together, however many they are."""
+INSTANT_PX = 0.12
+"""What those of one instant err by together besides."""
+ROUNDS = 20
+
 
 @dataclass(frozen=True)
 class Crossings:
@@ -108,36 +137,6 @@ def _errors(views: tuple[View, View], at_a: Array, at_b: Array) -> Array:
     if known.any():
         errors[known] = epipolar_errors_px(*views, at_a[known], at_b[known])
     return errors
-
-
-MATCH_PX = 0.5
-"""Error of a match across its epipolar line, to begin with; then it is measured."""
-LEAST_MATCH_PX = 0.1
-LEAST_STILL_PX = 0.2
-LEAST_ACROSS_PX = 1.0
-"""Points that cross their line by less within a frame tell nothing."""
-BIN_MS = 0.25
-NEAR_PX = 4.0
-"""Matches that are further from what most agree on are wrong ones."""
-FARTHEST_STILL_PX = 6.0
-"""Matches of what stands still that are further from their epipolar lines are wrong ones."""
-LEAST_VOTES = 6.0
-"""Fewest crossings that must agree."""
-DISTINCT = 1.6
-"""Ratio of the crossings that agree to those on any other offset: wrong ones agree on everything."""
-MIN_POINTS = 3
-"""Fewer points of an instant may all be wrong matches."""
-MIN_INSTANTS = 3
-"""With fewer instants there is no error bar that could be believed."""
-SHARP_FRAMES = 1 / 6
-"""What an instant tells less sharply is not told: a wheel that turns looks alike at several offsets."""
-SYSTEMATIC_MS = 0.25
-"""What is left of rows, exposures and the paths between images; one standard deviation."""
-SHARED_PX = 0.1
-"""What all points of one part of the picture err by together, however many they are."""
-INSTANT_PX = 0.12
-"""What those of one instant err by together besides."""
-ROUNDS = 20
 
 
 StillErrors = tuple[Array, Array]

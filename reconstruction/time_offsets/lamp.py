@@ -32,6 +32,39 @@ LEAST_SD = 0.01
 """What the mains' flicker, a compressed picture and the like leave of a row's share."""
 ROW_PIXELS = 12
 """Fewer pixels of a row that differ tell nothing of it."""
+WIDTHS_MS = tuple(np.geomspace(0.4, 60.0, 28))
+BENDS = (0.55, 0.8, 1.1)
+"""Exponents of the tone curve between dark and lit."""
+MOST_FITTED = 6
+"""Edges by which the ramp is found: more tell hardly more."""
+FITTED_ROWS = 100
+COVERED = 0.5
+"""Least share of an edge's ramp that must lie on rows that were read."""
+LEAST_ROWS = 6
+MISFIT = 0.12
+STEPS = 61
+RAMP_ERROR = 0.015
+"""What a tone curve of another form, or light that flickers, moves an edge by, as a share of its ramp."""
+SHARED_ROWS = 8
+"""Rows that share their errors: those of a compressed picture's blocks."""
+REACH_MS = 300.0
+"""Offsets up to this are looked for."""
+NEAR_MS = 20.0
+"""Edges that an offset brings so near to each other may be one: as much as images hide between them."""
+LEAST_EDGES = 3
+"""With fewer in common there is no error bar that could be believed."""
+SLOW_MS = 15.0
+"""A lamp that takes longer than this to light up has no edge."""
+TOLD_ROWS, UNTOLD_ROWS = 0.03, 0.3
+"""How wrong a row time may be, as a share: one that the session tells, and one that is taken for granted."""
+USUAL_READOUT = 0.7
+"""Share of the period that a readout takes where no row time is told."""
+BEND_MS = 2.0
+"""By how much rising edges may seem later, and falling ones earlier."""
+SYSTEMATIC_MS = 0.02
+LIGHT = "light"
+"""What an offset was measured by."""
+NO_LAMP = "no lamp blinks before it"
 
 
 @dataclass(frozen=True)
@@ -127,23 +160,6 @@ def _lit_rows(image: Array, dark: Array, rise: Array, told: Array) -> tuple[Arra
         sd = np.hypot(LEAST_SD, (1.4826 * usual + 1) / np.sqrt((kept * rise).sum(1)))
     shown = (kept > 0).sum(1) >= ROW_PIXELS
     return np.where(shown, lit, np.nan), np.where(shown, sd, np.nan)
-
-
-WIDTHS_MS = tuple(np.geomspace(0.4, 60.0, 28))
-BENDS = (0.55, 0.8, 1.1)
-"""Exponents of the tone curve between dark and lit."""
-MOST_FITTED = 6
-"""Edges by which the ramp is found: more tell hardly more."""
-FITTED_ROWS = 100
-COVERED = 0.5
-"""Least share of an edge's ramp that must lie on rows that were read."""
-LEAST_ROWS = 6
-MISFIT = 0.12
-STEPS = 61
-RAMP_ERROR = 0.015
-"""What a tone curve of another form, or light that flickers, moves an edge by, as a share of its ramp."""
-SHARED_ROWS = 8
-"""Rows that share their errors: those of a compressed picture's blocks."""
 
 
 @dataclass(frozen=True)
@@ -274,26 +290,6 @@ def _shape(part: Array, bend: float, rising: bool) -> Array:
     """How lit rows are that had a part of the ramp behind them."""
     past = np.clip(part, 0, 1)
     return np.asarray(past**bend if rising else (1 - past) ** bend)
-
-
-REACH_MS = 300.0
-"""Offsets up to this are looked for."""
-NEAR_MS = 20.0
-"""Edges that an offset brings so near to each other may be one: as much as images hide between them."""
-LEAST_EDGES = 3
-"""With fewer in common there is no error bar that could be believed."""
-SLOW_MS = 15.0
-"""A lamp that takes longer than this to light up has no edge."""
-TOLD_ROWS, UNTOLD_ROWS = 0.03, 0.3
-"""How wrong a row time may be, as a share: one that the session tells, and one that is taken for granted."""
-USUAL_READOUT = 0.7
-"""Share of the period that a readout takes where no row time is told."""
-BEND_MS = 2.0
-"""By how much rising edges may seem later, and falling ones earlier."""
-SYSTEMATIC_MS = 0.02
-LIGHT = "light"
-"""What an offset was measured by."""
-NO_LAMP = "no lamp blinks before it"
 
 
 @dataclass(frozen=True)

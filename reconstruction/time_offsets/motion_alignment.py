@@ -27,6 +27,12 @@ APART_STEPS = 4
 
 Activity = tuple[Array, Array]
 """Times (n,) ms, and how much moved before a camera then: grey levels that a pixel changes by within 1 ms."""
+REACH_FRAMES = 2.5
+"""What a rough offset may be wrong by."""
+TRIAL_INSTANTS = 8
+MOST_INSTANTS = 60
+DISTINCT = 1.5
+"""The offset that is right has so many times as many crossings that agree as any other."""
 
 
 def measure_activity(dataset: Dataset, camera: str) -> Activity:
@@ -87,14 +93,6 @@ def _correlation(a: Array, b: Array, lag: int) -> float:
     if size == 0:
         return -1.0
     return float(x @ y) / size * float(np.sqrt(end - begin))
-
-
-REACH_FRAMES = 2.5
-"""What a rough offset may be wrong by."""
-TRIAL_INSTANTS = 8
-MOST_INSTANTS = 60
-DISTINCT = 1.5
-"""The offset that is right has so many times as many crossings that agree as any other."""
 
 
 class MotionAlignment:

@@ -6,6 +6,13 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View, other_from_reference
 
+ODDS_PX = (1.0, 0.5, 0.3, 0.15)
+"""How far a calibration may move what it has right on the whole: by terms of no, first, second, third degree
+in the place in the picture; one standard deviation."""
+DIRECTION = 3e-3
+"""How far off the direction from one camera to the other may be, rad."""
+TERMS = 12
+
 
 def epipolar_errors_px(a: View, b: View, at_a: Array, at_b: Array) -> Array:
     """Signed distances (n,) of matched pixels (n, 2) from the epipolar geometry of two views, px.
@@ -20,14 +27,6 @@ def epipolar_errors_px(a: View, b: View, at_a: Array, at_b: Array) -> Array:
     lines_b, lines_a = rays_a @ essential.T, rays_b @ essential
     steepness = np.sqrt((lines_b[:, :2] ** 2).sum(1) / b.focal**2 + (lines_a[:, :2] ** 2).sum(1) / a.focal**2)
     return np.asarray((rays_b * lines_b).sum(1) / np.maximum(steepness, 1e-12))
-
-
-ODDS_PX = (1.0, 0.5, 0.3, 0.15)
-"""How far a calibration may move what it has right on the whole: by terms of no, first, second, third degree
-in the place in the picture; one standard deviation."""
-DIRECTION = 3e-3
-"""How far off the direction from one camera to the other may be, rad."""
-TERMS = 12
 
 
 def geometry_terms(a: View, b: View, at_a: Array, at_b: Array) -> Array:

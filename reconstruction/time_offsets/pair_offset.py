@@ -38,6 +38,20 @@ MATCH_RATIO = 0.8
 """Greatest distance of a match against that of the second best."""
 LEVELS = 4
 """Levels of the pyramid in which points are followed."""
+REACH_MS = 300.0
+"""Offsets up to this are looked for."""
+FARTHEST_PERIODS = 2.5
+"""Points are not followed to an image further away than this."""
+STILL_INSTANTS = 9
+"""At so many, spread over the session, what stands still is looked at."""
+MAX_FRAMES = 20
+"""Frames to either side that are looked at, at most."""
+INSTANTS = 6, 48
+"""Fewest and most instants of a pair."""
+IMAGES = 150
+"""Images of all cameras together: the more there are, the fewer instants of each pair."""
+OUTLINE_COUNTS = 4.0
+"""For how many points the middle of a small thing counts: all of its outline tells it."""
 
 
 @dataclass(frozen=True)
@@ -88,24 +102,8 @@ def _follow(image: Array, other: Array | None, at: Array) -> Array:
     return np.where((drift < MAX_DRIFT_PX)[:, None], there.astype(np.float64), np.nan)
 
 
-REACH_MS = 300.0
-"""Offsets up to this are looked for."""
-FARTHEST_PERIODS = 2.5
-"""Points are not followed to an image further away than this."""
-STILL_INSTANTS = 9
-"""At so many, spread over the session, what stands still is looked at."""
-MAX_FRAMES = 20
-"""Frames to either side that are looked at, at most."""
-
-
-INSTANTS = 6, 48
-"""Fewest and most instants of a pair."""
-IMAGES = 150
-"""Images of all cameras together: the more there are, the fewer instants of each pair."""
 Image = tuple[str, int]
 """A camera and an instant."""
-OUTLINE_COUNTS = 4.0
-"""For how many points the middle of a small thing counts: all of its outline tells it."""
 
 
 RoughOffset = tuple[float, float]

@@ -31,6 +31,17 @@ from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.wire.camera_commands import CameraCommand, SetFrameDuration
 
+FIRST_READINGS, READING_NS = 16, 1_000_000_000
+"""How many readings of the counter come before the stream starts, and how often one comes later."""
+SETTLING_NS, SOON_NS = 3_000_000_000, 100_000_000
+"""For so long it is read more often, until it is known how fast it runs."""
+FIRST_FRAME_NS, SILENCE_NS, MOST_WAIT_NS = 5_000_000_000, 3_000_000_000, 200_000_000
+NEAR_NS = 2_000_000_000
+"""A stamp that a counter's readings put this far from the frame's arrival is not of that counter."""
+MOST_TRIES = 3
+LATE_NS = 5_000_000
+"""How long after a frame is due its end is taken for granted."""
+
 
 class FrameClock:
     """The host's time of each frame, by its arrival alone; the base for counters that tell more."""
@@ -126,17 +137,6 @@ class FrameNumbers:
 
 
 _log = logging.getLogger(__name__)
-
-FIRST_READINGS, READING_NS = 16, 1_000_000_000
-"""How many readings of the counter come before the stream starts, and how often one comes later."""
-SETTLING_NS, SOON_NS = 3_000_000_000, 100_000_000
-"""For so long it is read more often, until it is known how fast it runs."""
-FIRST_FRAME_NS, SILENCE_NS, MOST_WAIT_NS = 5_000_000_000, 3_000_000_000, 200_000_000
-NEAR_NS = 2_000_000_000
-"""A stamp that a counter's readings put this far from the frame's arrival is not of that counter."""
-MOST_TRIES = 3
-LATE_NS = 5_000_000
-"""How long after a frame is due its end is taken for granted."""
 
 
 class AravisCamera(ThreadedCamera):

@@ -22,6 +22,16 @@ from capture_app.common.errors import CameraError
 
 _WORDS = {Control.EXPOSURE: ("exposure_time", "exposure"), Control.GAIN: ("gain", "gain")}
 """What the library's methods call a value, and call it where the camera may choose it."""
+KIND = "aravis"
+_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
+_LATCHES = (("TimestampLatch", "TimestampLatchValue"), ("GevTimestampControlLatch", "GevTimestampValue"))
+"""Features that read the counter, in ns and in ticks: of SFNC 2 and of GigE Vision 1."""
+_CONTROL, _HIGH, _LOW, _LATCH = 0x0944, 0x0948, 0x094C, 2
+"""Registers of every GigE Vision device's bootstrap memory that do the same."""
+_BUFFERED_NS, _BUFFER_BYTES, _BUFFER_COUNTS = 500_000_000, 256 << 20, (4, 64)
+_SOCKET_BYTES = 8 << 20
+_MARGIN_NS = 100
+"""A duration that is this much longer is not cut to the step below."""
 
 
 class DeviceControl:
@@ -80,18 +90,6 @@ class DeviceControl:
             # A longer exposure would make frames late.
             most=min(most, facts.period_ns / 1000) if exposes else most,
         )
-
-
-KIND = "aravis"
-_RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
-_LATCHES = (("TimestampLatch", "TimestampLatchValue"), ("GevTimestampControlLatch", "GevTimestampValue"))
-"""Features that read the counter, in ns and in ticks: of SFNC 2 and of GigE Vision 1."""
-_CONTROL, _HIGH, _LOW, _LATCH = 0x0944, 0x0948, 0x094C, 2
-"""Registers of every GigE Vision device's bootstrap memory that do the same."""
-_BUFFERED_NS, _BUFFER_BYTES, _BUFFER_COUNTS = 500_000_000, 256 << 20, (4, 64)
-_SOCKET_BYTES = 8 << 20
-_MARGIN_NS = 100
-"""A duration that is this much longer is not cut to the step below."""
 
 
 class AravisDevice:

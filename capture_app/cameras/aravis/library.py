@@ -13,6 +13,15 @@ from capture_app.common.errors import CameraError, NotAvailableError
 PACKAGE = "gir1.2-aravis-0.8"
 PURPOSE = "a GigE Vision or USB3 Vision camera"
 _VERSION = "0.8"
+_WORDS = {
+    5: ("{} does not answer any more", "check its power and cable, then start it again"),
+    6: (
+        "there is no machine-vision camera {}",
+        "`capture-app cameras` lists the cameras; one that is on has an address in this network",
+    ),
+    10: ("{} is in use by another program", "close it: only one can control a camera"),
+}
+"""What is wrong and what to do, by the codes of the library's errors of devices."""
 
 
 @functools.cache
@@ -45,14 +54,3 @@ def camera_errors(device: str) -> Iterator[None]:
             raise CameraError(f"{device} failed: {error.message}", hint=hint) from error
         what, hint = _WORDS[error.code]
         raise CameraError(what.format(device), hint=hint) from error
-
-
-_WORDS = {
-    5: ("{} does not answer any more", "check its power and cable, then start it again"),
-    6: (
-        "there is no machine-vision camera {}",
-        "`capture-app cameras` lists the cameras; one that is on has an address in this network",
-    ),
-    10: ("{} is in use by another program", "close it: only one can control a camera"),
-}
-"""What is wrong and what to do, by the codes of the library's errors of devices."""

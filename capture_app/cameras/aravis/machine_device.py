@@ -11,6 +11,19 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+_CONVERSIONS = {
+    "BayerRG": "COLOR_BayerRGGB2BGR",
+    "BayerGR": "COLOR_BayerGRBG2BGR",
+    "BayerGB": "COLOR_BayerGBRG2BGR",
+    "BayerBG": "COLOR_BayerBGGR2BGR",
+}
+"""OpenCV's names of the patterns as GenICam's have them: by the first two pixels of the first row."""
+USABLE_FORMATS = (
+    *(f"{layout}8" for layout in (*_CONVERSIONS, "RGB", "BGR", "Mono")),
+    *(f"{layout}{bits}" for layout in (*_CONVERSIONS, "Mono") for bits in (16, 12, 10)),
+)
+"""The pixel formats that can be saved, the best first; more than 8 bits lie in 16 each."""
+
 
 @dataclass(frozen=True, slots=True)
 class DeviceFrame:
@@ -24,21 +37,6 @@ class DeviceFrame:
     """When its first packet came, by the host's monotonic clock."""
     data: bytes | None
     """None where packets of it are missing."""
-
-
-_CONVERSIONS = {
-    "BayerRG": "COLOR_BayerRGGB2BGR",
-    "BayerGR": "COLOR_BayerGRBG2BGR",
-    "BayerGB": "COLOR_BayerGBRG2BGR",
-    "BayerBG": "COLOR_BayerBGGR2BGR",
-}
-"""OpenCV's names of the patterns as GenICam's have them: by the first two pixels of the first row."""
-
-USABLE_FORMATS = (
-    *(f"{layout}8" for layout in (*_CONVERSIONS, "RGB", "BGR", "Mono")),
-    *(f"{layout}{bits}" for layout in (*_CONVERSIONS, "Mono") for bits in (16, 12, 10)),
-)
-"""The pixel formats that can be saved, the best first; more than 8 bits lie in 16 each."""
 
 
 def machine_picture(data: bytes, size: tuple[int, int], pixel_format: str) -> PixelPicture:

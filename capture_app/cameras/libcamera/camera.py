@@ -59,6 +59,16 @@ _SEED = 1
 """Durations are drawn at random: those at even distances could all be multiples of two rows."""
 _BELOW_US, _ABOVE_US = 0.5, 1.0
 """A driver that rounds reports up to half a microsecond more than there is, one that cuts up to one less."""
+SILENT_S = 5.0
+"""A stream without a frame for so long, or for so many periods, has failed."""
+SILENT_PERIODS = 30
+IN_EFFECT_FRAMES = 6
+"""What is set is in effect so many frames after the requests that are queued already, at the latest."""
+UNSETTLED_FRAMES = 3
+"""The first frames after a start may be told wrongly."""
+PERIOD_FRAMES = 15
+INSIDE_ROW = 0.25
+"""A duration is asked for by so many rows more than whole ones: a driver may cut or round it."""
 
 
 def durations_to_ask_us(period_us: int, longest_us: int) -> list[int]:
@@ -85,18 +95,6 @@ def find_row_time_us(reported_us: Iterable[int]) -> float | None:
         ]
         bounds = [(low_us, high_us) for low_us, high_us in narrowed if low_us < high_us]
     return sum(max(bounds)) / 2 if bounds else None
-
-
-SILENT_S = 5.0
-"""A stream without a frame for so long, or for so many periods, has failed."""
-SILENT_PERIODS = 30
-IN_EFFECT_FRAMES = 6
-"""What is set is in effect so many frames after the requests that are queued already, at the latest."""
-UNSETTLED_FRAMES = 3
-"""The first frames after a start may be told wrongly."""
-PERIOD_FRAMES = 15
-INSIDE_ROW = 0.25
-"""A duration is asked for by so many rows more than whole ones: a driver may cut or round it."""
 
 
 class LibcameraCamera(ThreadedCamera):

@@ -23,6 +23,13 @@ FOURCC = {"MJPEG": "MJPG", "NV12": "NV12", "YUYV": "YUYV", "R8": "GREY"}
 """The library's formats that can be saved, the best first, and what V4L2 calls them."""
 BUFFERS = 6
 """A process that is held up for as many frames loses none; a command takes effect after as many."""
+KIND = "libcamera"
+CHARACTER_DEVICES = Path("/sys/dev/char")
+_RASPBERRY_PI = "rpi"
+"""The vendor of controls that only the Raspberry Pi's pipelines have."""
+READOUT_DOUBT_ROWS, READOUT_DOUBT_NS = 16, 100_000
+"""Assumed: rows that a sensor sends before the picture's first, and the stamp's way to the kernel."""
+_USUAL_RATE, _ROUND_NS = 3e-4, 10_000
 
 
 def parse_options(options: Mapping[str, str]) -> CameraRequest:
@@ -73,15 +80,6 @@ def configure(module: Any, camera: Any, wishes: CameraRequest) -> tuple[Any, Pix
 
 def _text(size: tuple[int, int]) -> str:
     return f"{size[0]}x{size[1]}"
-
-
-KIND = "libcamera"
-CHARACTER_DEVICES = Path("/sys/dev/char")
-_RASPBERRY_PI = "rpi"
-"""The vendor of controls that only the Raspberry Pi's pipelines have."""
-READOUT_DOUBT_ROWS, READOUT_DOUBT_NS = 16, 100_000
-"""Assumed: rows that a sensor sends before the picture's first, and the stamp's way to the kernel."""
-_USUAL_RATE, _ROUND_NS = 3e-4, 10_000
 
 
 Origin = Literal["raspberry-pi", "webcam", "other"]

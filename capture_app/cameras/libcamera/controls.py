@@ -8,6 +8,10 @@ from capture_app.cameras.specs import CameraRequest
 from capture_app.common.camera_facts import DIOPTRES, KELVIN, MICROSECONDS, TIMES, Control, ControlState
 from capture_app.common.errors import CameraError
 
+_MANUAL_FOCUS, _CONTINUOUS_FOCUS = 0, 2
+_WITH = "AeEnable"
+"""The switch that holds two values: setting one holds the other where it is."""
+
 
 class KnownControls:
     """What can be set for a camera, from one request on; libraries differ in what they have."""
@@ -50,9 +54,6 @@ def held_exposure(metadata: Mapping[str, Any], wishes: CameraRequest) -> dict[st
     return {name: value for name, value in held.items() if value is not None}
 
 
-_MANUAL_FOCUS, _CONTINUOUS_FOCUS = 0, 2
-
-
 @dataclass(frozen=True, slots=True)
 class _Control:
     """A control of the library, and the switch that lets the camera choose it: what that is off, and on."""
@@ -72,8 +73,6 @@ _CONTROLS = {
     Control.WHITE_BALANCE: _Control("ColourTemperature", KELVIN, "AwbEnable", together=("ColourGains",)),
     Control.FOCUS: _Control("LensPosition", DIOPTRES, "AfMode", _MANUAL_FOCUS, _CONTINUOUS_FOCUS),
 }
-_WITH = "AeEnable"
-"""The switch that holds two values: setting one holds the other where it is."""
 
 
 def read_states(

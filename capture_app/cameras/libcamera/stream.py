@@ -21,6 +21,15 @@ _NOISE_NS = 1_000_000
 """Two readings, one after the other, differ by less, and a sleep is longer."""
 _FOREIGN_NS = 60_000_000_000
 """A stamp this far from now is of neither clock."""
+_TOLD = (
+    "SensorTimestamp",
+    "FrameDuration",
+    "ExposureTime",
+    "AnalogueGain",
+    "ColourGains",
+    "ColourTemperature",
+    "LensPosition",
+)
 
 
 class StampClock:
@@ -45,17 +54,6 @@ class StampClock:
         by_boot_ns = stamp_ns - self._asleep_ns
         nearest_ns = min(stamp_ns, by_boot_ns, key=lambda ns: abs(now_ns - ns))
         return nearest_ns if abs(now_ns - nearest_ns) < _FOREIGN_NS else None
-
-
-_TOLD = (
-    "SensorTimestamp",
-    "FrameDuration",
-    "ExposureTime",
-    "AnalogueGain",
-    "ColourGains",
-    "ColourTemperature",
-    "LensPosition",
-)
 
 
 @dataclass(frozen=True, slots=True)

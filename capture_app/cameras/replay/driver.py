@@ -30,6 +30,10 @@ OPTIONS = {
     "phase": "how its phase is moved: reset, frame-duration, or none to keep the recording's own",
 }
 PHASES = (PhaseControl.RESET, PhaseControl.FRAME_DURATION, PhaseControl.NONE)
+DELIVERY_NS = 3_000_000
+"""From the end of a frame's readout to its callback, as drivers take."""
+STALL_NS = 500_000_000
+"""A driver has few buffers: frames that are not fetched for this long are dropped."""
 
 
 def list_cameras() -> list[CameraListing]:
@@ -79,12 +83,6 @@ def _choice(path: Path, names: list[str], camera: str | None, node: str) -> str:
     if chosen not in names:
         raise BadInputError(f"{path} has no camera {chosen}", hint=f"it has {', '.join(names)}")
     return chosen
-
-
-DELIVERY_NS = 3_000_000
-"""From the end of a frame's readout to its callback, as drivers take."""
-STALL_NS = 500_000_000
-"""A driver has few buffers: frames that are not fetched for this long are dropped."""
 
 
 class ReplayCamera(Camera):

@@ -19,6 +19,11 @@ from capture_app.session.importing.sources import JPEG_BEGIN, Source, Video
 from capture_app.session.reading.decoding import decode_image, encode_image
 from capture_app.session.reading.reader import Session
 
+KIND = "replay"
+USUAL_FPS = 30.0
+SPARSE = 1.5
+"""Instants that lie further apart than so many periods of a camera were picked out of its stream."""
+
 
 @dataclass(frozen=True, slots=True)
 class RecordedTiming:
@@ -107,12 +112,6 @@ def timing_of_video(times_ns: Sequence[int], period_ns: int) -> RecordedTiming:
     """The timing of frames that came at these ascending times."""
     at_ns = tuple(time - times_ns[0] for time in times_ns)
     return RecordedTiming(period_ns, at_ns[-1] + period_ns, at_ns)
-
-
-KIND = "replay"
-USUAL_FPS = 30.0
-SPARSE = 1.5
-"""Instants that lie further apart than so many periods of a camera were picked out of its stream."""
 
 
 class Recording(ABC):

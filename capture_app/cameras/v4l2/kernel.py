@@ -51,28 +51,18 @@ IOCTLS = {
     "ENUM_FRAMEINTERVALS": (_BOTH, 75, FRAME_INTERVAL),
 }
 """What VIDIOC_ names: which way its struct goes, its number, and the struct."""
-
-
-def request_number(ioctl: str) -> int:
-    """The number by which the kernel knows one of `IOCTLS`."""
-    direction, number, layout = IOCTLS[ioctl]
-    return direction << 30 | layout.size << 16 | ord("V") << 8 | number
-
-
 CAP_VIDEO_CAPTURE = 0x00000001
 CAP_VIDEO_CAPTURE_MPLANE = 0x00001000
 CAP_META_CAPTURE = 0x00800000
 CAP_STREAMING = 0x04000000
 CAP_DEVICE_CAPS = 0x80000000
 CAP_TIME_PER_FRAME = 0x1000
-
 BUF_FLAG_ERROR = 0x00000040
 BUF_FLAG_TIMESTAMP_MASK = 0x0000E000
 BUF_FLAG_TIMESTAMP_MONOTONIC = 0x00002000
 BUF_FLAG_SOURCE_MASK = 0x00070000
 BUF_FLAG_SOURCE_END_OF_FRAME = 0x00000000
 BUF_FLAG_SOURCE_START_OF_EXPOSURE = 0x00010000
-
 CONTROL_IDS = {
     "AUTO_WHITE_BALANCE": 0x0098090C,
     "AUTOGAIN": 0x00980912,
@@ -86,12 +76,19 @@ CONTROL_IDS = {
 }
 """Numbers of controls, by what the kernel calls them after V4L2_CID_, or nearly so."""
 EXPOSURE_AUTO, EXPOSURE_MANUAL, EXPOSURE_APERTURE_PRIORITY = 0, 1, 3
-
 BUF_TYPE_VIDEO_CAPTURE = 1
 MEMORY_MMAP = 1
 FIELD_ANY = 0
 DISCRETE = 1
 CTRL_FLAG_DISABLED = 0x1
+_MAX_ENTRIES = 512
+_NOT_OFFERED = {errno.EINVAL, errno.ENOTTY}
+
+
+def request_number(ioctl: str) -> int:
+    """The number by which the kernel knows one of `IOCTLS`."""
+    direction, number, layout = IOCTLS[ioctl]
+    return direction << 30 | layout.size << 16 | ord("V") << 8 | number
 
 
 @dataclass(frozen=True, slots=True)
@@ -143,10 +140,6 @@ class Buffer:
     sequence: int
     offset: int
     length: int
-
-
-_MAX_ENTRIES = 512
-_NOT_OFFERED = {errno.EINVAL, errno.ENOTTY}
 
 
 def check_layout() -> None:

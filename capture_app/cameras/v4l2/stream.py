@@ -38,6 +38,17 @@ from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 _UNIT_NS = 100_000
 """Step of the control of the exposure."""
+_BUFFERED_NS = 500_000_000
+"""A process that is held up for this long loses no frame, as long as memory allows."""
+_BUFFER_BYTES = 64 << 20
+_BUFFER_COUNTS = 4, 24
+_FOREIGN_CLOCK_NS = 60_000_000_000
+"""A stamp this far from when its frame comes is not of this process's monotonic clock."""
+_UVC = "uvcvideo"
+_SOURCES = {
+    v4l2.BUF_FLAG_SOURCE_START_OF_EXPOSURE: TimestampSource.START_OF_EXPOSURE,
+    v4l2.BUF_FLAG_SOURCE_END_OF_FRAME: TimestampSource.END_OF_FRAME,
+}
 
 
 def read_exposure(device: VideoDevice) -> tuple[int | None, float | None]:
@@ -135,18 +146,6 @@ def _set_automatic(device: VideoDevice, control: Control, of: _Control) -> None:
 
 
 _log = logging.getLogger(__name__)
-
-_BUFFERED_NS = 500_000_000
-"""A process that is held up for this long loses no frame, as long as memory allows."""
-_BUFFER_BYTES = 64 << 20
-_BUFFER_COUNTS = 4, 24
-_FOREIGN_CLOCK_NS = 60_000_000_000
-"""A stamp this far from when its frame comes is not of this process's monotonic clock."""
-_UVC = "uvcvideo"
-_SOURCES = {
-    v4l2.BUF_FLAG_SOURCE_START_OF_EXPOSURE: TimestampSource.START_OF_EXPOSURE,
-    v4l2.BUF_FLAG_SOURCE_END_OF_FRAME: TimestampSource.END_OF_FRAME,
-}
 
 
 class V4L2Camera(ThreadedCamera):

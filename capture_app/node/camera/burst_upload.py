@@ -37,6 +37,7 @@ from capture_app.sync.rig.frame_selection import DROPPED, RING_BYTES, FramesSele
 REPORT = "report.json"
 UNKNOWN_ROOM = 1 << 30
 """What is told, in bytes, of a spool that memory stands in for."""
+TOO_SLOW = "the node could not save its frames as fast as they came"
 
 
 class SpooledBurst:
@@ -178,9 +179,6 @@ class Spool:
         if self._lock >= 0:
             os.close(self._lock)
             self._lock = -1
-
-
-TOO_SLOW = "the node could not save its frames as fast as they came"
 
 
 def encode_frame(

@@ -41,6 +41,20 @@ from capture_app.sync.timekeeping import clock_events
 from capture_app.trust.sealed_engines import SealedClient
 
 SAMPLES_KEPT, LINES_KEPT, EVENTS_KEPT = 300, 100, 200
+DEFAULT_TOLERANCE_NS = 100_000
+RESET_TOLERANCE_NS = 2_000_000
+"""How far off the grid a camera may be that can only restart its stream: a start is uncertain by as much."""
+_LEADER_LINES = {"refused": "join-refused", "said": "leader-said", "lost": "leader-lost"}
+_EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
+    events.Joined: ("joined", ("leader",)),
+    events.StrangeTrigger: ("strange-trigger", ("leader", "burst")),
+    events.FramesDropped: ("frames-dropped", ("count", "sequence")),
+    events.AlignmentFailed: ("alignment-failed", ("reason",)),
+    clock_events.StepRefused: ("clock-step-refused", ("times",)),
+    clock_events.WayLonger: ("way-longer", ("longer_ns",)),
+    clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),
+}
+"""What a line calls an event, and the fields that it takes over from it."""
 
 
 def offsets_of(samples: Collection[ClockSample], skew_ppm: float | None) -> tuple[tuple[int, int], ...]:
@@ -56,11 +70,6 @@ def offsets_of(samples: Collection[ClockSample], skew_ppm: float | None) -> tupl
         (middle_ns + round(rate * (last_ns - sample.t3_ns)), sample.round_trip_ns)
         for middle_ns, sample in zip(middles_ns, samples, strict=True)
     )
-
-
-DEFAULT_TOLERANCE_NS = 100_000
-RESET_TOLERANCE_NS = 2_000_000
-"""How far off the grid a camera may be that can only restart its stream: a start is uncertain by as much."""
 
 
 class CameraNode:
@@ -357,19 +366,6 @@ def camera_record(
             tolerance_ns=tolerance_ns,
         ),
     )
-
-
-_LEADER_LINES = {"refused": "join-refused", "said": "leader-said", "lost": "leader-lost"}
-_EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
-    events.Joined: ("joined", ("leader",)),
-    events.StrangeTrigger: ("strange-trigger", ("leader", "burst")),
-    events.FramesDropped: ("frames-dropped", ("count", "sequence")),
-    events.AlignmentFailed: ("alignment-failed", ("reason",)),
-    clock_events.StepRefused: ("clock-step-refused", ("times",)),
-    clock_events.WayLonger: ("way-longer", ("longer_ns",)),
-    clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),
-}
-"""What a line calls an event, and the fields that it takes over from it."""
 
 
 def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:

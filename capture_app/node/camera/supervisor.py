@@ -41,6 +41,7 @@ REFUSALS = (SimulshotError, OSError)
 """What a camera may raise that is asked for its controls."""
 LOOK_EVERY_S = 2.0
 """Between two looks at what the camera has chosen."""
+RETRY_S = 2.0
 
 
 class ControlKeeper:
@@ -168,9 +169,6 @@ class ControlKeeper:
             with suppress(*REFUSALS):
                 await self._supervisor.camera.set_control(control, None)
                 self._locked.discard(control)
-
-
-RETRY_S = 2.0
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

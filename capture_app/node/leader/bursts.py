@@ -43,6 +43,19 @@ LONG_NS = 2_000_000_000
 END_LEAD_NS = 300_000_000
 NEAR = 0.02
 """A rate that differs by no more than this share is the one that was asked for."""
+UNNAMED, RECORDING = "burst", "recording"
+"""What the sessions of takes without a name begin with."""
+MAX_FOLDER_NUMBER = 999_999
+CANCELLED = "the burst was cancelled"
+REMEMBERED = 64
+SOON_NS = 30_000_000_000
+"""A burst that begins later is one ahead, and is none of those that are being saved."""
+SURE_FRAMES = 300
+"""There must be room for so many frames of each camera before a recording begins."""
+SILENCE_CHECK_S = 0.25
+SNAPSHOT_EVERY_S = 0.25
+MAX_OPEN_BURSTS, MAX_BURSTS_AHEAD = 16, 16
+TELL_EVERY_NS = 1_000_000_000
 
 
 def frames_and_spacing(request: BurstRequest, period_ns: int) -> tuple[int, int]:
@@ -95,11 +108,6 @@ def order_of(request: BurstRequest, asked_ns: int, period_ns: int) -> BurstOrder
     )
 
 
-UNNAMED, RECORDING = "burst", "recording"
-"""What the sessions of takes without a name begin with."""
-MAX_FOLDER_NUMBER = 999_999
-
-
 def create_numbered(root: Path, prefix: str = UNNAMED, *, after: int = 0) -> tuple[SessionWriter, int]:
     """Begin the session `PREFIX-NNN` of the next free number over `after`, and return that number too.
 
@@ -119,18 +127,6 @@ def create_numbered(root: Path, prefix: str = UNNAMED, *, after: int = 0) -> tup
 def _number(path: Path, prefix: str) -> int:
     digits = path.name.removeprefix(f"{prefix}-")
     return int(digits) if digits.isdecimal() and len(digits) <= len(str(MAX_FOLDER_NUMBER)) else 0
-
-
-CANCELLED = "the burst was cancelled"
-REMEMBERED = 64
-SOON_NS = 30_000_000_000
-"""A burst that begins later is one ahead, and is none of those that are being saved."""
-SURE_FRAMES = 300
-"""There must be room for so many frames of each camera before a recording begins."""
-SILENCE_CHECK_S = 0.25
-SNAPSHOT_EVERY_S = 0.25
-MAX_OPEN_BURSTS, MAX_BURSTS_AHEAD = 16, 16
-TELL_EVERY_NS = 1_000_000_000
 
 
 class ActiveBursts:

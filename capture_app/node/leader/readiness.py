@@ -24,6 +24,15 @@ CHECK_EVERY_S = 0.1
 GUESSED_PIXELS_PER_BYTE = 4
 """What a camera's JPEG is taken to have before any of its images is known."""
 MARGIN = 1.1
+_GONE = (NodeState.FAILED, NodeState.LOST)
+_ON_THE_WAY = (
+    NodeState.JOINING,
+    NodeState.SYNCING,
+    NodeState.ALIGNING,
+    NodeState.COARSE,
+)
+"""Where several nodes are not ready, the one that waits longest for a person is spoken of."""
+_CLOCK_IS_KNOWN = (NodeState.ALIGNING, NodeState.COARSE, NodeState.READY)
 
 
 def shortfall(member: Member, *, why: bool = False) -> str:
@@ -109,17 +118,6 @@ def check_room(
             free_text = f"{megabytes(spool.free_bytes)} free in its {spool.spool}"
             without[name] = f"it may need {megabytes(needed)}, and has {free_text}"
     return without
-
-
-_GONE = (NodeState.FAILED, NodeState.LOST)
-_ON_THE_WAY = (
-    NodeState.JOINING,
-    NodeState.SYNCING,
-    NodeState.ALIGNING,
-    NodeState.COARSE,
-)
-"""Where several nodes are not ready, the one that waits longest for a person is spoken of."""
-_CLOCK_IS_KNOWN = (NodeState.ALIGNING, NodeState.COARSE, NodeState.READY)
 
 
 def review_rates(

@@ -36,6 +36,21 @@ STEADY = 0.2
 """Before and after, brightness varies by no more than this share of the change."""
 SOFT = 0.2
 """How far half the brightness may be from half the exposure, as a share of it: pixels are not linear."""
+NEAR_FRAMES = 0.9
+"""Flashes that an offset brings this close together are the same, before it is known better."""
+LEAST = 3
+"""How many must agree where both saw as many: two may fit by chance, each missing some between its frames."""
+CANDIDATES = 6
+"""How many offsets are tried."""
+MOST = 30
+"""The most flashes that are fitted: further ones tell hardly more."""
+EDGE_S = 2.5e-4
+"""The most that an edge that is seen is off, what the flash itself lasts included."""
+LEAST_BAR_S = 4e-4
+"""Where all edges leave less, some contradict each other: they are then trusted less."""
+READOUTS, EXPOSURES = 100, 3
+"""How many ways are tried that a camera may read its rows, and expose them."""
+MAX_DRIFT_PPM = 3 * CRYSTAL_PPM
 
 
 @dataclass(frozen=True)
@@ -206,22 +221,6 @@ def _read(container: Any, into: list[tuple[float, Array]]) -> None:
         grey = small.to_ndarray().astype(np.float64)
         into.append((float(frame.pts * frame.time_base), grey.mean(1)))
 
-
-NEAR_FRAMES = 0.9
-"""Flashes that an offset brings this close together are the same, before it is known better."""
-LEAST = 3
-"""How many must agree where both saw as many: two may fit by chance, each missing some between its frames."""
-CANDIDATES = 6
-"""How many offsets are tried."""
-MOST = 30
-"""The most flashes that are fitted: further ones tell hardly more."""
-EDGE_S = 2.5e-4
-"""The most that an edge that is seen is off, what the flash itself lasts included."""
-LEAST_BAR_S = 4e-4
-"""Where all edges leave less, some contradict each other: they are then trusted less."""
-READOUTS, EXPOSURES = 100, 3
-"""How many ways are tried that a camera may read its rows, and expose them."""
-MAX_DRIFT_PPM = 3 * CRYSTAL_PPM
 
 Pair = tuple[Flash, Flash]
 Range = tuple[float, float]

@@ -44,6 +44,25 @@ _NUMBERS = {
 _LONGEST_TYPE = 64
 GPS9_FIELDS = 9
 """Latitude, longitude, height, two speeds, days, seconds of the day, dilution of precision, fix."""
+WORST_DILUTION = 5.0
+"""Dilution of precision; better is good, says the format's README."""
+FEWEST = 3
+"""Fixes that a camera's time can rest on."""
+PAYLOAD_BYTES = 4_000_000
+"""The largest payload that is read; a second of all that a GoPro measures is some 100 kB."""
+PAYLOADS = 100_000
+JUMP_S = 0.5
+"""Fixes whose lateness spreads wider than this were not recorded at the video's pace: a time lapse."""
+STAMP_REACH_S = 2.0
+"""How far from its payload the first fix of it may have arrived."""
+LATE_S = {"GPS9": 0.2 / math.sqrt(2), "GPS5": 1.0 / math.sqrt(2)}
+"""By kind of stream, the better first: how much later than the fix its UTC may have been noted (95 %).
+
+The same for the whole recording: two receivers together are as far apart as was published of GPS5 (1 s), and
+two periods of GPS9 (0.2 s).
+"""
+WANDER_S = {"GPS9": 0.05, "GPS5": 0.25}
+"""How much that may change from the beginning of a recording to its end (sd)."""
 
 
 class GpsStream(NamedTuple):
@@ -170,28 +189,6 @@ def parse_utc(text: bytes) -> float | None:
 
 
 Array = NDArray[np.float64]
-
-WORST_DILUTION = 5.0
-"""Dilution of precision; better is good, says the format's README."""
-FEWEST = 3
-"""Fixes that a camera's time can rest on."""
-PAYLOAD_BYTES = 4_000_000
-"""The largest payload that is read; a second of all that a GoPro measures is some 100 kB."""
-PAYLOADS = 100_000
-JUMP_S = 0.5
-"""Fixes whose lateness spreads wider than this were not recorded at the video's pace: a time lapse."""
-STAMP_REACH_S = 2.0
-"""How far from its payload the first fix of it may have arrived."""
-
-
-LATE_S = {"GPS9": 0.2 / math.sqrt(2), "GPS5": 1.0 / math.sqrt(2)}
-"""By kind of stream, the better first: how much later than the fix its UTC may have been noted (95 %).
-
-The same for the whole recording: two receivers together are as far apart as was published of GPS5 (1 s), and
-two periods of GPS9 (0.2 s).
-"""
-WANDER_S = {"GPS9": 0.05, "GPS5": 0.25}
-"""How much that may change from the beginning of a recording to its end (sd)."""
 
 
 @dataclass(frozen=True, eq=False)

@@ -21,21 +21,6 @@ from capture_app.session.alignment.clock_line import CRYSTAL_PPM, SIGMAS, fit_cl
 from capture_app.session.format.common_times import CameraTimes
 
 Found = TypeVar("Found")
-
-
-def read_container(path: Path, read: Callable[[Any, Any], Found]) -> Found | str:
-    """What `read` finds with PyAV in the opened video; else why there is nothing."""
-    try:
-        av: Any = importlib.import_module("av")
-    except ImportError:
-        return "PyAV is not installed"
-    try:
-        with av.open(str(path)) as container:
-            return read(av, container)
-    except (av.FFmpegError, OSError, ValueError):
-        return "it cannot be decoded"
-
-
 RATE_HZ = 16_000
 BIN_S = 0.004
 """The length of a bin of loudness."""
@@ -50,6 +35,22 @@ PROMINENT = 8.0
 """An offset must fit so many standard deviations better than chance, in each window too."""
 WINDOW_SD_S = 5e-5
 SOUND_M_PER_S = 343.0
+_TIMECODE = re.compile(r"(\d{2}):(\d{2}):(\d{2})([:;.])(\d{2,3})")
+DAY_S = 86_400
+
+
+def read_container(path: Path, read: Callable[[Any, Any], Found]) -> Found | str:
+    """What `read` finds with PyAV in the opened video; else why there is nothing."""
+    try:
+        av: Any = importlib.import_module("av")
+    except ImportError:
+        return "PyAV is not installed"
+    try:
+        with av.open(str(path)) as container:
+            return read(av, container)
+    except (av.FFmpegError, OSError, ValueError):
+        return "it cannot be decoded"
+
 
 Samples = NDArray[np.float32]
 
@@ -169,10 +170,6 @@ def _lag(reference: Samples, camera: Samples) -> float | None:
         return None
     before, now, after = near[best - 1 : best + 2]
     return best - reach + 0.5 * float((before - after) / (before - 2 * now + after))
-
-
-_TIMECODE = re.compile(r"(\d{2}):(\d{2}):(\d{2})([:;.])(\d{2,3})")
-DAY_S = 86_400
 
 
 @dataclass(frozen=True)

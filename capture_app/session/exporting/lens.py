@@ -12,6 +12,9 @@ from capture_app.session.exporting.exported_burst import Picture, Redraw
 from capture_app.session.format.calibration import CameraCalibration
 
 Array = NDArray[np.float64]
+_STEPS = 30
+_FOUND_PX = 1e-6
+_GRID = 60
 
 
 def rotation_of(camera: CameraCalibration) -> Array:
@@ -61,11 +64,6 @@ def rodrigues(rotation: Array) -> tuple[float, float, float]:
 
     x, y, z = cv2.Rodrigues(rotation)[0].ravel().tolist()
     return x, y, z
-
-
-_STEPS = 30
-_FOUND_PX = 1e-6
-_GRID = 60
 
 
 def project_rays(camera: CameraCalibration, rays: Array) -> Array:

@@ -22,6 +22,8 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _T = TypeVar("_T")
+MOST_BYTES = 1 << 30
+"""The most that all arrays of a file may have, unpacked."""
 
 
 def read_regular(path: Path) -> bytes:
@@ -41,10 +43,6 @@ def read_text(path: Path, *, encoding: str = "utf-8") -> str:
         raise BadInputError(f"cannot read {path}: {error.strerror or error}") from error
     except UnicodeDecodeError as error:
         raise BadInputError(f"cannot read {path}: {error}") from error
-
-
-MOST_BYTES = 1 << 30
-"""The most that all arrays of a file may have, unpacked."""
 
 
 def read_arrays(path: Path) -> "dict[str, NDArray[np.generic]]":

@@ -10,6 +10,7 @@ from capture_app.common.text import UNREADABLE
 from capture_app.session.format.manifest import RIG, VIDEOS, FrameRecord, ImageRecord, VideoRecord
 
 _T = TypeVar("_T")
+FRAMES_SUFFIX = ".frames.ndjson"
 
 
 def record_of_line(line: bytes, kind: type[_T]) -> _T | None:
@@ -24,9 +25,6 @@ def lines_of_file(data: bytes) -> list[bytes]:
     """The lines of a journal file; what follows the last newline is a torn one."""
     lines = data.split(b"\n")
     return lines if lines[-1] else lines[:-1]
-
-
-FRAMES_SUFFIX = ".frames.ndjson"
 
 
 def frames_path(video: str) -> str:

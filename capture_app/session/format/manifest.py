@@ -38,6 +38,8 @@ NO_INSTANT = -1
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
+MOST_INTEGER, MOST_REAL = 2**63, 1e15
+"""Numbers of a manifest are smaller: sums and products of them then stay numbers everywhere."""
 
 
 class ClockRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -346,10 +348,6 @@ def _row_spread(images: Sequence[tuple[CameraRecord, ImageRecord]]) -> int | Non
         return None
     last = min(of.rows for of in rows) - 1
     return max(_spread([of.middle_ns(row) for of in rows]) for row in (0, last))
-
-
-MOST_INTEGER, MOST_REAL = 2**63, 1e15
-"""Numbers of a manifest are smaller: sums and products of them then stay numbers everywhere."""
 
 
 def inside(folder: Path, path: str) -> Path:

@@ -31,6 +31,8 @@ _PICTURES = (
 _LENSES = ("foxglove.CameraCalibration", "sensor_msgs/msg/CameraInfo")
 _POSES = ("foxglove.FrameTransform", "tf2_msgs/msg/TFMessage")
 _CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1, "8UC1": 1, "8UC3": 3}
+_ENCODINGS = {True: "protobuf", False: "cdr"}
+"""How messages are encoded: Foxglove's (True) and those of ROS 2."""
 
 
 def is_bag(path: Path) -> bool:
@@ -218,10 +220,6 @@ def _messages(path: Path, kinds: Collection[str], topics: Sequence[str] = ()) ->
             chosen = [one for one in connections if not topics or one.topic in topics]
             for of, at_ns, raw in found.messages(connections=chosen) if chosen else ():
                 yield _Message(of.topic, of.msgtype, at_ns, 0, found.deserialize(raw, of.msgtype))
-
-
-_ENCODINGS = {True: "protobuf", False: "cdr"}
-"""How messages are encoded: Foxglove's (True) and those of ROS 2."""
 
 
 def _decode(kind: str, data: bytes) -> Any:

@@ -24,6 +24,8 @@ VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", *UNCOUNTED_SU
 TURNED_QUALITY = 98
 """The quality of pictures that were JPEGs before."""
 JPEG_BEGIN = b"\xff\xd8"
+FOLDER = "images"
+"""The kind of a plain folder of images."""
 
 
 class Source(ABC):
@@ -51,10 +53,6 @@ class Source(ABC):
 
         A video leaves out frames that cannot be decoded. Raises BadInputError for a broken image.
         """
-
-
-FOLDER = "images"
-"""The kind of a plain folder of images."""
 
 
 class Images(Source):

@@ -18,6 +18,7 @@ from capture_app.session.importing.sources import FOLDER, Images, Source, Video
 
 ASSUMED_FPS = 30.0
 """The rate of images that belong together by their numbers, where nobody tells it."""
+EQUAL_NUMBERS = "frames of equal number are taken as of one instant"
 
 
 def make_timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline:
@@ -103,9 +104,6 @@ def _by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]], options: 
 def _shifted(timeline: Timeline, options: ImportOptions, where: str) -> Timeline:
     """The frames, matched anew where a camera's times are moved."""
     return _by_times(where, timeline.cameras(), options) if options.offsets_ms else timeline
-
-
-EQUAL_NUMBERS = "frames of equal number are taken as of one instant"
 
 
 def clock_state(sources: Sequence[Source], options: ImportOptions) -> CommonTimes | None:

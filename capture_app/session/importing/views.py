@@ -12,6 +12,8 @@ from numpy.typing import NDArray
 from capture_app.common.errors import BadInputError
 
 Array = NDArray[np.float64]
+SAME_ROTATION, SAME_PLACE = 1e-5, 1e-5
+"""Largest difference of two rotation matrices, and of two places as a share of the rig's extent."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -129,10 +131,6 @@ def from_quaternion(where: str, wxyz: Sequence[float] | Array) -> Array:
             [2 * (x * z - y * w), 2 * (y * z + x * w), 1 - 2 * (x * x + y * y)],
         ]
     )
-
-
-SAME_ROTATION, SAME_PLACE = 1e-5, 1e-5
-"""Largest difference of two rotation matrices, and of two places as a share of the rig's extent."""
 
 
 def camera_of(image: str, cameras: Sequence[str]) -> str:

@@ -30,6 +30,9 @@ from capture_app.session.reading.checksums import CHECKSUMS, changed_files
 from capture_app.session.reading.reader import Session
 
 RESULTS = "_results"
+MAX_NOTE = 1000
+"""The most characters of a note."""
+_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 
 
 def results_folder(session: Path, root: Path | None = None) -> Path:
@@ -53,11 +56,6 @@ def move_result_folder(folder: Path, target: Path) -> None:
             shutil.rmtree(target)
         target.parent.mkdir(parents=True, exist_ok=True)
         move_folder(folder, target)
-
-
-MAX_NOTE = 1000
-"""The most characters of a note."""
-_CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 
 
 def rename_session(folder: Path, name: str) -> Path:

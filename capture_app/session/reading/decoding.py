@@ -11,6 +11,7 @@ if TYPE_CHECKING:
 
 MOST_PIXELS = 1 << 28
 """The largest image that is decoded: more than any camera takes."""
+JPEG_QUALITY = 95
 
 
 def decode_image(
@@ -49,9 +50,6 @@ def image_size(data: bytes) -> tuple[int, int] | None:
     """Width and height in pixels of an image file's bytes, decoded in full; None if they are not an image."""
     image = decode_image(data)
     return None if image is None else (image.shape[1], image.shape[0])
-
-
-JPEG_QUALITY = 95
 
 
 def encode_image(image: "NDArray[np.uint8]", suffix: str = ".jpg", quality: int = JPEG_QUALITY) -> bytes:

@@ -12,6 +12,8 @@ UPRIGHT = 1
 
 MOST_BYTES = 1 << 28
 """Bytes of a file that are looked at: a TIFF's own size may stand at its end."""
+MAX_HEADER_BYTES = 1 << 20
+"""The most that a JPEG's profiles and thumbnails before its first frame may have."""
 
 
 @dataclass(frozen=True)
@@ -77,9 +79,6 @@ def _text(tiff: bytes, order: str, entry: tuple[int, int, bytes] | None) -> str:
 
 Size = tuple[int, int]
 """Width and height, px; of a JPEG before its EXIF orientation is applied."""
-
-MAX_HEADER_BYTES = 1 << 20
-"""The most that a JPEG's profiles and thumbnails before its first frame may have."""
 
 
 def picture_size(path: Path) -> Size | None:

@@ -16,6 +16,14 @@ from capture_app.simulation.rendering.raycast import Body, Hits, bundle_rays
 from capture_app.simulation.scenes.definition import Floats
 from capture_app.simulation.scenes.moving_bodies import Poses
 
+SUBPIXELS = ((-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25))
+"""Where in a pixel its four samples lie: right and down of the centre, in px."""
+_SKY_RAYS = 16
+_SKY_REACH_M = 1.7
+"""Things farther off cast no shade on each other: the room is open to the light."""
+_BOUNCE = np.array([0.085, 0.105, 0.125], np.float32)
+"""Light, warm, that comes back from whatever hides the sky."""
+
 
 @dataclass(frozen=True, eq=False)
 class View:
@@ -81,16 +89,6 @@ def look_at(name: str, place: ArrayLike, target: ArrayLike, *, scale: float = 1.
     rotation = np.stack([right, np.cross(ahead, right), ahead])
     width, height = round(640 * scale), round(480 * scale)
     return View(name, width, height, 520.0 * scale, rotation, -rotation @ centre)
-
-
-SUBPIXELS = ((-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25))
-"""Where in a pixel its four samples lie: right and down of the centre, in px."""
-
-_SKY_RAYS = 16
-_SKY_REACH_M = 1.7
-"""Things farther off cast no shade on each other: the room is open to the light."""
-_BOUNCE = np.array([0.085, 0.105, 0.125], np.float32)
-"""Light, warm, that comes back from whatever hides the sky."""
 
 
 @dataclass(frozen=True)

@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
 TEST_CARD = "bars"
 LED_PANEL = "led-panel"
+MOST_BYTES = 1 << 28
+_END, _START = b"\xff\xd9", b"\xff\xd8"
 
 
 @dataclass(frozen=True, slots=True)
@@ -196,10 +198,6 @@ def open_picture_source(
         )
     calibration = loaded.calibration().cameras[view]
     return SceneView(calibration.width, calibration.height, loaded, view, row_time_ns)
-
-
-MOST_BYTES = 1 << 28
-_END, _START = b"\xff\xd9", b"\xff\xd8"
 
 
 @dataclass(frozen=True, slots=True)

@@ -15,6 +15,7 @@ from capture_app.simulation.scenes.definition import Floats, Mesh
 _SRGB = np.arange(256, dtype=np.float32) / 255.0
 LINEAR = np.where(_SRGB <= 0.04045, _SRGB / 12.92, ((_SRGB + 0.055) / 1.055) ** 2.4).astype(np.float32)
 """Linear light of each grey level of sRGB."""
+_PLOTS = "open3d.visualization.draw_plotly", "draw_plotly", "draw_plotly_server", "get_plotly_fig"
 
 
 class Texture:
@@ -72,9 +73,6 @@ class Hits:
     def select(self, chosen: NDArray[np.intp]) -> "Hits":
         """Return the hits of the chosen rays (indices) only."""
         return Hits(self.distance[chosen], self.triangle[chosen], self.barycentric[chosen])
-
-
-_PLOTS = "open3d.visualization.draw_plotly", "draw_plotly", "draw_plotly_server", "get_plotly_fig"
 
 
 class Body:

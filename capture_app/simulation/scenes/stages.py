@@ -33,15 +33,6 @@ STUDIO_CAMERAS: dict[str, tuple[Point, Point]] = {
     "cam06": ((0.0, -0.30, 0.02), (0.0, 0.14, 2.8)),
 }
 """Where each camera is and the point that it looks at, in m."""
-
-
-def _turned(number: int) -> tuple[Point, Point]:
-    """One of three cameras nearly in one place, turned 22 degrees from each other."""
-    angle = np.deg2rad(22.0 * (number - 1))
-    x = 0.015 * (number - 1)
-    return (x, -0.10, 0.0), (x + 2.9 * float(np.tan(angle)), 0.06, 2.9)
-
-
 PAGE_M = (0.297, 0.210)
 """The sheet that `reconstruct board` fills."""
 TEXELS_PER_MM = 4
@@ -53,6 +44,13 @@ TILT_RAD = (0.50, 0.62, 0.20)
 CYCLE_S = CYCLE_NS / 1e9
 TIMES_A_CYCLE = {"right": 9, "down": 5, "away": 4, "x": 11, "y": 13, "z": 7}
 """Whole numbers, none a multiple of another, so that places and tilts mix."""
+
+
+def _turned(number: int) -> tuple[Point, Point]:
+    """One of three cameras nearly in one place, turned 22 degrees from each other."""
+    angle = np.deg2rad(22.0 * (number - 1))
+    x = 0.015 * (number - 1)
+    return (x, -0.10, 0.0), (x + 2.9 * float(np.tan(angle)), 0.06, 2.9)
 
 
 def _sheet() -> Picture:

@@ -16,6 +16,20 @@ from typing import ClassVar
 from capture_app.sync.phase.frame_grid import Drift, Setpoint, setpoint_to_meet, setpoint_to_stay
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
+LEAD_NS = 1_000_000_000
+"""From a command until the phase is known again."""
+REMEMBERED = 24
+WIDTH = 1 / 40
+"""Width of the kernels, as a share of a period."""
+FIRST_WIDTH = 0.1
+"""Spread that is assumed after a single latency."""
+FORGETTING = 0.95
+BACKGROUND = 0.05
+"""Share of a uniform density in each kernel density: a start latency may always be a new one."""
+AIMS = 256
+UNSURE = 1.05
+"""Aim only if the best window is so much more likely than under a uniform density."""
+
 
 @dataclass(frozen=True, slots=True)
 class Move:
@@ -108,21 +122,6 @@ class PhaseActuator:
 
     def learn_start(self, first_frame_local_ns: int) -> None:
         """Learn from the first frame of the stream just started."""
-
-
-LEAD_NS = 1_000_000_000
-"""From a command until the phase is known again."""
-REMEMBERED = 24
-WIDTH = 1 / 40
-"""Width of the kernels, as a share of a period."""
-FIRST_WIDTH = 0.1
-"""Spread that is assumed after a single latency."""
-FORGETTING = 0.95
-BACKGROUND = 0.05
-"""Share of a uniform density in each kernel density: a start latency may always be a new one."""
-AIMS = 256
-UNSURE = 1.05
-"""Aim only if the best window is so much more likely than under a uniform density."""
 
 
 class ResetActuator(PhaseActuator):

@@ -16,6 +16,37 @@ from capture_app.sync.phase.injection import FrameDurationActuator, InjectionAct
 from capture_app.sync.phase.period_choice import MAX_DRIFT_PPM
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
+STEADY_FRAMES = 60
+"""After so many frames in one place, their stamps tell all that they can."""
+SIGMAS = 4.0
+"""Standard deviations of noise that averaging leaves: two where the stream is, two where it is moved to."""
+EASED = 0.7
+"""A window is made smaller only if it is by this factor: no limit that comes and goes."""
+LANDING_SHARE = 0.5
+"""A stream is at first called aligned once it is within this share of its tolerance, and for as long as it is
+within all of it: where two lie by chance they would be twice as far from each other as from the grid."""
+LONG_STAY_NS = 2_000_000_000
+"""A stream that stays within its tolerance for longer is held by a correction now and then."""
+INJECTION_TIMEOUT_NS = 5_000_000_000
+RESET_TIMEOUT_NS = 15_000_000_000
+WARM_FRAMES = (30, 90)
+"""A period is judged after that many frames if they are quiet, after that many in any case."""
+SETTLED_FRAMES = (5, 60)
+FRAMES_TO_ACT = 3
+"""One frame where it was expected tells that a phase has moved, but one may be late by chance."""
+FRAMES_TO_OUTVOTE, UNALIKE = 5, 4.0
+"""Two may be late by chance, too: with fewer frames than outvote them, the first one since the phase moved as
+expected must be no more than so many times the noise off the others."""
+JUDGED_STARTS_FRAMES = 10
+"""Once so many frames have come after a start, it shows whether the first one could have been believed."""
+HOLD_NS = {
+    PhaseControl.FRAME_DURATION: 0,
+    PhaseControl.INJECTION: 2_000_000_000,
+    PhaseControl.RESET: 10_000_000_000,
+    PhaseControl.NONE: 2_000_000_000,
+}
+"""How long a phase should last between two corrections: the setpoint centres the drift over it."""
+
 
 def choose_actuator(
     camera: CameraFacts, *, rng: random.Random, profile: InjectionProfile | None, aimed: bool
@@ -33,19 +64,6 @@ def choose_actuator(
             return FrameDurationActuator(camera)
         case PhaseControl.NONE:
             return PhaseActuator()
-
-
-STEADY_FRAMES = 60
-"""After so many frames in one place, their stamps tell all that they can."""
-SIGMAS = 4.0
-"""Standard deviations of noise that averaging leaves: two where the stream is, two where it is moved to."""
-EASED = 0.7
-"""A window is made smaller only if it is by this factor: no limit that comes and goes."""
-LANDING_SHARE = 0.5
-"""A stream is at first called aligned once it is within this share of its tolerance, and for as long as it is
-within all of it: where two lie by chance they would be twice as far from each other as from the grid."""
-LONG_STAY_NS = 2_000_000_000
-"""A stream that stays within its tolerance for longer is held by a correction now and then."""
 
 
 class AlignmentWindow:
@@ -147,29 +165,6 @@ class AlignmentWindow:
             f"drifts {duration(abs(self._drift_ppm) * 1000)} a second: within ±{duration(self.tolerance_ns)}"
             f" for {duration(self.stay_ns)} at a time, and brought there again for each burst"
         )
-
-
-INJECTION_TIMEOUT_NS = 5_000_000_000
-RESET_TIMEOUT_NS = 15_000_000_000
-
-
-WARM_FRAMES = (30, 90)
-"""A period is judged after that many frames if they are quiet, after that many in any case."""
-SETTLED_FRAMES = (5, 60)
-FRAMES_TO_ACT = 3
-"""One frame where it was expected tells that a phase has moved, but one may be late by chance."""
-FRAMES_TO_OUTVOTE, UNALIKE = 5, 4.0
-"""Two may be late by chance, too: with fewer frames than outvote them, the first one since the phase moved as
-expected must be no more than so many times the noise off the others."""
-JUDGED_STARTS_FRAMES = 10
-"""Once so many frames have come after a start, it shows whether the first one could have been believed."""
-HOLD_NS = {
-    PhaseControl.FRAME_DURATION: 0,
-    PhaseControl.INJECTION: 2_000_000_000,
-    PhaseControl.RESET: 10_000_000_000,
-    PhaseControl.NONE: 2_000_000_000,
-}
-"""How long a phase should last between two corrections: the setpoint centres the drift over it."""
 
 
 class Aligner:

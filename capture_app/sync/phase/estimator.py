@@ -14,6 +14,21 @@ from statistics import median
 
 from capture_app.sync.phase.frame_line import MEDIAN_FACTOR, PHASE_FRAMES, FrameLine, Point, StampQuantum
 
+LATENCY_FRAMES = (2, 13)
+"""A command takes effect so many frames after the newest one, at the earliest and at the latest."""
+USUAL_LATENCY_FRAMES = 4
+REMEMBERED_LATENCIES = 15
+REMEMBERED_FRAMES = 20_000
+"""Frames of which it is known what was in effect: those that a ring buffer may hold."""
+FIRST_INTERVALS = 8
+"""Intervals whose median gives the first period."""
+RATE_FRAMES = 15
+CALM_FRAMES = 5
+TIMEOUT_FRAMES = 30
+"""A shift that has not come by then never will: devices obey after 2 to 12 frames."""
+UNMISTAKABLE = 4.0
+"""One frame tells that an expected shift has come if it is over so many times what noise explains."""
+
 
 @dataclass(frozen=True, slots=True)
 class FrameStamp:
@@ -61,14 +76,6 @@ class PhaseEstimate:
     def uncertainty_ns(self) -> float:
         """How far off the error may be, in 95 of 100 cases; the clock's uncertainty comes on top."""
         return 2.0 * self.sigma_ns + self.quantum_error_ns
-
-
-LATENCY_FRAMES = (2, 13)
-"""A command takes effect so many frames after the newest one, at the earliest and at the latest."""
-USUAL_LATENCY_FRAMES = 4
-REMEMBERED_LATENCIES = 15
-REMEMBERED_FRAMES = 20_000
-"""Frames of which it is known what was in effect: those that a ring buffer may hold."""
 
 
 class PendingShifts:
@@ -143,16 +150,6 @@ class PendingShifts:
             for count, (commanded, shift_ns) in enumerate(self._waiting)
             if count < self._felt or index >= commanded + LATENCY_FRAMES[1]
         )
-
-
-FIRST_INTERVALS = 8
-"""Intervals whose median gives the first period."""
-RATE_FRAMES = 15
-CALM_FRAMES = 5
-TIMEOUT_FRAMES = 30
-"""A shift that has not come by then never will: devices obey after 2 to 12 frames."""
-UNMISTAKABLE = 4.0
-"""One frame tells that an expected shift has come if it is over so many times what noise explains."""
 
 
 class PhaseEstimator(FrameLine):

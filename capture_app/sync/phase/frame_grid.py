@@ -5,6 +5,12 @@ A setpoint says where a stream should be moved, so that its drift takes it throu
 
 from dataclasses import dataclass
 
+LARGEST_LEAD = 0.6
+"""Most that a stream is moved past its grid in advance of its drift, as a share of the tolerance; a quarter
+of that where half the tolerance is to be met."""
+BURST_SHARE = 0.25
+"""A burst whose error would exceed this share of the tolerance is corrected in advance."""
+
 
 @dataclass(frozen=True, slots=True)
 class FrameGrid:
@@ -24,13 +30,6 @@ class FrameGrid:
     def phase_error(self, leader_ns: int) -> int:
         """Distance in ns from the nearest grid instant, in [-period/2, period/2)."""
         return leader_ns - self.instant(self.index_of(leader_ns))
-
-
-LARGEST_LEAD = 0.6
-"""Most that a stream is moved past its grid in advance of its drift, as a share of the tolerance; a quarter
-of that where half the tolerance is to be met."""
-BURST_SHARE = 0.25
-"""A burst whose error would exceed this share of the tolerance is corrected in advance."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,6 +20,49 @@ SIGMA_FROM_MAD = 1.4826
 ROUNDS = 4
 HUBER = 1.345
 """Residuals beyond this many sigma lose weight (Huber 1964; 95 % efficient for normal noise)."""
+REMEMBERED = 90
+LEAST_INTERVALS = 29
+EVERY_FRAMES = 12
+"""After how many frames the step is looked for anew."""
+ON_LATTICE = 0.15
+"""An interval this share of a step off the lattice, or less, is on it."""
+JITTERS = 4.0
+"""Nor is one on it that is so many times as far off as the usual ones are."""
+SURE_SHARE = 0.9
+"""Share of the intervals that must be on the lattice, of the usual ones as of the others."""
+OTHER_INTERVALS = 8
+"""Intervals on the lattice that must not be the usual one: a few late frames may make a lattice of their own.
+The long and the short interval on either side of one late frame say the same, and count once."""
+EXACT_NS = 2.0
+"""Rounding of the ns."""
+FINEST_NS = 200.0
+"""Finer steps make no difference to any camera."""
+WIDEST_GAPS = 8
+STRETCHES = (1.0, 1.2, 1.5, 2.0)
+"""Jitter narrows the gaps between the lattice's intervals: steps that are wider than a gap are tried, too."""
+COARSEST = 0.25
+"""The coarsest step that is looked for, as a share of a period."""
+KNOWN_STEPS_NS = (1e6, 5e5, 2e5, 1e5, 5e4, 2e4, 1e9 / 90_000, 1e4, 5e3, 2e3, 1e3)
+"""Steps of clocks that are looked for where the intervals hardly differ, the coarsest first."""
+COARSE_NS, CLOCKS_APART = 1e5, 3e-4
+"""Steps that fine are still told apart, where the stamping clock runs so differently."""
+WINDOW_FRAMES = 300
+"""The newest frames, which the line is fitted to."""
+REFIT_FRAMES = 10
+REFIT_SHARE = 0.1
+"""A period is fitted anew after so many frames, or so large a share of those that it was fitted to."""
+PHASE_FRAMES = 10
+MEDIAN_FACTOR = 1.25
+"""A median of normal noise is this much noisier than a mean."""
+QUANTIZED_FRAMES = 60
+"""Frames that give the phase where timestamps come in steps: what one hides, another shows.
+
+No more of them, as over many the error of a period that was learned from such steps looks like drift.
+"""
+QUANTUM_NOISE = 0.3
+"""Standard deviation of a rounding error, as a share of the step."""
+FINEST_PHASE = 1e-4
+"""More frames than PHASE_FRAMES are used until the phase is known to this share of a period."""
 
 
 def fit_shared_slope(
@@ -68,35 +111,6 @@ def fit_shared_slope(
             for height, (mean_x, mean_miss) in zip(heights, means, strict=True)
         ]
     return slope, max(noise, 1.0) / sqrt(spread), noise
-
-
-REMEMBERED = 90
-LEAST_INTERVALS = 29
-EVERY_FRAMES = 12
-"""After how many frames the step is looked for anew."""
-ON_LATTICE = 0.15
-"""An interval this share of a step off the lattice, or less, is on it."""
-JITTERS = 4.0
-"""Nor is one on it that is so many times as far off as the usual ones are."""
-SURE_SHARE = 0.9
-"""Share of the intervals that must be on the lattice, of the usual ones as of the others."""
-OTHER_INTERVALS = 8
-"""Intervals on the lattice that must not be the usual one: a few late frames may make a lattice of their own.
-The long and the short interval on either side of one late frame say the same, and count once."""
-EXACT_NS = 2.0
-"""Rounding of the ns."""
-FINEST_NS = 200.0
-"""Finer steps make no difference to any camera."""
-WIDEST_GAPS = 8
-STRETCHES = (1.0, 1.2, 1.5, 2.0)
-"""Jitter narrows the gaps between the lattice's intervals: steps that are wider than a gap are tried, too."""
-COARSEST = 0.25
-"""The coarsest step that is looked for, as a share of a period."""
-KNOWN_STEPS_NS = (1e6, 5e5, 2e5, 1e5, 5e4, 2e4, 1e9 / 90_000, 1e4, 5e3, 2e3, 1e3)
-"""Steps of clocks that are looked for where the intervals hardly differ, the coarsest first."""
-
-COARSE_NS, CLOCKS_APART = 1e5, 3e-4
-"""Steps that fine are still told apart, where the stamping clock runs so differently."""
 
 
 class StampQuantum:
@@ -184,24 +198,6 @@ def _are_multiples(intervals_ns: Sequence[int], step_ns: float) -> bool:
 
 Point = tuple[int, int]
 """Index of a frame, and its time in ns since the stream's origin."""
-
-WINDOW_FRAMES = 300
-"""The newest frames, which the line is fitted to."""
-REFIT_FRAMES = 10
-REFIT_SHARE = 0.1
-"""A period is fitted anew after so many frames, or so large a share of those that it was fitted to."""
-PHASE_FRAMES = 10
-MEDIAN_FACTOR = 1.25
-"""A median of normal noise is this much noisier than a mean."""
-QUANTIZED_FRAMES = 60
-"""Frames that give the phase where timestamps come in steps: what one hides, another shows.
-
-No more of them, as over many the error of a period that was learned from such steps looks like drift.
-"""
-QUANTUM_NOISE = 0.3
-"""Standard deviation of a rounding error, as a share of the step."""
-FINEST_PHASE = 1e-4
-"""More frames than PHASE_FRAMES are used until the phase is known to this share of a period."""
 
 
 class FrameLine:

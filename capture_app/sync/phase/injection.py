@@ -35,6 +35,35 @@ OVERHEAD_SPREAD_NS = 1_000_000
 NO_OVERHEAD = 10.0
 """Misfit of an exposure longer than the frame that it does not stretch."""
 REMEMBERED = 8
+LEAD_FRAMES = 6
+"""From the command until the phase has moved, before any was seen: 2-4 frames of latency, long ones."""
+WAIT_NS = 1_000_000_000
+"""A stream that drifts into its tolerance by itself within this is let."""
+BURST_LEAD_FRAMES = 12
+"""From the command to a burst: four of latency, three long ones in the time of six, two to spare."""
+BURST_SPARE_FRAMES = 4
+"""From the longest latency seen to a burst, once enough were: two that long ones add, two to spare."""
+ENOUGH_LATENCIES = 3
+BURST_NOTICE_NS = 450_000_000
+"""A leader orders a burst half a second ahead, and the order takes its time."""
+FIRST_GAIN = 2
+FIRST_STRETCH_NS = 2_000_000
+RAISE_NS = 1_000_000
+INSIDE_ROW = 0.25
+"""Exposures are asked for a quarter of a row above a whole one: right for drivers that cut or round."""
+WORTHWHILE = 0.7
+"""An injection must leave at most this share of the error; below a row, waiting for drift is better."""
+INSIDE_TOLERANCE = 0.8
+"""Landing beyond this share of the tolerance is avoided where another number of rows allows it."""
+SURE_ROWS = 1.0
+"""An injection whose shift differs from its profile's by less than this confirms the profile."""
+REMEMBERED_LATENCIES = 8
+FRUITLESS = 8
+"""Frames in a row, exposed for longer than a period without effect: this camera cannot be moved."""
+FINE_ROWS = 16
+"""Up to so many rows a step is small: its effect is taken for granted, and no picture suffers."""
+DEADBAND_ROWS = 0.55
+"""A row is given where the predicted error exceeds this: over a half, or noise would make it flicker."""
 
 
 class InjectionHistory:
@@ -109,33 +138,6 @@ class InjectionHistory:
         if overhead_ns < -2.0 * self._grain * self.row_ns:
             misfit += NO_OVERHEAD
         return misfit, profile
-
-
-LEAD_FRAMES = 6
-"""From the command until the phase has moved, before any was seen: 2-4 frames of latency, long ones."""
-WAIT_NS = 1_000_000_000
-"""A stream that drifts into its tolerance by itself within this is let."""
-BURST_LEAD_FRAMES = 12
-"""From the command to a burst: four of latency, three long ones in the time of six, two to spare."""
-BURST_SPARE_FRAMES = 4
-"""From the longest latency seen to a burst, once enough were: two that long ones add, two to spare."""
-ENOUGH_LATENCIES = 3
-BURST_NOTICE_NS = 450_000_000
-"""A leader orders a burst half a second ahead, and the order takes its time."""
-FIRST_GAIN = 2
-FIRST_STRETCH_NS = 2_000_000
-RAISE_NS = 1_000_000
-INSIDE_ROW = 0.25
-"""Exposures are asked for a quarter of a row above a whole one: right for drivers that cut or round."""
-WORTHWHILE = 0.7
-"""An injection must leave at most this share of the error; below a row, waiting for drift is better."""
-INSIDE_TOLERANCE = 0.8
-"""Landing beyond this share of the tolerance is avoided where another number of rows allows it."""
-SURE_ROWS = 1.0
-"""An injection whose shift differs from its profile's by less than this confirms the profile."""
-REMEMBERED_LATENCIES = 8
-FRUITLESS = 8
-"""Frames in a row, exposed for longer than a period without effect: this camera cannot be moved."""
 
 
 class InjectionActuator(PhaseActuator):
@@ -285,12 +287,6 @@ class InjectionActuator(PhaseActuator):
             # Out of reach in one go: as far as the longest exposure gets.
             return most
         return best_rows
-
-
-FINE_ROWS = 16
-"""Up to so many rows a step is small: its effect is taken for granted, and no picture suffers."""
-DEADBAND_ROWS = 0.55
-"""A row is given where the predicted error exceeds this: over a half, or noise would make it flicker."""
 
 
 class FrameDurationActuator(PhaseActuator):

@@ -20,6 +20,18 @@ F = TypeVar("F")
 
 RING_NS = 3_000_000_000
 RING_BYTES = 256_000_000
+MAX_FRAMES, MAX_BURST_NS = 1000, 600_000_000_000
+"""The longest burst whose frames are told after the last, and the longest time from its first to its last."""
+MAX_STREAMED_FRAMES, MAX_STREAMED_NS = 100_000_000, 31 * 86_400_000_000_000
+"""The longest burst whose frames are sent as they come, and the longest time that it lasts."""
+DROPPED = "the camera dropped the frame"
+"""The reason of a gap where the frames before and after it came."""
+NO_FRAME_OF_ITS_OWN = "the camera's frames are further apart than the instants"
+"""The reason of a gap where the nearest frame is that of the instant before."""
+PATIENCE_PERIODS = 30
+"""How long after an instant a camera without frames is waited for."""
+PAUSE_NS = 5_000_000_000
+"""Between two instants that are so far apart a stream may be moved."""
 
 
 class RingBuffer(Generic[F]):
@@ -60,17 +72,6 @@ class RingBuffer(Generic[F]):
         """Return the timestamp and the frame nearest to a local time in ns; the earlier one of a tie."""
         nearest = min(self._entries, key=lambda entry: abs(entry[0] - local_ns), default=None)
         return None if nearest is None else nearest[:2]
-
-
-MAX_FRAMES, MAX_BURST_NS = 1000, 600_000_000_000
-"""The longest burst whose frames are told after the last, and the longest time from its first to its last."""
-MAX_STREAMED_FRAMES, MAX_STREAMED_NS = 100_000_000, 31 * 86_400_000_000_000
-"""The longest burst whose frames are sent as they come, and the longest time that it lasts."""
-
-DROPPED = "the camera dropped the frame"
-"""The reason of a gap where the frames before and after it came."""
-NO_FRAME_OF_ITS_OWN = "the camera's frames are further apart than the instants"
-"""The reason of a gap where the nearest frame is that of the instant before."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -246,12 +247,6 @@ class CameraGrid:
             late = stamp_ns == ring.oldest_local_ns and stamp_ns > wanted_ns
             return Gap(instant, "it had left the ring buffer" if late else DROPPED)
         return pick
-
-
-PATIENCE_PERIODS = 30
-"""How long after an instant a camera without frames is waited for."""
-PAUSE_NS = 5_000_000_000
-"""Between two instants that are so far apart a stream may be moved."""
 
 
 @dataclass(slots=True)

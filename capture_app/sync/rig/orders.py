@@ -24,6 +24,16 @@ from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS
 from capture_app.sync.wire.messages import Trigger, TriggerAck
 
 MOST_CANDIDATES = 200
+TRIGGER_LEAD_NS = 500_000_000
+"""A burst that is asked for now begins this much later, so that every client hears of it before."""
+TRIGGER_AGAIN_NS = 50_000_000
+AFTER_BURST_NS = 1_000_000_000
+"""The grid stays as it is for so long after a burst's last instant: until then clients pick frames."""
+MOST_AWAY_NS = 24 * 3_600_000_000_000
+"""A burst begins at most so long after, or before, it is ordered."""
+NO_ANSWER = "it does not answer"
+CANCELLED = "it was cancelled"
+"""A client's answer to a trigger that takes a burst back."""
 
 
 def spread_ns(grid: FrameGrid, phases: Sequence[CameraPhase], at_leader_ns: int) -> float:
@@ -49,18 +59,6 @@ def instant_of_least_spread(
     step = max(1, -(-(last - first) // MOST_CANDIDATES))
     instants = [grid.instant(index) for index in range(first, last + 1, step)]
     return min(instants, key=lambda instant_ns: spread_ns(grid, phases, instant_ns))
-
-
-TRIGGER_LEAD_NS = 500_000_000
-"""A burst that is asked for now begins this much later, so that every client hears of it before."""
-TRIGGER_AGAIN_NS = 50_000_000
-AFTER_BURST_NS = 1_000_000_000
-"""The grid stays as it is for so long after a burst's last instant: until then clients pick frames."""
-MOST_AWAY_NS = 24 * 3_600_000_000_000
-"""A burst begins at most so long after, or before, it is ordered."""
-NO_ANSWER = "it does not answer"
-CANCELLED = "it was cancelled"
-"""A client's answer to a trigger that takes a burst back."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

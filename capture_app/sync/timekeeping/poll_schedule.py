@@ -9,18 +9,6 @@ from capture_app.sync.clock.time_map import TimeMap
 
 AT_ONCE_NS, NEVER_NS = -(2**62), 2**62
 """Before and after any time of any clock: a local clock may well be negative."""
-
-
-class Progress(NamedTuple):
-    """How far a node is with estimating its leader's clock."""
-
-    synced: bool
-    samples: int
-    time_map: TimeMap | None
-    good_enough: bool = True
-    """Whether the clock is known as well as was asked for."""
-
-
 FIRST_SAMPLES = 300
 """K of the paper: as many samples at least are taken in quick succession."""
 FIRST_PACE_NS = 3_000_000
@@ -31,6 +19,34 @@ depends on the number of the newest samples."""
 NEAR_NS = 750_000
 """Shorter round trips are those of a cable."""
 BACKLOG_NS = 100_000_000
+SPACING_NS, TREE_PACE_NS = 8_000_000, 50_000_000
+"""Between two requests of a relay: at first, and once it has long kept the time."""
+EASING = 200
+"""By then it has watched for so many times as long, so no rate is taken from a small part of that time."""
+CALM_NS = 5_000_000_000
+"""Thousands may have lost one leader: the next one is asked as if it had been watched for so long."""
+LEAST_EXCHANGES = 10
+ESTIMATE_EVERY_NS = 1_000_000_000
+LEAVE_AT = 1.5
+"""A clock that was good enough is so until its error is so many times what was asked for: an estimate of an
+error varies by as much from one second to the next."""
+AHEAD_NS = 500_000_000
+"""A clock is judged by its error so much later: the pictures of a burst that is asked for now come then. Soon
+after the first answers the rate is not known well enough for that."""
+GAIN, PATIENCE_NS = 0.9, 3_000_000_000
+"""An error that does not become smaller by a tenth within so long will not become much smaller."""
+LONGEST_TRY_NS = 15_000_000_000
+"""No node asks its leader in quick succession for longer."""
+
+
+class Progress(NamedTuple):
+    """How far a node is with estimating its leader's clock."""
+
+    synced: bool
+    samples: int
+    time_map: TimeMap | None
+    good_enough: bool = True
+    """Whether the clock is known as well as was asked for."""
 
 
 class SteadySchedule:
@@ -111,16 +127,6 @@ class SteadySchedule:
         return max(easing, self.leader_pace_ns)
 
 
-SPACING_NS, TREE_PACE_NS = 8_000_000, 50_000_000
-"""Between two requests of a relay: at first, and once it has long kept the time."""
-EASING = 200
-"""By then it has watched for so many times as long, so no rate is taken from a small part of that time."""
-CALM_NS = 5_000_000_000
-"""Thousands may have lost one leader: the next one is asked as if it had been watched for so long."""
-LEAST_EXCHANGES = 10
-ESTIMATE_EVERY_NS = 1_000_000_000
-
-
 class TreeSchedule(SteadySchedule):
     """Ever fewer requests: a leader of many bears it, and all of them together come evenly."""
 
@@ -147,18 +153,6 @@ class TreeSchedule(SteadySchedule):
     def _pace(self, progress: Progress | None = None) -> int:
         eased_ns = max(self._first_pace_ns, (self._grid_ns - self._began_ns) // EASING)
         return min(eased_ns, max(self._pace_ns, self.leader_pace_ns))
-
-
-LEAVE_AT = 1.5
-"""A clock that was good enough is so until its error is so many times what was asked for: an estimate of an
-error varies by as much from one second to the next."""
-AHEAD_NS = 500_000_000
-"""A clock is judged by its error so much later: the pictures of a burst that is asked for now come then. Soon
-after the first answers the rate is not known well enough for that."""
-GAIN, PATIENCE_NS = 0.9, 3_000_000_000
-"""An error that does not become smaller by a tenth within so long will not become much smaller."""
-LONGEST_TRY_NS = 15_000_000_000
-"""No node asks its leader in quick succession for longer."""
 
 
 class AccuracyTarget:

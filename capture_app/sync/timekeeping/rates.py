@@ -12,6 +12,8 @@ STILL_UNUSUAL_PPM = 80.0
 """A rate that was called unusual is called so until it is below this."""
 RECENT_NS = 30_000_000_000
 """For so long a change of the rate is spoken of: as long as the clock's samples of before it count."""
+LEADER = None
+"""In the place of a node's name: the leader's own host."""
 
 
 class RateWatch:
@@ -42,10 +44,6 @@ class RateWatch:
     def changed_lately(self, now_ns: int) -> bool:
         """Whether the rate of one of the two clocks has changed a short while ago."""
         return self._changed_ns is not None and now_ns - self._changed_ns < RECENT_NS
-
-
-LEADER = None
-"""In the place of a node's name: the leader's own host."""
 
 
 @dataclass(frozen=True, slots=True)

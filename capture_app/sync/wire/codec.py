@@ -41,6 +41,14 @@ KIND_VERSION = 0
 _ASKING = 0
 _FORM = struct.Struct(f">2sBB{TOKEN_BYTES}s")
 _HEADER = struct.Struct(">2sBB")
+MAX_DATAGRAM = 1200
+"""In bytes, of a control message; fits every link without fragments."""
+_KIND_TIME_REQUEST, _KIND_TIME_REPLY, _KIND_CONTROL = 1, 2, 3
+_TIME = struct.Struct(">2sBBIIqqq")
+_BEFORE_T0 = struct.Struct(">2sBBII")
+_BEFORE_T2 = struct.Struct(">2sBBIIqq")
+_T0 = struct.Struct(">q16x")
+_T2 = struct.Struct(">q")
 
 
 def version_question(token: bytes) -> bytes:
@@ -86,15 +94,6 @@ def version_mismatch(version: int) -> str:
         f" install the newer simulshot {older} too"
     )
 
-
-MAX_DATAGRAM = 1200
-"""In bytes, of a control message; fits every link without fragments."""
-_KIND_TIME_REQUEST, _KIND_TIME_REPLY, _KIND_CONTROL = 1, 2, 3
-_TIME = struct.Struct(">2sBBIIqqq")
-_BEFORE_T0 = struct.Struct(">2sBBII")
-_BEFORE_T2 = struct.Struct(">2sBBIIqq")
-_T0 = struct.Struct(">q16x")
-_T2 = struct.Struct(">q")
 
 Message = TimeRequest | TimeReply | ControlMessage
 FromMember = TimeRequest | Heartbeat | TriggerAck | Goodbye

@@ -17,6 +17,24 @@ MAX_DEPTH = 8
 """Most clocks between a node's and the root's."""
 Error = Annotated[float, Meta(ge=0.0, le=1e18)]
 SkewError = Annotated[float, Meta(ge=0.0, le=1.0)]
+MOST_TEXT = 200
+MOST_REPORTS, MOST_OTHERS = 10, 200
+"""That a relay's message carries: so many fit into a datagram."""
+CLOCK = CameraFacts(
+    kind=CLOCK_ONLY,
+    model="",
+    width=0,
+    height=0,
+    period_ns=33_333_333,
+    phase_control=PhaseControl.NONE,
+    timestamp_source=TimestampSource.UNKNOWN,
+)
+"""What such a node says of the camera that it has not."""
+PROBE_NUMBER = 0
+"""The number in a liveness probe, which no client has: a leader that answers that it is unknown is there."""
+MIN_PERIOD_NS = 100_000
+MAX_PERIOD_NS = 60_000_000_000
+"""Frame periods that a rig can have: 10,000 fps to one a minute."""
 
 
 class UpstreamMap(Struct, frozen=True, array_like=True):
@@ -57,25 +75,10 @@ def upstream_map(path: tuple[int, ...], time_map: TimeMap) -> UpstreamMap:
     return UpstreamMap(path, *(getattr(time_map, name) for name in _SHARED_FIELDS))
 
 
-MOST_TEXT = 200
 Text = Annotated[str, Meta(max_length=MOST_TEXT)]
 Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
 """The number of a client, as time messages carry it."""
-MOST_REPORTS, MOST_OTHERS = 10, 200
-"""That a relay's message carries: so many fit into a datagram."""
 Others = Annotated[tuple[Number, ...], Meta(max_length=MOST_OTHERS)]
-CLOCK = CameraFacts(
-    kind=CLOCK_ONLY,
-    model="",
-    width=0,
-    height=0,
-    period_ns=33_333_333,
-    phase_control=PhaseControl.NONE,
-    timestamp_source=TimestampSource.UNKNOWN,
-)
-"""What such a node says of the camera that it has not."""
-PROBE_NUMBER = 0
-"""The number in a liveness probe, which no client has: a leader that answers that it is unknown is there."""
 Pin = Annotated[str, Meta(pattern="^[a-z2-7-]{0,39}$")]
 """By which a machine is known; empty in a rig that asks nobody."""
 
@@ -108,11 +111,6 @@ class Hello(Struct, frozen=True, tag="hello"):
     """The relay that it joined, where a relay passes this on; None where the client sends it itself."""
     pin: Pin = ""
     """That of its machine, as a relay has seen it; what a client says of itself does not count."""
-
-
-MIN_PERIOD_NS = 100_000
-MAX_PERIOD_NS = 60_000_000_000
-"""Frame periods that a rig can have: 10,000 fps to one a minute."""
 
 
 class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):

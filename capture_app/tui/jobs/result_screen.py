@@ -25,6 +25,10 @@ from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import Picture, Source
 from capture_app.tui.widgets.whole_screen import WholeScreen
 
+BLINK_S = 0.8
+WIDE = 150
+"""From this width on pictures and figures stand side by side."""
+
 
 def verdict_lines(text: str, width: int) -> list[Content]:
     """A verdict in lines, its first sentence in bold."""
@@ -87,11 +91,6 @@ def _spans(table: ResultTable, widths: list[int]) -> Iterator[tuple[str, int]]:
 
 def _cut(text: str, width: int) -> str:
     return text if len(text) <= width else text[: max(0, width - 1)] + "…"
-
-
-BLINK_S = 0.8
-WIDE = 150
-"""From this width on pictures and figures stand side by side."""
 
 
 class ResultScreen(WholeScreen[None]):

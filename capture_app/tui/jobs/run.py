@@ -21,6 +21,8 @@ CAPTURE, RECONSTRUCT = "capture_app.cli", "reconstruction.cli"
 _PROGRAMS = {CAPTURE: "capture-app", RECONSTRUCT: "reconstruct"}
 REPORT = "report.html"
 """The file of a run's folder that a browser shows, where the command writes one."""
+MEASURED_SHARE = 1 / 3
+"""From this share of a run's steps on its pace tells how long the others take."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,10 +178,6 @@ class RunState(StrEnum):
     def is_over(self) -> bool:
         """Whether nothing more will happen of itself."""
         return self in (RunState.DONE, RunState.FAILED, RunState.CANCELLED)
-
-
-MEASURED_SHARE = 1 / 3
-"""From this share of a run's steps on its pace tells how long the others take."""
 
 
 class Run(Struct, eq=False, kw_only=True, omit_defaults=True):

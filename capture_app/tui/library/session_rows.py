@@ -32,6 +32,14 @@ SAMPLES = "sample_sessions"
 Order = Literal["newest first", "best synchronized first", "by name"]
 """How sessions are sorted."""
 ORDERS: tuple[Order, ...] = get_args(Order)
+ROWS = 3
+THUMB = 8
+"""Columns of the small picture."""
+STATES = {
+    "being saved": Sign("◔", "being saved", "$warning"),
+    "interrupted": Sign("✖", "interrupted", "$error"),
+    "unreadable": Sign("✖", "unreadable", "$error"),
+}
 
 
 @dataclass(frozen=True, slots=True)
@@ -83,16 +91,6 @@ def _sort(cards: Sequence[SessionCard], order: Order) -> list[SessionCard]:
 def _matches(card: SessionCard, words: str) -> bool:
     text = " ".join((card.name, card.note, card.origin, card.state, card.created[:10], *card.cameras))
     return all(word in text.casefold() for word in words.casefold().split())
-
-
-ROWS = 3
-THUMB = 8
-"""Columns of the small picture."""
-STATES = {
-    "being saved": Sign("◔", "being saved", "$warning"),
-    "interrupted": Sign("✖", "interrupted", "$error"),
-    "unreadable": Sign("✖", "unreadable", "$error"),
-}
 
 
 class SessionRows(RowList[Entry]):

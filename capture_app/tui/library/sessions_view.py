@@ -46,6 +46,7 @@ SETTLED_S = 0.15
 """How long the cursor rests on a session before its pictures are loaded."""
 WIDE = 120
 """From this width on the session under the cursor is shown beside the list."""
+_OF_ONE = ("look", "compare", "results", "export", "verify", "analyse", "rename", "note", "trash")
 
 
 class SessionsView(ModeView):
@@ -413,6 +414,3 @@ class SessionsView(ModeView):
         """Bring back what was moved to the trash last."""
         self._look_for(await self._try(restore_session, self._listing.root))
         await self._runs.read()
-
-
-_OF_ONE = ("look", "compare", "results", "export", "verify", "analyse", "rename", "note", "trash")

@@ -22,6 +22,12 @@ from capture_app.tui.widgets.lines import Lines, chosen_line
 from capture_app.tui.widgets.plots import AXIS_WIDTH, SPAN_S, PhaseAxis, strip_rows, times_of
 
 MIN_STRIP = 12
+NAME_WIDTH = 12
+BEFORE_STRIP = 3
+"""How many columns are left of the strip."""
+HEIGHTS = (9, 7, 5, 3)
+"""Rows of a camera in its tall form, the best first."""
+BORDER = 2
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +47,6 @@ class Column:
         return content.pad_left(self.width - content.cell_length)
 
 
-NAME_WIDTH = 12
 COLUMNS = (
     Column("state", 13, is_left=True),
     Column("phase", 8),
@@ -52,8 +57,6 @@ COLUMNS = (
     Column("disk", 7, 110),
     Column("  model", 20, 140, is_left=True),
 )
-BEFORE_STRIP = 3
-"""How many columns are left of the strip."""
 
 
 def compact_strip_width(width: int) -> int:
@@ -222,11 +225,6 @@ def _settings(cameras: Sequence[NodeStatus]) -> str:
 
 def _disk(node: NodeStatus) -> str:
     return NO_VALUE if node.disk_free_bytes is None else f"{node.disk_free_bytes / 1e9:.0f} GB"
-
-
-HEIGHTS = (9, 7, 5, 3)
-"""Rows of a camera in its tall form, the best first."""
-BORDER = 2
 
 
 class CameraList(Vertical, can_focus=True):

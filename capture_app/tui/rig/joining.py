@@ -31,6 +31,8 @@ DEVICE = "v4l2:/dev/video0"
 QUIET = 2
 """Modules of light around the code; readers of screens do with two."""
 _HALF = {(True, True): "█", (True, False): "▀", (False, True): "▄", (False, False): " "}
+LOOK_EVERY_S = 1.0
+MOST_NEWS = 2
 
 
 def large(code: str) -> list[str]:
@@ -54,10 +56,6 @@ def qr_lines(text: str) -> list[Content]:
         Content.styled("".join(_HALF[pair] for pair in zip(upper, lower, strict=True)), "#ffffff on #000000")
         for upper, lower in zip(light[::2], light[1::2], strict=True)
     ]
-
-
-LOOK_EVERY_S = 1.0
-MOST_NEWS = 2
 
 
 class GuideScreen(BoxDialog[None]):

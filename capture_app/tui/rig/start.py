@@ -35,6 +35,12 @@ SCENES = {scene: len(views) for scene, views in VIEWS.items()}
 
 TITLE_WIDTH = 26
 """Leaves room for the code beside the list in a narrow terminal."""
+CAMERA_KEYS = "cefgmpuvwxyz"
+"""A key for each camera that is found; other letters belong to what is always offered."""
+MAX_WIDTH, MARGIN = 96, 8
+"""Width of the panel in a wide terminal, in cells; what is left free beside its words."""
+CHOICE, CAMERAS, SCENE = "start.choice", "start.cameras", "start.scene"
+"""The names under which choices are remembered."""
 
 
 class _Choice(NamedTuple):
@@ -46,14 +52,6 @@ class _Choice(NamedTuple):
     what: str
     do: Callable[[], object]
     is_usable: bool = True
-
-
-CAMERA_KEYS = "cefgmpuvwxyz"
-"""A key for each camera that is found; other letters belong to what is always offered."""
-MAX_WIDTH, MARGIN = 96, 8
-"""Width of the panel in a wide terminal, in cells; what is left free beside its words."""
-CHOICE, CAMERAS, SCENE = "start.choice", "start.cameras", "start.scene"
-"""The names under which choices are remembered."""
 
 
 class StartPanel(Vertical):

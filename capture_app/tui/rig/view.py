@@ -30,6 +30,14 @@ from capture_app.tui.signs import MISSING, NO_LEADER, is_settled, rig_sign
 from capture_app.tui.widgets.lines import Lines, news_lines
 
 SCROLLBAR = 1
+ADVICE_LINES = 2
+_FIGURES = re.compile(r"[\d.,]+ ?[nµm]?s?")
+SMALL = 30
+"""Rows below which the news do with two lines and no frame."""
+CALM_S, MAX_CALM_S = 0.8, 10.0
+"""Between two drawings of a rig that is in step: so long for each camera, and at most."""
+REDRAW_S = 0.5
+"""Between two drawings of figures that change all the time; a change of state is drawn at once."""
 
 
 class NewsPane(VerticalScroll, can_focus=True):
@@ -48,16 +56,6 @@ class NewsPane(VerticalScroll, can_focus=True):
             self.call_after_refresh(self.scroll_end, animate=False)
 
     on_resize = draw
-
-
-ADVICE_LINES = 2
-_FIGURES = re.compile(r"[\d.,]+ ?[nµm]?s?")
-SMALL = 30
-"""Rows below which the news do with two lines and no frame."""
-CALM_S, MAX_CALM_S = 0.8, 10.0
-"""Between two drawings of a rig that is in step: so long for each camera, and at most."""
-REDRAW_S = 0.5
-"""Between two drawings of figures that change all the time; a change of state is drawn at once."""
 
 
 class RigView(ModeView):

@@ -37,6 +37,11 @@ NUMBERS = 200
 """Focus numbers that are kept: more than come in the time over which they are compared."""
 KEPT = 12
 """Previews of each camera: some seconds."""
+FULL_FPS, PAIR_FPS = 8.0, 4.0
+LEAST_PX, MOST_PX = 640, 1280
+"""Width of the previews: focus is judged on more pixels than a terminal shows."""
+BLINK_S = 0.5
+HISTOGRAM_ROWS = 3
 
 
 def nearest_pair(first: Iterable[Preview], second: Iterable[Preview]) -> tuple[int, Preview, Preview] | None:
@@ -51,13 +56,6 @@ def nearest_pair(first: Iterable[Preview], second: Iterable[Preview]) -> tuple[i
     )
     found = min(pairs, key=itemgetter(0, 1), default=None)
     return None if found is None else (found[0], *found[2:])
-
-
-FULL_FPS, PAIR_FPS = 8.0, 4.0
-LEAST_PX, MOST_PX = 640, 1280
-"""Width of the previews: focus is judged on more pixels than a terminal shows."""
-BLINK_S = 0.5
-HISTOGRAM_ROWS = 3
 
 
 class FullView(WholeScreen[str]):

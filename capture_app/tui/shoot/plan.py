@@ -48,6 +48,7 @@ recording   a video with every camera, until it is ended
 MODES: tuple[TakeMode, ...] = get_args(TakeMode)
 _SERIES: tuple[TakeMode, ...] = ("interval", "sequence", "motion")
 _PICTURES: tuple[TakeMode, ...] = ("single", *_SERIES)
+LABEL = 10
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,9 +126,6 @@ def stepped(values: tuple[float, ...], value: float, steps: int) -> float:
     """The value so many steps further among these, from the nearest on."""
     nearest = min(range(len(values)), key=lambda at: abs(values[at] - value))
     return values[min(max(nearest + steps, 0), len(values) - 1)]
-
-
-LABEL = 10
 
 
 @dataclass(frozen=True, slots=True)

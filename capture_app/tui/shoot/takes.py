@@ -15,6 +15,13 @@ from capture_app.session.reading.verdict import GRADE_LIMITS, Verdict
 from capture_app.tui.signs import GRADES
 from capture_app.tui.widgets.picture import Picture, Source
 
+SAID_AFTER_S = 2
+"""A take without news for so long says for how long."""
+EARLIER = 8
+BAR = 10
+WIDE = 34
+"""From so many columns on there is room for what the times mean."""
+
 
 @dataclass(slots=True)
 class Take:
@@ -49,10 +56,6 @@ def open_take(status: BurstStatus) -> TakeSheet | None:
     return None if session is None else TakeSheet(session)
 
 
-SAID_AFTER_S = 2
-"""A take without news for so long says for how long."""
-
-
 def progress_words(status: BurstStatus, seconds: float) -> str:
     """How far a burst is that was ordered so many seconds ago."""
     if status.recording and not status.done:
@@ -64,12 +67,6 @@ def progress_words(status: BurstStatus, seconds: float) -> str:
     if status.message or not status.expected:
         return f"{printable(status.message) or 'ordered'}{after}"
     return f"taken; cameras are saving{after}"
-
-
-EARLIER = 8
-BAR = 10
-WIDE = 34
-"""From so many columns on there is room for what the times mean."""
 
 
 class TakePanel(VerticalScroll, can_focus=False):

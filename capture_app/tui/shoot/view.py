@@ -47,6 +47,7 @@ MOST_ANSWERS = 9
 MOST_TAKES = 100
 NARROW = 110
 """A window of fewer columns is narrow: the plan leaves the pictures more room."""
+AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
 
 
 class ShootView(ModeView):
@@ -358,9 +359,6 @@ class ShootView(ModeView):
         self.stage.want_previews(self.screen.is_active)
 
     on_mode_hidden = _want_previews
-
-
-AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
 
 
 def is_settling(node: NodeStatus) -> bool:

@@ -23,6 +23,12 @@ HIGHLIGHT_COLOUR: Bgr = (0, 200, 255)
 SHADOW_COLOUR: Bgr = (255, 120, 0)
 SHOWN_FROM = 0.12
 """A pixel of the screen is marked where this part of what it covers is."""
+BEST_OVER_S = 10.0
+"""A focus number is compared with the best of so many seconds: turning a ring there and back takes that."""
+IN_FOCUS = 0.95
+"""Share of the best from which on it is called in focus."""
+CLIPPED = 0.01
+"""Share of the pixels from which on clipping is worth a warning."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -108,14 +114,6 @@ def _clipped(image: Image) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
     channels = image if image.ndim == 3 else image[..., None]
     shadows, highlights = channels.max(axis=2) <= BLACK, channels.max(axis=2) >= WHITE
     return np.asarray(shadows, np.bool_), np.asarray(highlights, np.bool_)
-
-
-BEST_OVER_S = 10.0
-"""A focus number is compared with the best of so many seconds: turning a ring there and back takes that."""
-IN_FOCUS = 0.95
-"""Share of the best from which on it is called in focus."""
-CLIPPED = 0.01
-"""Share of the pixels from which on clipping is worth a warning."""
 
 
 def focus_line(numbers: Sequence[tuple[float, float]], width: int = 24) -> Content:

@@ -15,6 +15,11 @@ from textual.widget import Widget
 from capture_app.common.text import printable
 from capture_app.protocol.status import NewsLine
 
+MARKS = {"info": ("·", "$foreground-muted"), "warning": ("!", "$warning"), "error": ("✖", "$error")}
+TIME = "%H:%M:%S"
+INDENT = 11
+"""Cells of the time and the mark."""
+
 
 def strip_of_line(widget: Widget, line: Content) -> Strip:
     """A styled line as a widget sends it to the terminal."""
@@ -151,12 +156,6 @@ def _cells(strip: Strip) -> list[tuple[str, object]]:
     # A wide character is one entry for two cells: a strip with one is compared by its entries.
     cells: list[tuple[str, object]] = [(each, style) for text, style, _ in strip for each in text]
     return cells if len(cells) == strip.cell_length else [(strip.text, tuple(strip))]
-
-
-MARKS = {"info": ("·", "$foreground-muted"), "warning": ("!", "$warning"), "error": ("✖", "$error")}
-TIME = "%H:%M:%S"
-INDENT = 11
-"""Cells of the time and the mark."""
 
 
 def news_lines(news: Iterable[NewsLine], width: int) -> list[Content]:

@@ -41,6 +41,14 @@ from capture_app.tui.widgets.focus_aids import Aid, paint_marks
 
 MOST_CELLS = 297
 """Columns and rows that a placeholder can count."""
+NOISE = 12
+"""Colours (of 255) by which a cell of a live picture may differ from what is shown and is not sent again.
+
+A sensor's noise would else have nearly all sent each time: a third of the bytes
+(`benchmarks/screen/previews.py`).
+"""
+REST_S = 0.2
+"""How long a picture rests before it is sent in pixels: who leafs through a take wants none."""
 
 
 class SharpTerminal:
@@ -123,16 +131,6 @@ def sharp_terminal_of(app: App[Any]) -> SharpTerminal | None:
 
 Source: TypeAlias = bytes | Image | Callable[[], "bytes | Image | None"]
 """An image file's bytes, pixels (BGR or grey), or what loads one of these, called in a thread."""
-
-NOISE = 12
-"""Colours (of 255) by which a cell of a live picture may differ from what is shown and is not sent again.
-
-A sensor's noise would else have nearly all sent each time: a third of the bytes
-(`benchmarks/screen/previews.py`).
-"""
-
-REST_S = 0.2
-"""How long a picture rests before it is sent in pixels: who leafs through a take wants none."""
 
 
 class Picture(Widget):

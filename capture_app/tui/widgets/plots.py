@@ -16,6 +16,21 @@ QUARTERS = 2, 2, " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"
 """Dots in a cell across and down, and the glyph of each set of them: four dots."""
 LEVELS = 1, 3, " ▔─│▁│││"
 """A thin line at one of three heights, or a stroke through several."""
+SHOWN_SHARE = 0.98
+"""Share of the frames that the axis spans; those farther off are counted at its ends."""
+LABEL_WIDTH = 8
+SHOWN_TRIPS_SHARE = 0.95
+"""Share of the exchanges that is shown, the shortest: a few long ones would make the rest a line."""
+MEASURABLE_NS = 1000
+"""Round trips below this are of the clock's reading, not of a network."""
+EDGE = "$foreground 30%"
+SPAN_S = 30.0
+USUAL_TOLERANCE_NS = 100_000
+USUAL_PERIOD_NS = 33_333_333
+EMPTY = " ┈"
+"""What stands where there is no trace: nothing, and in the middle of the band a line."""
+AXIS_WIDTH = 7
+"""Cells that the labels of the axis take."""
 
 
 class Canvas:
@@ -37,10 +52,6 @@ class Canvas:
     def row(self, y: int, empty: str = " ") -> str:
         """A row of cells as text, `empty` where no dot is."""
         return "".join(self._glyphs[marks] if marks else empty for marks in self._cells[y])
-
-
-SHOWN_SHARE = 0.98
-"""Share of the frames that the axis spans; those farther off are counted at its ends."""
 
 
 def histogram_rows(errors_ns: Sequence[int], tolerance_ns: int, width: int, height: int) -> list[Content]:
@@ -74,14 +85,6 @@ def histogram_title(errors_ns: Sequence[int], tolerance_ns: int) -> str:
     inside = sum(abs(error) <= tolerance_ns for error in errors_ns)
     share = 100 * inside / len(errors_ns)
     return f"phase, {share:.0f} % of {len(errors_ns)} within ±{duration(tolerance_ns)}"
-
-
-LABEL_WIDTH = 8
-SHOWN_TRIPS_SHARE = 0.95
-"""Share of the exchanges that is shown, the shortest: a few long ones would make the rest a line."""
-MEASURABLE_NS = 1000
-"""Round trips below this are of the clock's reading, not of a network."""
-EDGE = "$foreground 30%"
 
 
 def wedge_rows(samples_ns: Sequence[tuple[int, int]], width: int, height: int) -> list[Content]:
@@ -124,15 +127,6 @@ def wedge_rows(samples_ns: Sequence[tuple[int, int]], width: int, height: int) -
 def wedge_title(samples_ns: Sequence[tuple[int, int]]) -> str:
     """What the plot is of, in a few words."""
     return f"clock offset, {count(len(samples_ns), 'exchange')}" if samples_ns else "clock"
-
-
-SPAN_S = 30.0
-USUAL_TOLERANCE_NS = 100_000
-USUAL_PERIOD_NS = 33_333_333
-EMPTY = " ┈"
-"""What stands where there is no trace: nothing, and in the middle of the band a line."""
-AXIS_WIDTH = 7
-"""Cells that the labels of the axis take."""
 
 
 @dataclass(frozen=True, slots=True)

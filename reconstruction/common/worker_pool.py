@@ -2,17 +2,15 @@
 
 import os
 import threading
-from collections.abc import Callable, Iterator
-from concurrent.futures import Future, ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import ThreadPoolExecutor
 from contextlib import contextmanager
-from contextvars import copy_context
-from typing import Any, TypeVar
+from contextvars import Context, copy_context
 
 import cv2
 
 from reconstruction.common.memory import memory_budget
 
-T = TypeVar("T")
 MAX_WORKERS = 8
 """Each takes some hundred MB for its sweep."""
 
@@ -27,11 +25,10 @@ def worker_count() -> int:
     return memory_budget().fit_count(SWEEP_BYTES, min(MAX_WORKERS, cores), share=0.5)
 
 
-class _Pool(ThreadPoolExecutor):
-    """Threads that work within the memory budget, the checks and the silence of who submits to them."""
-
-    def submit(self, work: Callable[..., T], /, *arguments: Any, **named: Any) -> Future[T]:
-        return super().submit(copy_context().run, work, *arguments, **named)
+def _adopt(context: Context) -> None:
+    """Give this thread the memory budget, the checks and the silence of the one that opened its pool."""
+    for variable, value in context.items():
+        variable.set(value)
 
 
 _opencv_lock = threading.Lock()
@@ -45,7 +42,7 @@ def worker_pool() -> Iterator[ThreadPoolExecutor]:
     with _opencv_lock:
         _opencv_threads.append(cv2.getNumThreads())
         cv2.setNumThreads(1)
-    pool = _Pool(worker_count())
+    pool = ThreadPoolExecutor(worker_count(), initializer=_adopt, initargs=(copy_context(),))
     try:
         yield pool
     except KeyboardInterrupt:

@@ -55,7 +55,7 @@ def run(*, trials: int | None, seed: int, coverage_trials: int = MOST_TRIALS) ->
         f"{100 * result.ours['coverage_95_drawn']:.1f} % where the least delays differ by chance (5 % of "
         f"half the round trip). The hard bound held in {100 * result.ours['coverage_hard_bound']:.1f} %.",
     )
-    return Outcome(result, _tables(study), notes, lambda _: [])
+    return Outcome(result, _tables(study), notes)
 
 
 def _coverage(law: str, count: int, seed: int, most: int) -> Coverages:

@@ -151,7 +151,7 @@ def run(
         },
         paper={},
     )
-    return Outcome(result, tables(result), NOTES, lambda _: [])
+    return Outcome(result, tables(result), NOTES)
 
 
 NOTES = (

@@ -1,6 +1,6 @@
 """What a measurement returns: figures that sum up errors, tables to print, pictures to draw."""
 
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from math import sqrt
 from pathlib import Path
@@ -43,13 +43,11 @@ class Table:
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """A result with its faces: tables, notes, pictures."""
+    """A result with its tables and notes."""
 
     result: Result
     tables: tuple[Table, ...]
     notes: tuple[str, ...]
-    draw: Callable[[Path], list[Path]]
-    """Draws into a folder that exists and returns the files; see `new_figure`."""
 
 
 def outcome_lines(outcome: Outcome) -> Iterator[str]:

@@ -131,7 +131,7 @@ def run(*, trials: int | None, seed: int, options: ScaleOptions | None = None) -
         f"The hard bound held in {least['coverage_hard_bound']:.2f} % of all judgements at least, the "
         f"stated 95 % in {least['coverage_95']:.1f} % at least.",
     )
-    return Outcome(result, (_table(figures),), notes, lambda _: [])
+    return Outcome(result, (_table(figures),), notes)
 
 
 def _simulate(spec: TreeSpec, seed: int, trials: int, options: ScaleOptions) -> Run:

@@ -27,7 +27,7 @@ def fake_run(*, trials: int | None, seed: int) -> Outcome:
     talk("working")
     assert (trials, seed) == (None, 3)
 
-    return Outcome(RESULT, (Table(("figure", "ours"), [("total", "12.3")]),), ("a note",), lambda _: [])
+    return Outcome(RESULT, (Table(("figure", "ours"), [("total", "12.3")]),), ("a note",))
 
 
 @pytest.fixture

@@ -15,11 +15,11 @@ from benchmarks.paper.result import Table
 from benchmarks.paper.trials import call_all
 from benchmarks.report import new_parser, print_table
 from benchmarks.simulated.changing_clocks import ChangingClock, RateSpell
-from benchmarks.simulated.clock_pair import START_TRUE_NS, ClockPair, LongerFrom
 from benchmarks.simulated.wifi_laws import LOOPBACK
 from benchmarks.simulated.wireless import PAPER_LINK, wireless
 from capture_app.console.terminal import print_json, print_line
 from capture_app.simulation.links import DelayLaw, Link
+from tests.simulation.clock_pair import START_TRUE_NS, ClockPair, LongerFrom
 
 _S = 1_000_000_000
 CRYSTAL_PPM = 20.0
@@ -42,6 +42,11 @@ WARMING_PPM_PER_S = 0.05
 def wifi(rng: random.Random) -> Link:
     """The paper's link, whose least delays differ by chance."""
     return unequal(PAPER_LINK, rng)
+
+
+def loopback(_: random.Random) -> Link:
+    """Another process of the leader's machine."""
+    return LOOPBACK
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +73,7 @@ class ChangeCase:
         return abs(self.slew_ppm) > 1000.0
 
 
-LINKS: dict[str, DrawLink] = {"loopback": lambda _: LOOPBACK, "wire": cable, "WiFi": wifi}
+LINKS: dict[str, DrawLink] = {"loopback": loopback, "wire": cable, "WiFi": wifi}
 CASES = (
     *(
         ChangeCase(f"{ppm:,} ppm for 3 s, {name}", link, slew_ppm=ppm, slew_s=SLEW_S, end_s=40.0)

@@ -2,7 +2,7 @@
 
 import pytest
 
-from benchmarks.paper.clock_changes import CASES, ChangeFigures, run_case
+from tests.simulation.clock_changes import CASES, ChangeFigures, run_case
 
 BY_NAME = {case.name: case for case in CASES}
 

@@ -1,4 +1,4 @@
-"""CONTRIBUTING's exporter and importer, as written there, as a package outside the project."""
+"""The exporter and importer of docs/plugins.md, as written there, as a package outside the project."""
 
 import json
 import os
@@ -15,7 +15,7 @@ from capture_app.session.reading.reader import Session
 from tests.documentation.pages import ROOT
 from tests.exporters.conftest import Make, make  # noqa: F401 - a fixture
 
-_RECIPE = re.compile(r"\*\*An? [a-z ]+\.\*\*.*?(?=\n\*\*An? |\Z)", re.DOTALL)
+_RECIPE = re.compile(r"^## .*?(?=^## |\Z)", re.DOTALL | re.MULTILINE)
 _BLOCK = re.compile(r"```(python|toml)\n(.*?)```", re.DOTALL)
 _ENTRY = re.compile(r'\[project\.entry-points\."(.+)"\]\n(\S+) = "(\w+):(\w+)"')
 
@@ -28,7 +28,7 @@ def package(tmp_path: Path) -> Path:
     metadata.mkdir(parents=True)
     (metadata / "METADATA").write_text("Metadata-Version: 2.1\nName: image-index\nVersion: 1.0\n")
     entries = []
-    for recipe in _RECIPE.findall((ROOT / "CONTRIBUTING.md").read_text()):
+    for recipe in _RECIPE.findall((ROOT / "docs" / "plugins.md").read_text()):
         blocks = dict(_BLOCK.findall(recipe))
         entry = _ENTRY.search(blocks.get("toml", ""))
         if entry is None or entry[1] not in ("simulshot.exporters", "simulshot.importers"):

@@ -1,4 +1,4 @@
-"""A package outside the tree adds a camera: the template of CONTRIBUTING.md as it is written there."""
+"""A package outside the tree adds a camera: the module of docs/plugins.md as it is written there."""
 
 import asyncio
 import json
@@ -14,7 +14,7 @@ from tests.end_to_end.rig import burst, lead, output
 
 from .conftest import Start
 
-GUIDE = Path(__file__).resolve().parents[2] / "CONTRIBUTING.md"
+GUIDE = Path(__file__).resolve().parents[2] / "docs" / "plugins.md"
 BROKEN = "broken_camera", "raise RuntimeError('it is Friday')"
 FAILING = (
     "failing_camera",
@@ -30,7 +30,7 @@ def list_cameras():
 @pytest.fixture
 def folder(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> Path:
     """Where Python finds the packages of the test."""
-    section = GUIDE.read_text().partition("**A camera driver.**")[2].partition("\n**")[0]
+    section = GUIDE.read_text().partition("\n## A camera\n")[2].partition("\n## ")[0]
     module, entry = re.findall(r"```(?:python|toml)\n(.*?)```", section, re.DOTALL)
     group, name, target = re.search(r'"(.+?)"\]\n(\w+) = "(\w+)"', entry).groups()
     monkeypatch.setenv("PYTHONPATH", str(tmp_path))

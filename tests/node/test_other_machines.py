@@ -74,7 +74,7 @@ async def field(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, below_relay: bool, restarted: bool
 ) -> AsyncIterator[Field]:
     # Nothing comes from the camera: were it given up meanwhile, the state would change without any message.
-    monkeypatch.setattr(camera_share, "PATIENCE_NS", FOREVER_NS)
+    monkeypatch.setattr(camera_share, "CAMERA_DISCONNECTED_NS", FOREVER_NS)
     trust, relay = Trust(tmp_path / "leader"), Trust(tmp_path / "relay")
     home = relay if below_relay else trust
     owner, thief = (introduced(tmp_path, home, name) for name in ("owner", "thief"))

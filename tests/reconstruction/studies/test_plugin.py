@@ -1,4 +1,4 @@
-"""A study of another package, as CONTRIBUTING.md shows it, in the ordinary command."""
+"""A study of another package, as docs/plugins.md shows it, in the ordinary command."""
 
 import json
 import os
@@ -19,7 +19,7 @@ SESSION = ROOT / "sample_sessions" / "jumper"
 @pytest.fixture(scope="module")
 def package(tmp_path_factory: pytest.TempPathFactory) -> Path:
     """The package of the recipe, and one whose study does not load."""
-    recipe = (ROOT / "CONTRIBUTING.md").read_text().partition("**A study.**")[2]
+    recipe = (ROOT / "docs" / "plugins.md").read_text().partition("\n## A study\n")[2]
     module, metadata = (
         re.search(rf"```{kind}\n(.*?)```", recipe, re.DOTALL)[1] for kind in ("python", "toml")
     )

@@ -206,7 +206,7 @@ async def test_a_silent_node_is_told_to_all_who_ask(
     leader: LeaderNode, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     """Whoever asked first gives up first, and must not take the others along."""
-    monkeypatch.setattr(viewfinders, "ANSWER_TIMEOUT_S", 0.5)
+    monkeypatch.setattr(viewfinders, "NODE_ANSWER_TIMEOUT_S", 0.5)
     async with await connect(leader.own_address, FromLeader) as node:
         await node.send(NodeStream(camera="a", instance=NODE, shows=True))
         await node.send(Vitals(fps=30.0))

@@ -1,11 +1,4 @@
-"""Rename, note, trash, repair, sheet, wiggle.
-
-`capture-app sessions` rename, note, trash, restore and empty-trash: keeping a folder of sessions tidy.
-
-`capture-app sessions repair`: complete sessions after a crash, a power cut or a full disk.
-
-`capture-app sessions` sheet and wiggle: a take as a picture to show around.
-"""
+"""`capture-app sessions` rename, note, trash, restore, empty-trash, repair, sheet and wiggle."""
 
 import asyncio
 import sys

@@ -1,9 +1,4 @@
-"""Import and export.
-
-`capture-app sessions import`: a recording of another program as a session.
-
-`capture-app sessions export`: a session in the format of another program.
-"""
+"""`capture-app sessions` import and export: recordings of other programs, and sessions in their formats."""
 
 import subprocess
 import sys

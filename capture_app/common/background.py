@@ -1,9 +1,8 @@
-"""Runs a module of this installation in the background: it takes no time from what has to be on time.
+"""Run a module of this installation in the background, at the lowest priority.
 
     python -m capture_app.common.background MODULE ARGUMENT...
 
-At the lowest priority, ended with whoever started it, and stopped by SIGTERM as by Ctrl-C, so that it removes
-what it has not finished.
+It ends with the process that started it, and on SIGTERM as on Ctrl-C, so that it removes unfinished results.
 """
 
 import ctypes

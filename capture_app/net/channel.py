@@ -1,13 +1,13 @@
-"""Transfer streams: messages with a raw payload over TCP, on the same port number as the leader's UDP.
+"""Streams over TLS: messages with a raw payload, on the same port number as the leader's UDP.
 
-4 bytes   b"SSH1", so that a stranger on the port is noticed at once
+4 bytes   b"SSH1", so that another protocol on the port is detected at once
 4 bytes   length of the header, big-endian
 8 bytes   length of the payload, big-endian
 header    one message, tagged JSON
-payload   an image and what belongs to it
+payload   an image and its ground truth, if any
 
-All of it is in TLS, by which each end proves its key before either says a word, but where a port is open to
-anybody. Strangers must not use a port up: each stream has so long.
+Each end proves its key before either sends a message, unless the rig is open. An unknown peer has a limited
+time, so that it cannot occupy the port.
 """
 
 import asyncio

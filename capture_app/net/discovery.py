@@ -1,10 +1,6 @@
-"""Leaders announced, browsed and searched in the local network.
+"""Leaders and relays on the local network by mDNS: announced, browsed, and searched for one that answers.
 
-Tells the local network where a leader or a relay listens, and tells it again where that changes.
-
-Who announces a leader or a relay in the local network.
-
-Looks for a leader that this machine can reach: its own first, then those that are announced.
+A search tries the leader of this machine first, then those that are announced.
 """
 
 import asyncio

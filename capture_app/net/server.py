@@ -1,7 +1,4 @@
-"""A leader's port: one number for UDP and TCP, and a server for the streams that come to it.
-
-Strangers must not use a port up: it keeps so many streams.
-"""
+"""Server of a leader's port, one number for UDP and TCP, with limits for unknown peers."""
 
 import asyncio
 import resource

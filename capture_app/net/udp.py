@@ -1,9 +1,8 @@
-"""The pump: moves datagrams between a socket and a sans-IO engine, and keeps its one timer.
+"""Pump between a UDP socket and a sans-IO engine, with the engine's one timer.
 
-Send times are taken as the last thing before a datagram leaves. Receive times are the kernel's own, which
-a busy process or machine cannot delay; every microsecond in between would be an error of the clock.
-
-When a datagram was received, in a node's own time, by the kernel's stamp of it.
+Send times are read immediately before a datagram leaves. Receive times are the kernel's own timestamps,
+converted to the node's clock; a busy process or machine cannot delay them. Each microsecond in between would
+be a clock error.
 """
 
 import asyncio

@@ -1,6 +1,6 @@
-"""The web server that phones open: the page, their admission, and one link for each.
+"""Web server for phones: the page, their admission, and one link for each phone.
 
-The listening end of the phones' server: strangers take little of it, and not for long.
+Connections that have not identified themselves get few resources, for a short time.
 """
 
 import asyncio

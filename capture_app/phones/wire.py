@@ -1,14 +1,14 @@
-"""What a phone's page and the gateway say to each other over their WebSocket.
+"""Messages between a phone's page and the gateway over their WebSocket.
 
-Text is JSON; binary messages, whose integers and floats are little-endian, begin with a byte of their kind:
+Text messages are JSON. Binary messages are little-endian and begin with a byte for their kind:
 
-1 ping      u32 number, u32 number of the ping whose answer came last (all ones: none), f64 when that came,
-            f64 now; answered by u8 1 and its number
-2 frame     u32 id, u32 stream, f64 media time, f64 arrival, f64 capture time (NaN: the browser does not tell)
-3 picture   u32 id, the JPEG; empty where the phone has it no more
+1 ping      u32 number, u32 number of the last answered ping (all ones: none), f64 when that answer
+            came, f64 now; answered by u8 1 and its number
+2 frame     u32 id, u32 stream, f64 media time, f64 arrival, f64 capture time (NaN: not reported)
+3 image     u32 id, the JPEG; empty if the phone no longer has it
 4 preview   the same
 
-Times are in us: media times have a zero of their own for each stream, others are of the link worker's clock.
+Times are in us: media times have their own zero for each stream, all others are of the link worker's clock.
 """
 
 import math

@@ -1,7 +1,4 @@
-"""One status, many faces: frozen snapshots that the terminal UI, --json and the logs all show.
-
-What an operator sees of a rig beside its status: news, previews, and one node in detail.
-"""
+"""Snapshots of a rig for operators: status, log lines, previews, and one node in detail."""
 
 from collections.abc import Iterator
 from typing import Literal

@@ -1,15 +1,14 @@
-"""Seals of datagrams: a keyed BLAKE2s (RFC 7693) over all of each, with a number that counts only once.
+"""Seals of datagrams: a keyed BLAKE2s (RFC 7693) over each datagram, with a number that is accepted once.
 
 2 bytes   b"sS", 1 byte the version, 1 byte the kind
-4 bytes   which key, as whoever gave it out calls it
-8 bytes   the number of this datagram, big-endian; one key never seals two of the same number
+4 bytes   number of the key, assigned by who issued it
+8 bytes   number of this datagram, big-endian; a key never seals two of the same number
 message   a datagram of `capture_app.sync.wire.codec`
 16 bytes  the seal of all before
 
-Nothing is hidden: names and times may be read on the way, but neither changed, made up nor sent twice. The
-state after the key is kept, so that a time message costs one block of the hash between its stamp and its way.
-
-Datagrams that were refused: counted, and told now and then, however many come.
+A seal does not hide names and times, but nobody can change, forge or replay them. The hash state after the
+key is cached, so a time message costs one block of the hash between its timestamp and the socket. Refused
+datagrams are counted and reported at intervals.
 """
 
 from dataclasses import dataclass

@@ -1,9 +1,4 @@
-"""True depth, and what stands still as control.
-
-How measured depth compares with true depth, and what counts as right.
-
-What stands still, and the pixels that no mover can affect: the control of every comparison.
-"""
+"""Measured against true depth: which pixels are right, and which stand still and serve as control."""
 
 from collections.abc import Sequence
 

@@ -1,12 +1,9 @@
-"""A camera of libcamera: its start, single frames made longer or shorter, restarts.
+"""Cameras of libcamera: start, restart, and single frames that are made longer or shorter.
 
-Before a stream is given away, its first two seconds show what the driver does not say: the row time, from the
-frame durations that come back for those asked for; and where exposure settles, which is then held.
-
-The row time of a sensor, from the frame durations that it reports: whole rows, cut to microseconds.
-
-A frame lasts a whole number of rows, so durations asked for come back shorter by up to one. Which row time
-makes all those that came back whole multiples of it is then a question of arithmetic.
+The driver reports neither the row time nor where the automatic exposure settles; the first two seconds of a
+stream show both, before its frames are passed on. The exposure is then held. A frame lasts a whole number of
+rows, so a requested duration comes back shorter by up to one row, cut to microseconds: the row time is the
+one of which all reported durations are whole multiples.
 """
 
 import asyncio

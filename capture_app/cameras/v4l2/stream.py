@@ -1,10 +1,9 @@
-"""The stream of a V4L2 camera: driver timestamps, sequence numbers, restarts, unplugging.
+"""Stream of a V4L2 camera: driver timestamps, sequence numbers, controls, restarts, unplugging.
 
-Timestamps are the driver's own, in CLOCK_MONOTONIC of the host, and are kept as stamped: `facts` say which
-moment of a frame the driver claims that they mean, and how late they are. uvcvideo claims the start of the
-exposure, and stamps the arrival of a frame's first bytes.
-
-Exposure, gain, white balance and focus are the kernel's controls of any driver.
+Timestamps are the driver's own, in CLOCK_MONOTONIC of the host, and are stored unchanged. The camera's facts
+say which moment of a frame they mean and how late they are: uvcvideo claims the start of the exposure, and
+stamps the arrival of a frame's first bytes. Exposure, gain, white balance and focus are the kernel's
+standard controls.
 """
 
 import asyncio

@@ -1,6 +1,6 @@
-"""The seam for other programs that follow a rig: what they are told, and what they tell.
+"""Interface for other programs that follow a rig's frame grid.
 
-A leader or a relay starts and closes its followers, and knows no more of them than this.
+A leader or a relay starts and closes its followers, and knows nothing else of them.
 """
 
 from collections.abc import Callable

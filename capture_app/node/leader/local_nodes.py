@@ -1,7 +1,4 @@
-"""Camera nodes on the leader's machine, as processes that end with it.
-
-The server of phones on the leader's machine, as a process that ends with it.
-"""
+"""Processes on the leader's machine that end with it: camera nodes, and the server of phones."""
 
 import asyncio
 from collections.abc import Collection, Sequence

@@ -1,19 +1,17 @@
-"""The time of day that a GoPro's GPS receiver told while it recorded: its `gpmd` track (GPMF).
+"""Time of day from a GoPro's GPS receiver, read from the `gpmd` track (GPMF) of its videos.
 
-The time of a fix is that of the satellites, but the camera notes when it arrived, not when it was taken, and
-nothing published says how late that is. What is known:
+A fix has the satellites' time, but the camera notes its arrival, and nothing published says how late that
+is:
 
 - GPS5 has one UTC a payload (about a second), and nothing says which of its fixes is meant. Videos laid over
   each other by it were "always off by up to a second" (gpmf-parser issue 89); in issues 146 and 162 it jumps
   by 2.2 s between payloads, stands still, or is no time at all.
 - GPS9 (HERO11 on) has a UTC in ms for each fix, ten a second. GoPro says of clocks set by GPS that they are
   "typically within a frame or two", in limited testing (GoPro Labs, GPS time synchronization).
-- STMP is when the first sample of a payload arrived; of pictures, when the frame began (issue 189).
+- STMP is when the first sample of a payload arrived; of images, when the frame began (issue 189).
 
-GoPro's metadata format (GPMF): key, type, size, repeat, and as many bytes, nested in each other.
-
-As the README of gpmf-parser describes it: all numbers are big-endian, every item is padded to 32 bits, and
-type 0 is a nest. What a stranger's file says of its own lengths is not believed.
+GPMF, as the README of gpmf-parser describes it: nested items of key, type, size, repeat and data,
+big-endian, padded to 32 bits; type 0 is a nest. The lengths that a file states are checked against its size.
 """
 
 import importlib

@@ -1,7 +1,4 @@
-"""OpenCV's lens: rays to pixels and back, the nearest one without k3, and pictures redrawn for another.
-
-A calibrated camera's numbers in the conventions of other programs.
-"""
+"""OpenCV's lens model: its nearest form without k3, images redrawn for a lens, other conventions."""
 
 import msgspec
 import numpy as np

@@ -1,14 +1,14 @@
-"""The one output folder: a result appears whole under its name or not at all, an earlier one stays till then.
+"""Output folders that appear whole under their name or not at all; an earlier result stays until then.
 
 A run works in the hidden folder `.NAME.part` beside its target, on the same file system:
 
     lock      held by the run with flock, so that the system releases it when the run is killed
-    new       what the run makes; it takes the target's place at the end
-    earlier   the earlier result, for a moment, where the file system cannot exchange two folders at once
+    new       the new result; it takes the target's place at the end
+    earlier   the earlier result, briefly, if the file system cannot exchange two folders atomically
 
-What a killed run left there is restored or removed by the next run to the same target, with a warning.
-A second run to a target in use is refused at once: otherwise the work of one of the two would be thrown away
-without a word. Only a caller that can use the other's result, such as a batch, waits for it.
+The next run to the same target restores or removes what a killed run left there, with a warning. A second
+run to a target in use is refused at once, since one of the two results would be lost. Only a caller that can
+use the other's result, such as a batch, waits for it.
 """
 
 import errno

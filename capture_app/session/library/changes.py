@@ -1,7 +1,7 @@
-"""Changes to a finished session that leave its images and times alone, and where results made from it lie.
+"""Changes to a finished session other than its images and times, and the place of results made from it.
 
-    ROOT/_results/<session>/<kind>        what `reconstruct` made
-    ROOT/_results/<session>/<kind>.log    what it said meanwhile
+    ROOT/_results/<session>/<kind>        a result of `reconstruct`
+    ROOT/_results/<session>/<kind>.log    its log
 
 No session can be called `_results`: names begin with a letter or a digit.
 """

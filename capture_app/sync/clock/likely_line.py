@@ -1,8 +1,8 @@
-"""The likely line between upper and lower bounds on a clock's offset: a mean over all skews.
+"""Most likely line between upper and lower bounds on a clock's offset: the mean over all possible skews.
 
-What is taken for granted about clocks and links; docs/accuracy-measurements.md says what rests on it.
-
-One sigma each, but for MAX_SKEW. Skews are dimensionless (1e-6 is 1 ppm), times in ns.
+The constants are the assumptions about clocks and links, one sigma each except MAX_SKEW;
+docs/accuracy-measurements.md says what depends on them. Skews are dimensionless (1e-6 is 1 ppm), times in
+ns.
 """
 
 from collections.abc import Iterable, Sequence

@@ -1,9 +1,7 @@
-"""Period and phase of a stream of frames from many timestamps, and the frames that were dropped.
+"""Period and phase of a stream from frame timestamps; dropped frames and commanded phase moves.
 
-Frames are counted along one line time = height + period * index. A restart or an injected frame gives the
-line a new height (a new run) but keeps the period, which belongs to the camera's crystal.
-
-Moves of the phase that were commanded, and which of them are in effect at a frame.
+Frames are counted along one line, time = intercept + period * index. A restart or an injected frame starts a
+new run with another intercept; the period stays, as it belongs to the camera's crystal.
 """
 
 from bisect import bisect_right

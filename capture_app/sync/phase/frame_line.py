@@ -1,13 +1,9 @@
-"""The line that a stream's frames lie on: time = height + period * index, fitted to many timestamps.
+"""Robust fit of the line on which a stream's frames lie: time = intercept + period * index.
 
-Each run of frames between two moves of the phase has a height of its own; all share the period, which belongs
-to the camera's crystal.
-
-A line fit that outliers hardly move.
-
-The step that timestamps come in: those of 1 ms, of a 90 kHz clock or of 10 us look like noise, or like none
-at all where the period is a multiple of the step. Intervals that keep to a lattice give the step away, also
-where a conversion of clocks has added some jitter to it.
+Each run of frames between two moves of the phase has its own intercept; all share the period, which belongs
+to the camera's crystal. Timestamps in steps (1 ms, a 90 kHz clock, 10 us) look like noise, or like none if
+the period is a multiple of the step. Intervals on a lattice reveal the step, even after a clock conversion
+that added jitter.
 """
 
 from collections import deque

@@ -1,6 +1,6 @@
-"""When a node asks for the time and estimates it: steadily as cameras need it, or ever more rarely.
+"""When a client sends time requests: at a steady rate as cameras need it, or ever more rarely.
 
-Whether a clock is known as well as was asked for, and whether asking on quickly still helps.
+Also whether its clock is as accurate as requested, and whether further quick requests would improve it.
 """
 
 from typing import NamedTuple

@@ -1,17 +1,18 @@
-"""Datagrams of messages: the magic `sS`, the version and the kind, then a fixed layout or tagged msgpack.
+"""Encoding of datagrams: the magic `sS`, version and kind, then a fixed layout or tagged msgpack.
 
-Time messages have the fixed layout, and the time of sending goes in last: every microsecond between the
+Time messages have the fixed layout, and the time of sending is written last: each microsecond between the
 reading of the clock and the socket would be an error of the estimate. A time reply is never larger than its
 request.
 
-Which version of the protocol a peer speaks, asked and told in a form that no version may change.
+A peer's version is asked and reported in a form that no version may change:
 
 2 bytes   the magic of all datagrams
-1 byte    the version of who sends this; 0 of one who only asks
+1 byte    the version of the sender; 0 in a question
 1 byte    0
-8 bytes   a token of who asks, given back in the answer
+8 bytes   a token of who asks, returned in the answer
 
-Whoever gets a datagram of another version answers with its own, in no more bytes, and never to an answer.
+A datagram of another version is answered with the own version, in no more bytes; an answer is never
+answered.
 """
 
 import struct

@@ -1,7 +1,4 @@
-"""Messages between nodes: time, joining, heartbeats and bursts.
-
-A relay's map from its own clock to the root's, as messages carry it.
-"""
+"""Messages between nodes over datagrams: time, joining, heartbeats, bursts, a relay's clock map."""
 
 from math import isfinite
 from typing import Annotated

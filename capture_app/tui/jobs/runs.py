@@ -1,9 +1,9 @@
-"""The queue of runs: child processes at the lowest priority, one at a time, none while a burst is taken.
+"""Queue of runs: child processes at the lowest priority, one at a time, none during a burst.
 
-A run is kept beside its results, so that the next start of the screen knows of it:
+Each run is recorded beside its results, so that the next start of the screen knows it:
 
-    _results/<session>/<command>.json    what it was to do, and what came of it
-    _results/<session>/<command>.log     what it said
+    _results/<session>/<command>.json    the command and its outcome
+    _results/<session>/<command>.log     its output
 """
 
 import asyncio

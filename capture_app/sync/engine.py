@@ -1,4 +1,4 @@
-"""What a socket needs of an engine."""
+"""Interface between a socket and a protocol engine."""
 
 from collections.abc import Iterable
 from typing import Protocol
@@ -7,16 +7,16 @@ Address = tuple[str, int]
 
 
 class Engine(Protocol):
-    """Takes datagrams in and gives those to send, with one timer; all times in ns of the node's own clock."""
+    """Protocol engine without a socket: datagrams in and out, one timer; times in ns of the node's clock."""
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in one datagram."""
+        """Process one datagram."""
 
     def datagrams_to_send(self, now_ns: int) -> Iterable[tuple[bytes, Address]]:
-        """Return what is due, stamped with `now_ns`."""
+        """Return the datagrams that are due, with their destinations; time messages carry `now_ns`."""
 
     def next_timer(self) -> int | None:
-        """Return when to call `handle_timer`."""
+        """Return the local time at which `handle_timer` is to be called; None if never."""
 
     def handle_timer(self, now_ns: int) -> None:
-        """Do what has become due."""
+        """Run the actions that are due."""

@@ -1,7 +1,8 @@
-"""Groups of answers: do the newest ones tell of another clock, or of a longer way, than those before?
+"""Change detection on groups of clock samples: a stepped or slewed clock, or an increased path delay.
 
-A clock that changes moves both directions, one up and one down, and leaves the round trip as it is. Load, or
-somebody who holds messages back, moves one direction only, and makes the round trip twice as much longer.
+A changed clock shifts the bounds of both directions, one up and one down, and leaves the round-trip delay
+unchanged. Load, or an attacker who delays messages, shifts one direction only. The round-trip delay then
+grows by twice the apparent shift.
 """
 
 from collections import deque
@@ -14,73 +15,73 @@ from typing import NamedTuple
 from capture_app.sync.clock.likely_line import DRIFT, STAMP_NS
 
 GROUP = 8
-"""Answers of a group, of which the tightest bound of each direction counts."""
+"""Samples in a group; the tightest bound of each direction represents them."""
 LEAST_GROUPS, COUNTS = 12, (1, 2, 4, 8, 16, 32)
-"""With fewer before them nothing is said of the newest ones: the last one, the last two, four and so on."""
+"""Minimum number of earlier groups for a test, and the numbers of newest groups that are tested."""
 
 
 SIGMAS, TIMES_USUAL = 5.0, 1.5
-"""What is beyond chance is so many sigma away, and so many times as far as any were before."""
+"""A significant change exceeds this many sigma and this multiple of the largest earlier deviation."""
 HIDDEN_SIGMAS = 2.0
-"""What is less is chance; what is more the line may be off by, though it is not beyond chance."""
+"""Deviations up to this many sigma count as chance; the rest of larger ones is a possible error."""
 
 
 class Newest(NamedTuple):
-    """How the newest groups lie to a straight line through those before; in ns."""
+    """Deviation of the newest groups from a straight line through the earlier ones; in ns."""
 
     since_ns: int
-    """Local time of the first of them."""
+    """Local time of the first of the newest groups."""
     moved: float
-    """By how much later, on average, the leader's clock is by them."""
+    """Mean deviation of the offset: positive if the leader's clock is later than the line predicts."""
     grown: float
-    """By how much their round trips are longer."""
+    """Mean increase of the round-trip delay."""
     doubt: float
     """One sigma of `moved`."""
     usual: float
-    """The furthest that as many groups in a row were off before."""
+    """Largest deviation of any equally long run of earlier groups."""
     least_skew: float
-    """The clocks run apart by so much at least, beyond chance, by the groups before; dimensionless."""
+    """Lower bound of the clocks' relative rate, at SIGMAS sigma, from the earlier groups; dimensionless."""
 
     @property
     def is_beyond_chance(self) -> bool:
-        """Whether something has changed."""
+        """Whether the deviation is significant: a clock or a path has changed."""
         return abs(self.moved) > max(SIGMAS * self.doubt, TIMES_USUAL * self.usual)
 
     @property
     def hidden(self) -> float:
-        """By how much more than by chance the line may be off, in ns."""
+        """Possible error of the line in ns that its uncertainty does not include."""
         if self.is_beyond_chance:
             return 2.0 * abs(self.moved)
         return abs(self.moved) - max(HIDDEN_SIGMAS * self.doubt, self.usual) if self.is_of_clock else 0.0
 
     @property
     def is_of_clock(self) -> bool:
-        """Whether it would be a clock that changed, and not one of the ways."""
+        """Whether the deviation fits a changed clock rather than a changed path delay."""
         return self.grown <= abs(self.moved)
 
 
 class AnswerGroups:
-    """The groups of the last `window_ns`, as the tightest bounds of each direction."""
+    """Groups of the last `window_ns`, each reduced to the tightest bound of each direction."""
 
     def __init__(self, window_ns: int) -> None:
         self.window_ns = window_ns
         self.clear()
 
     def clear(self) -> None:
-        """Forget all groups."""
+        """Remove all groups."""
         self._groups: deque[tuple[int, float, float]] = deque()
-        """Middle time, offset and round trip."""
+        """Mean time, offset and round-trip delay of each group."""
         self._uppers: deque[tuple[int, int]] = deque(maxlen=GROUP)
         self._lowers: deque[tuple[int, int]] = deque(maxlen=GROUP)
         self._count = 0
 
     def forget_before(self, local_ns: int) -> None:
-        """Forget the groups that began before a local time in ns."""
+        """Remove the groups whose mean time is before a local time in ns."""
         while self._groups and self._groups[0][0] < local_ns:
             self._groups.popleft()
 
     def add(self, upper: tuple[int, int], lower: tuple[int, int], skew: float) -> bool:
-        """Add the bounds of an answer, the lower with its sign turned; whether a group is complete."""
+        """Add the bounds of one sample, the lower one negated. Return whether a group is complete."""
         if self._uppers and self._uppers[-1][0] < upper[0] - self.window_ns:
             self.clear()
         self._uppers.append(upper)
@@ -89,7 +90,8 @@ class AnswerGroups:
         if len(self._uppers) < GROUP or self._count % (GROUP // 2):
             return False
         if self._count % GROUP == 0 and self._groups:
-            # The last one was of half a group only, and of half the one before; a pause may have taken it.
+            # The last group shares half of its samples with this one, which replaces it.
+            # After a long pause there may be none.
             self._groups.pop()
         (t0, above) = min(self._uppers, key=lambda bound: bound[1] - skew * (bound[0] - upper[0]))
         (t3, below) = min(self._lowers, key=lambda bound: bound[1] + skew * (bound[0] - upper[0]))
@@ -98,7 +100,7 @@ class AnswerGroups:
         return True
 
     def newest(self) -> list[Newest]:
-        """Compare the newest groups with all before them: the last one, the last two, four and so on."""
+        """Return the deviations of the last 1, 2, 4, ... groups from the line through all earlier ones."""
         if not self._groups:
             return []
         at_ns, level = self._groups[-1][:2]
@@ -113,10 +115,10 @@ class AnswerGroups:
         ]
 
     def _compare(self, sums: Sequence[Sequence[float]], count: int) -> Newest:
-        """Compare the last so many groups with the line through those before.
+        """Return the deviation of the last `count` groups from the line through the groups before them.
 
-        `sums` are those of no group, the first, the first two and so on: of times, offsets, round trips,
-        squares of times, products, squares of offsets.
+        `sums` holds the cumulative sums, starting at 0, of times, offsets, round-trip delays, squared times,
+        products of time and offset, and squared offsets.
         """
         times, offsets, gaps, squares, products, offset_squares = sums
         many = len(times) - 1 - count

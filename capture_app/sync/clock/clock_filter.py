@@ -1,4 +1,4 @@
-"""The offset and skew between a node's clock and the leader's: no message arrives before it was sent."""
+"""Offset and skew between a node's clock and the leader's, estimated from two-way time exchanges."""
 
 from dataclasses import dataclass
 from heapq import nsmallest
@@ -19,24 +19,24 @@ from capture_app.sync.clock.time_map import ROUNDING_NS, TimeMap
 
 BLOCK_NS, LONG_AGO_NS, SIGMAS_95 = 1_000_000_000, -(2**66), 1.96
 CHANGE_PPM, SETTLING_NS = 20.0, 10_000_000_000
-"""A change of the rate is told from so many ppm on; those that follow each other so quickly are one."""
+"""Smallest rate change that is reported; changes that follow within the second value count as one."""
 PACES, LONGEST_NS = 1200, 90_000_000_000
-"""A window has so many of the paces that the leader asks for, as thirty seconds have at the usual one; over
-longer times a crystal is not a straight line."""
+"""Window length in units of the leader's request interval, which is 30 s at the default interval, and its
+maximum. Over longer times a crystal's drift is not a straight line."""
 STEP_SAMPLES = 3
-"""Samples in a row that must agree on a step of a clock."""
+"""Consecutive samples that must agree on a step of a clock."""
 SLEW_SAMPLES, MOST_SLEW = 8, 0.1
-"""As many refused in a row are of a clock that runs beyond MAX_SKEW, if that explains them: chrony slews by a
-twelfth at most."""
+"""Consecutive rejected samples that are taken as a clock slewed beyond MAX_SKEW, if a skew up to the second
+value explains them. chrony slews by at most a twelfth."""
 SETTLED_SAMPLES = 150
-"""After that the first as many are dropped: a clock may still have been slewed while they came."""
+"""Samples after which those taken shortly after a step are dropped: the clock may still have been slewing."""
 CONFIRMED = 4
-"""A change is one that was beyond chance so many times in a row, each half a group later."""
+"""Consecutive significant tests, each half a group later, that confirm a change."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClockSample:
-    """One exchange: t0 client sends, t1 leader receives, t2 leader sends, t3 client receives; in ns."""
+    """Time exchange: t0 client sends, t1 leader receives, t2 leader sends, t3 client receives; in ns."""
 
     t0_ns: int
     t1_ns: int
@@ -45,93 +45,97 @@ class ClockSample:
 
     @property
     def round_trip_ns(self) -> int:
-        """Time spent on the way, both directions together, in ns."""
+        """Round-trip delay in ns: time in transit, both directions together."""
         return (self.t3_ns - self.t0_ns) - (self.t2_ns - self.t1_ns)
 
     @property
     def lower_ns(self) -> int:
-        """Leader minus local time is at least this at t3, in ns."""
+        """Lower bound of leader minus local time at t3, in ns."""
         return self.t2_ns - self.t3_ns
 
     @property
     def upper_ns(self) -> int:
-        """Leader minus local time is at most this at t0, in ns."""
+        """Upper bound of leader minus local time at t0, in ns."""
         return self.t1_ns - self.t0_ns
 
 
 @dataclass(frozen=True, slots=True)
 class KnownWay:
-    """How unequal the two ways of a link are, as pictures have shown it; in ns."""
+    """Path asymmetry of a link, measured from images; in ns."""
 
     late_ns: float
-    """By how much the leader's clock is ahead of what it seems: half of what the way back is longer."""
+    """Correction to the leader's offset: half of the return path's excess delay."""
     uncertainty_ns: float
-    """95 % error of that."""
+    """95 % uncertainty of `late_ns`."""
     round_trip_ns: float
-    """The least round trip then; each change of it may be of one way alone."""
+    """Minimum round-trip delay when this was measured; any change since may be in one direction only."""
 
     def sigma(self, gap: float) -> float | None:
-        """One sigma of `late_ns` with a least round trip of `gap`; None where less is known than usual.
+        """Return one sigma of `late_ns` at a minimum round-trip delay of `gap`.
 
-        What is beyond three sigma shows that the link is not a usual one.
+        None if this is no better than the default asymmetry, unless `late_ns` exceeds three sigma: then the
+        link is known to be more asymmetric than the default assumes.
         """
         sigma = hypot(self.uncertainty_ns / SIGMAS_95, (gap - self.round_trip_ns) / 2.0)
         return sigma if sigma < max(ASYMMETRY * gap / 2.0, abs(self.late_ns) / 3.0) else None
 
 
 Bound = tuple[int, int]
-"""Local time and bound, both in ns; bounds from below are kept with their sign turned."""
+"""Local time and bound, both in ns; lower bounds are stored negated."""
 
 
 class ClockFilter:
-    """Estimates leader time from local time by a line along the minimum delays of each direction.
+    """Estimator of leader time from local time: a line along the minimum delays of each direction.
 
-    The hard bound holds for any delays, in any order, and for any rates of the clocks that differ by at most
-    MAX_SKEW: it is that of the sample of each direction that is tightest now.
+    The hard bound holds for any delays, in any order, and for any clock rates that differ by at most
+    MAX_SKEW. It comes from the sample of each direction that is tightest at present.
     """
 
     def __init__(self, *, window_ns: int = 30_000_000_000, longest_ns: int = LONGEST_NS) -> None:
-        """It looks back by `window_ns`, where the leader asks for a slow pace by up to `longest_ns`."""
+        """Set the window to `window_ns`, or up to `longest_ns` if the leader asks for rare requests."""
         self._least_window_ns, self._longest_ns = window_ns, longest_ns
         self._not_before_ns = LONG_AGO_NS
         self._groups = AnswerGroups(window_ns)
         self.way: KnownWay | None = None
-        """What pictures have shown of the link."""
+        """Path asymmetry of the link, measured from images; None if unknown."""
         self.late_ns = 0.0
-        """How much of that the newest map goes by."""
+        """Asymmetry correction applied in the newest map, in ns."""
         self.refused_steps = 0
-        """How often samples told of a step that those after them did not confirm."""
+        """Number of suspected steps that later samples did not confirm."""
         self.reset()
 
     def look_back(self, pace_ns: int) -> None:
-        """Keep as many samples as usual where they come so far apart, in ns: quick ones are rare."""
+        """Set the window to fit a request interval in ns, so that it holds the typical number of samples.
+
+        Samples with little delay are rare, so fewer samples would give a worse line.
+        """
         self._groups.window_ns = max(self._least_window_ns, min(PACES * pace_ns, self._longest_ns))
 
     def reset(self) -> None:
-        """Forget all samples."""
+        """Remove all samples."""
         self.samples, self._newest_ns, self._anchor_ns = 0, LONG_AGO_NS, 0
         self._highest = self._lowest = (0, -LONG_AGO_NS)
         self._blocks: dict[int, tuple[set[Bound], set[Bound]]] = {}
-        """Upper and lower bounds by second: all of the newest one, those of the others that matter."""
+        """Upper and lower bounds by second: all of the newest one, the relevant ones of earlier seconds."""
         self._fitted: LikelyLine | None = None
         self._stale = True
         self._changed: tuple[int, float] | None = None
         self._suspects: list[ClockSample] = []
-        """The newest samples, where they contradict those before and can be of one clock."""
+        """Newest samples, if they contradict the earlier ones and are consistent with one clock."""
         self._groups.clear()
         self._least_gap = float(-LONG_AGO_NS)
         self.hidden_ns = 0.0
-        """By how much more than by chance the line may be off."""
+        """Possible error of the line in ns that its uncertainty does not include."""
         self.longer_ns = 0.0
-        """By how much one of the ways has become longer than it was."""
+        """Detected increase of the delay of one path, in ns."""
         self._restarted = False
-        """Whether a clock stepped, or was slewed, shortly before."""
+        """Whether a clock stepped or was slewed shortly before."""
         self.beyond_chance = 0
-        """How often in a row the newest answers were beyond chance: a clock has changed, or a way."""
+        """Consecutive significant tests of the newest samples: a clock or a path has changed."""
 
     @property
     def rate_changed_ns(self) -> int | None:
-        """Local time in ns at which the rate was last seen to change, once that is beyond doubt."""
+        """Local time in ns of the last rate change; None if there was none or it is not significant."""
         if self._changed is None:
             return None
         change, doubt = self._line().skew - self._changed[1], sqrt(self._line().skew_variance)
@@ -139,10 +143,11 @@ class ClockFilter:
         return self._changed[0] if told else None
 
     def add(self, sample: ClockSample) -> bool:
-        """Add a sample; False if the filter started anew, with the last STEP_SAMPLES or, slewed, with none.
+        """Add a sample. Return False if the filter restarted.
 
-        Those contradict all earlier ones, and agree with each other: a clock has stepped. Fewer are ignored,
-        as are samples with a negative round trip, far too slow ones and those older than the window.
+        After a step it restarts with the last STEP_SAMPLES samples, which contradict all earlier ones and
+        agree with each other. After a slew beyond MAX_SKEW it restarts with none. Fewer contradicting samples
+        are ignored, as are samples with a negative round-trip delay, far too slow or older than the window.
         """
         window_ns = self._groups.window_ns
         since_ns = max(self._not_before_ns, self._newest_ns - window_ns)
@@ -170,14 +175,14 @@ class ClockFilter:
         self._blocks.setdefault(sample.t0_ns // BLOCK_NS, (set(), set()))[0].add(upper)
         self._blocks.setdefault(sample.t3_ns // BLOCK_NS, (set(), set()))[1].add(lower)
         if sample.round_trip_ns - self._least_gap < self.longer_ns / 2.0:
-            # No message is quicker than the way is long.
+            # No message is faster than its path's minimum delay, so the path is no longer slow.
             self.longer_ns = 0.0
         if self._groups.add(upper, lower, 0.0 if self._fitted is None else self._fitted.skew):
             return self._look_for_change()
         return True
 
     def time_map(self, now_local_ns: int) -> TimeMap | None:
-        """The map as it stands at a local time in ns, its epoch; None before the first sample."""
+        """Return the time map with its epoch at a local time in ns; None before the first sample."""
         if not self._blocks:
             return None
         line, age = self._line(), float(now_local_ns - self._newest_ns)
@@ -185,13 +190,13 @@ class ClockFilter:
         sigma = None if self.way is None else self.way.sigma(line.gap)
         self.late_ns = 0.0 if self.way is None or sigma is None else self.way.late_ns
         offset_ns = round(min(max(line.offset + line.skew * age + self.late_ns, lowest), highest))
-        # The best line through a parabola lies below its end, and is less steep there.
+        # The best line through a parabola is below its end and less steep there.
         span = float(self._newest_ns - min(self._blocks) * BLOCK_NS)
         bend = DRIFT * (span * span / 12.0 + (span + age) * age / 2.0)
         turn = DRIFT * (span / 2.0 + abs(age))
         unequal = ASYMMETRY * line.gap / 2.0 if sigma is None else sigma
         unseen = hypot(unequal, STAMP_NS, bend)
-        # One way alone may have become longer by all that the round trip has.
+        # All growth of the round-trip delay may be in one direction.
         self._least_gap = min(self._least_gap, line.gap)
         longer = max(self.longer_ns / 2.0, (line.gap - self._least_gap) / 2.0 - sqrt(line.excess), 0.0)
         bound = max(highest - offset_ns, offset_ns - lowest) + ROUNDING_NS
@@ -212,12 +217,12 @@ class ClockFilter:
         )
 
     def _suspect(self, sample: ClockSample) -> bool:
-        """Note a sample that contradicts the others; as `add` returns."""
+        """Record a sample that contradicts the earlier ones. Return as `add` does."""
         self._suspects = [s for s in self._suspects if _can_both_be(s, sample, MOST_SLEW)] + [sample]
         suspects = [s for s in self._suspects if _can_both_be(s, sample, MAX_SKEW)]
         if len(suspects) < STEP_SAMPLES and len(self._suspects) < SLEW_SAMPLES:
             return True
-        # Messages of before the step may still be on their way.
+        # Messages from before the step may still be in transit.
         self._not_before_ns = suspects[0].t0_ns
         self.reset()
         for suspect in suspects:
@@ -226,7 +231,7 @@ class ClockFilter:
         return False
 
     def _line(self) -> LikelyLine:
-        """The line through all samples; its reference is the newest of them."""
+        """Return the line through all samples, with the newest one as its reference."""
         if self._fitted is None or self._stale:
             ref_ns, sides = self._newest_ns, zip(*self._blocks.values(), strict=True)
             uppers, lowers = (
@@ -236,7 +241,7 @@ class ClockFilter:
         return self._fitted
 
     def _end_block(self) -> None:
-        """Thin out the newest second, and forget what is too old."""
+        """Reduce the newest second to its relevant bounds, and remove the seconds outside the window."""
         for bounds, slope in zip(self._blocks[max(self._blocks)], (1.0, -1.0), strict=True):
             slope *= (self._fitted or self._line()).skew
             levels = [(value - slope * (t - self._newest_ns), (t, value)) for t, value in bounds]
@@ -245,9 +250,9 @@ class ClockFilter:
         self._blocks = {i: self._blocks[i] for i in sorted(self._blocks) if i >= oldest}
 
     def _look_for_change(self) -> bool:
-        """Begin anew where a clock's rate has changed; where a way has, keep the line and say less.
+        """Start a new line if a clock's rate changed; if a path delay increased, keep the line, less certain.
 
-        False where that rate is beyond MAX_SKEW: then there is no line.
+        Return False if the rate is beyond MAX_SKEW: no line is possible then.
         """
         newest = self._groups.newest()
         if newest and newest[0].least_skew > MAX_SKEW:
@@ -259,7 +264,7 @@ class ClockFilter:
         self.beyond_chance = self.beyond_chance + 1 if beyond else 0
         if self.beyond_chance < CONFIRMED:
             return True
-        # By then the groups that tell it best are of after the change.
+        # The most significant groups are all from after the change by then.
         change = max(beyond, key=lambda one: abs(one.moved) / one.doubt)
         self.beyond_chance, self.hidden_ns = 0, 0.0
         self._groups.forget_before(change.since_ns)
@@ -270,7 +275,7 @@ class ClockFilter:
         return True
 
     def _forget_before(self, local_ns: int) -> None:
-        """Begin a new line with the samples from a local time in ns on: the rate of a clock has changed."""
+        """Start a new line with the samples since a local time in ns, after a clock's rate changed."""
         if self._changed is None or self._newest_ns - self._changed[0] > SETTLING_NS:
             self._changed = self._newest_ns, self._line().skew
         kept = {
@@ -287,7 +292,7 @@ def _bound_at(bound: Bound, local_ns: int) -> float:
 
 
 def _can_both_be(one: ClockSample, other: ClockSample, most_skew: float) -> bool:
-    """Whether two samples can be of the same two clocks, if their rates differ by so much at most."""
+    """Whether two samples are consistent with the same two clocks at rates up to `most_skew` apart."""
     apart_ns = max(one.t3_ns, other.t3_ns) - min(one.t0_ns, other.t0_ns)
     slack = most_skew * apart_ns + ROUNDING_NS
     return one.lower_ns <= other.upper_ns + slack and other.lower_ns <= one.upper_ns + slack

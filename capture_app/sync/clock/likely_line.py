@@ -1,8 +1,7 @@
 """Most likely line between upper and lower bounds on a clock's offset: the mean over all possible skews.
 
-The constants are the assumptions about clocks and links, one sigma each except MAX_SKEW;
-docs/accuracy-measurements.md says what depends on them. Skews are dimensionless (1e-6 is 1 ppm), times in
-ns.
+The constants are the assumptions about clocks and links, one sigma each except MAX_SKEW.
+docs/accuracy-measurements.md shows their effect. Skews are dimensionless (1e-6 is 1 ppm), times are in ns.
 """
 
 from collections.abc import Iterable, Sequence
@@ -12,44 +11,51 @@ from itertools import pairwise
 from math import exp
 
 MAX_SKEW = 1010e-6
-"""The premise of the hard bound: 1000 ppm, in either clock's seconds. Crystals are within 100 ppm, and an NTP
+"""Assumption of the hard bound: 1000 ppm, in either clock's seconds. Crystals are within 100 ppm, and an NTP
 daemon slews by 500 (adjtimex(2))."""
 SKEW = 25e-6
-"""Between two crystals; data sheets of those in computers and phones allow 20 to 50 ppm each."""
+"""Skew between two crystals; data sheets of those in computers and phones allow 20 to 50 ppm each."""
 ODD_HOSTS = 3e-4
-"""Likelihood of any other skew up to MAX_SKEW, as a share of that of none: virtual machines, slewed hosts."""
+"""Prior density of any larger skew up to MAX_SKEW, relative to zero skew: virtual machines, slewed hosts."""
 DRIFT = 0.025e-6 / 1e9
-"""Change of a skew in a ns, before the samples show it: a crystal that warms up has up to 0.05 ppm/s."""
+"""Change of a skew per ns that the samples do not show yet: a crystal that warms up has up to 0.05 ppm/s."""
 ASYMMETRY = 0.07
-"""Half the difference of the two minimum delays, as a share of half the least round trip: no two-way message
-can show it. The one quickest message of one WiFi link had 0.038 (Ansari et al. 2019, table III); chipsets are
-slower one way in general (Mahmood, Exel and Sauter 2014). Set so that links drawn with 0.1 are covered; with
-0.2, two in three are."""
+"""Half the difference of the two minimum delays, as a fraction of half the minimum round-trip delay.
+
+No two-way message can show it. The one fastest message of one WiFi link had 0.038 (Ansari et al. 2019, table
+III); chipsets are slower in one direction in general (Mahmood, Exel and Sauter 2014). The value covers links
+drawn with 0.1; of those drawn with 0.2 it covers two in three.
+"""
 STAMP_NS = 1_000.0
-"""The asymmetry of two programs: one that was just woken up stamps late (real; on loopback and cables)."""
+"""Asymmetry of two programs: one that was just woken up takes its timestamps late (real; on loopback and
+cables)."""
 EXCESS = 0.7
-"""How far the least delay measured lies above the minimum delay is the mean distance of the next ones to it,
-give or take this share: chosen on 28 laws of delay that no experiment uses.
+"""Uncertainty of the estimated minimum delay, as a fraction of its correction.
+
+The smallest measured delay exceeds the minimum by the mean distance to the next smallest ones, give or take
+this fraction. Chosen on 28 delay distributions that no experiment uses.
 """
 
 
 TIGHTEST = 8
-"""The tightest bounds of each direction that tell how near the tightest one is to the minimum delay."""
+"""Number of tightest bounds of each direction that show the distance of the tightest to the minimum delay."""
 NEAREST, NEAREST_SHARE = 4, 0.5
-"""The nearest of them are about half as far from it (Gamma 2: 0.52, exponential: 0.43). Where a few
-messages are far quicker than all others, the distance to those others says nothing of the likelihood."""
+"""The nearest of them are about half as far from it (Gamma 2: 0.52, exponential: 0.43).
+
+If a few messages are far faster than all others, the distance to the others is irrelevant for the likelihood.
+"""
 WIDTH = 0.55
-"""Share of their mean distance to it that is one e-fold of likelihood."""
+"""Fraction of their mean distance to it that is one e-fold of likelihood."""
 _NEAR = [0.0, *(sign * 4e-9 * 2.0**k for k in range(18) for sign in (-1.0, 1.0))]
 _USUAL = [k * 12e-6 for k in range(-8, 9)]
 
 Point = tuple[float, float]
-"""Time since the reference and bound, in ns; bounds from below with their sign turned."""
+"""Time since the reference and bound, in ns; lower bounds are negated."""
 
 
 @dataclass(frozen=True, slots=True)
 class LikelyLine:
-    """Offset (ns) at the reference and skew (dimensionless), and the variances that the bounds leave them."""
+    """Offset (ns) at the reference and skew (dimensionless), with their variances and covariance."""
 
     offset: float
     skew: float
@@ -57,12 +63,12 @@ class LikelyLine:
     covariance: float
     skew_variance: float
     gap: float
-    """The least round trip in ns."""
+    """Minimum round-trip delay in ns."""
     excess: float
-    """Variance of what the least delays lie above the minimum delays, in ns squared."""
+    """Variance of the excess of the smallest measured delays over the minimum delays, in ns squared."""
 
     def variance_at(self, t: float) -> float:
-        """Variance of the line t ns after the reference, in ns squared."""
+        """Return the variance of the line t ns after the reference, in ns squared."""
         return self.excess + max(0.0, self.variance + (2.0 * self.covariance + self.skew_variance * t) * t)
 
 
@@ -82,9 +88,9 @@ def lower_hull(points: Iterable[Point]) -> list[Point]:
 
 
 def fit_line(uppers: Sequence[Point], lowers: Sequence[Point]) -> LikelyLine:
-    """Average the lines of all skews, by their prior and the gap that each leaves between the directions.
+    """Return the mean line over all skews, weighted by their prior and by the gap between the directions.
 
-    At one skew the tightest bound of each direction gives the offset, and the gap between the two is the
+    At a given skew the tightest bound of each direction gives the offset. The gap between the two is the
     log-likelihood of exponential delays (Moon et al. 1999 take its maximum, a linear program).
     """
     above, below = lower_hull(uppers), lower_hull(lowers)
@@ -96,7 +102,7 @@ def fit_line(uppers: Sequence[Point], lowers: Sequence[Point]) -> LikelyLine:
     best, spread = 0.0, [room(0.0)[0]] * 2
     near = spread
     if min(len(uppers), len(lowers)) >= TIGHTEST:
-        # The gap is concave in the skew, and straight between the slopes of the hulls.
+        # The gap is concave and piecewise linear in the skew, with corners at the slopes of the hulls.
         turns = [(v2 - v1) / (t2 - t1) for (t1, v1), (t2, v2) in pairwise(above)]
         turns += [(v1 - v2) / (t2 - t1) for (t1, v1), (t2, v2) in pairwise(below)]
         best = max([s for s in turns if abs(s) < MAX_SKEW], key=lambda skew: room(skew)[0], default=0.0)
@@ -127,5 +133,5 @@ def fit_line(uppers: Sequence[Point], lowers: Sequence[Point]) -> LikelyLine:
 
 
 def _mean_distance(levels: Sequence[float], count: int) -> float:
-    """How far the least levels lie above the very least, on average."""
+    """Return the mean distance of the `count` smallest levels from the minimum."""
     return sum(nsmallest(count, levels)) / count - min(levels)

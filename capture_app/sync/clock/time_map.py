@@ -1,4 +1,4 @@
-"""The map from a node's own clock to the leader's, with its error bars."""
+"""Time map from a node's own clock to the leader's, with its uncertainty and its hard bound."""
 
 from dataclasses import dataclass, replace
 from math import hypot
@@ -10,7 +10,7 @@ ROUNDING_NS = 2.0
 class TimeMap:
     """Leader time as a line over local time: leader = local + offset + skew * (local - epoch).
 
-    Away from the epoch the bound grows by `skew_bound` for each ns, the uncertainty (95 %) by
+    Away from the epoch the hard bound grows by `skew_bound` per ns, and the uncertainty (95 %) by
     `skew_uncertainty`, which itself grows by `drift_uncertainty` (in 1/ns).
     """
 
@@ -26,31 +26,31 @@ class TimeMap:
     drift_uncertainty: float = 0.0
 
     def leader_from_local(self, local_ns: int) -> int:
-        """Leader time in ns of a local time in ns."""
+        """Return the leader time in ns at a local time in ns."""
         return local_ns + self.offset_ns + round(self.skew * (local_ns - self.epoch_local_ns))
 
     def local_from_leader(self, leader_ns: int) -> int:
-        """Local time in ns of a leader time in ns, the inverse of `leader_from_local` to 1 ns."""
+        """Return the local time in ns at a leader time in ns: the inverse of `leader_from_local` to 1 ns."""
         since_epoch = leader_ns - self.offset_ns - self.epoch_local_ns
         return self.epoch_local_ns + round(since_epoch - since_epoch * self.skew / (1.0 + self.skew))
 
     def uncertainty_at(self, local_ns: int) -> float:
-        """Estimated 95 % error of `leader_from_local(local_ns)`, in ns."""
+        """Return the estimated 95 % error of `leader_from_local(local_ns)`, in ns."""
         away_ns = abs(local_ns - self.epoch_local_ns)
         growth = (self.skew_uncertainty + self.drift_uncertainty * away_ns / 2.0) * away_ns
         return min(self.uncertainty_ns + growth, self.hard_bound_at(local_ns))
 
     def hard_bound_at(self, local_ns: int) -> float:
-        """The most that `leader_from_local(local_ns)` can be wrong, in ns, link asymmetry included."""
+        """Return the maximum error of `leader_from_local(local_ns)` in ns, link asymmetry included."""
         return self.hard_bound_ns + self.skew_bound * abs(local_ns - self.epoch_local_ns)
 
     def chained_to(self, upstream: "TimeMap") -> "TimeMap":
-        """Return the map to the clock that a relay follows: `upstream` maps the relay's clock to that one.
+        """Return the map to the clock that a relay follows; `upstream` maps the relay's clock to that clock.
 
-        Hard bounds add up; uncertainties add up in squares, as those of links that do not know each other.
+        Hard bounds add up; uncertainties add in quadrature, as the links are independent.
         """
         relay_ns = self.leader_from_local(self.epoch_local_ns)
-        # The upstream map is read at an instant that is itself known to the first bound only.
+        # The instant at which the upstream map is evaluated is itself uncertain by this map's bound.
         stretch = 1.0 + abs(upstream.skew) + upstream.skew_bound
         pace = 1.0 + abs(self.skew) + self.skew_bound
         drifted = upstream.drift_uncertainty * max(0, relay_ns - upstream.epoch_local_ns)

@@ -1,4 +1,4 @@
-"""What happens to a node's clock, as the engine tells it; facts, which never leave the process."""
+"""Events of a node's clock that the engine reports to its caller; they are never sent over the network."""
 
 from dataclasses import dataclass
 
@@ -7,17 +7,17 @@ from capture_app.sync.clock.time_map import TimeMap
 
 @dataclass(frozen=True, slots=True)
 class ClockSynced:
-    """The leader's clock is known as well as was asked for, or as well as the link allows."""
+    """The leader's clock is known as accurately as requested, or as accurately as the link allows."""
 
     time_map: TimeMap
-    """From the local clock to the root's."""
+    """Map from the local clock to the root's."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClockChanged:
-    """One of the two clocks changed: it jumped, so that the estimate starts anew, or runs at another rate.
+    """One of the two clocks changed: it stepped, which restarts the estimate, or its rate changed.
 
-    Somebody is correcting it then, or has just ceased to.
+    Another program has started or stopped correcting that clock.
     """
 
     jumped: bool
@@ -25,18 +25,18 @@ class ClockChanged:
 
 @dataclass(frozen=True, slots=True)
 class StepRefused:
-    """Some answers told of a step of a clock, and those after them did not: they were not believed."""
+    """Samples that suggested a clock step were rejected, because later samples did not confirm it."""
 
     times: int
-    """How often, since this was told last."""
+    """Number of such steps since the last report."""
 
 
 @dataclass(frozen=True, slots=True)
 class WayLonger:
-    """Messages in one direction take longer than they did, by load or by malice; or as before again."""
+    """The delay of one direction increased, by load or by an attacker, or is back to its baseline."""
 
     longer_ns: float
-    """By how much; 0 for as before."""
+    """Increase in ns; 0 if the delay is back to its baseline."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,7 +44,7 @@ class ClockRateUnusual:
     """This node's clock and the leader's differ in rate by more than two ordinary crystals do."""
 
     fast_ppm: float | None
-    """By how much this node's clock is faster; None where it is no more than usual again."""
+    """Rate excess of this node's clock; None if the rate is ordinary again."""
 
 
 ClockEvent = ClockChanged | StepRefused | ClockSynced | WayLonger | ClockRateUnusual

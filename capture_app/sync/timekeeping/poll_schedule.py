@@ -1,6 +1,6 @@
-"""When a client sends time requests: at a steady rate as cameras need it, or ever more rarely.
+"""Schedules of a client's time requests: a steady rate for cameras, a decreasing one for relays.
 
-Also whether its clock is as accurate as requested, and whether further quick requests would improve it.
+Also the accuracy target of its clock, and whether further quick requests would improve the estimate.
 """
 
 from typing import NamedTuple
@@ -8,52 +8,61 @@ from typing import NamedTuple
 from capture_app.sync.clock.time_map import TimeMap
 
 AT_ONCE_NS, NEVER_NS = -(2**62), 2**62
-"""Before and after any time of any clock: a local clock may well be negative."""
+"""Before and after any time of any clock: a local clock may be negative."""
 FIRST_SAMPLES = 300
-"""K of the paper: as many samples at least are taken in quick succession."""
+"""K of the paper: minimum number of samples taken in quick succession."""
 FIRST_PACE_NS = 3_000_000
 PACE_NS = 25_000_000
 EASING_PACES_NS, EASING_SAMPLES = (6_000_000, 12_000_000), 200
-"""Between the two, so many samples at each of these: until a few seconds have shown the skew, the error
-depends on the number of the newest samples."""
+"""Intermediate request intervals, and the samples taken at each of them.
+
+The error depends on the number of recent samples until a few seconds have shown the skew.
+"""
 NEAR_NS = 750_000
-"""Shorter round trips are those of a cable."""
+"""Round-trip delays below this are a cable's."""
 BACKLOG_NS = 100_000_000
 SPACING_NS, TREE_PACE_NS = 8_000_000, 50_000_000
-"""Between two requests of a relay: at first, and once it has long kept the time."""
+"""Request intervals of a relay: at first, and after it has kept the time for long."""
 EASING = 200
-"""By then it has watched for so many times as long, so no rate is taken from a small part of that time."""
+"""Ratio of the time since the start to the request interval, so that no rate rests on a short baseline."""
 CALM_NS = 5_000_000_000
-"""Thousands may have lost one leader: the next one is asked as if it had been watched for so long."""
+"""Elapsed time assumed when a second leader is first asked.
+
+Thousands of clients may have lost the first one, and a high initial rate would overload the second.
+"""
 LEAST_EXCHANGES = 10
 ESTIMATE_EVERY_NS = 1_000_000_000
 LEAVE_AT = 1.5
-"""A clock that was good enough is so until its error is so many times what was asked for: an estimate of an
-error varies by as much from one second to the next."""
+"""Factor on the target error at which a good clock stops being good.
+
+An estimated error varies by as much from one second to the next.
+"""
 AHEAD_NS = 500_000_000
-"""A clock is judged by its error so much later: the pictures of a burst that is asked for now come then. Soon
-after the first answers the rate is not known well enough for that."""
+"""Time ahead at which the clock's error is judged: when the frames of a burst ordered now are taken.
+
+Shortly after the first samples the rate is not known well enough for that.
+"""
 GAIN, PATIENCE_NS = 0.9, 3_000_000_000
-"""An error that does not become smaller by a tenth within so long will not become much smaller."""
+"""An error that does not shrink by a tenth within this time is not expected to shrink much further."""
 LONGEST_TRY_NS = 15_000_000_000
-"""No node asks its leader in quick succession for longer."""
+"""Maximum time for which a node sends its leader requests in quick succession."""
 
 
 class Progress(NamedTuple):
-    """How far a node is with estimating its leader's clock."""
+    """Progress of a node in estimating its leader's clock."""
 
     synced: bool
     samples: int
     time_map: TimeMap | None
     good_enough: bool = True
-    """Whether the clock is known as well as was asked for."""
+    """Whether the clock is as accurate as requested."""
 
 
 class SteadySchedule:
-    """Many requests in quick succession, then one each `pace_ns`, on the grid of this node's slot."""
+    """Many requests in quick succession, then one per `pace_ns`, aligned to this node's slot."""
 
     least_samples, synced_samples = 1, FIRST_SAMPLES
-    """With fewer samples the time is not estimated, or the clock does not count as synchronized."""
+    """Minimum samples for an estimate, and for a clock that counts as synchronized."""
 
     def __init__(
         self,
@@ -63,31 +72,31 @@ class SteadySchedule:
         pace_ns: int = PACE_NS,
         near_ns: int = NEAR_NS,
     ) -> None:
-        """After a round trip shorter than `near_ns` the next request is sent at once."""
+        """After a round-trip delay shorter than `near_ns` the next request is sent at once."""
         self.request_due_ns = self.estimate_due_ns = NEVER_NS
-        """When the next are due, in ns of the node's own clock."""
+        """When the next request and estimate are due, in ns of the node's own clock."""
         self.slot = 0.0
-        """The part of the leader's pace, 0 to 1, at which this node's requests are due."""
+        """Position of this node's requests within the leader's request interval, from 0 to 1."""
         self.leader_pace_ns = 0
-        """Mean time between two requests of a node that the leader can bear; 0 for any."""
+        """Minimum mean interval between a node's requests that the leader accepts; 0 for any."""
         self.time_is_known = False
-        """Whether the time was known when the leader began to be asked, and no clock has stepped since."""
+        """Whether the time was known before this leader was first asked, and no clock has stepped since."""
         self._first_pace_ns, self._easing_paces_ns, self._pace_ns = first_pace_ns, easing_paces_ns, pace_ns
         self._near_ns = near_ns
         self._grid_ns = 0
         self._samples_when_synced: int | None = None
 
     def begin(self, now_ns: int) -> None:
-        """Ask and estimate, in this node's slot: many may have begun together."""
+        """Start requests and estimates in this node's slot, because many nodes may start together."""
         pace_ns = max(self._first_pace_ns, self.leader_pace_ns)
         self._grid_ns = self.request_due_ns = self.estimate_due_ns = now_ns + round(self.slot * pace_ns)
 
     def restart(self, now_ns: int) -> None:
-        """Ask as often as at first again: a clock has stepped."""
+        """Return to the initial request rate after a clock has stepped."""
         self.time_is_known = False
 
     def request_sent(self, now_ns: int, progress: Progress) -> None:
-        """Fix when the next is due: what a late timer has missed is made up for, but never at once."""
+        """Schedule the next request. Time lost to a late timer is caught up gradually."""
         pace_ns, time_map = self._pace(progress), progress.time_map
         grid_ns = max(self._grid_ns + pace_ns, now_ns - BACKLOG_NS)
         if time_map is not None:
@@ -97,23 +106,23 @@ class SteadySchedule:
         self.request_due_ns = max(grid_ns, now_ns + pace_ns // 2)
 
     def reply_arrived(self, now_ns: int, round_trip_ns: int, progress: Progress) -> bool:
-        """Whether the link is so short that the next request, if it is near, goes out at once.
+        """Return whether the link is so short that the next request, if it is near, goes out at once.
 
-        A machine that is awake sends as quickly as the leader, one that just woke up is microseconds slower,
-        and on a link as short as this they count.
+        A process that is awake sends as quickly as the leader. One that just woke up is microseconds slower,
+        which matters on such a short link.
         """
         if not progress.synced and progress.samples == FIRST_SAMPLES - 1:
             self.estimate_due_ns = now_ns
         return round_trip_ns < self._near_ns and self.request_due_ns <= now_ns + self._pace(progress)
 
     def estimated(self, now_ns: int) -> None:
-        """The next estimate is a tenth of a second later."""
+        """Schedule the next estimate in a tenth of a second."""
         self.estimate_due_ns = now_ns + 100_000_000
 
     def _pace(self, progress: Progress) -> int:
         if not progress.synced:
             self._samples_when_synced = None
-            # Thousands may have lost one leader: there is no hurry.
+            # Thousands of clients may have lost one leader, and the time is known: there is no hurry.
             is_calm = self.time_is_known and self.leader_pace_ns > 0
             return max(self._pace_ns if is_calm else self._first_pace_ns, self.leader_pace_ns)
         if self._samples_when_synced is None:
@@ -121,14 +130,14 @@ class SteadySchedule:
         easing_ns = self._easing_paces_ns
         stage = (progress.samples - self._samples_when_synced) // EASING_SAMPLES
         if not progress.good_enough:
-            # Not as quickly as at first: several such nodes on one radio channel would make it worse.
+            # Slower than the initial rate: several such nodes on one radio channel would disturb each other.
             stage = min(stage, len(easing_ns) - 1)
         easing = min(self._pace_ns, easing_ns[stage]) if 0 <= stage < len(easing_ns) else self._pace_ns
         return max(easing, self.leader_pace_ns)
 
 
 class TreeSchedule(SteadySchedule):
-    """Ever fewer requests: a leader of many bears it, and all of them together come evenly."""
+    """Ever rarer requests, so that one leader serves many nodes and their requests arrive evenly."""
 
     least_samples = synced_samples = LEAST_EXCHANGES
 
@@ -137,17 +146,17 @@ class TreeSchedule(SteadySchedule):
         self._began_ns = 0
 
     def begin(self, now_ns: int) -> None:
-        """Ask in quick succession first, but where the time is known as after some seconds."""
+        """Start with requests in quick succession; if the time is known, start at the rate after CALM_NS."""
         super().begin(now_ns)
         self._began_ns = max(self._began_ns, now_ns - CALM_NS) if self.time_is_known else now_ns
 
     def restart(self, now_ns: int) -> None:
-        """Ask as if for the first time."""
+        """Start again as at first."""
         super().restart(now_ns)
         self.begin(now_ns)
 
     def estimated(self, now_ns: int) -> None:
-        """The next estimate is some requests later."""
+        """Schedule the next estimate some requests later."""
         self.estimate_due_ns = now_ns + max(ESTIMATE_EVERY_NS, LEAST_EXCHANGES * self._pace())
 
     def _pace(self, progress: Progress | None = None) -> int:
@@ -156,29 +165,29 @@ class TreeSchedule(SteadySchedule):
 
 
 class AccuracyTarget:
-    """Compares the 95 % error of a clock with what was asked for; times in ns, `now_ns` the node's own."""
+    """Target for the 95 % error of a clock; times in ns, `now_ns` is the node's own clock."""
 
     def __init__(self, wanted_ns: float | None = None) -> None:
         """Without `wanted_ns` every clock is good enough.
 
-        A camera's may take all of its tolerance: the phase is held to that by the clock, so a picture is off
-        by both, and its record says by how much each.
+        A camera's clock may use all of the camera's tolerance. The phase is held to that tolerance by this
+        clock, so an image can be off by both; its record states each of them.
         """
         self.wanted_ns = wanted_ns
         self.met = wanted_ns is None
         """Whether the clock is good enough."""
         self.error_ns: float | None = None
-        """The 95 % error by which it was judged last."""
+        """95 % error at the last check."""
         self._least_ns: float | None = None
         self._began_ns = self._gained_ns = 0
 
     def restart(self) -> None:
-        """Judge anew: there is another leader, or a clock has stepped."""
+        """Start over: the leader is another one, or a clock has stepped."""
         self.met = self.wanted_ns is None
         self._least_ns = None
 
     def judge(self, time_map: TimeMap, now_ns: int) -> bool:
-        """Take in the newest estimate; whether it is good enough, or will not become much better."""
+        """Update from the newest estimate; return whether it is good enough or will hardly improve."""
         error_ns = self.error_ns = time_map.uncertainty_at(now_ns + AHEAD_NS)
         if self.wanted_ns is None:
             return True

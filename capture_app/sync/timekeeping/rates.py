@@ -1,4 +1,4 @@
-"""Clocks whose rate is off: a node sees that its own and the leader's are, a vote of all tells whose."""
+"""Detection of clocks at an unusual rate: one node against its leader, and a majority vote of all hosts."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -7,32 +7,32 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.timekeeping.clock_events import ClockChanged, ClockRateUnusual
 
 USUAL_PPM = 100.0
-"""Two ordinary crystals differ by less."""
+"""Maximum rate difference of two ordinary crystals."""
 STILL_UNUSUAL_PPM = 80.0
-"""A rate that was called unusual is called so until it is below this."""
+"""Threshold below which an unusual rate counts as ordinary again."""
 RECENT_NS = 30_000_000_000
-"""For so long a change of the rate is spoken of: as long as the clock's samples of before it count."""
+"""Time for which a rate change is reported: as long as samples from before it affect the estimate."""
 LEADER = None
-"""In the place of a node's name: the leader's own host."""
+"""Stands in for a node's name: the leader's own host."""
 
 
 class RateWatch:
-    """Judges a node's clock against the leader's; `now_ns` is the node's own clock."""
+    """Rate check of a node's clock against the leader's; `now_ns` is the node's own clock."""
 
     def __init__(self) -> None:
         self.fast_ppm: float | None = None
-        """By how much this node's clock runs faster than the leader's, where that is unusual."""
+        """Rate excess of this node's clock over the leader's; None if it is ordinary."""
         self.host_slewing_ppm: float | None = None
-        """By how much this node's host makes its clock run faster than usual, as the host says itself."""
+        """Rate by which this host speeds up its clock, as its operating system reports; None if unknown."""
         self._changed_ns: int | None = None
 
     def restart(self) -> None:
-        """Judge anew: there is another leader, or a clock has stepped."""
+        """Clear the verdict: the leader is another one, or a clock has stepped."""
         self.fast_ppm = None
 
     def judge(self, time_map: TimeMap, changed_ns: int | None) -> ClockRateUnusual | ClockChanged | None:
-        """Take in the newest estimate and when the rate last changed; return what is news."""
-        # The map is from this clock to the leader's: where its skew is positive, the leader's is faster.
+        """Update from the newest estimate and the time of the last rate change; return the event, if any."""
+        # The map is from this clock to the leader's: a positive skew means that the leader's is faster.
         fast_ppm, doubt_ppm = -time_map.skew * 1e6, time_map.skew_uncertainty * 1e6
         least_ppm = USUAL_PPM + doubt_ppm if self.fast_ppm is None else STILL_UNUSUAL_PPM
         before, self.fast_ppm = self.fast_ppm, fast_ppm if abs(fast_ppm) > least_ppm else None
@@ -42,37 +42,37 @@ class RateWatch:
         return None if (before is None) is (self.fast_ppm is None) else ClockRateUnusual(self.fast_ppm)
 
     def changed_lately(self, now_ns: int) -> bool:
-        """Whether the rate of one of the two clocks has changed a short while ago."""
+        """Whether the rate of one of the two clocks has changed within RECENT_NS."""
         return self._changed_ns is not None and now_ns - self._changed_ns < RECENT_NS
 
 
 @dataclass(frozen=True, slots=True)
 class HostOffRate:
-    """A host's clock runs at another rate than those of the others, or the host says that it slews it."""
+    """A host whose clock rate differs from the majority's, or that reports slewing its clock."""
 
     name: str | None
-    """The node's; None for the leader."""
+    """Name of the node; None for the leader."""
     fast_ppm: float
-    """By how much it is faster than the others, or than usual; 0 where it is no more, or the host is gone."""
+    """Rate excess over the majority, or as the host reports it; 0 if it is ordinary again or removed."""
     certain: bool = False
-    """Whether the host says so itself."""
+    """Whether the host itself reports it."""
     ambiguous: bool = False
-    """Whether there is no majority: it may as well be the leader's clock."""
+    """Whether there is no majority, so that the leader's clock may be the unusual one."""
 
 
 class RateVote:
-    """Keeps who is off rate; rates are relative to the leader's clock, in ppm, positive where faster."""
+    """Hosts with an unusual clock rate; rates in ppm relative to the leader's clock, positive if faster."""
 
     def __init__(self) -> None:
         self.off: dict[str | None, HostOffRate] = {}
-        """The hosts that are off rate, by name."""
+        """Hosts with an unusual rate, by name."""
 
     def review(
         self, rates_ppm: Mapping[str, float], slewing_ppm: Mapping[str | None, float]
     ) -> list[HostOffRate]:
-        """Judge all anew, and return what is news.
+        """Compare all rates again, and return what changed.
 
-        `rates_ppm` are those of the nodes, `slewing_ppm` what hosts that can tell say of themselves.
+        `rates_ppm` holds the measured rates of nodes, `slewing_ppm` the slewing that hosts report themselves.
         """
         rates: dict[str | None, float] = {LEADER: 0.0}
         rates.update(rates_ppm)
@@ -81,7 +81,7 @@ class RateVote:
             for name, rate in rates.items()
         }
         most = max(friends.values())
-        # Of equals the leader's is the rate of the rig, being the time that all pictures are stamped in.
+        # In a tie the leader's rate wins, because the leader's clock is the rig's time.
         usual_ppm = rates[next(name for name, count in friends.items() if count == most)]
         off: dict[str | None, HostOffRate] = {}
         for name, rate in rates.items():

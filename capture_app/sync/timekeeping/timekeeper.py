@@ -1,4 +1,4 @@
-"""Keeps the leader's time on a node: requests as its schedule says, and the newest time map."""
+"""Timekeeping on a node: time requests on a schedule, and the newest time map to the leader's clock."""
 
 from collections import deque
 from collections.abc import MutableSequence
@@ -26,14 +26,14 @@ from capture_app.sync.wire.messages import Report, RigConfigMessage, TimeReply
 OUTSTANDING = 512
 TELL_STEPS_EVERY_NS = 10_000_000_000
 FURTHEST_NS = 2**62
-"""No clock is further from the root's, and no relay could tell its clients so."""
+"""Maximum offset between a clock and the root's; a relay could not send its clients a larger one."""
 
 
 class Timekeeper:
-    """Estimates the clock of the leader that is followed; `now_ns` is always the node's own clock.
+    """Estimator of the followed leader's clock; `now_ns` is always the node's own clock.
 
-    Without a leader the newest map is kept (holdover). Another leader's estimate replaces it as soon as that
-    is better; a leader of another root ends it at once.
+    Without a leader the newest map stays in use (holdover). Another leader's estimate replaces it as soon as
+    that is better. A leader under another root replaces it at once.
     """
 
     def __init__(
@@ -45,43 +45,44 @@ class Timekeeper:
         target: AccuracyTarget | None = None,
         samples: MutableSequence[ClockSample] | None = None,
     ) -> None:
-        """`target` says how well to know the clock; every answered exchange is added to `samples`."""
+        """`target` is the requested clock accuracy; every answered exchange is added to `samples`."""
         self.clock = clock or ClockFilter()
         self.target = target or AccuracyTarget()
         self.rate = RateWatch()
         self.schedule = schedule or SteadySchedule()
         self.map_to_leader: TimeMap | None = None
-        """The newest estimate of the clock of the leader that is asked, also where that is a relay."""
+        """Newest map to the clock of the leader that answers the requests, even if that is a relay."""
         self.time_map: TimeMap | None = None
-        """The newest estimate of the leader's clock, the root's where the leader is a relay."""
+        """Newest map to the root's clock; the leader is the root unless it is a relay."""
         self.path: tuple[int, ...] = ()
         """Instances from the root to the leader whose answers made `time_map`."""
         self.synced = False
-        """Whether the present leader's clock is known as well as was asked for, or as its link allows."""
+        """Whether the present leader's clock is known as accurately as requested, or as its link allows."""
         self.time_is_known = False
-        """Whether `time_map` can be relied on, by the leader's answers or in holdover."""
+        """Whether `time_map` is reliable, from the leader's answers or in holdover."""
         self.requests = 0
-        """How many time requests were sent."""
+        """Number of time requests sent."""
         self._samples = samples
         self._number = 0
         self._asked: RigConfigMessage | None = None
-        """Configuration of the leader that is asked, or was last: `clock` estimates its clock."""
+        """Configuration of the leader that is asked, or was last; `clock` estimates that leader's clock."""
         self._sequence = first_sequence
         self.outstanding: dict[int, int] = {}
-        """When requests went out that are not answered yet; those that were lost too, OUTSTANDING at most."""
+        """Send times of unanswered requests by sequence number, lost ones included; at most OUTSTANDING."""
         self._request: bytes | None = None
         self._stepped = False
-        """Whether a clock has stepped, or been slewed, and is not known again yet."""
+        """Whether a clock has stepped or been slewed, and the time is not known again yet."""
         self._told_steps, self._tell_steps_ns = 0, AT_ONCE_NS
         self.events: deque[ClockEvent] = deque()
-        """What has happened, for whoever runs this to take."""
+        """Events for the caller to take."""
 
     # In
 
     def follow(self, config: RigConfigMessage, number: int, slot: float, now_ns: int) -> None:
-        """Begin to ask a leader that has taken this node in; the time map of the same root is kept.
+        """Start asking a leader that has admitted this node. The time map of the same root stays in use.
 
-        So is that of the root whose time a new one carries on, less certain by what that one tells.
+        If the leader continues the time of an earlier root, the map to that root stays in use too. Its
+        uncertainty then grows by the uncertainty that the leader states.
         """
         if self._asked is None or config.leader != self._asked.leader:
             self.clock.reset()
@@ -105,21 +106,21 @@ class Timekeeper:
         self.schedule.begin(now_ns)
 
     def update_config(self, config: RigConfigMessage) -> None:
-        """Note the leader's present configuration."""
+        """Store the leader's present configuration."""
         self._asked = config
         self.schedule.leader_pace_ns = config.pace_ns
         self.clock.look_back(config.pace_ns)
 
     def stop(self) -> None:
-        """Send no more requests: the leader is gone."""
+        """Stop sending requests: the leader is lost."""
         self._request = None
 
     def forget(self) -> None:
-        """Drop the time map."""
+        """Discard the time map."""
         self.time_map, self.time_is_known = None, False
 
     def take_reply(self, reply: TimeReply, now_ns: int) -> bool:
-        """Take in a reply that arrived at `now_ns`; False if it answers nothing that was asked."""
+        """Process a reply that arrived at `now_ns`. Return False if it matches no outstanding request."""
         t0_ns = self.outstanding.pop(reply.sequence, None)
         if t0_ns is None or t0_ns != reply.t0_ns:
             return False
@@ -141,7 +142,7 @@ class Timekeeper:
         if bool(self.clock.longer_ns) != bool(longer_ns) and self.time_is_known:
             self.events.append(WayLonger(self.clock.longer_ns))
         if self.clock.beyond_chance and not doubted:
-            # As strict as with a clock that was not good enough.
+            # Require the target itself again, without the hysteresis of a clock that was good enough.
             self.target.met = self.target.wanted_ns is None
         if self.clock.hidden_ns > hidden_ns:
             self.schedule.estimate_due_ns = now_ns
@@ -151,7 +152,7 @@ class Timekeeper:
         return True
 
     def handle_timer(self, now_ns: int) -> None:
-        """Do what is due."""
+        """Run the actions that are due."""
         if now_ns >= self.schedule.estimate_due_ns:
             self._estimate(now_ns)
         if now_ns >= self.schedule.request_due_ns:
@@ -160,11 +161,11 @@ class Timekeeper:
     # Out
 
     def next_timer(self) -> int:
-        """Local time in ns at which `handle_timer` wants to be called."""
+        """Return the local time in ns at which `handle_timer` is to be called."""
         return min(self.schedule.estimate_due_ns, self.schedule.request_due_ns)
 
     def request_to_send(self, now_ns: int) -> bytes | None:
-        """Return the request that is due, None where none is; it carries `now_ns`, so send it at once."""
+        """Return the request that is due, or None; it carries `now_ns`, so send it at once."""
         if self._request is None:
             return None
         request, self._request = request_at(self._request, now_ns), None
@@ -175,7 +176,7 @@ class Timekeeper:
         return request
 
     def report(self, state: NodeState, message: str, now_ns: int) -> Report:
-        """Return a report of this node's time, without a camera's part."""
+        """Return a report of this node's time, without the camera's fields."""
         message, time_map, samples = message[:200], self.time_map, self.clock.samples
         slewing_ppm = self.rate.host_slewing_ppm
         if time_map is None:
@@ -231,12 +232,12 @@ class Timekeeper:
             self.events.append(ClockSynced(time_map))
 
     def _is_worse(self, time_map: TimeMap) -> bool:
-        """Whether the map of the leader before is better still: it has the better skew."""
+        """Whether the previous leader's map is still the more certain one, thanks to its better skew."""
         assert self.time_map is not None, "in holdover there is a map"
         until_ns = self.schedule.estimate_due_ns
         return self.time_map.uncertainty_at(until_ns) < time_map.uncertainty_at(until_ns)
 
 
 def _sendable(value_ns: float) -> int | None:
-    """Return a whole number; None where it does not fit into a message, as with a forged clock."""
+    """Return a whole number; None if it does not fit into a message, as with a forged clock."""
     return round(value_ns) if abs(value_ns) < 2**63 else None

@@ -1,8 +1,8 @@
-"""Moving a stream's phase: the interface, and reset sampling, which restarts it until its phase is right.
+"""Phase actuators: the interface, and reset sampling, which restarts a stream until its phase fits.
 
-A camera's start latency modulo its period is all that counts. A kernel density, a wrapped normal one and
-a uniform one predict each next start, weighted by how well they predicted (Bayes), so that a camera whose
-starts cannot be predicted is restarted at random, as in the paper.
+Only a camera's start latency modulo its period matters. A kernel density, a wrapped normal density and a
+uniform one predict each next start, weighted by their past predictions (Bayes). A camera whose starts cannot
+be predicted is therefore restarted at random, as in the paper.
 """
 
 import random
@@ -17,37 +17,37 @@ from capture_app.sync.phase.frame_grid import Drift, Setpoint, setpoint_to_meet,
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 LEAD_NS = 1_000_000_000
-"""From a command until the phase is known again."""
+"""Time from a command until the phase is known again."""
 REMEMBERED = 24
 WIDTH = 1 / 40
-"""Width of the kernels, as a share of a period."""
+"""Width of the kernels, as a fraction of a period."""
 FIRST_WIDTH = 0.1
-"""Spread that is assumed after a single latency."""
+"""Standard deviation assumed after a single latency, as a fraction of a period."""
 FORGETTING = 0.95
 BACKGROUND = 0.05
-"""Share of a uniform density in each kernel density: a start latency may always be a new one."""
+"""Fraction of a uniform density in each kernel density, as a start latency may always be a new one."""
 AIMS = 256
 UNSURE = 1.05
-"""Aim only if the best window is so much more likely than under a uniform density."""
+"""Minimum likelihood of the best window, relative to a uniform density, for an aimed restart."""
 
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """A wish: frames should start where a frame at `wanted_local_ns` would; times in ns of local time."""
+    """Request to shift the stream to `wanted_local_ns` modulo the period; in ns of local time."""
 
     now_local_ns: int
     wanted_local_ns: int
     shift_ns: int
-    """How much later than now the frames should come, in [0, period)."""
+    """Delay by which the frames should be shifted, in [0, period)."""
     period_ns: float
     tolerance_ns: int
     off_centre_ns: float = 0.0
-    """How much later than the grid's own instant the wanted one is, in advance of the drift."""
+    """Delay of the target after the grid instant, in anticipation of drift."""
 
 
 @dataclass(frozen=True, slots=True)
 class InjectionProfile:
-    """How a device responds to a long frame, kept for its next use."""
+    """Response of a device to a long frame, stored for its next use."""
 
     row_time_ns: int
     gain: float
@@ -55,77 +55,77 @@ class InjectionProfile:
     """Longest exposure that does not stretch a frame, in rows."""
 
     def shift_rows(self, rows: float) -> float:
-        """By how many rows an exposure of so many delays all frames after it."""
+        """Return the delay in rows of all frames after an exposure of `rows`."""
         return max(0.0, self.gain * (rows - self.neutral_rows))
 
 
 class PhaseActuator:
-    """One way of moving a phase: when a move is worth it, its command, and what its effect teaches.
+    """Means of moving a phase: when a move is worthwhile, its command, and learning from its effect.
 
-    By itself it is that of a camera whose phase cannot be moved.
+    The base class is for a camera whose phase cannot be moved.
     """
 
     restarts: ClassVar[bool] = False
-    """Whether each move is a start of the stream, after which one frame may tell the phase."""
+    """Whether each move starts the stream, so that a single frame may show the new phase."""
     profile: InjectionProfile | None = None
-    """What long frames have shown about this device."""
+    """Injection profile learned on this device; None if unknown."""
     latencies: Sequence[float] = ()
-    """Start latencies seen, modulo the period and as shares of it, newest last."""
+    """Observed start latencies modulo the period, as fractions of it, newest last."""
 
     @property
     def problem(self) -> str:
-        """Why this camera can never be moved though it should be, in plain words; empty if it can."""
+        """Reason in plain words why this camera can never be moved though it should be; empty if it can."""
         return ""
 
     @property
     def expected_shift_ns(self) -> float | None:
-        """How far the last command moves the phase, None where that is not sure."""
+        """Expected shift by the last command, in ns; None if it is uncertain."""
         return None
 
     @property
     def small_shift_ns(self) -> int | None:
-        """How far the last command moves the phase where that is so little that nobody waits for it."""
+        """Shift by the last command in ns if it is too small to wait for; None otherwise."""
         return None
 
     @property
     def meets_bursts(self) -> bool:
-        """Whether a stream can be brought to the grid between the order of a burst and its first instant."""
+        """Whether a stream can reach its grid between the order of a burst and its first instant."""
         return False
 
     def setpoint(self, drift: Drift, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Setpoint | None:
-        """Where the stream should be moved to stay for `hold_ns`; None if nothing is to be done.
+        """Return the setpoint that keeps the stream on the grid for `hold_ns`; None if none is needed.
 
-        `meeting_ns` is the time until cameras that can only be restarted are to meet the grid, 0 for none.
+        `meeting_ns` is the time until cameras that can only be restarted should meet the grid; 0 for none.
         """
         return None
 
     def setpoint_on_hold(self, drift: Drift) -> Setpoint | None:
-        """Where the stream should be moved while nothing may show in pictures; None for not at all."""
+        """Return the setpoint for moves that are invisible in images; None for no move."""
         return None
 
     def setpoint_for_burst(self, drift: Drift, *, begins_ns: int, lasts_ns: int) -> Setpoint | None:
-        """Where the stream should be moved for a burst that begins so much later, and lasts so long."""
+        """Return the setpoint for a burst in `begins_ns` that lasts `lasts_ns`; None for no move."""
         return self.setpoint_on_hold(drift)
 
     def command(self, move: Move) -> CameraCommand | None:
-        """The command that comes nearest to the wish; None if doing nothing does."""
+        """Return the command closest to the requested move; None if no command improves on doing nothing."""
         return None
 
     def learn(self, shift_ns: int | None, noise_ns: float, latency_frames: int | None) -> None:
-        """Learn how far the last command moved the phase, None if it is not known; times in ns.
+        """Learn from the last command's shift of the phase, None if unknown; times in ns.
 
-        `latency_frames` are those from the command until the phase had moved, None where that is not known.
+        `latency_frames` counts the frames from the command until the phase had moved; None if unknown.
         """
 
     def note_start(self, local_ns: int, period_ns: float) -> None:
-        """Note that the stream was started at that local time, by a command of ours or not."""
+        """Record a start of the stream at a local time, whether commanded here or not."""
 
     def learn_start(self, first_frame_local_ns: int) -> None:
         """Learn from the first frame of the stream just started."""
 
 
 class ResetActuator(PhaseActuator):
-    """Chooses how long to wait between stop and start; `aimed=False` waits U(0, period)."""
+    """Reset sampling with a chosen delay between stop and start; `aimed=False` waits U(0, period)."""
 
     restarts = True
 
@@ -134,18 +134,18 @@ class ResetActuator(PhaseActuator):
         self._aimed = aimed
         self.latencies: deque[float] = deque(maxlen=REMEMBERED)
         self._credit = [0.0] * 3
-        """Log-likelihood of the latencies by kernels, by the normal density and by the uniform one."""
+        """Log-likelihood of the latencies under the kernel, normal and uniform densities."""
         self._start_ns: int | None = None
         self._period_ns = 1.0
 
     def setpoint(self, drift: Drift, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Setpoint | None:
-        """Where the stream meets the grid in `meeting_ns`, or stays near it; None if no restart is needed."""
+        """Return the setpoint to meet the grid in `meeting_ns` or stay near it; None if none is needed."""
         if meeting_ns > 0:
             return setpoint_to_meet(drift, LEAD_NS, meeting_ns)
         return None if aligned else setpoint_to_stay(drift, LEAD_NS, hold_ns)
 
     def command(self, move: Move) -> RestartStream:
-        """Restart after a delay below one period."""
+        """Return a restart after a delay below one period."""
         self._period_ns = move.period_ns
         latency = self._likeliest_latency(move.tolerance_ns / move.period_ns) if self._aimed else None
         if latency is None:
@@ -157,12 +157,12 @@ class ResetActuator(PhaseActuator):
         return RestartStream(delay_ns)
 
     def note_start(self, local_ns: int, period_ns: float) -> None:
-        """Note a start that was not commanded here; of one that was, more is known."""
+        """Record a start that was not commanded here; more is known about a commanded one."""
         if self._start_ns is None:
             self._start_ns, self._period_ns = local_ns, period_ns
 
     def learn_start(self, first_frame_local_ns: int) -> None:
-        """Take in the latency of the start just seen."""
+        """Add the latency of the start just observed."""
         if self._start_ns is None:
             return
         latency = (first_frame_local_ns - self._start_ns) / self._period_ns % 1.0
@@ -175,7 +175,7 @@ class ResetActuator(PhaseActuator):
         self.latencies.append(latency)
 
     def _density(self, at: float) -> float:
-        """Predicted density of a latency, as a share of a period; the newer a latency, the more it counts."""
+        """Return the predicted density at a latency, in fractions of a period; newer latencies weigh more."""
         total = mass = 0.0
         weight = 1.0
         for latency in reversed(self.latencies):
@@ -186,13 +186,13 @@ class ResetActuator(PhaseActuator):
         return BACKGROUND + (1.0 - BACKGROUND) * mass / (total * WIDTH * sqrt(2.0 * pi))
 
     def _normal(self) -> tuple[float, float]:
-        """Middle and width of the wrapped normal density that the latencies suggest."""
+        """Return the mean and the width of the wrapped normal density fitted to the latencies."""
         weights = [FORGETTING**age for age in range(len(self.latencies))]
         total = sum(weights)
         pairs = zip(weights, reversed(self.latencies), strict=True)
         resultant = sum((rect(w, 2.0 * pi * latency) for w, latency in pairs), 0j) / total
         variance = -2.0 * log(min(max(abs(resultant), 1e-9), 1.0)) / (2.0 * pi) ** 2
-        # The fewer the latencies, the less they say about their spread.
+        # Fewer latencies give a less certain width.
         variance = (variance * total + FIRST_WIDTH**2) / total * (1.0 + 1.0 / total)
         return phase(resultant) / (2.0 * pi) % 1.0, sqrt(variance)
 
@@ -202,7 +202,7 @@ class ResetActuator(PhaseActuator):
         return BACKGROUND + (1.0 - BACKGROUND) * exp(-0.5 * (off / width) ** 2) / (width * sqrt(2.0 * pi))
 
     def _likeliest_latency(self, half_window: float) -> float | None:
-        """Middle of the window that most likely holds the next latency; None if all are alike."""
+        """Return the middle of the window most likely to contain the next latency, if one stands out."""
         if not self.latencies:
             return None
         best = max(self._credit)

@@ -1,6 +1,7 @@
-"""Keeps one camera's frames on the rig's grid: when to move the phase, how far, and what came of it.
+"""Alignment of one camera's frames to the rig's grid: when to move the phase, by what shift, and the result.
 
-Whether they are aligned, how sure that is, and how near to the grid their stamps and drift let them be.
+Also whether the frames are aligned, with what uncertainty, and the accuracy that their timestamps and drift
+allow.
 """
 
 import random
@@ -17,43 +18,45 @@ from capture_app.sync.phase.period_choice import MAX_DRIFT_PPM
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 STEADY_FRAMES = 60
-"""After so many frames in one place, their stamps tell all that they can."""
+"""Frames without a move after which more timestamps add no information."""
 SIGMAS = 4.0
-"""Standard deviations of noise that averaging leaves: two where the stream is, two where it is moved to."""
+"""Standard deviations of the averaged noise within a tolerance: two for the stream, two for its target."""
 EASED = 0.7
-"""A window is made smaller only if it is by this factor: no limit that comes and goes."""
+"""A tolerance window shrinks only by at least this factor, so that its limit does not flicker."""
 LANDING_SHARE = 0.5
-"""A stream is at first called aligned once it is within this share of its tolerance, and for as long as it is
-within all of it: where two lie by chance they would be twice as far from each other as from the grid."""
+"""Fraction of the tolerance within which a stream first counts as aligned; it stays so up to the whole.
+
+Two streams that land by chance are up to twice as far from each other as from the grid.
+"""
 LONG_STAY_NS = 2_000_000_000
-"""A stream that stays within its tolerance for longer is held by a correction now and then."""
+"""Stay within the tolerance beyond which occasional corrections hold a stream."""
 INJECTION_TIMEOUT_NS = 5_000_000_000
 RESET_TIMEOUT_NS = 15_000_000_000
 WARM_FRAMES = (30, 90)
-"""A period is judged after that many frames if they are quiet, after that many in any case."""
+"""Frames after which a period is judged: the first number if they are quiet, the second in any case."""
 SETTLED_FRAMES = (5, 60)
 FRAMES_TO_ACT = 3
-"""One frame where it was expected tells that a phase has moved, but one may be late by chance."""
+"""Frames needed to act: one at the expected time shows a moved phase, but one may be late by chance."""
 FRAMES_TO_OUTVOTE, UNALIKE = 5, 4.0
-"""Two may be late by chance, too: with fewer frames than outvote them, the first one since the phase moved as
-expected must be no more than so many times the noise off the others."""
+"""Two frames may be late by chance, too. With fewer frames than the first number, the first frame after an
+expected move may deviate from the others by at most the second number times the noise."""
 JUDGED_STARTS_FRAMES = 10
-"""Once so many frames have come after a start, it shows whether the first one could have been believed."""
+"""Frames after a start that show whether its first frame was reliable."""
 HOLD_NS = {
     PhaseControl.FRAME_DURATION: 0,
     PhaseControl.INJECTION: 2_000_000_000,
     PhaseControl.RESET: 10_000_000_000,
     PhaseControl.NONE: 2_000_000_000,
 }
-"""How long a phase should last between two corrections: the setpoint centres the drift over it."""
+"""Typical time in ns between two corrections; the setpoint centres the drift over it."""
 
 
 def choose_actuator(
     camera: CameraFacts, *, rng: random.Random, profile: InjectionProfile | None, aimed: bool
 ) -> PhaseActuator:
-    """Return the actuator of a camera.
+    """Return the actuator for a camera's phase control.
 
-    `profile` is what is known from before of its injections; `aimed=False` restarts at random times.
+    `profile` is the injection profile from earlier use, if any; `aimed=False` restarts at random times.
     """
     match camera.phase_control:
         case PhaseControl.INJECTION:
@@ -67,56 +70,56 @@ def choose_actuator(
 
 
 class AlignmentWindow:
-    """Judges one stream by the tolerance asked for, or what its timestamps allow; all in ns."""
+    """Alignment check of one stream against the requested tolerance, or what its timestamps allow; in ns."""
 
     def __init__(self, asked_ns: int, phase_control: PhaseControl) -> None:
         self.asked_ns = asked_ns
         self.reachable_ns = 0
-        """Smallest tolerance that the step of the timestamps allows, 0 where they come in fine steps."""
+        """Smallest tolerance that the step of the timestamps allows; 0 if the steps are fine."""
         self.stay_ns = float("inf")
-        """How long drift leaves the stream within its tolerance, from one end of it to the other."""
+        """Time in which drift takes the stream across its tolerance, from one end to the other."""
         self.aligned = False
-        """Whether the frames were within the tolerance asked for at the last step."""
+        """Whether the frames were within the requested tolerance at the last check."""
         self.within_window = False
-        """Whether they were within the tolerance in force, which the step of their stamps may widen."""
+        """Whether they were within the effective tolerance, which coarse timestamps may widen."""
         self._moves = phase_control in (PhaseControl.INJECTION, PhaseControl.FRAME_DURATION)
-        """Whether it goes where it is moved; else it lands by chance, and where it seems to be must do."""
+        """Whether moves reach their target; if not, each phase is random and is taken as measured."""
         self.landing_share = LANDING_SHARE if phase_control is PhaseControl.INJECTION else 1.0
-        """Within how much of its tolerance it is called aligned; moved twice, it is where it can be."""
+        """Fraction of the tolerance that counts as aligned; 1 after a first move, or if no move helps."""
         self._quantum_ns = self._hidden_ns = self._drift_ppm = 0.0
 
     @property
     def tolerance_ns(self) -> int:
-        """The tolerance in force."""
+        """Effective tolerance: the requested one, or what the timestamps allow if that is larger."""
         return max(self.asked_ns, self.reachable_ns)
 
     @property
     def inner_ns(self) -> int:
-        """What stamps whose step hides some of the error leave of the tolerance in force for what is seen."""
+        """Limit for the measured error: effective tolerance less the error that coarse timestamps hide."""
         return self._inner_ns(self.tolerance_ns)
 
     @property
     def drifts_fast(self) -> bool:
-        """Whether the stream leaves its tolerance too soon to be called held."""
+        """Whether the stream leaves its tolerance too soon to be held within it."""
         return self.stay_ns < LONG_STAY_NS
 
     def clear(self) -> None:
-        """Call the stream aligned no more until it is judged again."""
+        """Mark the stream as not aligned until the next check."""
         self.aligned = self.within_window = False
 
     def is_open(self, now: PhaseEstimate) -> bool:
-        """Whether more frames may show that a stream which is not within its window is."""
+        """Whether more frames may still show that the stream is within its window."""
         if not self._moves or self.within_window or now.frames >= PHASE_FRAMES:
             return False
         return abs(now.error_ns) < self.landing_share * self.inner_ns + 2.0 * now.sigma_ns
 
     def judge(self, now: PhaseEstimate) -> None:
-        """Judge a stream that is settled by its error now."""
+        """Update the verdict on a settled stream from its present error."""
         self.aligned = abs(now.error_ns) <= self._limit_ns(self.aligned, self.asked_ns, now)
         self.within_window = abs(now.error_ns) <= self._limit_ns(self.within_window, self.tolerance_ns, now)
 
     def judge_unmoved(self, error_ns: float) -> None:
-        """Judge a stream that is about to move and has not yet: it may only be called aligned no more."""
+        """Update the verdict on a stream commanded to move but not moved yet: it can only lose alignment."""
         self.aligned = self.aligned and abs(error_ns) <= self._inner_ns(self.asked_ns)
         self.within_window = self.within_window and abs(error_ns) <= self.inner_ns
 
@@ -126,20 +129,20 @@ class AlignmentWindow:
             return inner_ns - doubt_ns
         if self._moves and not before:
             return self.landing_share * inner_ns - doubt_ns
-        # Noise alone should not take a stream out that could only be restarted.
+        # Noise alone should not end the alignment of a stream that can only be restarted.
         return inner_ns + min(doubt_ns, inner_ns / 2) if before and not self._moves else inner_ns
 
     def _inner_ns(self, tolerance_ns: int) -> int:
         return max(0, round(tolerance_ns - self._hidden_ns))
 
     def update(self, phase: PhaseEstimator, drift_ppm: float) -> None:
-        """Take in what is known of a stream that is settled, and its drift in us per second."""
+        """Update the limits from the estimate of a settled stream and its drift in us per second."""
         self._quantum_ns, self._drift_ppm = phase.quantum_ns, drift_ppm
         hidden_ns = self._hidden_ns = phase.quantum_error_ns
         if not hidden_ns:
             self.reachable_ns = 0
         elif not self.reachable_ns or phase.run_frames >= STEADY_FRAMES:
-            # What is hidden limits what is known, and the finest step by which a move can be aimed.
+            # The hidden error limits both the measurement and the finest step by which a move can be aimed.
             aimed_ns = hidden_ns - phase.quantum_ns / 4
             reachable_ns = round(hidden_ns + aimed_ns + SIGMAS * phase.sigma_at(phase.last_ns))
             if not EASED * self.reachable_ns < reachable_ns <= self.reachable_ns:
@@ -148,7 +151,7 @@ class AlignmentWindow:
 
     @property
     def coarseness(self) -> str:
-        """Why the tolerance asked for is not met, in plain words; empty where it is."""
+        """Reason in plain words why the requested tolerance is not met; empty if it is."""
         if self.reachable_ns <= self.asked_ns:
             return ""
         return (
@@ -158,7 +161,7 @@ class AlignmentWindow:
 
     @property
     def fleetingness(self) -> str:
-        """For how long the stream is aligned where that is short, in plain words; else empty."""
+        """Note in plain words on how briefly the stream stays aligned; empty if it stays long."""
         if not self.drifts_fast:
             return ""
         return (
@@ -168,7 +171,7 @@ class AlignmentWindow:
 
 
 class Aligner:
-    """Watches one camera's stream and gives at most one phase command at a time; times in ns."""
+    """Phase control of one camera's stream, with at most one command under way; times in ns."""
 
     def __init__(
         self,
@@ -180,24 +183,24 @@ class Aligner:
         aimed: bool = True,
     ) -> None:
         self.window = AlignmentWindow(tolerance_ns, camera.phase_control)
-        """How near to its grid the stream can be brought, and for how long."""
+        """Tolerance that the stream can reach, and the time for which it stays within it."""
         self._hold_ns = HOLD_NS[camera.phase_control]
         self.phase = PhaseEstimator(period_ns=camera.period_ns)
-        """The stream's period and phase, its frames and its drops."""
+        """The stream's period, phase, frames and drops."""
         self.actuator = choose_actuator(camera, rng=rng, profile=profile, aimed=aimed)
-        """Its `profile` is what the injections have shown about this device."""
+        """Means of moving the phase; its `profile` is what injections have shown about this device."""
         self.corrections = 0
         """Commands so far that moved the phase by more than a few rows."""
         self._under_way: tuple[CameraCommand, int, int] | None = None
-        """The command whose effect is awaited, when it was given, and the stream then."""
+        """Command whose effect is awaited, the time it was issued, and the stream number at that time."""
         self._stream, self._first_frame_ns, self._start_learned = -1, 0, True
         self._least_frames = SETTLED_FRAMES[0]
         self.problem = ""
-        """Why this camera can never be aligned, in plain words; empty if it can."""
+        """Reason in plain words why this camera can never be aligned; empty if it can."""
 
     @property
     def settled(self) -> bool:
-        """Whether period and phase are known well enough to act on, and nothing is on the move."""
+        """Whether period and phase are accurate enough to act on, and no move is under way."""
         phase = self.phase
         if self._under_way or phase.disturbed:
             return False
@@ -214,16 +217,16 @@ class Aligner:
 
     @property
     def start_latencies_ns(self) -> tuple[int, ...]:
-        """Start latencies seen, modulo the period, newest last: for `learn_start_latency` at the next use."""
+        """Observed start latencies modulo the period, newest last: input of `learn_start_latency`."""
         return tuple(round(latency * self.phase.period_ns) for latency in self.actuator.latencies)
 
     def learn_start_latency(self, latency_ns: int) -> None:
-        """Take in how long a start of this device took before, in ns from the command to the first frame."""
+        """Add a start latency of this device from earlier use, in ns from the command to the first frame."""
         self.actuator.note_start(0, self.phase.period_ns)
         self.actuator.learn_start(latency_ns)
 
     def add_frame(self, stamp: FrameStamp) -> int:
-        """Add a frame; return how many were dropped just before it."""
+        """Add a frame; return the number of frames dropped just before it."""
         dropped, phase = self.phase.add(stamp), self.phase
         if stamp.stream > self._stream:
             self._stream, self._first_frame_ns, self._start_learned = stamp.stream, stamp.timestamp_ns, False
@@ -234,7 +237,7 @@ class Aligner:
         return dropped
 
     def note_stream_start(self, local_ns: int) -> None:
-        """Note that the stream was started or restarted at a local time; its next frame shows the latency."""
+        """Record a start or restart of the stream at a local time; its next frame shows the latency."""
         self.window.clear()
         self.actuator.note_start(local_ns, self.phase.period_ns)
 
@@ -261,7 +264,7 @@ class Aligner:
             self.actuator.learn_start(phase.nearest_frame_ns(self._first_frame_ns))
 
     def estimate(self, time_map: TimeMap, grid: FrameGrid, at_leader_ns: int) -> PhaseEstimate | None:
-        """The stream's error at an instant of leader time; None while it is not known."""
+        """Return the stream's error at an instant of leader time; None if it is unknown."""
         phase = self.phase
         if phase.run_frames < self._frames_needed or not phase.known:
             return None
@@ -289,10 +292,10 @@ class Aligner:
     ) -> CameraCommand | None:
         """Judge the stream now, and return the command to carry out at once, if one is needed.
 
-        `hold=True` begins no correction that shows in pictures. Nor does any from shortly before a burst
-        on, whose first and last instants are `burst_leader_ns`; before that, injections whose effect is
-        known bring the stream to its grid for that burst. A stream that can only be restarted is judged by
-        its phase at `meeting_leader_ns`, if that is still to come.
+        `hold=True` starts no correction that is visible in images. `burst_leader_ns` holds the first and
+        last instants of a burst. Injections with a known effect bring the stream to its grid for that burst,
+        but no visible correction starts from shortly before the burst on. A stream that can only be restarted
+        is judged by its phase at `meeting_leader_ns`, if that is in the future.
         """
         self.settle_command(now_local_ns)
         now = self._judge(time_map, grid, now_local_ns)
@@ -318,7 +321,7 @@ class Aligner:
         return self._command_towards(setpoint, drift, time_map, grid, now_local_ns)
 
     def _judge(self, time_map: TimeMap, grid: FrameGrid, now_local_ns: int) -> PhaseEstimate | None:
-        """Judge the stream as it is now; return its error where it may be acted on."""
+        """Update the verdict on the stream; return its error if the caller may act on it, else None."""
         now = self.estimate(time_map, grid, time_map.leader_from_local(now_local_ns))
         if now is None or not self.settled:
             if self.phase.unmoved and self.phase.known:
@@ -337,7 +340,7 @@ class Aligner:
         return now
 
     def _drift(self, now: PhaseEstimate, now_local_ns: int) -> Drift:
-        """How the stream moves, and which errors are left as they are."""
+        """Return the stream's error and drift, with the error limits below which no correction is made."""
         doubt_ns, inner_ns = 2.0 * now.sigma_ns, self.window.inner_ns
         within_window, share = self.window.within_window, self.window.landing_share
         still_coarse = now.quantum_error_ns > doubt_ns and now.frames < QUANTIZED_FRAMES
@@ -355,7 +358,7 @@ class Aligner:
     def _command_towards(
         self, setpoint: Setpoint, drift: Drift, time_map: TimeMap, grid: FrameGrid, now_local_ns: int
     ) -> CameraCommand | None:
-        """Return the command that moves the stream; None where none comes nearer, or one has to wait."""
+        """Return the command that moves the stream; None if no command improves it or one has to wait."""
         leader_ns = time_map.leader_from_local(round(now_local_ns + setpoint.lead_ns))
         instant_local_ns = time_map.local_from_leader(grid.instant(grid.index_of(leader_ns)))
         error_ns = drift.error_after(setpoint.lead_ns)
@@ -369,12 +372,12 @@ class Aligner:
         )
         command = self.actuator.command(move)
         if command is None or self.corrections:
-            # The first injection of an unknown device may land anywhere; rows may be too coarse for more.
+            # An unknown device's first injection may land anywhere; the row step may be too coarse for more.
             self.window.landing_share = 1.0
         return command if command is not None and self._begin(command, now_local_ns) else None
 
     def _begin(self, command: CameraCommand, now_local_ns: int) -> bool:
-        """Expect the effect of a command; False if it must wait for a smaller one before it."""
+        """Register a command with its expected effect. Return False if it must wait for a smaller one."""
         small_ns = self.actuator.small_shift_ns
         if small_ns is not None:
             self.phase.expect_shift(small_ns)
@@ -388,7 +391,7 @@ class Aligner:
         return True
 
     def _frames_may_mislead(self, frames: int) -> bool:
-        """Whether the few frames since the phase has moved as expected may be late ones."""
+        """Whether the few frames since an expected move may be late by chance."""
         if frames < FRAMES_TO_ACT:
             return True
         unalike_ns = max(UNALIKE * self.phase.noise_ns, 2_000.0)
@@ -396,7 +399,7 @@ class Aligner:
 
     @property
     def _frames_needed(self) -> int:
-        """Frames since the phase moved that tell where it is: one where it moved as expected."""
+        """Frames since the last move needed to know the phase: one if it moved as expected."""
         return 1 if self.phase.as_expected else self._least_frames
 
     @property

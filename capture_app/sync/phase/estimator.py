@@ -1,7 +1,7 @@
-"""Period and phase of a stream from frame timestamps; dropped frames and commanded phase moves.
+"""Period and phase of a stream from its frame timestamps, with dropped frames and commanded phase moves.
 
-Frames are counted along one line, time = intercept + period * index. A restart or an injected frame starts a
-new run with another intercept; the period stays, as it belongs to the camera's crystal.
+Frames are indexed along one line, time = intercept + period * index. A restart or an injected frame starts a
+new run with another intercept. The period stays, as it belongs to the camera's crystal.
 """
 
 from bisect import bisect_right
@@ -13,24 +13,24 @@ from statistics import median
 from capture_app.sync.phase.frame_line import MEDIAN_FACTOR, PHASE_FRAMES, FrameLine, Point, StampQuantum
 
 LATENCY_FRAMES = (2, 13)
-"""A command takes effect so many frames after the newest one, at the earliest and at the latest."""
+"""Minimum and maximum number of frames from a command to its effect."""
 USUAL_LATENCY_FRAMES = 4
 REMEMBERED_LATENCIES = 15
 REMEMBERED_FRAMES = 20_000
-"""Frames of which it is known what was in effect: those that a ring buffer may hold."""
+"""Frames whose effective shift is stored: as many as a ring buffer may hold."""
 FIRST_INTERVALS = 8
 """Intervals whose median gives the first period."""
 RATE_FRAMES = 15
 CALM_FRAMES = 5
 TIMEOUT_FRAMES = 30
-"""A shift that has not come by then never will: devices obey after 2 to 12 frames."""
+"""Frames after which a shift is given up: devices respond after 2 to 12 frames."""
 UNMISTAKABLE = 4.0
-"""One frame tells that an expected shift has come if it is over so many times what noise explains."""
+"""A single frame shows an expected shift if that exceeds the noise tolerance by this factor."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameStamp:
-    """The driver's number and timestamp of one frame; the time in ns of the node's local clock.
+    """Sequence number and timestamp of one frame from the driver; time in ns of the node's local clock.
 
     `stream` counts the stream's starts: sequence numbers compare only within one stream.
     """
@@ -42,42 +42,42 @@ class FrameStamp:
 
 @dataclass(frozen=True, slots=True)
 class StampError:
-    """What is known of one timestamp's error; times in ns."""
+    """Known part and limits of one timestamp's error; times in ns."""
 
     outlier_ns: int = 0
-    """How far it lies off the line of its stream's frames; where not 0, the line tells the frame's time."""
+    """Distance from the line of the stream's frames; if not 0, the line gives the frame's time."""
     uncertainty_ns: float = 0.0
-    """How far off that time may be, in 95 of 100 cases, for the stamps' noise and the step they come in."""
+    """95 % uncertainty of the frame's time, from the timestamps' noise and step."""
     hard_bound_ns: float = 0.0
-    """How far at most, for that step."""
+    """Maximum error of the frame's time, from the timestamps' step."""
 
 
 @dataclass(frozen=True, slots=True)
 class PhaseEstimate:
-    """The error of a stream against its grid at one instant of leader time."""
+    """Error of a stream against its grid at one instant of leader time."""
 
     error_ns: int
     """Signed distance of the nearest frame from the nearest grid instant, in [-period/2, period/2)."""
     period_ns: int
-    """The camera's period, in leader time; the drift says it more finely."""
+    """Camera's period in leader time; the drift gives it with finer resolution."""
     drift_ppm: float
     """Change of the error, in us per second."""
     sigma_ns: float
-    """One standard deviation of the error from the timestamps' noise; the clock's comes on top."""
+    """One standard deviation of the error from timestamp noise, without the clock's uncertainty."""
     frames: int
     """Frames since the phase last moved."""
     at_leader_ns: int
     quantum_error_ns: float = 0.0
-    """What the step that the timestamps come in may hide of the error, either way."""
+    """Error that the step of the timestamps may hide, in either direction."""
 
     @property
     def uncertainty_ns(self) -> float:
-        """How far off the error may be, in 95 of 100 cases; the clock's uncertainty comes on top."""
+        """95 % uncertainty of the error, without the clock's."""
         return 2.0 * self.sigma_ns + self.quantum_error_ns
 
 
 class PendingShifts:
-    """Shifts of the phase that are in effect, and those still to come; times in ns, frames by their index."""
+    """Commanded shifts of the phase, in effect or pending; times in ns, frames by their index."""
 
     def __init__(self) -> None:
         self.done_ns = 0
@@ -85,38 +85,38 @@ class PendingShifts:
         self._latencies: deque[int] = deque([USUAL_LATENCY_FRAMES], maxlen=REMEMBERED_LATENCIES)
         self._newest = -LATENCY_FRAMES[1]
         self._felt = 0
-        """How many of those waiting the newest frame has shown to be in effect."""
+        """Number of pending shifts that the newest frame has shown to be in effect."""
         self._seen: deque[tuple[int, int]] = deque(maxlen=REMEMBERED_FRAMES)
-        """Each frame and what was in effect at it, where that is more or less than at the one before."""
+        """Index of each frame at which the effective shift changed, with the new sum."""
 
     @property
     def latency_frames(self) -> float:
-        """Frames from a command until it is in effect, in the middle of those seen."""
+        """Median number of frames from a command to its effect."""
         return median(self._latencies)
 
     @property
     def total_ns(self) -> int:
-        """Sum of all shifts, once the last one on its way has arrived."""
+        """Sum of all shifts, including pending ones."""
         return self.done_ns + sum(shift_ns for _, shift_ns in self._waiting)
 
     def clear(self) -> None:
-        """Forget all: the stream starts anew."""
+        """Remove all shifts: the stream restarts."""
         self.done_ns = self._felt = 0
         self._newest = -LATENCY_FRAMES[1]
         self._waiting.clear()
         self._seen.clear()
 
     def expect(self, index: int, shift_ns: int) -> None:
-        """A shift was commanded when `index` was the newest frame."""
+        """Add a shift that was commanded when `index` was the newest frame."""
         self._waiting.append((index, shift_ns))
         self._newest = index
 
     def all_in_effect(self, index: int) -> bool:
-        """Whether each shift so far is in effect for certain at the frame of an index."""
+        """Whether every shift so far is certainly in effect at the frame `index`."""
         return index >= self._newest + LATENCY_FRAMES[1]
 
     def effective_at(self, index: int, seen_ns: float) -> int:
-        """Sum of the shifts in effect at a frame that comes `seen_ns` later than without any of them."""
+        """Return the sum of the shifts in effect at a frame `seen_ns` later than without any of them."""
         earliest, latest = LATENCY_FRAMES
         while self._waiting and index >= self._waiting[0][0] + latest:
             self.done_ns += self._waiting.popleft()[1]
@@ -137,12 +137,12 @@ class PendingShifts:
         return best_ns
 
     def seen_at(self, index: int) -> int:
-        """Sum of the shifts that were in effect at a frame that has come, as far as it showed."""
+        """Return the sum of the shifts in effect at a past frame, as that frame showed."""
         place = bisect_right(self._seen, index, key=lambda change: change[0])
         return self._seen[max(0, place - 1)][1] if self._seen else 0
 
     def certain_at(self, index: int) -> int:
-        """Sum of the shifts that are in effect for certain at the frame of an index: felt, or overdue."""
+        """Return the sum of the shifts certainly in effect at the frame `index`: observed, or overdue."""
         return self.done_ns + sum(
             shift_ns
             for count, (commanded, shift_ns) in enumerate(self._waiting)
@@ -151,14 +151,14 @@ class PendingShifts:
 
 
 class PhaseEstimator(FrameLine):
-    """Period and phase of a stream of frames, robust to outliers, drops and moved phases."""
+    """Period and phase of a stream of frames, robust to outliers, drops and phase moves."""
 
     def __init__(self, *, period_ns: int) -> None:
         super().__init__(period_ns=float(period_ns))
         self.frames = 0
         self.drops = 0
         self.last_shift_ns: int | None = None
-        """How far the last disturbance moved the phase, unwrapped, in ns; None if it is not known."""
+        """Shift of the phase by the last disturbance, unwrapped, in ns; None if unknown."""
         self._stream: int | None = None
         self.last_ns = 0
         """Timestamp of the newest frame, in ns of local time."""
@@ -168,33 +168,33 @@ class PhaseEstimator(FrameLine):
         self._intervals: deque[float] = deque(maxlen=RATE_FRAMES)
         self.shifts = PendingShifts()
         self.disturbed = False
-        """Whether the phase is on the move, or expected to."""
+        """Whether the phase is moving or expected to move."""
         self._pending: list[Point] = []
-        """Frames since a disturbance was expected."""
+        """Frames since a disturbance was first expected."""
         self._height_before_ns, self._begun_index = 0.0, 0
         self._expected_ns: float | None = None
         self.last_latency_frames: int | None = None
-        """Frames from the last disturbance's beginning until the phase had moved; None if it is not known."""
+        """Frames from the start of the last disturbance until the phase had moved; None if unknown."""
         self.as_expected = False
         """Whether the last disturbance moved the phase to where it was expected."""
 
     @property
     def run_frames(self) -> int:
-        """Frames since the phase last moved."""
+        """Number of frames since the phase last moved; 0 during a disturbance."""
         return 0 if self.disturbed else len(self.run)
 
     @property
     def unmoved(self) -> bool:
-        """Whether the newest frame of a disturbance still lies where it would without."""
+        """Whether the newest frame of a disturbance is still on the old line."""
         if not self.disturbed or not self._pending:
             return False
         off_ns = self.heights_of(self._pending[-1:])[0] - self._height_before_ns
         return abs(off_ns) < self.tolerance_ns / 2
 
     def add(self, stamp: FrameStamp) -> int:
-        """Add a frame and return how many were dropped just before it.
+        """Add a frame and return the number of frames dropped just before it.
 
-        Frames of older streams, repeated ones and ones that go back in time are ignored.
+        Frames of older streams, repeated frames and frames that go back in time are ignored.
         """
         if self._stream is None or stamp.stream > self._stream:
             self._start_stream(stamp)
@@ -224,18 +224,18 @@ class PhaseEstimator(FrameLine):
         return dropped
 
     def nearest_frame_ns(self, local_ns: int) -> int:
-        """Local time in ns of the frame nearest to a local time."""
+        """Return the local time in ns of the frame nearest to a local time."""
         return round(self._time_at(self.index_near(local_ns)))
 
     def index_near(self, local_ns: int) -> int:
-        """Index of the frame nearest to a local time in ns."""
+        """Return the index of the frame nearest to a local time in ns."""
         return self._index + round((local_ns - self._time_at(self._index)) / self.period_ns)
 
     def stamp_error(self, stamp_ns: int) -> StampError:
-        """How far a timestamp lies off its stream's line, 0 within the noise; what noise and step hide.
+        """Return a timestamp's distance from its stream's line, 0 within the noise, and its uncertainties.
 
-        A stamp in coarse steps is off by whatever the line shows, if the line hides less than a step. Frames
-        from before the phase last moved are not judged by the line: theirs is not kept.
+        A timestamp in coarse steps is corrected to the line if the line hides less than a step. Frames from
+        before the last phase move are not compared with the line, as their own line is not stored.
         """
         step_ns, run = self.quantum_ns, self.run
         as_told = StampError(0, max(step_ns, 2.0 * self.noise_ns), step_ns)
@@ -251,29 +251,29 @@ class PhaseEstimator(FrameLine):
         return StampError(off_ns, step_ns, step_ns) if outlier else as_told
 
     def sigma_at(self, local_ns: int) -> float:
-        """One standard deviation in ns of a predicted frame time near a local time."""
+        """Return one standard deviation in ns of a predicted frame time near a local time."""
         used = min(self.phase_frames, max(1, self.run_frames))
         ahead = (local_ns - self.last_ns) / self.period_ns + used / 2
         drift = self.period_sigma_ns * abs(ahead) if self.period_sigma_ns < self.period_ns else 0.0
         return sqrt((MEDIAN_FACTOR * self.noise_ns) ** 2 / used + drift**2)
 
     def first_off_ns(self) -> float:
-        """How far in ns the first frame since the phase last moved lies off the line of those after it."""
+        """Return the distance in ns from the line of the first frame since the last phase move."""
         index, first_ns = self.run[0]
         return abs(self.heights_of([(index, first_ns)])[0] - self.height_ns)
 
     def shift_to_come(self, local_ns: int) -> int:
-        """Expected shifts in ns that may not be in effect yet at the frame near a local time."""
+        """Return the expected shifts in ns that may not be in effect yet at the frame near a local time."""
         return self.shifts.total_ns - self.shifts.certain_at(self.index_near(local_ns))
 
     def expect_shift(self, shift_ns: int) -> None:
-        """Expect the coming frames to be later by exactly so much, from one of the next few on."""
+        """Expect the coming frames to be later by exactly `shift_ns`, from one of the next few on."""
         self.shifts.expect(self._index, shift_ns)
 
     def mark_disturbance(self, expected_ns: float | None = None) -> None:
-        """Expect the phase to move within TIMEOUT_FRAMES; `last_shift_ns` is then how far it did.
+        """Expect the phase to move within TIMEOUT_FRAMES; `last_shift_ns` then holds the measured shift.
 
-        `expected_ns` is by how much, where that is known for sure.
+        `expected_ns` is the expected shift; None if it is uncertain.
         """
         if self._stream is None:
             return
@@ -292,14 +292,14 @@ class PhaseEstimator(FrameLine):
         self._add_point()
 
     def _measure_first_period(self, period: float) -> None:
-        """Measure the first period: the camera's may differ from the one it was asked for."""
+        """Measure the first period: the camera's may differ from the one requested of it."""
         assert self._first_intervals is not None
         self._first_intervals.append(period)
         if len(self._first_intervals) < FIRST_INTERVALS:
             return
         self.period_ns = median(self._first_intervals)
         self._first_intervals = None
-        # Now that a period is known, drops that the numbers did not tell show in the times.
+        # With the period known, the times show drops that the sequence numbers did not.
         for run in self.runs:
             index = 0
             for i, (_, time_ns) in enumerate(run):
@@ -311,7 +311,10 @@ class PhaseEstimator(FrameLine):
         )
 
     def _runs_at_another_rate(self) -> bool:
-        """Measure the period anew where all frames come at another rate (a webcam in the dark halves it)."""
+        """Restart with a new period if the frame rate changed (a webcam halves it in the dark).
+
+        Return whether it did.
+        """
         if self.disturbed or len(self._intervals) < RATE_FRAMES:
             return False
         period = median(self._intervals)
@@ -335,12 +338,12 @@ class PhaseEstimator(FrameLine):
             self._notice_jump()
 
     def _time_at(self, index: int) -> float:
-        # What was shifted since a frame that is over was not yet in effect at it.
+        # Shifts after a past frame were not yet in effect at it.
         shifted_ns = self.shifts.seen_at(index) if index < self._index else self.shifts.certain_at(index)
         return self._origin_ns + self.height_ns + self.period_ns * index + shifted_ns
 
     def _end_disturbance(self) -> None:
-        """End a disturbance once the last few frames lie on a line again, moved, or unmoved for too long."""
+        """End a disturbance once the last frames are on a line again, moved, or unmoved until the timeout."""
         heights = self.heights_of(self._pending)
         count = self._frames_as_expected(heights)
         if not count:
@@ -363,7 +366,7 @@ class PhaseEstimator(FrameLine):
         self.last_latency_frames = last_points[0][0] - self._begun_index
 
     def _frames_as_expected(self, heights: list[float]) -> int:
-        """How many of the newest frames show that the phase has moved as expected; 0 while that is open."""
+        """Return the number of newest frames that show the phase moved as expected; 0 while that is open."""
         if self._expected_ns is None:
             return 0
         needed = 1 if abs(self._expected_ns) > UNMISTAKABLE * self.tolerance_ns else CALM_FRAMES
@@ -372,7 +375,7 @@ class PhaseEstimator(FrameLine):
         return needed if self.as_expected else 0
 
     def _notice_jump(self) -> None:
-        """Start a new run where the last frames all left the line: the camera moved by itself."""
+        """Start a new run if the last frames all left the line: the camera moved by itself."""
         run = self.run
         if len(run) < 2 * CALM_FRAMES:
             return

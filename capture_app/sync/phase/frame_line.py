@@ -1,7 +1,7 @@
-"""Robust fit of the line on which a stream's frames lie: time = intercept + period * index.
+"""Robust fit of the line of a stream's frames: time = intercept + period * index.
 
-Each run of frames between two moves of the phase has its own intercept; all share the period, which belongs
-to the camera's crystal. Timestamps in steps (1 ms, a 90 kHz clock, 10 us) look like noise, or like none if
+Each run of frames between two phase moves has its own intercept. All runs share the period, which belongs to
+the camera's crystal. Timestamps in steps (1 ms, a 90 kHz clock, 10 us) look like noise, or like no noise if
 the period is a multiple of the step. Intervals on a lattice reveal the step, even after a clock conversion
 that added jitter.
 """
@@ -19,56 +19,58 @@ HUBER = 1.345
 REMEMBERED = 90
 LEAST_INTERVALS = 29
 EVERY_FRAMES = 12
-"""After how many frames the step is looked for anew."""
+"""Number of frames between searches for the step."""
 ON_LATTICE = 0.15
-"""An interval this share of a step off the lattice, or less, is on it."""
+"""Maximum distance from the lattice of an interval on it, as a fraction of a step."""
 JITTERS = 4.0
-"""Nor is one on it that is so many times as far off as the usual ones are."""
+"""Maximum distance from the lattice as a multiple of the jitter of the most common interval."""
 SURE_SHARE = 0.9
-"""Share of the intervals that must be on the lattice, of the usual ones as of the others."""
+"""Fraction of intervals that must be on the lattice: of the most common interval, and of the others."""
 OTHER_INTERVALS = 8
-"""Intervals on the lattice that must not be the usual one: a few late frames may make a lattice of their own.
-The long and the short interval on either side of one late frame say the same, and count once."""
+"""Minimum number of lattice intervals besides the most common one: a few late frames may form a lattice.
+
+The long and the short interval on either side of one late frame are redundant, and count once.
+"""
 EXACT_NS = 2.0
-"""Rounding of the ns."""
+"""Tolerance for timestamps rounded to whole ns."""
 FINEST_NS = 200.0
-"""Finer steps make no difference to any camera."""
+"""Minimum step of interest; finer steps make no difference to any camera."""
 WIDEST_GAPS = 8
 STRETCHES = (1.0, 1.2, 1.5, 2.0)
-"""Jitter narrows the gaps between the lattice's intervals: steps that are wider than a gap are tried, too."""
+"""Factors on the gaps between lattice intervals, as jitter narrows these gaps."""
 COARSEST = 0.25
-"""The coarsest step that is looked for, as a share of a period."""
+"""Maximum step that is searched for, as a fraction of a period."""
 KNOWN_STEPS_NS = (1e6, 5e5, 2e5, 1e5, 5e4, 2e4, 1e9 / 90_000, 1e4, 5e3, 2e3, 1e3)
-"""Steps of clocks that are looked for where the intervals hardly differ, the coarsest first."""
+"""Clock steps that are searched for if the intervals hardly differ, coarsest first."""
 COARSE_NS, CLOCKS_APART = 1e5, 3e-4
-"""Steps that fine are still told apart, where the stamping clock runs so differently."""
+"""Minimum step that is recognized although the stamping clock's rate is off, and the maximum rate error."""
 WINDOW_FRAMES = 300
-"""The newest frames, which the line is fitted to."""
+"""Number of newest frames to which the line is fitted."""
 REFIT_FRAMES = 10
 REFIT_SHARE = 0.1
-"""A period is fitted anew after so many frames, or so large a share of those that it was fitted to."""
+"""The period is refitted after REFIT_FRAMES, or after this fraction of the fitted frames if that is more."""
 PHASE_FRAMES = 10
 MEDIAN_FACTOR = 1.25
-"""A median of normal noise is this much noisier than a mean."""
+"""Standard deviation of a median of normal noise, relative to a mean's."""
 QUANTIZED_FRAMES = 60
-"""Frames that give the phase where timestamps come in steps: what one hides, another shows.
+"""Frames that determine the phase if timestamps come in steps, as different frames hide different errors.
 
-No more of them, as over many the error of a period that was learned from such steps looks like drift.
+Over more frames, the error of a period fitted to such timestamps would look like drift.
 """
 QUANTUM_NOISE = 0.3
-"""Standard deviation of a rounding error, as a share of the step."""
+"""Standard deviation of a rounding error, as a fraction of the step."""
 FINEST_PHASE = 1e-4
-"""More frames than PHASE_FRAMES are used until the phase is known to this share of a period."""
+"""More frames than PHASE_FRAMES are used until the phase is known to this fraction of a period."""
 
 
 def fit_shared_slope(
     runs: Sequence[Sequence[tuple[float, float]]], start: float
 ) -> tuple[float, float, float]:
-    """Huber fit of one slope through several runs of (x, y), each run with a height of its own.
+    """Fit one slope through several runs of (x, y) with Huber weights; each run has its own intercept.
 
-    Returns the slope, its standard deviation and the standard deviation of the noise, in units of y (per
-    x). `start` is a slope near enough that residuals about it tell the outliers. Runs of fewer than three
-    points are passed over; with none left, the answer is (start, infinity, 0).
+    Returns the slope, its standard deviation and the standard deviation of the noise, in units of y (per x).
+    `start` must be close enough to the slope that residuals about it reveal the outliers. Runs of fewer than
+    three points are skipped; if none is left, the result is (start, infinity, 0).
     """
     usable = [run for run in runs if len(run) >= 3]
     if not usable:
@@ -110,7 +112,7 @@ def fit_shared_slope(
 
 
 class StampQuantum:
-    """Feed it the intervals of a stream's timestamps, in ns; `ns` is their step, 0 while none is known."""
+    """Step of a stream's timestamps, found from their intervals; `ns` is 0 while none is known."""
 
     def __init__(self) -> None:
         self.ns = 0.0
@@ -118,7 +120,7 @@ class StampQuantum:
         self._until_due = LEAST_INTERVALS
 
     def add(self, interval_ns: int) -> None:
-        """Add the interval of two frames that follow each other."""
+        """Add the interval in ns between two successive frames."""
         self._intervals.append(interval_ns)
         self._until_due -= 1
         if self._until_due <= 0:
@@ -129,13 +131,14 @@ class StampQuantum:
 
 
 def find_quantum(intervals_ns: Sequence[int]) -> float:
-    """The coarsest step in ns that the intervals of a stream keep to, 0 where there is none."""
+    """Return the coarsest step in ns of which the intervals are multiples; 0 if there is none."""
     if len(intervals_ns) < LEAST_INTERVALS:
         return 0.0
     offs = _deviations(intervals_ns)
     if sum(abs(off) <= EXACT_NS for off in offs) > len(offs) / 2:
-        # No clock runs so evenly that its finer timestamps are equally far apart time after time.
-        # Those of 33,333,333 ns would be 3000 of a 90 kHz clock: if all are alike, only decimal steps count.
+        # No clock with finer timestamps runs so evenly that they stay equally far apart.
+        # 33,333,333 ns is also 3000 ticks of a 90 kHz clock: if all intervals are equal, only decimal
+        # steps count.
         alike = max(offs) - min(offs) <= EXACT_NS
         steps = (step for step in KNOWN_STEPS_NS if not alike or step % 1000 == 0)
         fitting = (step for step in steps if _are_multiples(intervals_ns, step))
@@ -160,7 +163,7 @@ def find_quantum(intervals_ns: Sequence[int]) -> float:
 
 
 def _skewed_step(interval_ns: float) -> float:
-    """The coarse step of which an interval is a multiple by another clock, in ns of this one; 0 for none."""
+    """Return the coarse step of another clock that divides the interval, in ns of this clock; 0 if none."""
     for step_ns in KNOWN_STEPS_NS:
         count = round(interval_ns / step_ns)
         if step_ns >= COARSE_NS and abs(interval_ns / (count * step_ns) - 1.0) <= CLOCKS_APART:
@@ -169,13 +172,13 @@ def _skewed_step(interval_ns: float) -> float:
 
 
 def _deviations(intervals_ns: Sequence[int]) -> list[int]:
-    """How far each interval is off the usual one; those over dropped or long frames are left out."""
+    """Return each interval's deviation from the median, without intervals over dropped or long frames."""
     usual_ns = sorted(intervals_ns)[len(intervals_ns) // 2]
     return [interval - usual_ns for interval in intervals_ns if abs(interval - usual_ns) < usual_ns / 2]
 
 
 def _keep_to(step_ns: float, offs_ns: Sequence[int]) -> bool:
-    """Whether nearly all deviations are multiples of a step, but for jitter, which the usual ones show."""
+    """Whether nearly all deviations are multiples of a step, within the most common interval's jitter."""
     away_ns = [(abs(off - step_ns * (count := round(off / step_ns))), count) for off in offs_ns]
     usual_ns = [away for away, count in away_ns if not count]
     jitter_ns = median(usual_ns) if usual_ns else 0.0
@@ -188,7 +191,7 @@ def _keep_to(step_ns: float, offs_ns: Sequence[int]) -> bool:
 
 
 def _are_multiples(intervals_ns: Sequence[int], step_ns: float) -> bool:
-    """Whether all intervals are multiples of a step, but for the rounding of the ns."""
+    """Whether all intervals are multiples of a step, within the rounding to whole ns."""
     return all(abs(ns - step_ns * round(ns / step_ns)) <= EXACT_NS for ns in intervals_ns)
 
 
@@ -197,7 +200,7 @@ Point = tuple[int, int]
 
 
 class FrameLine:
-    """Runs of points, the last one under way, with their common period; all times in ns."""
+    """Line through runs of frames with a common period; the last run is the current one; times in ns."""
 
     def __init__(self, *, period_ns: float) -> None:
         self._nominal_ns = period_ns
@@ -207,9 +210,9 @@ class FrameLine:
         self.noise_ns = 0.0
         """Standard deviation of one timestamp."""
         self.height_ns = 0.0
-        """Height of the run under way."""
+        """Intercept of the current run."""
         self.quantum_ns = 0.0
-        """Step that the timestamps come in, 0 where it does not count."""
+        """Step of the timestamps; 0 if it is negligible."""
         self._hidden_ns: float | None = None
         self.runs: deque[list[Point]] = deque([[]])
         self._frames = self._since_fit = 0
@@ -221,12 +224,12 @@ class FrameLine:
 
     @property
     def run(self) -> list[Point]:
-        """The run under way."""
+        """Points of the current run."""
         return self.runs[-1]
 
     @property
     def phase_frames(self) -> int:
-        """How many of the newest frames give the height."""
+        """Number of newest frames that determine the intercept."""
         finest_ns = FINEST_PHASE * self.period_ns
         enough = round((MEDIAN_FACTOR * self.noise_ns / finest_ns) ** 2)
         if self.noise_ns < self.quantum_ns:
@@ -235,15 +238,15 @@ class FrameLine:
 
     @property
     def tolerance_ns(self) -> float:
-        """Largest distance of a frame from the line that noise explains."""
+        """Maximum distance of a frame from the line that noise explains."""
         return max(8.0 * self.noise_ns, 2_000.0)
 
     @property
     def quantum_error_ns(self) -> float:
-        """What the step of the timestamps may hide of the height, either way.
+        """Error of the intercept that the step of the timestamps may hide, in either direction.
 
-        Whether a driver cuts or rounds cannot be told: between the two, a quarter of a step remains. Half
-        of the widest gap between the places within a step that frames take is what their mean does not see.
+        Whether a driver truncates or rounds is unknown: halfway between, a quarter of a step remains. The
+        mean is also blind to half of the widest gap between the positions of frames within a step.
         """
         if not self.quantum_ns:
             return 0.0
@@ -256,11 +259,11 @@ class FrameLine:
         return self._hidden_ns
 
     def heights_of(self, points: Iterable[Point]) -> list[float]:
-        """The height of the line through each point, in ns, were its timestamp neither cut nor rounded."""
+        """Return each point's intercept in ns, corrected for the mean effect of truncation and rounding."""
         return [time_ns - self.period_ns * index + self.quantum_ns / 4 for index, time_ns in points]
 
     def update_height(self) -> None:
-        """Set the height of the line from the newest frames."""
+        """Set the intercept of the line from the newest frames."""
         self._hidden_ns = None
         heights = self.heights_of(self.run[-self.phase_frames :])
         self.height_ns = median(heights)
@@ -270,7 +273,7 @@ class FrameLine:
             self.height_ns += sum(offs) / len(heights)
 
     def begin_run(self, points: Sequence[Point] = ()) -> None:
-        """Begin a run with these points, if there is anything in the one before."""
+        """Start a run with these points; an empty current run is reused."""
         if self.run:
             self.runs.append([])
         self.run.extend(points)
@@ -281,14 +284,14 @@ class FrameLine:
             self.update_height()
 
     def begin_at_rate(self, period_ns: float) -> None:
-        """Forget all: the stream has another period from here on."""
+        """Restart at a stream's new period."""
         self.period_ns, self.period_sigma_ns = period_ns, float("inf")
         self.runs = deque([[(0, 0)]])
         self._frames, self._since_fit = 1, 0
         self.update_height()
 
     def add_point(self, point: Point, *, fit: bool) -> None:
-        """Add a point to the run under way, and fit the period anew once enough points have come."""
+        """Add a point to the current run, and refit the period once enough points have arrived."""
         self.run.append(point)
         self._frames += 1
         self._since_fit += 1
@@ -298,7 +301,7 @@ class FrameLine:
         self.update_height()
 
     def split_off(self, count: int) -> None:
-        """Make the newest points a run of their own."""
+        """Move the newest points to a run of their own."""
         points = self.run[-count:]
         del self.run[-count:]
         self.runs.append(points)

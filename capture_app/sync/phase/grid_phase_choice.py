@@ -1,7 +1,7 @@
-"""The grid of all cameras, chosen to suit those whose phase cannot be moved at will.
+"""Choice of the grid's phase to suit the cameras whose phase cannot be moved at will.
 
-A restart sets a random phase, which then drifts. So the grid is laid where most of those cameras will be at
-some instant to come, and only the others are restarted.
+A restart sets a random phase, which then drifts. The grid is therefore placed where most of those cameras
+will be at some future instant, and only the others are restarted.
 """
 
 from collections.abc import Sequence
@@ -13,26 +13,26 @@ from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.period_choice import MAX_DRIFT_PPM
 
 WEIGHTS = {PhaseControl.NONE: 1000, PhaseControl.RESET: 1}
-"""Weight of a camera in the choice of the grid, by its phase control; others can move to any grid."""
+"""Weight of a camera in the choice, by its phase control; other cameras can move to any grid."""
 RESTART_NS = 800_000_000
-"""About the time that one restart takes."""
+"""Approximate duration of one restart."""
 PRIOR_GAIN = 3.0
-"""How much likelier than a uniform restart one is assumed to land in the window, before any was seen."""
+"""Initial odds of a restart to land in the window, relative to a uniform restart."""
 AHEAD_S = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 18.0, 25.0, 35.0)
-"""Meeting instants that are compared, from now; further ahead, crystals wander."""
+"""Times ahead at which a common instant is considered; further ahead, crystals drift unpredictably."""
 EARLY_COST = 0.1
-"""Cost of meeting before all restarts are done, as a share of the time between: some will drift away."""
+"""Cost of an instant before all restarts are done, as a fraction of the missing time: some drift away."""
 MOST_OUTSIDE = 100
-"""More cameras outside their tolerance than this make no difference."""
+"""Maximum number of cameras outside their tolerance that is distinguished."""
 PATIENCE_NS = 3_000_000_000
-"""Longest wait before the first restart while some cameras do not know their phase yet."""
+"""Timeout before the first restart while the phase of some cameras is unknown."""
 KEEP_NS = 3_000_000_000
-"""A grid is kept while all cameras will be within their tolerance for so long."""
+"""Time for which all cameras must stay within their tolerance for the grid to be kept."""
 
 
 @dataclass(frozen=True, slots=True)
 class CameraPhase:
-    """A camera's report of its phase: a frame's leader time in ns, None while its phase is not known."""
+    """Reported phase of a camera: the leader time in ns of a frame, None while its phase is unknown."""
 
     name: str
     phase_control: PhaseControl
@@ -43,7 +43,7 @@ class CameraPhase:
 
 @dataclass(frozen=True, slots=True)
 class WeightedDrift:
-    """A camera's distance from the grid in ns now, its drift (ns per ns), tolerance in ns, and weight."""
+    """Distance of a camera from the grid in ns, with drift (ns per ns), tolerance in ns, and weight."""
 
     error_ns: float
     rate: float
@@ -52,7 +52,7 @@ class WeightedDrift:
 
 
 def weight_inside(drifts: Sequence[WeightedDrift], ahead_ns: float, period_ns: int) -> int:
-    """Weight of the cameras that will be within their tolerance of the grid so much later."""
+    """Return the weight of the cameras that will be within their tolerance of the grid in `ahead_ns`."""
     half = period_ns / 2
     return sum(
         drift.weight
@@ -62,11 +62,11 @@ def weight_inside(drifts: Sequence[WeightedDrift], ahead_ns: float, period_ns: i
 
 
 def best_shift(drifts: Sequence[WeightedDrift], ahead_ns: float, period_ns: int) -> tuple[int, int]:
-    """The shift of the grid in ns, in [-period/2, period/2), that suits most so much later, and their weight.
+    """Return the grid shift in ns, in [-period/2, period/2), that suits most weight in `ahead_ns`.
 
-    Each camera is suited by an arc of grids; the answer is the middle of where most weight overlaps, so that
-    it lasts for longest. Of several such places it is the widest: there the cameras are closest together,
-    and leave most room for those still to come.
+    Also returns that weight. Each camera is suited by an arc of grids. The result is the middle of the arc
+    where most weight overlaps, so that it lasts longest. Of several such arcs the widest is used: there the
+    cameras are closest together, which leaves most room for cameras still to come.
     """
     weight = 0
     edges: list[tuple[float, int]] = []
@@ -80,7 +80,7 @@ def best_shift(drifts: Sequence[WeightedDrift], ahead_ns: float, period_ns: int)
         weight += drift.weight if end < begin else 0
     if not edges:
         return 0, weight
-    # Where arcs end as others begin, both count.
+    # Where one arc ends as another begins, both count.
     edges.sort(key=lambda edge: (edge[0], -edge[1]))
     best, room, shift = -1, 0.0, 0.0
     for i, (at, change) in enumerate(edges):
@@ -92,21 +92,22 @@ def best_shift(drifts: Sequence[WeightedDrift], ahead_ns: float, period_ns: int)
 
 
 class GridPhaseChoice:
-    """The rig's grid, moved to suit the cameras that can only be restarted, and when they are to meet it."""
+    """Grid of a rig, moved to suit the cameras that can only be restarted, and the instant to meet it."""
 
     def __init__(self, grid: FrameGrid) -> None:
         self.grid = grid
         self.meeting_leader_ns: int | None = None
-        """Cameras are restarted unless they will be at the grid at this instant; None: none is restarted."""
+        """Cameras that will be off the grid at this instant are restarted; if None, no camera is."""
         self._began_leader_ns: int | None = None
         self._patient = True
         self._landings = self._hits = 0
         self._in_flight: set[str] = set()
 
     def update(self, cameras: Sequence[CameraPhase], now_leader_ns: int) -> bool:
-        """Choose grid and meeting instant from the phases of all cameras; return whether the grid has moved.
+        """Choose grid and common instant from the phases of all cameras. Return whether the grid moved.
 
-        An instant costs the time until then, or until all cameras outside its best window can have landed.
+        The cost of an instant is the time until then, or until all cameras outside its best window are
+        expected to have landed in it.
         """
         period_ns = self.grid.period_ns
         drifts = [c for c in (self._drift(camera, now_leader_ns) for camera in cameras) if c]
@@ -132,7 +133,7 @@ class GridPhaseChoice:
             if weight_inside(drifts, ahead_ns, period_ns) >= weight:
                 shift_ns = 0
             outside = unknown + min(total_weight - weight, MOST_OUTSIDE)
-            # The expected largest of that many geometric tries: the harmonic number over the chance of one.
+            # Expected maximum of `outside` geometric tries: the harmonic number over the probability of one.
             needed_ns = ceil(sum(1.0 / n for n in range(1, outside + 1)) / chance * RESTART_NS)
             cost = max(ahead_ns, needed_ns) + EARLY_COST * max(0.0, needed_ns - ahead_ns)
             if cost < least:
@@ -143,7 +144,7 @@ class GridPhaseChoice:
         return best_move_ns != 0
 
     def _is_early(self, unknown: int, known: int, now_leader_ns: int) -> bool:
-        """Whether to wait for cameras that do not know their phase yet: only then is the best window free."""
+        """Whether to wait for cameras of unknown phase, before which the best window is not known."""
         if self._began_leader_ns is None and known:
             self._began_leader_ns = now_leader_ns
         if self._began_leader_ns is None or unknown == 0:
@@ -153,7 +154,7 @@ class GridPhaseChoice:
         return self._patient
 
     def _chance(self, cameras: Sequence[CameraPhase], now_leader_ns: int) -> float:
-        """Probability that a restart lands in the window, from the window's size and the restarts so far."""
+        """Return the probability that a restart lands in the window, from its size and past restarts."""
         meeting_leader_ns = max(now_leader_ns, self.meeting_leader_ns or now_leader_ns)
         uniform = 1.0
         for camera in cameras:

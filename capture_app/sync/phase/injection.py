@@ -1,9 +1,10 @@
-"""Moving the phase by single frames: exposed for longer (injection), or of another duration.
+"""Phase moves by single frames: one with a longer exposure (injection), or one of another duration.
 
-An injection's shift is gain * row_time * (rows - neutral rows). Both differ by device and are learned from
-what injections do: most sensors hold a long frame's length for one, two or three frames (the gain), but any
-real gain is met, and whole ones are believed until they misfit. A duration changes by whole rows: far from
-the grid one frame takes the whole shift, near it a row at a time holds the phase, and no exposure changes.
+An injection's shift is gain * row_time * (rows - neutral rows). Gain and neutral rows differ by device and
+are fitted to observed injections. Most sensors hold a long frame's length for one, two or three frames (the
+gain), but any real gain occurs. Whole gains are preferred until their residuals are too large. A frame
+duration changes by whole rows, without changing the exposure. Far from the grid one frame takes the whole
+shift; near it steps of a row hold the phase.
 """
 
 from collections import deque
@@ -20,85 +21,85 @@ from capture_app.sync.wire.camera_commands import InjectFrame, SetFrameDuration
 GAINS = (1.0, 2.0, 3.0)
 GAIN_LIMITS = (0.5, 4.0)
 REAL_GAIN = 1.2
-"""Mean misfit in rows above which a gain that is no whole number is believed."""
+"""Penalty in rows of mean residual on a gain that is not a whole number."""
 MISFIT_ROWS = 20.0
-"""A misfit over this counts for no more: an outlier among the timestamps is not the gain's fault."""
+"""Maximum residual counted per injection: an outlier among the timestamps is not the gain's fault."""
 APART_ROWS = 10.0
-"""Two injections that differ by more rows than this tell a gain."""
+"""Minimum difference in rows between two injections that determine a gain."""
 USUAL_ROW_NS = 12_000
-"""Time of a row where it is not known."""
+"""Row time assumed if unknown."""
 FINEST_NS = 1_000
-"""Step of exposures where the row time is not known."""
+"""Step of exposures if the row time is unknown."""
 USUAL_OVERHEAD_NS = 250_000
-"""Time that a frame is longer than its exposure, where nothing is known yet."""
+"""Initial assumption of the time by which a frame is longer than its exposure."""
 OVERHEAD_SPREAD_NS = 1_000_000
 NO_OVERHEAD = 10.0
-"""Misfit of an exposure longer than the frame that it does not stretch."""
+"""Penalty in rows on a profile by which an exposure longer than the frame does not stretch it."""
 REMEMBERED = 8
 LEAD_FRAMES = 6
-"""From the command until the phase has moved, before any was seen: 2-4 frames of latency, long ones."""
+"""Frames from a command until the phase has moved, before any was observed: latency of 2-4, and long ones."""
 WAIT_NS = 1_000_000_000
-"""A stream that drifts into its tolerance by itself within this is let."""
+"""A stream that drifts into its tolerance by itself within this time is not moved."""
 BURST_LEAD_FRAMES = 12
-"""From the command to a burst: four of latency, three long ones in the time of six, two to spare."""
+"""Frames from a command to a burst: four of latency, three long ones in the time of six, two spare."""
 BURST_SPARE_FRAMES = 4
-"""From the longest latency seen to a burst, once enough were: two that long ones add, two to spare."""
+"""Frames between the longest observed latency and a burst: two that long ones add, two spare."""
 ENOUGH_LATENCIES = 3
 BURST_NOTICE_NS = 450_000_000
-"""A leader orders a burst half a second ahead, and the order takes its time."""
+"""Notice of a burst: a leader orders it half a second ahead, less the order's delay."""
 FIRST_GAIN = 2
 FIRST_STRETCH_NS = 2_000_000
 RAISE_NS = 1_000_000
 INSIDE_ROW = 0.25
-"""Exposures are asked for a quarter of a row above a whole one: right for drivers that cut or round."""
+"""Fraction of a row added to exposures, so that drivers that truncate and drivers that round both fit."""
 WORTHWHILE = 0.7
-"""An injection must leave at most this share of the error; below a row, waiting for drift is better."""
+"""Maximum fraction of the error that an injection may leave; below a row, waiting for drift is better."""
 INSIDE_TOLERANCE = 0.8
-"""Landing beyond this share of the tolerance is avoided where another number of rows allows it."""
+"""Fraction of the tolerance beyond which a landing is avoided if another number of rows allows it."""
 SURE_ROWS = 1.0
-"""An injection whose shift differs from its profile's by less than this confirms the profile."""
+"""Maximum residual in rows of an injection that confirms its profile."""
 REMEMBERED_LATENCIES = 8
 FRUITLESS = 8
-"""Frames in a row, exposed for longer than a period without effect: this camera cannot be moved."""
+"""Consecutive frames exposed longer than a period without effect that show an immovable camera."""
 FINE_ROWS = 16
-"""Up to so many rows a step is small: its effect is taken for granted, and no picture suffers."""
+"""Maximum rows of a small step, whose effect is taken for granted and is invisible in images."""
 DEADBAND_ROWS = 0.55
-"""A row is given where the predicted error exceeds this: over a half, or noise would make it flicker."""
+"""Minimum predicted error in rows for a step of a row: over a half, so that noise causes no flicker."""
 
 
 class InjectionHistory:
-    """The last injections of one camera: rows exposed, and the rows that the phase moved by."""
+    """Last injections of one camera: rows exposed, and the resulting shift in rows."""
 
     def __init__(self, *, period_ns: int, row_time_ns: int | None) -> None:
         self.row_ns = row_time_ns or FINEST_NS
-        """What exposures are counted in."""
+        """Unit of exposures: the row time, or FINEST_NS if that is unknown."""
         self.row_known = row_time_ns is not None
         self._grain = 1.0 if self.row_known else USUAL_ROW_NS / self.row_ns
-        """The sensor's own rows in those that exposures are counted in, or the stamps' noise if larger."""
+        """Larger of the sensor's row and the timestamps' noise, in units of `row_ns`."""
         self._period_rows = period_ns / self.row_ns
         self._seen: deque[tuple[int, float]] = deque(maxlen=REMEMBERED)
 
     @property
     def moved(self) -> bool:
-        """Whether any injection moved the phase: only then there is something to fit."""
+        """Whether any injection moved the phase; without one there is nothing to fit."""
         return any(shift for _, shift in self._seen)
 
     @property
     def idle_rows(self) -> int:
-        """Longest exposure that moved nothing, 0 where there was none."""
+        """Longest exposure without effect, in rows; 0 if there was none."""
         return max((rows for rows, shift in self._seen if not shift), default=0)
 
     def add(self, rows: int, shift_rows: float, noise_rows: float) -> None:
-        """Remember an injection; what the noise of its frames' timestamps explains is no misfit."""
+        """Add an injection; residuals within the noise of its frames' timestamps are not counted."""
         self._grain = max(self._grain, noise_rows)
         self._seen.append((rows, shift_rows))
 
     def miss_rows(self, profile: InjectionProfile, rows: int, shift_rows: float) -> float:
-        """How far a shift was from what a profile says, in the sensor's own rows."""
+        """Return the residual of a shift against a profile, in the sensor's own rows."""
         return abs(shift_rows - profile.shift_rows(rows)) / self._grain
 
     def scatter_ns(self, profile: InjectionProfile) -> float:
-        """Standard deviation of what injections did about what a profile says; 0 until it shows."""
+        """Return the standard deviation of shifts about a profile in ns; 0 before two moves were seen."""
         misses = [self.miss_rows(profile, *one) for one in self._seen if one[1]]
         if len(misses) < 2:
             return 0.0
@@ -111,9 +112,9 @@ class InjectionHistory:
         )
 
     def fit(self) -> InjectionProfile:
-        """The gain whose line fits best, with the overhead it implies as a tie-breaker.
+        """Return the profile with the best-fitting gain; the overhead it implies is the tie-breaker.
 
-        A real gain is that of an injection with the usual overhead, or what two injections tell.
+        Candidates for a real gain come from pairs of injections, and from single ones at typical overhead.
         """
         idle = (self._period_rows - USUAL_OVERHEAD_NS / self.row_ns, 0.0)
         gains = [
@@ -126,7 +127,7 @@ class InjectionHistory:
         return min(fits, key=lambda fit: fit[0])[1]
 
     def _fit_gain(self, gain: float, penalty: float) -> tuple[float, InjectionProfile]:
-        """The misfit of a gain, in rows, and the profile that it makes of the injections seen."""
+        """Return the residual of a gain in rows, penalties included, and the profile fitted with it."""
         neutral = median([rows - shift / gain for rows, shift in self._seen if shift])
         if self.row_known and not penalty:
             neutral = float(round(neutral))
@@ -141,7 +142,7 @@ class InjectionHistory:
 
 
 class InjectionActuator(PhaseActuator):
-    """Turns wished shifts into exposures; learns gain and neutral rows in one or two injections."""
+    """Phase moves by exposures; learns gain and neutral rows in one or two injections."""
 
     def __init__(self, camera: CameraFacts, profile: InjectionProfile | None = None) -> None:
         self._history = InjectionHistory(period_ns=camera.period_ns, row_time_ns=camera.row_time_ns)
@@ -153,16 +154,16 @@ class InjectionActuator(PhaseActuator):
         self._asked: int | None = None
         self._latencies: deque[int] = deque([LEAD_FRAMES], maxlen=REMEMBERED_LATENCIES)
         self._confirmed = True
-        """Whether the last injection did what the profile had said."""
+        """Whether the last injection agreed with its profile."""
         self._raised_ns = 0
         self._in_vain = self._fruitless = 0
-        """Injections in a row without effect, and those of them that must have had one."""
+        """Consecutive injections without effect, and the number of them that were long enough to have one."""
         self.profile = profile
-        """None until the first injection showed what it does."""
+        """Injection profile; None until the first injection has shown its effect."""
 
     @property
     def problem(self) -> str:
-        """Why this camera can never be moved: long exposures are out of its reach, or change nothing."""
+        """Reason why this camera can never be moved: no long exposures, or none with an effect."""
         if self._fruitless >= FRUITLESS:
             return "its phase does not move when it is told to expose one frame for longer"
         if self._max_ns >= self._period_ns + FIRST_STRETCH_NS:
@@ -179,7 +180,7 @@ class InjectionActuator(PhaseActuator):
 
     @property
     def meets_bursts(self) -> bool:
-        """Whether a stream can be brought to its grid between the order of a burst and its first instant."""
+        """Whether a stream can reach its grid between the order of a burst and its first instant."""
         return self.sure and self._burst_lead_frames * self._period_ns <= BURST_NOTICE_NS
 
     @property
@@ -189,19 +190,19 @@ class InjectionActuator(PhaseActuator):
 
     @property
     def expected_shift_ns(self) -> float | None:
-        """How far the last injection moves the phase, None where that is not sure."""
+        """Expected shift by the last injection, in ns; None if it is uncertain."""
         if self.profile is None or self._asked is None or not self.sure:
             return None
         return self.profile.shift_rows(self._asked) * self._row_ns
 
     def setpoint(self, drift: Drift, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Setpoint | None:
-        """Where the stream stays within its tolerance for longest; None if it is going to be within it.
+        """Return the setpoint that keeps the stream within its tolerance longest; None if none is needed.
 
-        Right at the grid while it is not sure where it lands.
+        The setpoint is the grid itself while the effect of an injection is uncertain.
         """
         lead_ns = max(self._latencies) * drift.period_ns
         if self.sure and drift.tolerance_ns * 2 < abs(drift.rate) * lead_ns:
-            # It would be out again before the next injection counts: only bursts are worth one.
+            # The stream would leave again before the next injection counts: only bursts justify one.
             return None
         waits_ns = (lead_ns, WAIT_NS) if aligned else (lead_ns,)
         if any(abs(drift.error_after(later_ns)) <= drift.left_ns for later_ns in waits_ns):
@@ -209,7 +210,7 @@ class InjectionActuator(PhaseActuator):
         return setpoint_to_stay(drift, lead_ns, hold_ns if self.sure else 0)
 
     def setpoint_for_burst(self, drift: Drift, *, begins_ns: int, lasts_ns: int) -> Setpoint | None:
-        """Where the stream meets its grid in the middle of a burst; None where the effect is not sure."""
+        """Return the setpoint to cross the grid in mid-burst; None if uncertain or not needed."""
         if not self.sure:
             return None
         lead_ns = max(self._latencies) * drift.period_ns
@@ -220,7 +221,7 @@ class InjectionActuator(PhaseActuator):
         )
 
     def command(self, move: Move) -> InjectFrame | None:
-        """One long frame; a shift that takes more than the longest exposure is done in part."""
+        """Return a long exposure; a shift beyond the longest exposure is done in part."""
         self._asked = None
         if self.profile is None:
             stretch_ns = max(move.shift_ns / FIRST_GAIN, FIRST_STRETCH_NS) + self._raised_ns
@@ -235,13 +236,13 @@ class InjectionActuator(PhaseActuator):
         return InjectFrame(max(self._min_ns, round((rows + INSIDE_ROW) * self._row_ns)))
 
     def learn(self, shift_ns: int | None, noise_ns: float, latency_frames: int | None) -> None:
-        """Fit gain and neutral rows to all shifts remembered; no shift at all only raises the next one."""
+        """Fit gain and neutral rows to all stored shifts; no shift only lengthens the next exposure."""
         rows, self._asked = self._asked, None
         if rows is None or shift_ns is None:
             return
         if shift_ns < max(0.75 * self._row_ns, 4.0 * noise_ns):
-            # Too short to stretch a frame at all, it teaches nothing about longer ones. With a known
-            # device the command was lost, more likely.
+            # Too short to stretch any frame, so it shows nothing about longer ones. On a known device the
+            # command was probably lost.
             self._in_vain += 1
             if rows * self._row_ns > self._period_ns:
                 self._fruitless += 1
@@ -264,10 +265,10 @@ class InjectionActuator(PhaseActuator):
         return floor(self._max_ns / self._row_ns - INSIDE_ROW)
 
     def _rows_for(self, profile: InjectionProfile, move: Move) -> int | None:
-        """Rows whose shift, whole periods aside, comes nearest; None if no shift comes as near.
+        """Return the rows whose shift, modulo the period, comes closest; None if none is worthwhile.
 
-        A gain of g moves in steps of g rows, but a period is seldom a multiple of them: with some whole
-        periods more, the rows between them come into reach.
+        A gain of g gives steps of g rows, but a period is seldom a multiple of them. Adding whole periods
+        makes the rows between them reachable.
         """
         step_ns = profile.gain * self._row_ns
         least_rows = max(profile.neutral_rows, self._history.idle_rows)
@@ -277,23 +278,23 @@ class InjectionActuator(PhaseActuator):
             below = floor(shift_ns / step_ns + profile.neutral_rows)
             for rows in (below, below + 1):
                 late_ns = (rows - profile.neutral_rows) * step_ns - shift_ns
-                # Beyond the tolerance it would have to be done again, however near it is to the aim.
+                # A landing outside the tolerance would need another injection, however close to the target.
                 beyond_ns = abs(move.off_centre_ns + late_ns) - INSIDE_TOLERANCE * move.tolerance_ns
                 cost = abs(late_ns) + max(0.0, beyond_ns)
                 if least_rows < rows <= self._most_rows() and cost < least:
                     best_rows, least = rows, cost
         most = self._most_rows()
         if best_rows is None and profile.neutral_rows < most < move.shift_ns / step_ns + profile.neutral_rows:
-            # Out of reach in one go: as far as the longest exposure gets.
+            # Not possible with one exposure: use the longest one.
             return most
         return best_rows
 
 
 class FrameDurationActuator(PhaseActuator):
-    """Turns wished shifts into the duration of one frame; a step too long for one frame is done in part."""
+    """Phase moves by the duration of one frame; a step too long for one frame is done in part."""
 
     def __init__(self, camera: CameraFacts) -> None:
-        """Without limits, a frame can only be made longer, up to four periods."""
+        """Without limits from the camera, a frame can only be made longer, up to four periods."""
         self._row_ns = camera.row_time_ns or FINEST_NS
         self._base_rows = round(camera.period_ns / self._row_ns)
         least_ns, most_ns = camera.min_frame_duration_ns, camera.max_frame_duration_ns
@@ -303,32 +304,32 @@ class FrameDurationActuator(PhaseActuator):
         self._most_rows = max(0, most_ns // self._row_ns - self._base_rows)
         self._fine_ns = FINE_ROWS * self._row_ns
         self.shift_ns = 0
-        """What the last command does to the phase, in ns."""
+        """Effect of the last command on the phase, in ns."""
 
     @property
     def problem(self) -> str:
-        """Why this camera can never be moved."""
+        """Reason why this camera can never be moved; empty if it can."""
         if self._most_rows > 0:
             return ""
         return "none of its frames can be made longer than the usual ones"
 
     @property
     def small_shift_ns(self) -> int | None:
-        """What the last command does to the phase, None where it is more than a small step."""
+        """Effect of the last command on the phase in ns; None if it is more than a small step."""
         return self.shift_ns if abs(self.shift_ns) <= self._fine_ns else None
 
     def setpoint(self, drift: Drift, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Setpoint | None:
-        """Straight at the grid: a step of a row costs nothing."""
+        """Return the grid itself as the setpoint: a step of a row costs nothing."""
         lead_ns = drift.latency_frames * drift.period_ns
         return Setpoint(lead_ns, 0.0)
 
     def setpoint_on_hold(self, drift: Drift) -> Setpoint | None:
-        """At the grid, if it is a few rows away at most: such a step shows in no picture."""
+        """Return the grid as the setpoint if it is a few rows away at most: such a step is invisible."""
         lead_ns = drift.latency_frames * drift.period_ns
         return None if abs(drift.error_after(lead_ns)) > self._fine_ns else Setpoint(lead_ns, 0.0)
 
     def command(self, move: Move) -> SetFrameDuration | None:
-        """The duration of one frame; None while the error is within about half a row."""
+        """Return the duration of one frame; None while the error is within about half a row."""
         later_ns = move.shift_ns
         if later_ns > move.period_ns / 2:
             later_ns -= round(move.period_ns)
@@ -336,7 +337,7 @@ class FrameDurationActuator(PhaseActuator):
             return None
         rows = round(later_ns / self._row_ns)
         if rows < self._least_rows == 0:
-            # Frames cannot be made shorter: the way round, by nearly a whole period, is the only one.
+            # Frames cannot be shortened: go forward by nearly a whole period.
             rows = round(move.shift_ns / self._row_ns)
         rows = min(max(rows, self._least_rows), self._most_rows)
         if rows == 0:

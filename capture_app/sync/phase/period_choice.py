@@ -1,25 +1,26 @@
-"""Choice of a rig's frame period: that of most machines, each represented by most of its own cameras.
+"""Choice of a rig's frame period: the most common period of its machines, one vote per machine.
 
-One machine has one vote, so that a host with many cameras, or a faulty one, does not decide for the others.
-Periods that one rig can hold count as equal; a period of video is preferred to one of stills.
+A machine's vote is the most common period of its own cameras. A host with many cameras, or a faulty one,
+therefore does not decide for the others. Periods that one rig can hold count as equal; a video period is
+preferred to a stills period.
 """
 
 from bisect import bisect_left, bisect_right
 from collections.abc import Iterable, Sequence
 
 MAX_DRIFT_PPM = 1000.0
-"""Largest drift of a camera against the grid at which its frames can still be held on it."""
+"""Maximum drift of a camera against the grid at which its frames can still be held on it."""
 MAX_VIDEO_PERIOD_NS = 1_000_000_000
-"""A camera with a longer period takes stills, and decides only if no other camera is here."""
+"""A camera with a longer period takes stills, and decides only if there is no other camera."""
 
 
 def choose_period(present_ns: int, machines: Iterable[Sequence[int]]) -> int:
-    """Return the period in ns for a rig, from those of each machine's cameras; of equals the present one."""
+    """Return a rig's period in ns from the camera periods of each machine; in a tie, the present one."""
     return _most_common(present_ns, [_most_common(present_ns, periods_ns) for periods_ns in machines])
 
 
 def can_hold(period_ns: int, grid_period_ns: int) -> bool:
-    """Whether a camera with a period can be held on a grid with another one."""
+    """Whether a camera of one period can be held on a grid of another."""
     return abs(period_ns - grid_period_ns) <= _tolerance_ns(grid_period_ns)
 
 

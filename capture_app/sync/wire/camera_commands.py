@@ -19,7 +19,7 @@ class RestartStream:
 
 @dataclass(frozen=True, slots=True)
 class SetFrameDuration:
-    """Let one coming frame last this long, from its start to the next one's, then go on as before."""
+    """Set the duration of one coming frame, from its start to the next one's (single frame only)."""
 
     duration_ns: int
 

@@ -1,18 +1,16 @@
-"""Encoding of datagrams: the magic `sS`, version and kind, then a fixed layout or tagged msgpack.
+"""Datagram encoding: the magic `sS`, version and kind, then a fixed layout or tagged msgpack.
 
-Time messages have the fixed layout, and the time of sending is written last: each microsecond between the
-reading of the clock and the socket would be an error of the estimate. A time reply is never larger than its
-request.
+Time messages have the fixed layout, and their send time is written last: each microsecond between reading the
+clock and the socket is an error of the estimate. A time reply is never larger than its request.
 
-A peer's version is asked and reported in a form that no version may change:
+The query for a peer's version has a format that no version may change:
 
-2 bytes   the magic of all datagrams
-1 byte    the version of the sender; 0 in a question
+2 bytes   magic of all datagrams
+1 byte    version of the sender; 0 in a query
 1 byte    0
-8 bytes   a token of who asks, returned in the answer
+8 bytes   token of the sender of the query, returned in the answer
 
-A datagram of another version is answered with the own version, in no more bytes; an answer is never
-answered.
+A datagram of another version is answered with this version, in no more bytes. An answer is never answered.
 """
 
 import struct
@@ -43,7 +41,7 @@ _ASKING = 0
 _FORM = struct.Struct(f">2sBB{TOKEN_BYTES}s")
 _HEADER = struct.Struct(">2sBB")
 MAX_DATAGRAM = 1200
-"""In bytes, of a control message; fits every link without fragments."""
+"""Maximum bytes of a control message, which fit every link without fragmentation."""
 _KIND_TIME_REQUEST, _KIND_TIME_REPLY, _KIND_CONTROL = 1, 2, 3
 _TIME = struct.Struct(">2sBBIIqqq")
 _BEFORE_T0 = struct.Struct(">2sBBII")
@@ -53,12 +51,12 @@ _T2 = struct.Struct(">q")
 
 
 def version_question(token: bytes) -> bytes:
-    """Return the datagram that asks a peer for its version; `token` has TOKEN_BYTES bytes."""
+    """Return the datagram that queries a peer's version; `token` has TOKEN_BYTES bytes."""
     return _FORM.pack(MAGIC, _ASKING, KIND_VERSION, token)
 
 
 def version_answer(data: bytes) -> bytes | None:
-    """Return what to answer to a datagram of another version; None where it gets no answer."""
+    """Return the answer to a datagram of another version; None if it gets no answer."""
     if len(data) < _FORM.size or data[:2] != MAGIC:
         return None
     _, version, kind = _HEADER.unpack_from(data)
@@ -68,7 +66,7 @@ def version_answer(data: bytes) -> bytes | None:
 
 
 def answered_version(data: bytes, token: bytes) -> int | None:
-    """Return the version that a peer tells in its answer to a question; None where this is none to it."""
+    """Return the version in a peer's answer to a query; None if `data` is not the answer to this query."""
     if len(data) != _FORM.size:
         return None
     magic, version, kind, given_back = _FORM.unpack(data)
@@ -77,18 +75,18 @@ def answered_version(data: bytes, token: bytes) -> int | None:
 
 
 def is_version_question(data: bytes) -> bool:
-    """Whether a datagram only asks for the version, which anybody may."""
+    """Whether a datagram is a version query, which any peer may send."""
     return len(data) == _FORM.size and data[:2] == MAGIC and (data[2], data[3]) == (_ASKING, KIND_VERSION)
 
 
 def is_version_answer(data: bytes) -> bool:
-    """Whether a datagram tells another version than this one, whoever asked."""
+    """Whether a datagram reports a version other than this one, in answer to any query."""
     is_one = len(data) == _FORM.size and data[:2] == MAGIC and data[3] == KIND_VERSION
     return is_one and data[2] not in (VERSION, _ASKING)
 
 
 def version_mismatch(version: int) -> str:
-    """Say that a leader speaks another version, and what to do."""
+    """Return the error text for a leader of another version, with the remedy."""
     older = "here" if version > VERSION else "on the leader's machine"
     return (
         f"its leader speaks version {version} of the protocol, and this node version {VERSION}:"
@@ -105,7 +103,7 @@ _decoder = msgspec.msgpack.Decoder(ControlMessage)
 
 
 class WireError(ValueError):
-    """A datagram that is not one of ours, cut, or of another version, which it then tells."""
+    """Datagram that is foreign, truncated, or of another version, which is then in `version`."""
 
     def __init__(self, why: str, *, version: int | None = None) -> None:
         super().__init__(why)
@@ -113,7 +111,7 @@ class WireError(ValueError):
 
 
 def encode(message: Message) -> bytes:
-    """Return the datagram of a message. Raises WireError where it would be larger than MAX_DATAGRAM."""
+    """Return the datagram of a message. Raises WireError if it would be larger than MAX_DATAGRAM."""
     match message:
         case TimeRequest(client, sequence, t0_ns):
             return request_at(request_before_t0(client, sequence), t0_ns)
@@ -126,9 +124,9 @@ def encode(message: Message) -> bytes:
 
 
 def decode(data: bytes) -> Message:
-    """Return the message of a datagram. Raises WireError where it is not a message of this version.
+    """Return the message of a datagram. Raises WireError if it is not a message of this version.
 
-    Where it says that it is of another one, the error has that `version`.
+    If the datagram is of another version, the error has that `version`.
     """
     if len(data) < _HEADER.size or data[:2] != MAGIC:
         raise WireError("not a simulshot datagram")
@@ -149,7 +147,7 @@ def decode(data: bytes) -> Message:
 
 
 def _printable(message: ControlMessage) -> ControlMessage:
-    """The message with texts that no terminal takes for commands: they reach screens and logs."""
+    """Return the message with unprintable characters replaced, so that no terminal takes them as commands."""
     match message:
         case Hello(camera=camera):
             texts = camera.kind, camera.model, camera.pixel_format
@@ -176,12 +174,12 @@ def _printable_report(report: Report) -> Report:
 
 
 def _plain(text: str) -> str:
-    """A text of one line, without what cannot be printed."""
+    """Return a text as one line without unprintable characters."""
     return "".join(letter if letter.isprintable() else REPLACEMENT.decode() for letter in text)
 
 
 def request_before_t0(client: int, sequence: int) -> bytes:
-    """Return a TimeRequest up to its `t0_ns`."""
+    """Return the bytes of a TimeRequest before its `t0_ns`."""
     return _BEFORE_T0.pack(MAGIC, VERSION, _KIND_TIME_REQUEST, client, sequence)
 
 
@@ -191,7 +189,7 @@ def request_at(before: bytes, t0_ns: int) -> bytes:
 
 
 def reply_before_t2(request: TimeRequest, t1_ns: int) -> bytes:
-    """Return the TimeReply to a request up to its `t2_ns`."""
+    """Return the bytes of the TimeReply to a request before its `t2_ns`."""
     head = MAGIC, VERSION, _KIND_TIME_REPLY, request.client, request.sequence
     return _BEFORE_T2.pack(*head, request.t0_ns, t1_ns)
 

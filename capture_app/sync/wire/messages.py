@@ -11,12 +11,12 @@ from capture_app.common.node_state import CLOCK_ONLY, NodeState
 from capture_app.sync.clock.time_map import TimeMap
 
 MAX_DEPTH = 8
-"""Most clocks between a node's and the root's."""
+"""Maximum number of clocks between a node's and the root's."""
 Error = Annotated[float, Meta(ge=0.0, le=1e18)]
 SkewError = Annotated[float, Meta(ge=0.0, le=1.0)]
 MOST_TEXT = 200
 MOST_REPORTS, MOST_OTHERS = 10, 200
-"""That a relay's message carries: so many fit into a datagram."""
+"""Maximum entries of a relay's message: as many as fit into a datagram."""
 CLOCK = CameraFacts(
     kind=CLOCK_ONLY,
     model="",
@@ -26,19 +26,19 @@ CLOCK = CameraFacts(
     phase_control=PhaseControl.NONE,
     timestamp_source=TimestampSource.UNKNOWN,
 )
-"""What such a node says of the camera that it has not."""
+"""Placeholder camera description of a node without a camera."""
 PROBE_NUMBER = 0
-"""The number in a liveness probe, which no client has: a leader that answers that it is unknown is there."""
+"""Client number in a liveness probe, which no client has; a leader that answers "unknown" is alive."""
 MIN_PERIOD_NS = 100_000
 MAX_PERIOD_NS = 60_000_000_000
-"""Frame periods that a rig can have: 10,000 fps to one a minute."""
+"""Minimum and maximum frame period of a rig: 10,000 fps to one frame a minute."""
 
 
 class UpstreamMap(Struct, frozen=True, array_like=True):
-    """A relay's map from its own clock to the root's, as it goes over the wire; times in ns.
+    """Message form of a relay's map from its own clock to the root's; times in ns.
 
-    A relay's time replies carry its own clock, which never jumps; its clients add this to what they find.
-    `path` names the instances from the root to the relay, so that no relay follows itself.
+    A relay's time replies carry its own clock, which never jumps. Its clients chain this map to their map of
+    the relay's clock. `path` names the instances from the root to the relay, so that no relay follows itself.
     """
 
     path: Annotated[tuple[int, ...], Meta(min_length=1, max_length=MAX_DEPTH)]
@@ -53,35 +53,35 @@ class UpstreamMap(Struct, frozen=True, array_like=True):
 
     @property
     def is_finite(self) -> bool:
-        """Whether all of its values are numbers."""
+        """Whether all values are finite numbers."""
         values = (getattr(self, name) for name in _SHARED_FIELDS)
         return all(isfinite(value) for value in values if isinstance(value, float))
 
     def time_map(self) -> TimeMap:
-        """The map from the relay's clock to the root's."""
+        """Return the map from the relay's clock to the root's."""
         fields = {name: getattr(self, name) for name in _SHARED_FIELDS}
         return TimeMap(**fields, samples=0, round_trip_ns=0)
 
 
 _SHARED_FIELDS = UpstreamMap.__struct_fields__[1:]
-"""All but the path: fields that a time map has, too."""
+"""Fields shared with a time map: all but the path."""
 
 
 def upstream_map(path: tuple[int, ...], time_map: TimeMap) -> UpstreamMap:
-    """Return the message form of the time map of a relay with that path."""
+    """Return the message form of the time map of a relay at `path`."""
     return UpstreamMap(path, *(getattr(time_map, name) for name in _SHARED_FIELDS))
 
 
 Text = Annotated[str, Meta(max_length=MOST_TEXT)]
 Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
-"""The number of a client, as time messages carry it."""
+"""Number of a client, as time messages carry it."""
 Others = Annotated[tuple[Number, ...], Meta(max_length=MOST_OTHERS)]
 Pin = Annotated[str, Meta(pattern="^[a-z2-7-]{0,39}$")]
-"""By which a machine is known; empty in a rig that asks nobody."""
+"""Identifier of a machine; empty in a rig that does not authenticate machines."""
 
 
 class TimeRequest(Struct, frozen=True):
-    """A client asks for the leader's time; `t0_ns` is its own when it sent this."""
+    """Client's request for the leader's time; `t0_ns` is the send time on the client's clock."""
 
     client: int
     sequence: int
@@ -89,7 +89,7 @@ class TimeRequest(Struct, frozen=True):
 
 
 class TimeReply(Struct, frozen=True):
-    """The leader's answer: request received at `t1_ns` and answered at `t2_ns`, leader time."""
+    """Leader's reply: request received at `t1_ns` and answered at `t2_ns`, leader time."""
 
     client: int
     sequence: int
@@ -99,41 +99,41 @@ class TimeReply(Struct, frozen=True):
 
 
 class Hello(Struct, frozen=True, tag="hello"):
-    """A client wants to join; `instance` tells one run of it from the next."""
+    """Client's request to join; `instance` identifies one run of the client."""
 
     name: Name
     instance: int
     camera: CameraFacts
     via: Name | None = None
-    """The relay that it joined, where a relay passes this on; None where the client sends it itself."""
+    """Relay that the client joined and that forwards this; None if the client sends it itself."""
     pin: Pin = ""
-    """That of its machine, as a relay has seen it; what a client says of itself does not count."""
+    """Pin of the client's machine as a relay has verified it; a client's own claim is ignored."""
 
 
 class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
-    """A rig's configuration as a leader, or a relay, tells it to all its clients; times in ns."""
+    """Configuration of a rig, as a leader or a relay sends it to all its clients; times in ns."""
 
     leader: int
-    """The run of the leader, or of the relay."""
+    """Instance of the leader, or of the relay."""
     anchor_leader_ns: int
     """An instant of the rig's grid, which has one each `period_ns`."""
     period_ns: int
     align_row: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
-    """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
+    """Fraction of the image height whose row is aligned by its mid-exposure; None: the first row's start."""
     meeting_leader_ns: int | None = None
-    """When streams that can only be restarted should suit the grid, or be restarted; None: none need be."""
+    """Instant at which restartable streams must meet the grid, or be restarted; None: none is restarted."""
     pace_ns: Annotated[int, Meta(ge=0, le=60_000_000_000)] = 0
-    """Mean time between two time requests of one client that this leader can bear; 0: as it likes."""
+    """Minimum mean interval between one client's time requests that this leader accepts; 0 for any."""
     upstream: UpstreamMap | None = None
     """A relay's map from its clock to the root's."""
     in_holdover: bool = False
-    """This relay, or one above it, has lost its leader: it keeps the time, but brings no bursts."""
+    """Whether this relay, or one above it, has lost its leader: it keeps the time but forwards no bursts."""
     continues: UpstreamMap | None = None
-    """The root carries on the time of a leader that is gone, which is the path: from its own to that time."""
+    """Map from the root's clock to that of a lost leader, named in its path, whose time it continues."""
 
     @property
     def is_possible(self) -> bool:
-        """Whether it can be right."""
+        """Whether its values are plausible."""
         above = self.upstream
         return MIN_PERIOD_NS <= self.period_ns <= MAX_PERIOD_NS and (above is None or above.is_finite)
 
@@ -143,39 +143,39 @@ class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
         return (self.leader,) if self.upstream is None else (*self.upstream.path, self.leader)
 
     def root_map(self, own: TimeMap) -> TimeMap:
-        """Return the map to the root's clock; `own` is the one to this leader's."""
+        """Return the map to the root's clock; `own` maps to this leader's clock."""
         return own if self.upstream is None else own.chained_to(self.upstream.time_map())
 
 
 class Welcome(Struct, frozen=True, tag="welcome"):
-    """The leader took a client in."""
+    """Leader's confirmation that a client has joined."""
 
     instance: int
-    """The client's run, as its hello told it."""
+    """Instance of the client, from its hello."""
     client: Number
-    """The client's number, here and in all further messages."""
+    """Number assigned to the client, used in all further messages."""
     transfer_port: int
-    """TCP port of the leader that images go to."""
+    """TCP port of the leader to which images are sent."""
     config: RigConfigMessage
     slot: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
-    """The part of its pace at which a client sends its time requests, in leader time."""
+    """Position of a client's time requests within its request interval, in leader time."""
 
 
 class JoinRefusal(Struct, frozen=True, tag="join-refusal"):
-    """The leader did not take a client in, and why; the client may ask again."""
+    """Leader's refusal of a client, with the reason; the client may ask again."""
 
     instance: int
     reason: Text
     retry_here: bool = False
-    """It will be able to soon: ask again here, not another leader."""
+    """Whether this leader can soon admit the client, which should retry here and not at another leader."""
 
 
 class Report(Struct, frozen=True, kw_only=True, array_like=True):
-    """A client's own view of itself, sent with each heartbeat; times in ns."""
+    """Status of a client, sent with each heartbeat; times in ns."""
 
     state: NodeState
     message: Text = ""
-    """Why it is not ready, what it does about it and what a person can do, in one sentence."""
+    """One sentence: why the client is not ready, what it does about it and what the operator can do."""
     offset_ns: int | None = None
     skew_ppm: float | None = None
     uncertainty_ns: int | None = None
@@ -189,52 +189,53 @@ class Report(Struct, frozen=True, kw_only=True, array_like=True):
     frames: int = 0
     drops: int = 0
     frame_leader_ns: int | None = None
-    """Leader time of the aligned moment of a frame near now; None while the phase is not known."""
+    """Leader time of the aligned moment of a recent frame; None while the phase is unknown."""
     tolerance_ns: int = 0
-    """Largest phase error that this client does not correct: what was asked for, or what its stamps allow."""
+    """Largest phase error that is not corrected: as requested, or what the camera's timestamps allow."""
     stamp_quantum_ns: int = 0
-    """Step that the camera's timestamps come in, 0 where it is too fine to matter."""
+    """Step of the camera's timestamps; 0 if it is negligible."""
     slewing_ppm: float | None = None
-    """By how much this host makes its clock run faster than usual, as it says itself; None if it does not."""
+    """Rate by which this host speeds up its clock, as its operating system reports; None if unknown."""
 
 
 class Heartbeat(Struct, frozen=True, tag="heartbeat"):
-    """A client is alive; what it reports of itself."""
+    """Sign of life of a client, with its report."""
 
     client: int
     report: Report
 
 
 class MemberReports(Struct, frozen=True, tag="member-reports"):
-    """A relay sums up its members: those that have news, and the others in turn; all else is as it was.
+    """Relay's summary of its members: changed ones, and the others in turn; the rest are unchanged.
 
-    While the relay is heard its members are there; of one that is lost it says so until that is known.
+    While the relay is alive, its members count as alive. The relay reports a lost member until the loss is
+    acknowledged.
     """
 
     reports: Annotated[tuple[tuple[Number, Report], ...], Meta(max_length=MOST_REPORTS)]
-    """By the numbers of the members."""
+    """Reports with the members' numbers."""
 
 
 class HeartbeatAck(Struct, frozen=True, tag="heartbeat-ack"):
-    """The leader is alive and knows the client; its configuration, in case the client missed a change."""
+    """Leader's answer to a heartbeat, with its configuration in case the client missed a change."""
 
     client: int
     config: RigConfigMessage
 
 
 class UnknownMember(Struct, frozen=True, tag="unknown-member"):
-    """The leader does not know this client, as it was restarted or had lost it: join again."""
+    """Leader's answer to a client that it does not know, or no longer: the client must join again."""
 
     client: int
     stops: bool = False
-    """It is about to stop: join another one, if there is one."""
+    """Whether the leader is about to stop: the client should join another one, if any."""
 
 
 class Trigger(Struct, frozen=True, tag="trigger"):
-    """Save the frames nearest to first + k * step, k < count, leader time; past or future.
+    """Order to save the frames nearest to first + k * step, k < count, leader time; past or future.
 
-    `leader` is the run of the tree's root that ordered it: within that run its number tells a burst. A count
-    of 0 takes the burst of that number back.
+    `leader` is the instance of the root that ordered the burst; the burst's number is unique within it. A
+    count of 0 cancels the burst of that number.
     """
 
     client: int
@@ -244,35 +245,35 @@ class Trigger(Struct, frozen=True, tag="trigger"):
     step_ns: int
     count: int
     spare: int = 0
-    """How many of the last frames are wanted only while it is not known that the others will do."""
+    """Number of last frames that are only needed until the others are known to suffice."""
     streamed: bool = False
-    """Send the frames as they come; the same burst again with a lower count ends it earlier."""
+    """Whether to send the frames as they arrive; the same burst with a lower count ends it earlier."""
     video: bool = False
-    """They go into a video."""
+    """Whether the frames are recorded as a video."""
     others: Others = ()
-    """Further clients below the same relay, which passes it on."""
+    """Further clients below the same relay, which forwards the order to them."""
 
 
 class TriggerAck(Struct, frozen=True, tag="trigger-ack"):
-    """A client will save the burst, or says why it cannot."""
+    """Client's answer to a trigger: it will save the burst, or the reason why it cannot."""
 
     client: int
     leader: int
     burst: int
     refusal: Text = ""
     others: Others = ()
-    """Further clients below the same relay that say so, too."""
+    """Further clients below the same relay with the same answer."""
 
 
 class Notice(Struct, frozen=True, tag="notice"):
-    """What whoever looks after a client should know."""
+    """Message for a client's operator."""
 
     client: int
     text: Text
 
 
 class Goodbye(Struct, frozen=True, tag="goodbye"):
-    """A client leaves of its own will."""
+    """Client's announcement that it leaves."""
 
     client: int
 

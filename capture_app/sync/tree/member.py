@@ -1,4 +1,4 @@
-"""A node that keeps the root's time by following one of several leaders or relays."""
+"""Node that keeps the root's time by following one of several leaders or relays."""
 
 import random
 from collections import deque
@@ -15,17 +15,17 @@ from capture_app.sync.wire.codec import Message, WireError, encode
 from capture_app.sync.wire.messages import CLOCK, ControlMessage, Goodbye, Welcome
 
 WINDOW_NS, LONGEST_NS = 60_000_000_000, 300_000_000_000
-"""Its clock looks back so far: further than a camera's, as it asks more rarely."""
+"""Window of its clock filter: longer than a camera's, as its requests are rarer."""
 
 
 HEARTBEAT_EVERY_NS = 1_000_000_000
-"""Its requests for the time show, too, that it and its parent are there."""
+"""Heartbeat interval; time requests also show that the node and its parent are alive."""
 
 
 class TreeMember:
-    """Keeps the time of a tree's root; `now_ns` is always the node's own clock.
+    """Member of a tree that keeps the root's time; `now_ns` is always the node's own clock.
 
-    When its parent falls silent it asks the next one (failover), and keeps its time map meanwhile (holdover).
+    When its parent falls silent it asks the next one (failover), and meanwhile keeps its time map (holdover).
     """
 
     def __init__(
@@ -41,7 +41,7 @@ class TreeMember:
     ) -> None:
         """`parents` are asked in turn, the best one first; `camera` describes this node to them.
 
-        A parent that has said nothing for `silent_ns` is gone.
+        A parent that is silent for `silent_ns` counts as lost.
         """
         self.parents = parents
         self.time = TimeClient(
@@ -56,30 +56,30 @@ class TreeMember:
             heartbeat_every_ns=heartbeat_every_ns,
             silent_ns=silent_ns,
         )
-        """Its membership and its clock."""
+        """Membership and clock of this node."""
         self._choice = LeaderChoice(parents, self.time)
         self._better: Address | None = None
-        """A preferred parent that was asked to join while the present one is still followed."""
+        """Preferred parent that was asked to join while the present one is still followed."""
         self._outbox: deque[tuple[ControlMessage, Address]] = deque()
 
     @property
     def parent(self) -> Address:
-        """The parent that is followed, or asked to join at present."""
+        """Address of the parent that is followed, or presently asked to join."""
         return self._choice.leader
 
     # In
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in a datagram that arrived at `now_ns`."""
+        """Process a datagram that arrived at `now_ns`."""
         if address in self.parents:
             message = self.time.decode(data)
             if message is not None:
                 self.receive_message(message, address, now_ns)
 
     def receive_message(self, message: Message, address: Address, now_ns: int) -> None:
-        """Take in a message of one of the parents that arrived at `now_ns`.
+        """Process a message from one of the parents that arrived at `now_ns`.
 
-        Preferred parents answer probes, and may take this node in, while the present one is followed.
+        While the present parent is followed, preferred ones answer probes and may admit this node.
         """
         if address == self.parent:
             self.time.receive_message(message, now_ns)
@@ -90,12 +90,12 @@ class TreeMember:
             self._go_back(address, message, now_ns)
 
     def note_unreadable(self, error: WireError, address: Address) -> None:
-        """Note that one of the parents sent what is no message of this version."""
+        """Record that one of the parents sent a datagram that is not a message of this version."""
         if address == self.parent:
             self.time.note_unreadable(error)
 
     def handle_timer(self, now_ns: int) -> None:
-        """Do what is due; call it at `next_timer`, or any time."""
+        """Run the actions that are due; call it at `next_timer`, or at any time."""
         self.time.handle_timer(now_ns)
         self._choice.update(now_ns)
         better = self._choice.probe_if_due(now_ns)
@@ -106,11 +106,11 @@ class TreeMember:
     # Out
 
     def next_timer(self) -> int:
-        """Local time in ns at which `handle_timer` wants to be called."""
+        """Return the local time in ns at which `handle_timer` is to be called."""
         return min(self.time.next_timer(), self._choice.due_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
-        """Return datagrams and where to; a time request carries `now_ns`, so send them at once."""
+        """Return datagrams with their destinations; a time request carries `now_ns`, so send them at once."""
         datagrams = [(data, self.parent) for data in self.time.datagrams_to_send(now_ns)]
         while self._outbox:
             message, address = self._outbox.popleft()
@@ -118,14 +118,14 @@ class TreeMember:
         return datagrams + self._choice.datagrams_to_send()
 
     def leave(self) -> None:
-        """Say goodbye and drop the time map: this node is about to stop."""
+        """Send a goodbye and discard the time map before this node stops."""
         self.time.leave()
         self.time.timekeeper.forget()
 
     # The parts
 
     def _go_back(self, address: Address, welcome: Welcome, now_ns: int) -> None:
-        """Follow a preferred parent that is there again; the time map is kept until that one's is better."""
+        """Return to a preferred parent; the present time map stays in use until the new one is better."""
         number, former = self.time.number, self.parent
         if number is None or welcome.instance != self.time.instance:
             return

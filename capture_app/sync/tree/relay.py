@@ -1,7 +1,7 @@
-"""A relay: its parent's member and a leader of its own clients, which keep the root's time through it.
+"""Relay: a member of its parent, and a leader of its own clients, which keep the root's time through it.
 
-Its time replies carry its own clock, which never jumps, however its estimate moves. Its configuration has
-the map from that clock to the root's with its uncertainty, and each client chains the two.
+A relay's time replies carry its own clock, which never jumps when its estimate changes. Its configuration
+carries the map from that clock to the root's, with its uncertainty. Each client chains the two maps.
 """
 
 import random
@@ -34,14 +34,14 @@ from capture_app.sync.wire.messages import (
 from capture_app.sync.wire.principal import Principal
 
 OF_CAMERAS = msgspec.structs.replace(CLOCK, kind=RELAY, model="relay")
-"""How a relay of cameras describes itself: as a member that must be missed within seconds."""
+"""Description of a camera relay: a member whose loss must be noticed within seconds."""
 
 
 class Relay:
     """Member and leader behind one socket; `now_ns` is the relay's own clock.
 
-    Clients can join as soon as the root's time is known. A relay that loses its parent goes into holdover,
-    also for new clients; bursts come again with a parent.
+    Clients can join once the root's time is known. A relay that loses its parent goes into holdover, also
+    for clients that join then. Bursts resume with a new parent.
     """
 
     def __init__(self, member: TreeMember, leader: LeaderConfig, rng: random.Random) -> None:
@@ -53,9 +53,9 @@ class Relay:
     def receive_datagram(
         self, data: bytes, address: Address, now_ns: int, principal: Principal | None = None
     ) -> None:
-        """Take in a datagram that arrived at `now_ns`, of a parent or of a client.
+        """Process a datagram from a parent or a client that arrived at `now_ns`.
 
-        `principal` is the client that sealed it; None in a rig without seals, and where a parent did.
+        `principal` is the client that sealed it; None in a rig without seals, or if a parent sealed it.
         """
         try:
             message = decode(data)
@@ -65,7 +65,7 @@ class Relay:
             else:
                 self.leader.tell_version(data, address)
             return
-        # An address may be that of a parent and of a client: the kind of message tells which is meant.
+        # One address may be both a parent's and a client's: the kind of message distinguishes them.
         if not isinstance(message, FromClient):
             if principal is not None:
                 self.leader.impostures += 1
@@ -79,55 +79,55 @@ class Relay:
             and message.client == PROBE_NUMBER
             and self.leader.current.in_holdover
         ):
-            pass  # A client probes for a leader that is better than its own: this one is not.
+            pass  # A client probes for a better leader than its own, which this relay in holdover is not.
         elif self.leader.current.upstream is not None:
             self.leader.receive_message(message, address, now_ns, principal)
         elif isinstance(message, Hello) and self.member.time.is_member:
             self.leader.refuse(message, "the relay does not know the time yet", address, retry_here=True)
 
     def handle_timer(self, now_ns: int) -> None:
-        """Do what is due; call it at `next_timer`, or any time."""
+        """Run the actions that are due; call it at `next_timer`, or at any time."""
         self.member.handle_timer(now_ns)
         self._update_terms()
         self.leader.handle_timer(now_ns)
         self.uplink.handle_timer(now_ns)
 
     def leave(self) -> None:
-        """Say goodbye to the parent, and send the clients on: this relay is about to stop."""
+        """Send a goodbye to the parent and release the clients before this relay stops."""
         self.member.leave()
         self.leader.leave()
-        # They ask again at once, and must not be taken in here.
+        # The clients ask again at once, and must not be admitted here.
         self.leader.current.upstream = None
 
     def next_timer(self) -> int:
-        """Local time in ns at which `handle_timer` wants to be called."""
+        """Return the local time in ns at which `handle_timer` is to be called."""
         above_ns = min(self.member.next_timer(), self.uplink.next_timer())
         leader_ns = self.leader.next_timer()
         return above_ns if leader_ns is None else min(above_ns, leader_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
-        """Return datagrams and where to; time messages carry `now_ns`, so send them at once."""
+        """Return datagrams with their destinations; time messages carry `now_ns`, so send them at once."""
         return self.leader.datagrams_to_send(now_ns) + self.datagrams_to_parents(now_ns)
 
     def datagrams_to_parents(self, now_ns: int) -> list[tuple[bytes, Address]]:
-        """Return those of `datagrams_to_send` that go up; the others are the leader's own."""
+        """Return the datagrams for parents only; the others in `datagrams_to_send` are the leader's."""
         datagrams = self.member.datagrams_to_send(now_ns)
         return datagrams + [(data, self.member.parent) for data in self.uplink.datagrams_to_send()]
 
     def next_event(self) -> TimeClientEvent | LeaderEvent | None:
-        """Return the next thing that happened on either side, None where there is none."""
+        """Return the next event of the member or the leader; None if there is none."""
         return self.member.time.next_event() or self.leader.next_event()
 
     # The parts
 
     def _receive_from_parent(self, message: Message, address: Address, now_ns: int) -> None:
-        """Take in a message for this relay itself, or for one of its members."""
+        """Process a message for this relay itself, or for one of its members."""
         uplink, members = self.uplink, self.leader.roster.members
         match message:
             case Welcome() if message.instance != self.member.time.instance:
                 usurper = uplink.note_welcome(message.instance, message.client, members)
                 if usurper is not None:
-                    # The root knows whose the name is, and this one had it here.
+                    # The root decides who owns a name, and another member used it here.
                     self.leader.put_away(usurper)
             case JoinRefusal() if message.instance != self.member.time.instance:
                 refused = uplink.note_refusal(message.instance, message.reason, members)
@@ -144,7 +144,7 @@ class Relay:
                 self.member.receive_message(message, address, now_ns)
 
     def _update_terms(self) -> None:
-        """Make the parent's configuration, and the map to the root's clock, this relay's own."""
+        """Adopt the parent's configuration and the map to the root's clock."""
         member, leader = self.member, self.leader
         current, above, number = leader.current, member.time.followed, member.time.number
         if number != self._number:
@@ -157,7 +157,7 @@ class Relay:
             if current.grid_choice is not None:
                 leader.acknowledge_all()
         if member.time.time_map is None:
-            # This clock has jumped, or the root is another one: what the clients were told is wrong now.
+            # This clock has jumped, or the root is another one: the map that clients have is wrong now.
             current.upstream = None
             return
         if above is None or above.path[0] != member.time.timekeeper.path[0]:
@@ -171,7 +171,7 @@ class Relay:
         moved = (leader.grid, current.config.align_row) != (grid, above.align_row)
         if current.grid_choice is None or moved:
             current.grid_choice = GridPhaseChoice(grid)
-        # Without a parent no stream is restarted: what suits the other cameras is not known.
+        # Without a parent no stream is restarted, because the choice for the other cameras is unknown.
         current.grid_choice.meeting_leader_ns = above.meeting_leader_ns if number is not None else None
         current.config = replace(current.config, align_row=above.align_row)
         if moved:

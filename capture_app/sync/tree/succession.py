@@ -1,8 +1,8 @@
-"""Which of a rig's ranked leaders leads: the first that is alive; the others follow its clock meanwhile.
+"""Succession of a rig's ranked leaders: the first live one leads, and the others follow its clock meanwhile.
 
-None is taken back: a leader that returns follows the one that leads, whatever its rank, as every change costs
-the bursts under way (VRRP without preemption, RFC 9568). Where two lead, as after a split network, the one
-of the worse rank gives way.
+There is no preemption. A leader that returns follows the active one, whatever its rank, as every change of
+leader costs the bursts under way (VRRP without preemption, RFC 9568). If two lead, as after a split network,
+the one of lower rank gives way.
 """
 
 import random
@@ -18,79 +18,79 @@ from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.wire.messages import CLOCK, UpstreamMap
 
 HEARTBEAT_EVERY_NS, SILENT_NS = 100_000_000, 600_000_000
-"""Six of them unanswered, and the leader is gone: before its nodes ask who follows it."""
+"""Heartbeat interval and timeout: six missed heartbeats, shorter than its nodes' own timeout."""
 AGAIN_NS = 300_000_000
-"""One that is gone is asked once more for so long."""
+"""Time for which a lost leader is asked once more."""
 FIRST_NS, EACH_BETTER_NS = 2_000_000_000, 500_000_000
-"""At first, for each other one and each better one; later, for each better one that is there."""
+"""Waiting times before leading. At first per other leader and per better one; later per live better one."""
 STANDBY = replace(CLOCK, kind=RELAY, model="standby: leads when this leader is gone")
-"""How it describes itself to the one that leads: it must be missed within seconds."""
+"""Description of a standby to the active leader: a member whose loss must be noticed within seconds."""
 
 
 @dataclass(frozen=True, slots=True)
 class Continued:
-    """What one that begins to lead takes over from the leader that is gone."""
+    """State that a new leader takes over from a lost one."""
 
     time_map: TimeMap
-    """From its own clock to that one's."""
+    """Map from the new leader's clock to the lost one's."""
     told: UpstreamMap
-    """What its members are told of that: how far its time may be from that one's."""
+    """Message form for its members: how far its time may be from the lost leader's."""
     grid: FrameGrid
 
 
 class Succession:
-    """One of a rig's ranked leaders: keeps asking the others; `now_ns` is its own clock, whoever leads.
+    """One of a rig's ranked leaders, which keeps probing the others; `now_ns` is always its own clock.
 
-    Whoever runs it serves as a leader while `leads`, in the time of `continued`.
+    While `leads` is set, the caller serves as a leader, in the time of `continued`.
     """
 
     def __init__(
         self, name: str, instance: int, leaders: tuple[Address, ...], rank: int, rng: random.Random
     ) -> None:
-        """`leaders` are the other ones, the best first, of which `rank` are better than this one.
+        """`leaders` are the other leaders, the best first; the first `rank` of them are better than this one.
 
-        `name` is what it is called while it follows.
+        `name` is its name while it follows.
         """
         self.leads = False
-        """Whether it is the one that leads."""
+        """Whether it is the active leader."""
         self.continued: Continued | None = None
-        """What it took over when it began to lead; None where it knew no time."""
+        """State taken over when it began to lead; None if it knew no time."""
         self.member = TreeMember(
             name, instance, leaders, rng, STANDBY, heartbeat_every_ns=HEARTBEAT_EVERY_NS, silent_ns=SILENT_NS
         )
-        """Its membership of the one that leads."""
+        """Its membership of the active leader."""
         self._leaders, self._rank = leaders, rank
         self._followed: int | None = None
-        """Which of the others it followed last."""
+        """Index in `leaders` of the one followed last."""
         self._lead_ns: int | None = None
-        """When it begins to lead unless another one answers; None while one does, or it leads."""
+        """Time at which it begins to lead unless another leader answers; None if one does, or if it leads."""
 
     @property
     def leader(self) -> Address | None:
-        """The one that is followed, None where there is none or it leads itself."""
+        """Address of the leader that is followed; None if there is none or if it leads itself."""
         return self.member.parent if self.member.time.is_member and not self.leads else None
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in a datagram of one of the others that arrived at `now_ns`."""
+        """Process a datagram from one of the other leaders that arrived at `now_ns`."""
         self.member.receive_datagram(data, address, now_ns)
         self._look(now_ns)
 
     def handle_timer(self, now_ns: int) -> None:
-        """Do what is due; call it at `next_timer`, or any time."""
+        """Run the actions that are due; call it at `next_timer`, or at any time."""
         self.member.handle_timer(now_ns)
         self._look(now_ns)
 
     def next_timer(self) -> int:
-        """Local time in ns at which `handle_timer` wants to be called."""
+        """Return the local time in ns at which `handle_timer` is to be called."""
         due_ns = self.member.next_timer()
         return due_ns if self._lead_ns is None else min(due_ns, self._lead_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
-        """Return datagrams and where to; a time request carries `now_ns`, so send them at once."""
+        """Return datagrams with their destinations; a time request carries `now_ns`, so send them at once."""
         return self.member.datagrams_to_send(now_ns)
 
     def _look(self, now_ns: int) -> None:
-        """See who leads."""
+        """Update which leader is active."""
         other = self._leaders.index(self.member.parent)
         if self.member.time.is_member:
             self.leads = self.leads and other >= self._rank
@@ -99,7 +99,7 @@ class Succession:
         elif not self.leads and self._lead_ns is None:
             wait_ns = FIRST_NS * (len(self._leaders) + self._rank)
             if self._followed is not None:
-                # Better ones that have followed, too, come first.
+                # Better leaders that also followed come first.
                 wait_ns = AGAIN_NS + EACH_BETTER_NS * (self._rank - (self._followed < self._rank))
             self._lead_ns = now_ns + wait_ns
         if self._lead_ns is not None and now_ns >= self._lead_ns:
@@ -107,7 +107,7 @@ class Succession:
             self.continued = self._take_over(now_ns)
 
     def _take_over(self, now_ns: int) -> Continued | None:
-        """Return what is known of the time and the grid of the leader that is gone."""
+        """Return the time and grid of the lost leader; None if its time is unknown."""
         keeper, followed = self.member.time.timekeeper, self.member.time.followed
         time_map = keeper.time_map
         if followed is None or time_map is None or not keeper.time_is_known:

@@ -1,1 +1,1 @@
-"""Clock filter: from time messages to a time map between two clocks."""
+"""Clock filter, which estimates a time map between two clocks from time messages."""

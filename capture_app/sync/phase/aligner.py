@@ -29,7 +29,7 @@ LANDING_SHARE = 0.5
 Two streams that land by chance are up to twice as far from each other as from the grid.
 """
 LONG_STAY_NS = 2_000_000_000
-"""Stay within the tolerance beyond which occasional corrections hold a stream."""
+"""Minimum time within the tolerance for a stream that occasional corrections can hold there."""
 INJECTION_TIMEOUT_NS = 5_000_000_000
 RESET_TIMEOUT_NS = 15_000_000_000
 WARM_FRAMES = (30, 90)
@@ -48,7 +48,7 @@ HOLD_NS = {
     PhaseControl.RESET: 10_000_000_000,
     PhaseControl.NONE: 2_000_000_000,
 }
-"""Typical time in ns between two corrections; the setpoint centres the drift over it."""
+"""Target time in ns between two corrections; the setpoint centres the drift over it."""
 
 
 def choose_actuator(

@@ -17,7 +17,7 @@ WEIGHTS = {PhaseControl.NONE: 1000, PhaseControl.RESET: 1}
 RESTART_NS = 800_000_000
 """Approximate duration of one restart."""
 PRIOR_GAIN = 3.0
-"""Initial odds of a restart to land in the window, relative to a uniform restart."""
+"""Probability of landing in the window, relative to a uniform restart, assumed before any was observed."""
 AHEAD_S = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 18.0, 25.0, 35.0)
 """Times ahead at which a common instant is considered; further ahead, crystals drift unpredictably."""
 EARLY_COST = 0.1

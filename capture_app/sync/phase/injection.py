@@ -23,7 +23,7 @@ GAIN_LIMITS = (0.5, 4.0)
 REAL_GAIN = 1.2
 """Penalty in rows of mean residual on a gain that is not a whole number."""
 MISFIT_ROWS = 20.0
-"""Maximum residual counted per injection: an outlier among the timestamps is not the gain's fault."""
+"""Maximum residual in rows counted per injection: an outlier among the timestamps is not the gain's fault."""
 APART_ROWS = 10.0
 """Minimum difference in rows between two injections that determine a gain."""
 USUAL_ROW_NS = 12_000

@@ -1,1 +1,1 @@
-"""Timekeeping of a client: when to send time requests, and how good the clock is."""
+"""Timekeeping of a client: the schedule of its time requests, and the accuracy of its clock."""

@@ -34,7 +34,7 @@ class Continued:
     time_map: TimeMap
     """Map from the new leader's clock to the lost one's."""
     told: UpstreamMap
-    """Message form for its members: how far its time may be from the lost leader's."""
+    """Message form for its members, with the uncertainty of its time against the lost leader's."""
     grid: FrameGrid
 
 

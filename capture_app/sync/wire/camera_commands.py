@@ -19,7 +19,7 @@ class RestartStream:
 
 @dataclass(frozen=True, slots=True)
 class SetFrameDuration:
-    """Set the duration of one coming frame, from its start to the next one's (single frame only)."""
+    """Set the duration of one coming frame, from its start to the next one's; later frames are as before."""
 
     duration_ns: int
 

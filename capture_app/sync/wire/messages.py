@@ -107,7 +107,7 @@ class Hello(Struct, frozen=True, tag="hello"):
     via: Name | None = None
     """Relay that the client joined and that forwards this; None if the client sends it itself."""
     pin: Pin = ""
-    """Pin of the client's machine as a relay has verified it; a client's own claim is ignored."""
+    """Pin of the client's machine as its relay observed it; a client's own claim is ignored."""
 
 
 class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
@@ -119,7 +119,7 @@ class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
     """An instant of the rig's grid, which has one each `period_ns`."""
     period_ns: int
     align_row: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
-    """Fraction of the image height whose row is aligned by its mid-exposure; None: the first row's start."""
+    """Row aligned by its mid-exposure, as a fraction of the height; None: the first row's start."""
     meeting_leader_ns: int | None = None
     """Instant at which restartable streams must meet the grid, or be restarted; None: none is restarted."""
     pace_ns: Annotated[int, Meta(ge=0, le=60_000_000_000)] = 0
@@ -129,7 +129,7 @@ class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
     in_holdover: bool = False
     """Whether this relay, or one above it, has lost its leader: it keeps the time but forwards no bursts."""
     continues: UpstreamMap | None = None
-    """Map from the root's clock to that of a lost leader, named in its path, whose time it continues."""
+    """Map from the root's clock to a lost leader's, whose time the root continues; the path names it."""
 
     @property
     def is_possible(self) -> bool:
@@ -189,7 +189,7 @@ class Report(Struct, frozen=True, kw_only=True, array_like=True):
     frames: int = 0
     drops: int = 0
     frame_leader_ns: int | None = None
-    """Leader time of the aligned moment of a recent frame; None while the phase is unknown."""
+    """Leader time of the aligned moment of a frame close to now; None while the phase is unknown."""
     tolerance_ns: int = 0
     """Largest phase error that is not corrected: as requested, or what the camera's timestamps allow."""
     stamp_quantum_ns: int = 0
@@ -199,7 +199,7 @@ class Report(Struct, frozen=True, kw_only=True, array_like=True):
 
 
 class Heartbeat(Struct, frozen=True, tag="heartbeat"):
-    """Sign of life of a client, with its report."""
+    """Periodic message of a live client, with its status report."""
 
     client: int
     report: Report
@@ -224,7 +224,10 @@ class HeartbeatAck(Struct, frozen=True, tag="heartbeat-ack"):
 
 
 class UnknownMember(Struct, frozen=True, tag="unknown-member"):
-    """Leader's answer to a client that it does not know, or no longer: the client must join again."""
+    """Leader's answer to a client that it does not know, which must join again.
+
+    The leader was restarted, or had lost the client.
+    """
 
     client: int
     stops: bool = False

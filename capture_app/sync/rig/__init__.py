@@ -1,1 +1,1 @@
-"""The engines of a leader and a client: membership, time, triggers, and failover."""
+"""Engines of a leader and a client: membership, time, triggers, and failover."""

@@ -1,6 +1,6 @@
-"""The client's state machine: join, synchronize the clock, align the stream, pick the frames of bursts.
+"""State machine of a camera's client: joins, synchronizes its clock, aligns its stream, selects burst frames.
 
-Bursts that it has accepted wait until their frames are picked, whether their leader lives or not.
+Accepted bursts stay pending until their frames are selected, even if their leader is lost.
 """
 
 import random
@@ -46,29 +46,29 @@ from capture_app.sync.wire.messages import HeartbeatAck, Report, Trigger, Trigge
 F = TypeVar("F")
 
 HOLD_BEFORE_BURST_NS = 2_000_000_000
-"""No correction of the phase is begun this long before a burst: its long frame would be in the burst."""
+"""Time before a burst in which no phase correction begins: its long frame would be in the burst."""
 
 
 @dataclass(frozen=True, slots=True)
 class ClientConfig:
-    """What a client is; times in ns."""
+    """Configuration of a client; times in ns."""
 
     name: str
     instance: int
     camera: CameraFacts
     tolerance_ns: int
     ring_ns: int = RING_NS
-    """How far back its frames are kept, to be picked for a burst in the past."""
+    """Time for which frames stay in the ring buffer, where a burst in the past can select them."""
     ring_bytes: int = RING_BYTES
-    """The most memory that they may take."""
+    """Maximum memory of the ring buffer, in bytes."""
     injection_profile: InjectionProfile | None = None
-    """What is known from before about what a long frame does to this camera."""
+    """Known effect of a long frame on this camera, from earlier runs."""
     start_latencies_ns: tuple[int, ...] = ()
-    """How long starts of such a camera took before, from the command to the first frame, newest last."""
+    """Measured delays from start command to first frame of this camera, newest last."""
 
 
 class PhaseLoop:
-    """One camera's aligner with its commands; `now_ns` is the node's own clock."""
+    """Aligner of one camera and its commands; `now_ns` is the node's own clock."""
 
     def __init__(self, config: ClientConfig, rng: random.Random) -> None:
         camera = config.camera
@@ -81,30 +81,30 @@ class PhaseLoop:
         self._restarts = camera.phase_control == PhaseControl.RESET
         self._reported_problem = ""
         self._reported = False
-        """Whether the leader was told the phase as it is now."""
+        """Whether the current phase was reported to the leader."""
         self._answered = False
-        """Whether it has answered since."""
+        """Whether the leader has answered since then."""
         self.commands: deque[CameraCommand] = deque()
-        """For the camera."""
+        """Commands for the camera."""
         self.events: deque[PhaseCorrected | AlignmentFailed] = deque()
 
     @property
     def ready(self) -> bool:
-        """Whether the stream is aligned as nearly as it can be, or will be by the time of a burst."""
+        """Whether the stream is aligned as well as possible, or will be by the time of a burst."""
         aligner = self.aligner
         return aligner.window.within_window or aligner.meets_bursts or (aligner.settled and not self.can_move)
 
     def waits_for_others(self, grid: CameraGrid) -> bool:
-        """Whether this client may not move its stream yet: a restart waits for a time that suits all."""
+        """Whether the stream must not be moved yet: a restart waits for a time that suits all cameras."""
         return self._restarts and not (self._answered and grid.meeting_leader_ns is not None)
 
     def phase(self, grid: CameraGrid, time_map: TimeMap, local_ns: int) -> PhaseEstimate | None:
-        """The stream's phase error and drift at a local time in ns; None while they are not known."""
+        """Return the stream's phase error and drift at a local time in ns; None while unknown."""
         at_leader_ns = time_map.leader_from_local(local_ns)
         return self.aligner.estimate(time_map, grid.grid_of_stamps, at_leader_ns)
 
     def report(self, report: Report, grid: CameraGrid | None, phase: PhaseEstimate | None) -> Report:
-        """Add the camera's part to a report of a node's time; `phase` is the present one."""
+        """Add the camera's fields to a report of a node's clock; `phase` is the current estimate."""
         report = structs.replace(
             report,
             corrections=self.aligner.corrections,
@@ -129,11 +129,11 @@ class PhaseLoop:
         self._reported = self._answered = False
 
     def note_report(self) -> None:
-        """Note that the leader is told the phase as it is now."""
+        """Note that the current phase was reported to the leader."""
         self._reported = self.aligner.settled
 
     def note_answer(self) -> bool:
-        """Note an answer of the leader; whether it is the first since the phase as it is was reported."""
+        """Note an answer of the leader; return whether it is the first since the phase was reported."""
         first = self._reported and not self._answered
         self._answered = self._answered or first
         return first
@@ -141,9 +141,9 @@ class PhaseLoop:
     def step(
         self, grid: CameraGrid, time_map: TimeMap, now_ns: int, *, burst_leader_ns: tuple[int, int] | None
     ) -> bool:
-        """Command the camera what its stream needs; whether to report to the leader at once.
+        """Queue the command that the stream needs; return whether to report to the leader at once.
 
-        `burst_leader_ns` are the first and last instant of a burst that is near, None where none is.
+        `burst_leader_ns` is the first and last instant of a burst that is near, or None.
         """
         was_ready, aligner = self.ready, self.aligner
         before, corrections = self.phase(grid, time_map, now_ns), aligner.corrections
@@ -172,10 +172,10 @@ class PhaseLoop:
 
 
 class Client(Generic[F]):
-    """One camera's side of the protocol; `F` is whatever the node keeps of a frame.
+    """Camera side of the protocol; `F` is the node's type of a frame.
 
-    Feed it datagrams, frames and time (`now_ns`, the node's own clock); take datagrams, camera commands
-    and events out. It never raises on what the network brings.
+    The caller passes in datagrams, frames and time (`now_ns`, the node's own clock), and takes out datagrams,
+    camera commands and events. No input from the network raises.
     """
 
     def __init__(
@@ -186,9 +186,9 @@ class Client(Generic[F]):
         *,
         samples: MutableSequence[ClockSample] | None = None,
     ) -> None:
-        """`schedule` says when it asks for the time; the default is that of `SteadySchedule`.
+        """`schedule` decides when to send time requests; the default is `SteadySchedule`.
 
-        Every exchange with the leader is added to `samples`.
+        Every exchange with the leader is appended to `samples`.
         """
         self.config = config
         self._phase_loop = PhaseLoop(config, rng)
@@ -205,40 +205,40 @@ class Client(Generic[F]):
             config.camera,
             report=self._report_to_leader,
         )
-        """Its membership and its clock."""
+        """Membership and clock of this client."""
         self.ring: RingBuffer[F] = RingBuffer(config.ring_ns, config.ring_bytes)
         self.failure = ""
         self.strange_triggers = 0
-        """How many triggers came of a leader that is not the one that is followed."""
+        """Number of triggers from a leader other than the one followed."""
         self._root: int | None = None
         self._stranger: int | None = None
         self._bursts: PendingBursts[F] = PendingBursts()
         self._events: deque[ClientEvent[F]] = deque()
 
     def update_camera(self, camera: CameraFacts) -> None:
-        """Note that the camera exposes otherwise now, or is known better: what is aligned follows."""
+        """Update the camera's facts, such as a changed exposure; the alignment follows."""
         self.config = replace(self.config, camera=camera)
         self.time.introduce_again(camera)
 
     def set_path_asymmetry(self, known: KnownWay | None) -> None:
-        """Use what is known of the asymmetry of the path to the leader that is followed; None: nothing."""
+        """Set the known asymmetry of the path to the followed leader; None: unknown."""
         self.time.timekeeper.clock.way = known
 
     def add_path_asymmetry(self, measured: KnownWay) -> KnownWay:
-        """Correct the path's asymmetry by what a measurement found left of it; return the sum."""
+        """Add a measured residual to the path's asymmetry; return the sum."""
         clock = self.time.timekeeper.clock
         clock.way = replace(measured, late_ns=measured.late_ns + clock.late_ns)
         return clock.way
 
     def note_host_slewing(self, slewing_ppm: float | None) -> None:
-        """Note by how much the host slews its own clock now, in ppm; None where that is not known."""
+        """Set the rate at which the host currently slews its own clock, in ppm; None if unknown."""
         self.time.timekeeper.rate.host_slewing_ppm = slewing_ppm
 
     # What the outside sees
 
     @property
     def state(self) -> NodeState:
-        """How far this client is: joining, syncing, aligning, coarse, ready or failed."""
+        """State of this client: joining, syncing, aligning, degraded, ready or failed."""
         if self.failure:
             return NodeState.FAILED
         state = self.time.state
@@ -251,18 +251,18 @@ class Client(Generic[F]):
 
     @property
     def time_map(self) -> TimeMap | None:
-        """The newest estimate of the leader's clock."""
+        """Newest estimate of the leader's clock."""
         return self.time.time_map
 
     def phase(self, local_ns: int) -> PhaseEstimate | None:
-        """The stream's phase error and drift at a local time in ns; None while they are not known."""
+        """Return the stream's phase error and drift at a local time in ns; None while unknown."""
         grid = self._grid
         if not self.time.is_member or grid is None or self.time_map is None:
             return None
         return self._phase_loop.phase(grid, self.time_map, local_ns)
 
     def phase_error_ns(self, stamp_ns: int) -> int | None:
-        """How far a frame of that timestamp is from the rig's grid, by the present map; None if not known."""
+        """Return the offset of a frame's timestamp from the rig's grid in ns, by the current map, or None."""
         grid = self._grid
         if not self.time.is_member or grid is None or self.time_map is None:
             return None
@@ -270,11 +270,11 @@ class Client(Generic[F]):
 
     @property
     def has_burst_pending(self) -> bool:
-        """Whether frames of a burst are still to be picked."""
+        """Whether frames of a burst are still to be selected."""
         return bool(self._bursts)
 
     def report(self, now_ns: int) -> Report:
-        """Return what this client tells the leader about itself."""
+        """Return the report of this client for its leader."""
         grid = self._grid if self.time.is_member else None
         phase, why_no_centre = self.phase(now_ns), "" if grid is None else grid.why_no_centre
         holdover = "its relay has lost the leader and is in holdover" if self.leader_in_holdover else ""
@@ -294,7 +294,7 @@ class Client(Generic[F]):
 
     @property
     def leader_in_holdover(self) -> bool:
-        """Whether the leader is a relay in holdover: it keeps the time, but brings no bursts."""
+        """Whether the leader is a relay in holdover: it keeps the time, but forwards no bursts."""
         return self.time.is_member and self.time.followed is not None and self.time.followed.in_holdover
 
     @property
@@ -305,7 +305,7 @@ class Client(Generic[F]):
     # In
 
     def receive_datagram(self, data: bytes, now_ns: int) -> None:
-        """Take in a datagram that arrived at `now_ns`; stamp it as near to the socket as can be."""
+        """Process a datagram that arrived at `now_ns`, stamped as close to the socket as possible."""
         message = self.time.decode(data)
         if message is None:
             return
@@ -323,7 +323,7 @@ class Client(Generic[F]):
                 pass
 
     def frame_arrived(self, stamp: FrameStamp, frame: F, now_ns: int, size_bytes: int = 0) -> None:
-        """Take in the next frame of the stream, and how much memory it takes."""
+        """Store the next frame of the stream, which takes `size_bytes` of memory, and select what is due."""
         self.ring.add(stamp.timestamp_ns, frame, size_bytes)
         dropped = self.aligner.add_frame(stamp)
         if dropped:
@@ -332,7 +332,7 @@ class Client(Generic[F]):
         self._align(now_ns)
 
     def stream_started(self, now_ns: int) -> None:
-        """Note that the camera was told to start at `now_ns`: at first, and for each RestartStream."""
+        """Note that the camera was commanded to start at `now_ns`: first start or RestartStream."""
         self.aligner.note_stream_start(now_ns)
 
     def fail(self, reason: str) -> None:
@@ -342,21 +342,21 @@ class Client(Generic[F]):
         self.failure = reason
 
     def change_leader(self, reason: str, now_ns: int) -> None:
-        """Leave the present leader; the next datagrams are for another one."""
+        """Leave the current leader; the next datagrams are for another one."""
         self.time.lose(reason, now_ns)
         self.time.hellos = 0
         self._note_events()
 
     def forget_burst(self, leader: int, burst: int) -> None:
-        """Select no more frames of a burst: its leader has what it needs, or has cancelled it."""
+        """Stop selecting frames of a burst: its leader has what it needs, or has cancelled it."""
         self._bursts.forget(leader, burst)
 
     def leave(self) -> None:
-        """Say goodbye: this client is about to stop."""
+        """Send goodbye, as this client is about to stop."""
         self.time.leave()
 
     def handle_timer(self, now_ns: int) -> None:
-        """Do what is due; call it at `next_timer`, or any time."""
+        """Do everything that is due; call it at `next_timer`, or at any other time."""
         self.time.handle_timer(now_ns)
         self._note_events()
         self._finish_bursts(now_ns)
@@ -364,27 +364,27 @@ class Client(Generic[F]):
     # Out
 
     def next_timer(self) -> int:
-        """Local time in ns at which `handle_timer` wants to be called."""
+        """Local time in ns at which `handle_timer` is due."""
         return self.time.next_timer()
 
     def datagrams_to_send(self, now_ns: int) -> list[bytes]:
-        """Return the datagrams for the leader; a time request carries `now_ns`, so send them at once."""
+        """Return the datagrams for the leader; send at once, as a time request carries `now_ns`."""
         return self.time.datagrams_to_send(now_ns)
 
     def next_command(self) -> CameraCommand | None:
-        """Return the next command for the camera, None where there is none."""
+        """Return the next command for the camera, or None."""
         commands = self._phase_loop.commands
         return commands.popleft() if commands else None
 
     def next_event(self) -> "ClientEvent[F] | None":
-        """Return the next thing that happened, None where there is none."""
+        """Return the next event, or None."""
         return self._events.popleft() if self._events else None
 
     # The parts
 
     @property
     def _grid(self) -> CameraGrid | None:
-        """By the configuration of the present leader, or of the last one, whose bursts are still picked."""
+        """Grid of the current leader, or of the last one, whose bursts may still be pending."""
         config = self.time.followed
         return (
             None if config is None else CameraGrid.of_camera(self.config.camera, config, self.aligner.phase)
@@ -400,7 +400,8 @@ class Client(Generic[F]):
             if isinstance(event, Joined) and self.time.followed is not None:
                 self._phase_loop.note_join()
                 if self.time.followed.path[0] != self._root:
-                    # Bursts are the root's, in its time: another relay does not end them.
+                    # Bursts belong to the root and use its time: another relay of the same root does not end
+                    # them.
                     self._events.extend(self._bursts.clear())
                     self._root = self.time.followed.path[0]
 
@@ -416,7 +417,7 @@ class Client(Generic[F]):
         self._phase_loop.events.clear()
 
     def _note_strange_trigger(self, trigger: Trigger) -> None:
-        """Let a trigger of a leader that is not followed be, and tell the first of each such leader."""
+        """Ignore a trigger of a leader that is not followed, and report the first of each such leader."""
         self.strange_triggers += 1
         if trigger.leader != self._stranger:
             self._stranger = trigger.leader

@@ -1,4 +1,4 @@
-"""Events: what the engine tells the node around it, each a fact that has happened.
+"""Events that the engine reports to its node.
 
 Unlike messages they never leave the process, so they carry time maps, estimates and frames.
 """
@@ -16,44 +16,44 @@ F = TypeVar("F")
 
 @dataclass(frozen=True, slots=True)
 class Joined:
-    """The leader took this client in."""
+    """The leader admitted this client."""
 
     transfer_port: int
-    """TCP port of the leader that images go to."""
+    """TCP port of the leader that receives images."""
     leader: int
-    """The leader's run, a random number."""
+    """Random instance number of the leader."""
 
 
 @dataclass(frozen=True, slots=True)
 class LeaderNews:
-    """The leader did not take this client in, has something to say to whoever looks after it, or is lost.
+    """The leader refused this client, sent a message to its operator, or was lost.
 
-    One that is lost fell silent, forgot this client or is followed no more. The client keeps asking to join.
+    A lost leader fell silent, forgot this client or is no longer followed. The client keeps asking to join.
     """
 
     what: Literal["refused", "said", "lost"]
     text: str
-    """As the leader said it; of one that is lost why, in a few words."""
+    """Text from the leader; for a lost leader the reason, in a few words."""
 
 
 @dataclass(frozen=True, slots=True)
 class FramesDropped:
-    """The camera lost frames."""
+    """The camera dropped frames."""
 
     count: int
-    """How many in a row."""
+    """Number of consecutive dropped frames."""
     sequence: int
-    """The sequence number of the frame after them."""
+    """Sequence number of the frame after them."""
 
 
 @dataclass(frozen=True, slots=True)
 class PhaseCorrected:
-    """A command to move the phase went out."""
+    """A command to move the phase was sent."""
 
     command: CameraCommand
-    """What the camera is to do."""
+    """Command for the camera."""
     before: PhaseEstimate | None
-    """The phase that is to be corrected; None where it was not known."""
+    """Phase before the correction; None if unknown."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -61,25 +61,25 @@ class AlignmentFailed:
     """The stream cannot be held on the rig's grid."""
 
     reason: str
-    """Why, in a sentence for the user."""
+    """Reason, in a sentence for the user."""
 
 
 @dataclass(frozen=True, slots=True)
 class BurstCancelled:
-    """A burst was taken back: nothing of it is to be saved or sent."""
+    """A burst was cancelled: nothing of it is to be saved or sent."""
 
     leader: int
-    """The run of the leader that had ordered it."""
+    """Instance number of the leader that had ordered it."""
     burst: int
-    """Its number within that run."""
+    """Number of the burst within that instance."""
 
 
 @dataclass(frozen=True, slots=True)
 class StrangeTrigger:
-    """A trigger was refused: the leader that is to have ordered it is not the one that is followed."""
+    """A trigger was refused: it names a leader that is not followed."""
 
     leader: int
-    """That leader's run, as the trigger says."""
+    """Instance number of that leader, from the trigger."""
     burst: int
 
 
@@ -98,29 +98,29 @@ ClientEvent = (
 
 @dataclass(frozen=True, slots=True)
 class NodeChanged:
-    """Something has become of a client's membership."""
+    """A client joined, returned, moved, was lost, forgotten or refused."""
 
     name: str
-    """The client's."""
+    """Name of the client."""
     change: Literal["joined", "returned", "moved", "lost", "forgotten", "refused"]
-    """One that returned was lost or restarted, one that moved is here and joined another relay or the leader
-    itself; one forgotten was lost for long, or put away by a person; one that is refused keeps asking."""
+    """returned: was lost or restarted; moved: joined another relay, or the leader itself, while present;
+    forgotten: was lost for long, or removed by an operator; refused: keeps asking."""
     reason: str = ""
-    """Why it is lost, in a few words; why it is refused, as it is told, with what to do."""
+    """Reason of a loss, in a few words; of a refusal as the client receives it, with the remedy."""
     where: str = ""
-    """Its new relay, empty for this leader; of one that is refused at which host, or below which relay."""
+    """Its new relay, empty for this leader; for a refused client its host, or the relay above it."""
 
 
 @dataclass(frozen=True, slots=True)
 class BurstAnswered:
-    """A client will save a burst, or will not."""
+    """A client accepted or refused a burst."""
 
     name: str
-    """The client's."""
+    """Name of the client."""
     burst: int
-    """Its number."""
+    """Number of the burst."""
     refusal: str = ""
-    """Why not, as the client said it, or that it was lost or silent; empty where it will."""
+    """Reason given by the client, or that it was lost or silent; empty if it accepted."""
 
 
 LeaderEvent = NodeChanged | BurstAnswered

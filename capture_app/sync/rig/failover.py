@@ -1,4 +1,4 @@
-"""Failover to the next leader when one is gone, and failback to a better one when it is there again."""
+"""Failover to the next leader when one is lost, and failback to a preferred one when it returns."""
 
 from typing import Any
 
@@ -12,20 +12,20 @@ from capture_app.sync.wire.messages import PROBE_NUMBER, Heartbeat, Report, Unkn
 
 PROBE_EVERY_NS = 15_000_000_000
 LEAST_ANSWERS, MOST_ANSWERS = 4, 64
-"""Liveness probes in a row that a better leader has to answer before it is followed again; twice as many
-each time that it has failed soon after."""
+"""Consecutive liveness probes that a preferred leader must answer before it is followed again. The number
+doubles, up to the maximum, each time it fails soon after."""
 SHORT_STAY = 4
-"""A leader that stays for less than so many times as long as it was probed before has failed soon."""
+"""A stay shorter than this multiple of the preceding probing time counts as an early failure."""
 _PROBE = encode(Heartbeat(PROBE_NUMBER, Report(state=NodeState.JOINING)))
 
 
 def answers_probe(message: Message | None) -> bool:
-    """Whether a leader says by that that it is there."""
+    """Whether a message is a leader's answer to a liveness probe."""
     return isinstance(message, UnknownMember) and message.client == PROBE_NUMBER
 
 
 class LeaderChoice:
-    """Which of several leaders a node follows, or asks to join; probes those that it would rather follow.
+    """Choice among several leaders of the one to follow or join; probes the leaders preferred to it.
 
     `now_ns` is the node's own clock.
     """
@@ -35,26 +35,26 @@ class LeaderChoice:
     ) -> None:
         """`leaders`, preferred first, must lead to the same root; `time` is the node's membership."""
         self.due_ns = NEVER_NS
-        """When the next probes are due."""
+        """Time of the next probes."""
         self._leaders, self._time, self._probe_every_ns = leaders, time, probe_every_ns
         self._turn = 0
         self._was_member = False
         self._found_by_probes = False
-        """Whether the present leader was found by probes, not asked in turn."""
+        """Whether the current leader was chosen by probes, not by asking each in turn."""
         self._needed = dict.fromkeys(leaders, LEAST_ANSWERS)
         self._answers: dict[Address, int] = {}
-        """How often each leader that was probed last had answered in a row before."""
+        """Consecutive answers of each probed leader before its latest probe."""
         self._answered: set[Address] = set()
         self._probed: list[Address] = []
         self._back_since_ns: int | None = None
 
     @property
     def leader(self) -> Address:
-        """The leader that is followed, or asked to join at present."""
+        """Leader that is followed, or currently asked to join."""
         return self._leaders[self._turn]
 
     def update(self, now_ns: int) -> None:
-        """Note whether the leader is there, and turn to the next one when hellos stay unanswered."""
+        """Note whether the leader is present; switch to the next one when hellos stay unanswered."""
         if self._time.is_member is not self._was_member:
             self._was_member = self._time.is_member
             if self._was_member:
@@ -67,27 +67,27 @@ class LeaderChoice:
             self._found_by_probes = False
 
     def probe_if_due(self, now_ns: int) -> Address | None:
-        """Probe better leaders when that is due; return one that has answered often enough."""
+        """Probe preferred leaders if due; return one that has answered often enough, or None."""
         followed = self._time.followed
         if now_ns < self.due_ns or followed is None or not self._time.is_member:
             return None
         return self.probe(self.leader, now_ns, in_holdover=followed.in_holdover)
 
     def change_to(self, leader: Address, now_ns: int) -> None:
-        """Follow another leader, which was found by probes."""
+        """Follow another leader, which was chosen by probes."""
         self._turn = self._leaders.index(leader)
         self._found_by_probes = True
         if self._time.is_member:
             self.leader_joined(now_ns, back=True)
 
     def leader_joined(self, now_ns: int, *, back: bool = False) -> None:
-        """A leader has taken this node in; `back` where it was found by probes, not asked in turn."""
+        """Note that a leader admitted this node; `back` if it was chosen by probes, not asked in turn."""
         self._back_since_ns = now_ns if back else None
         self._forget()
         self.due_ns = now_ns if len(self._leaders) > 1 else NEVER_NS
 
     def leader_lost(self, leader: Address, now_ns: int) -> None:
-        """That leader is gone; nobody is probed until there is another one."""
+        """Note that a leader was lost; nothing is probed until another one is joined."""
         if self._back_since_ns is not None:
             needed = self._needed[leader]
             soon = now_ns - self._back_since_ns < SHORT_STAY * needed * self._probe_every_ns
@@ -96,14 +96,14 @@ class LeaderChoice:
         self.due_ns = NEVER_NS
 
     def note_answer(self, address: Address) -> None:
-        """A leader has answered a probe."""
+        """Note that a leader has answered a probe."""
         if address in self._answers:
             self._answered.add(address)
 
     def probe(self, leader: Address, now_ns: int, *, in_holdover: bool) -> Address | None:
-        """Probe all leaders better than the present one; return one that has answered often enough.
+        """Probe all leaders preferred to the current one; return one that has answered often enough, or None.
 
-        A leader in holdover is worse than any other, and left at the first answer.
+        A leader in holdover ranks last, and is left at the first answer of another.
         """
         self.due_ns = now_ns + self._probe_every_ns
         others = tuple(address for address in self._leaders if address != leader)
@@ -114,7 +114,7 @@ class LeaderChoice:
         return next((a for a in better if self._answers[a] >= (1 if in_holdover else self._needed[a])), None)
 
     def datagrams_to_send(self) -> list[tuple[bytes, Address]]:
-        """Return the liveness probes that are due, and where to."""
+        """Return the liveness probes that are due, with their destinations."""
         probed, self._probed = self._probed, []
         return [(_PROBE, address) for address in probed]
 
@@ -125,7 +125,7 @@ class LeaderChoice:
 
 
 class Failover:
-    """Gives a client's engine the address of the leader it follows, or asks: no other is listened to.
+    """Connects a client's engine to the address of its current leader; other addresses are ignored.
 
     `now_ns` is the client's own clock.
     """
@@ -139,11 +139,11 @@ class Failover:
 
     @property
     def leader(self) -> Address:
-        """The leader that the client follows, or asks to join at present."""
+        """Leader that the client follows, or currently asks to join."""
         return self._choice.leader
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in a datagram that arrived at `now_ns`."""
+        """Process a datagram that arrived at `now_ns`."""
         if address == self.leader:
             self._client.receive_datagram(data, now_ns)
             self._choice.update(now_ns)
@@ -151,7 +151,7 @@ class Failover:
             self._choice.note_answer(address)
 
     def handle_timer(self, now_ns: int) -> None:
-        """Do what is due; call it at `next_timer`, or any time."""
+        """Do everything that is due; call it at `next_timer`, or at any other time."""
         self._client.handle_timer(now_ns)
         self._choice.update(now_ns)
         better = self._choice.probe_if_due(now_ns)
@@ -161,10 +161,10 @@ class Failover:
             self._choice.change_to(better, now_ns)
 
     def next_timer(self) -> int:
-        """Local time in ns at which `handle_timer` wants to be called."""
+        """Local time in ns at which `handle_timer` is due."""
         return min(self._client.next_timer(), self._choice.due_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
-        """Return datagrams and where to; a time request carries `now_ns`, so send them at once."""
+        """Return datagrams with their destinations; send at once, as a time request carries `now_ns`."""
         datagrams = [(data, self.leader) for data in self._client.datagrams_to_send(now_ns)]
         return datagrams + self._choice.datagrams_to_send()

@@ -1,4 +1,4 @@
-"""A burst's instants in leader time, and the frames a client picks for them."""
+"""Instants of a burst in leader time, and the frames that a client selects for them."""
 
 from collections import deque
 from collections.abc import Sequence
@@ -21,23 +21,23 @@ F = TypeVar("F")
 RING_NS = 3_000_000_000
 RING_BYTES = 256_000_000
 MAX_FRAMES, MAX_BURST_NS = 1000, 600_000_000_000
-"""The longest burst whose frames are told after the last, and the longest time from its first to its last."""
+"""Maximum frames of a burst that is reported after its last frame, and maximum time from first to last."""
 MAX_STREAMED_FRAMES, MAX_STREAMED_NS = 100_000_000, 31 * 86_400_000_000_000
-"""The longest burst whose frames are sent as they come, and the longest time that it lasts."""
+"""Maximum frames of a burst that is streamed, and its maximum duration."""
 DROPPED = "the camera dropped the frame"
-"""The reason of a gap where the frames before and after it came."""
+"""Reason of a gap when the frames before and after it arrived."""
 NO_FRAME_OF_ITS_OWN = "the camera's frames are further apart than the instants"
-"""The reason of a gap where the nearest frame is that of the instant before."""
+"""Reason of a gap when the nearest frame belongs to the previous instant."""
 PATIENCE_PERIODS = 30
-"""How long after an instant a camera without frames is waited for."""
+"""Periods after an instant until which a frame is awaited if the camera delivers none."""
 PAUSE_NS = 5_000_000_000
-"""Between two instants that are so far apart a stream may be moved."""
+"""Minimum time between two instants during which a stream may be moved."""
 
 
 class RingBuffer(Generic[F]):
-    """Holds the frames of the last `span_ns`, with their timestamps in ns of the local clock.
+    """Ring buffer of the frames of the last `span_ns`, with their timestamps in ns of the local clock.
 
-    They may take `most_bytes` of memory; the newest two are kept in any case.
+    They may use `most_bytes` of memory; the newest two are always stored.
     """
 
     def __init__(self, span_ns: int = RING_NS, most_bytes: int = RING_BYTES) -> None:
@@ -49,10 +49,10 @@ class RingBuffer(Generic[F]):
         return len(self._entries)
 
     def add(self, local_ns: int, frame: F, size_bytes: int = 0) -> None:
-        """Keep a frame; the oldest go where they are too old, or take too much memory."""
+        """Store a frame, and drop the oldest ones that exceed the time span or the memory."""
         self._entries.append((local_ns, frame, size_bytes))
         self._bytes += size_bytes
-        # A clock that was set back leaves frames from its future.
+        # A clock that was set back leaves frames with future timestamps.
         while len(self._entries) > 2 and (
             abs(local_ns - self._entries[0][0]) > self._span_ns or self._bytes > self._most_bytes
         ):
@@ -60,23 +60,23 @@ class RingBuffer(Generic[F]):
 
     @property
     def oldest_local_ns(self) -> int | None:
-        """Timestamp of the oldest frame, None where there is none."""
+        """Timestamp of the oldest frame, or None."""
         return self._entries[0][0] if self._entries else None
 
     @property
     def newest_local_ns(self) -> int | None:
-        """Timestamp of the newest frame, None where there is none."""
+        """Timestamp of the newest frame, or None."""
         return self._entries[-1][0] if self._entries else None
 
     def nearest(self, local_ns: int) -> tuple[int, F] | None:
-        """Return the timestamp and the frame nearest to a local time in ns; the earlier one of a tie."""
+        """Return the frame nearest to a local time in ns, with its timestamp; the earlier one wins a tie."""
         nearest = min(self._entries, key=lambda entry: abs(entry[0] - local_ns), default=None)
         return None if nearest is None else nearest[:2]
 
 
 @dataclass(frozen=True, slots=True)
 class Burst:
-    """A burst as the leader ordered it: instants in leader time, ns, on the rig's grid."""
+    """Burst as the leader ordered it; its instants are in leader time, ns, on the rig's grid."""
 
     number: int
     instants_ns: Sequence[int]
@@ -84,26 +84,25 @@ class Burst:
     requested_ns: int
     clients: tuple[str, ...]
     spare: int = 0
-    """How many of the last instants only make up for those that not every camera has."""
+    """Number of final instants that only replace instants which some camera misses."""
     streamed: bool = False
-    """Its frames are sent as they come, and not after the last."""
+    """Whether its frames are sent as they arrive, instead of after the last one."""
     video: bool = False
-    """They go into a video for each camera."""
+    """Whether the frames become a video per camera."""
 
     @property
     def frames(self) -> int:
-        """How many complete instants were asked for."""
+        """Requested number of complete instants."""
         return len(self.instants_ns) - self.spare
 
 
 @dataclass(frozen=True, slots=True)
 class SelectedFrame(Generic[F]):
-    """The frame picked for an instant; times in ns, the error bars those of its leader time.
+    """Frame selected for an instant; times in ns, with the uncertainty of the leader time.
 
-    They are the clock's and, on top, those of the stamp: of its bias, its scatter, and the steps that it
-    comes in.
-    `outlier_ns` is how far the driver's own stamp lay off the line of its stream's frames; where that is not
-    0 the times are the line's.
+    The uncertainty and the hard bound combine the clock's with those of the timestamp: its bias, scatter and
+    quantization. `outlier_ns` is the residual of the driver's timestamp from the line through its stream's
+    frames. If it is not 0, the times are taken from the line.
     """
 
     instant: int
@@ -112,11 +111,12 @@ class SelectedFrame(Generic[F]):
     residual_ns: int
     uncertainty_ns: int
     hard_bound_ns: int | None
-    """None where the stamp has none, as that of no real camera."""
+    """None if the timestamp has no bound, as for every real camera."""
     outlier_ns: int
     frame: F
     alignment_offset_ns: int = 0
-    """From the timestamp to the aligned moment of the frame, which `local_ns` and `leader_ns` tell."""
+    """Time from the timestamp to the aligned moment of the frame, which `local_ns` and `leader_ns` refer
+    to."""
 
     @property
     def stamp_leader_ns(self) -> int:
@@ -125,13 +125,13 @@ class SelectedFrame(Generic[F]):
 
     @property
     def stamp_ns(self) -> int:
-        """The frame's timestamp in local time, as the driver told it."""
+        """Timestamp of the frame in local time, as reported by the driver."""
         return self.local_ns - self.alignment_offset_ns + self.outlier_ns
 
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """An instant without a frame, and why."""
+    """Instant without a frame, and the reason."""
 
     instant: int
     reason: str
@@ -139,55 +139,58 @@ class Gap:
 
 @dataclass(frozen=True, slots=True)
 class FramesSelected(Generic[F]):
-    """Frames of a burst are picked: save and send them."""
+    """Selected frames of a burst, to be saved and sent."""
 
     trigger: Trigger
-    """What was ordered, as it stands now."""
+    """Trigger of the burst in its latest version."""
     frames: tuple[SelectedFrame[F], ...]
-    """In the order of their instants."""
+    """Selected frames in the order of their instants."""
     gaps: tuple[Gap, ...]
-    """The instants without a frame."""
+    """Instants without a frame."""
     time_map: TimeMap
-    """By which the frames were picked."""
+    """Map used for the selection."""
     phase: PhaseEstimate | None
-    """The stream's phase at the last instant; None where it was not known."""
+    """Phase of the stream at the last instant; None if unknown."""
     further: bool = False
-    """They add to what was told of the burst before: spare instants, or the next of one that is streamed."""
+    """Whether they add to an earlier report of the burst: spare instants, or the next ones of a streamed
+    burst."""
     over: int = 0
-    """How many instants have been told, these included."""
+    """Number of instants reported so far, including these."""
 
     @property
     def ended(self) -> bool:
-        """Whether no further frames will come."""
+        """Whether no further frames will follow."""
         return self.over >= self.trigger.count
 
 
 def is_possible_burst(frames: int, step_ns: int, *, streamed: bool = False) -> bool:
-    """Whether a burst of so many frames, so far apart in ns, is within the limits."""
+    """Whether a burst of that many frames, `step_ns` apart, is within the limits."""
     most, most_ns = (MAX_STREAMED_FRAMES, MAX_STREAMED_NS) if streamed else (MAX_FRAMES, MAX_BURST_NS)
     return 0 < frames <= most and step_ns > 0 and (frames - 1) * step_ns <= most_ns
 
 
 def burst_instants(grid: FrameGrid, at_leader_ns: int, frames: int, spacing: int) -> range:
-    """Snap a moment to the rig's grid and return the burst's instants from there, in leader ns."""
+    """Return a burst's instants in leader ns, the first snapped to the rig's grid."""
     first_ns, step_ns = grid.instant(grid.index_of(at_leader_ns)), spacing * grid.period_ns
     return range(first_ns, first_ns + frames * step_ns, step_ns)
 
 
 @dataclass(frozen=True, slots=True)
 class CameraGrid:
-    """The rig's grid of instants as one camera's timestamps see it, and when its frames were; times in ns."""
+    """Rig's grid of instants in one camera's timestamps; times in ns."""
 
     rig_grid: FrameGrid
     offset_ns: int = 0
-    """From a frame's timestamp to its aligned moment, as well as that is known: that is what a pick tells."""
+    """Time from a frame's timestamp to its aligned moment, as accurately as known; a selected frame's times
+    include it."""
     accuracy: StampAccuracy = EXACT_STAMPS
-    """How well it is known."""
+    """Uncertainty of this offset."""
     why_no_centre: str = ""
-    """Why the middle of the exposure is not aligned though it was asked for; empty where it is."""
+    """Reason why the middle of the exposure is not aligned although requested; empty if it is aligned."""
     meeting_leader_ns: int | None = None
     stream: PhaseEstimator | None = None
-    """Knows how far a timestamp is off its stream's line: a stamp may be late though the frame is not."""
+    """Estimator of the residual of a timestamp from its stream's line: a timestamp may be late though the
+    frame is not."""
 
     @classmethod
     def of_camera(cls, camera: CameraFacts, config: RigConfigMessage, stream: PhaseEstimator) -> "CameraGrid":
@@ -207,15 +210,15 @@ class CameraGrid:
 
     @property
     def grid_of_stamps(self) -> FrameGrid:
-        """The grid that the frames' timestamps should lie on."""
+        """Grid that the frames' timestamps should match."""
         return FrameGrid(self.rig_grid.anchor_leader_ns - self.offset_ns, self.rig_grid.period_ns)
 
     def wanted_ns(self, time_map: TimeMap, instant_ns: int) -> int:
-        """Return the timestamp, in local time, that a frame of an instant of leader time should have."""
+        """Return the target timestamp, in local time, of a frame for an instant of leader time."""
         return time_map.local_from_leader(instant_ns) - self.offset_ns
 
     def pick(self, time_map: TimeMap, frame: F, stamp_ns: int, instant: int, at_ns: int) -> SelectedFrame[F]:
-        """Return the pick of a frame for an instant at `at_ns` of leader time; `stamp_ns` is the driver's."""
+        """Return a frame as selected for an instant at leader time `at_ns`; `stamp_ns` is the driver's."""
         error = StampError() if self.stream is None else self.stream.stamp_error(stamp_ns)
         local_ns = stamp_ns - error.outlier_ns + self.offset_ns
         leader_ns = time_map.leader_from_local(local_ns)
@@ -236,7 +239,7 @@ class CameraGrid:
     def select(
         self, ring: RingBuffer[F], time_map: TimeMap, instant: int, at_ns: int
     ) -> SelectedFrame[F] | Gap:
-        """Return the frame nearest to an instant, or why there is none within half a period."""
+        """Return the frame nearest to an instant, or a gap if none is within half a period."""
         wanted_ns = self.wanted_ns(time_map, at_ns)
         nearest = ring.nearest(wanted_ns)
         if nearest is None:
@@ -251,28 +254,29 @@ class CameraGrid:
 
 @dataclass(slots=True)
 class _PendingBurst(Generic[F]):
-    """A burst whose frames are set aside as they come: the ring buffer may not reach back to the first."""
+    """Burst whose frames are selected as they arrive, as they may leave the ring buffer before its end."""
 
     trigger: Trigger
     picked: list[SelectedFrame[F] | Gap] = field(default_factory=list)
-    """Selected frames and gaps that are not told yet."""
+    """Selected frames and gaps that are not reported yet."""
     told: int = 0
-    """How many instants have been told."""
+    """Number of instants reported so far."""
     time_map: TimeMap | None = None
-    """The map by which they were told: one burst has one map, but for one that is streamed."""
+    """Map used for the reported frames: one per burst, except for a streamed burst."""
     last_stamp_ns: int | None = None
-    """Timestamp of the last frame that was selected."""
+    """Timestamp of the last selected frame."""
 
     @property
     def over(self) -> int:
-        """How many instants are over."""
+        """Number of instants that are over."""
         return self.told + len(self.picked)
 
     @property
     def has_news(self) -> bool:
-        """Whether there is something to tell.
+        """Whether there is anything to report.
 
-        Spare instants are told one by one, those before together; of a burst that is streamed each by itself.
+        Spare instants are reported one by one, the instants before them together. Each instant of a streamed
+        burst is reported by itself.
         """
         if self.trigger.streamed:
             return bool(self.picked) or self.over >= self.trigger.count
@@ -280,17 +284,17 @@ class _PendingBurst(Generic[F]):
 
     @property
     def span_ns(self) -> tuple[int, int]:
-        """Leader times between which the stream should not be moved, in ns."""
+        """Leader times in ns between which the stream should not be moved."""
         if self.trigger.streamed and self.trigger.step_ns >= PAUSE_NS:
             return self.instant_ns(self.over), self.instant_ns(self.over)
         return self.instant_ns(0), self.instant_ns(self.trigger.count - 1)
 
     def instant_ns(self, instant: int) -> int:
-        """Leader time in ns."""
+        """Return the leader time of an instant, in ns."""
         return self.trigger.first_leader_ns + instant * self.trigger.step_ns
 
     def once(self, picked: SelectedFrame[F] | Gap) -> SelectedFrame[F] | Gap:
-        """The same, but a gap where its frame is that of the instant before: one further away is none."""
+        """Return the selection, or a gap if its frame was already selected for the previous instant."""
         if isinstance(picked, Gap):
             return picked
         if picked.stamp_ns == self.last_stamp_ns:
@@ -301,7 +305,7 @@ class _PendingBurst(Generic[F]):
     def tell(
         self, picks: tuple[SelectedFrame[F], ...], time_map: TimeMap, phase: PhaseEstimate | None
     ) -> FramesSelected[F]:
-        """What is new of it: the picks with their times by this map, and what is a gap."""
+        """Return the unreported frames, with times by this map, and the unreported gaps."""
         further = self.told > 0
         gaps = tuple(gap for gap in self.picked if isinstance(gap, Gap))
         self.told, self.time_map = self.over, time_map
@@ -310,18 +314,18 @@ class _PendingBurst(Generic[F]):
 
 
 class PendingBursts(Generic[F]):
-    """Triggers of one tree's root, by its run and their number, whichever relay has brought them."""
+    """Pending bursts by root instance and burst number, whichever relay forwarded the trigger."""
 
     def __init__(self) -> None:
         self._pending: dict[tuple[int, int], _PendingBurst[F]] = {}
         self._done: deque[tuple[int, int]] = deque(maxlen=64)
 
     def __bool__(self) -> bool:
-        """Whether any burst is still to be picked."""
+        """Whether frames of any burst are still to be selected."""
         return bool(self._pending)
 
     def clear(self) -> list[FramesSelected[F]]:
-        """Forget all bursts, as those of another root are in another time; return how those under way end."""
+        """Drop all bursts, which are in the time of another root; return the ends of streamed ones."""
         ends = []
         for burst in self._pending.values():
             if burst.trigger.streamed and burst.time_map is not None:
@@ -333,7 +337,7 @@ class PendingBursts(Generic[F]):
         return ends
 
     def add(self, trigger: Trigger) -> None:
-        """Add a burst; a trigger that comes again can only end one that is streamed earlier."""
+        """Add a burst; a repeated trigger can only end a streamed burst earlier."""
         key = trigger.leader, trigger.burst
         if key in self._done:
             return
@@ -342,15 +346,16 @@ class PendingBursts(Generic[F]):
             known.trigger = structs.replace(known.trigger, count=max(trigger.count, known.over))
 
     def forget(self, leader: int, burst: int) -> None:
-        """Select nothing more of a burst, also should its trigger come again."""
+        """Select nothing more of a burst, even if its trigger is repeated."""
         self._pending.pop((leader, burst), None)
         if (leader, burst) not in self._done:
             self._done.append((leader, burst))
 
     def first_before(self, leader_ns: int) -> tuple[int, int] | None:
-        """First and last instant of the earliest burst that has begun, or does before a leader time in ns.
+        """Return the first and last instant of the earliest burst that begins before a leader time in ns.
 
-        Of one with long pauses it is the next instant alone: between two of them the stream may be moved.
+        Bursts already under way are included. Between two instants with a long pause the stream may be moved:
+        then only the next instant is returned.
         """
         spans = [burst.span_ns for burst in self._pending.values() if burst.over < burst.trigger.count]
         return min((span for span in spans if span[0] <= leader_ns), default=None)
@@ -365,9 +370,10 @@ class PendingBursts(Generic[F]):
         *,
         is_member: bool,
     ) -> list[FramesSelected[F]]:
-        """Select the frames of all bursts whose last frame is there, or waited for no longer.
+        """Select the frames of all bursts whose last frame has arrived or timed out.
 
-        Spare instants are told after that, each when it is over; the stream's phase only by a member.
+        Spare instants are reported afterwards, each when it is over. Only a member reports the stream's
+        phase.
         """
         due = []
         for key, burst in list(self._pending.items()):
@@ -394,7 +400,7 @@ class PendingBursts(Generic[F]):
 
 
 def _is_over(at_ns: int, ring: RingBuffer[F], grid: CameraGrid, time_map: TimeMap, now_ns: int) -> bool:
-    """Whether the frame of an instant of leader time has come, or is waited for no longer."""
+    """Whether the frame of an instant of leader time has arrived or timed out."""
     newest_ns, period_ns = ring.newest_local_ns, grid.rig_grid.period_ns
     wanted_ns = grid.wanted_ns(time_map, at_ns)
     seen = newest_ns is not None and newest_ns > wanted_ns + period_ns // 2

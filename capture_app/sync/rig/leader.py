@@ -1,6 +1,6 @@
-"""The leader's state machine: take clients in, answer their time requests, order bursts, notice losses.
+"""State machine of a leader: admits clients, answers time requests, orders bursts, detects lost members.
 
-Time replies are stamped when they leave, and go first.
+Time replies are stamped when they leave, and are sent before all other datagrams.
 """
 
 import random
@@ -53,38 +53,42 @@ from capture_app.sync.wire.messages import (
 from capture_app.sync.wire.principal import Principal
 
 FEW_CAMERAS, UPDATE_EVERY_NS = 20, 200_000
-"""The grid of more than a few cameras is updated once in so long for each of them, not at each heartbeat."""
+"""With more than FEW_CAMERAS cameras the grid is updated once per UPDATE_EVERY_NS and camera, not at each
+heartbeat."""
 TOLD_EVERY_NS, TOLD_AGAIN_NS, MOST_TOLD = 5_000_000_000, 600_000_000_000, 256
-"""Of each machine that is refused one reason is told in so long, the same one again later."""
+"""Interval between two reported refusals of one machine; interval for an unchanged reason; machines
+remembered."""
 SLOWEST_PACE_NS = 60_000_000_000
 WAITED_SHARE = 1.0 / 64.0
 LOADED_NS = 2_000_000
-"""A leader whose replies wait for longer, from the kernel's stamp of a request on, has too much to do."""
+"""Mean delay of time replies, from the kernel's timestamp of the request, above which the leader is
+overloaded."""
 LEAST_SHARE = 0.025
 RELIEF, RISE, ADAPT_EVERY_NS = 0.7, 1.05, 250_000_000
-"""It then asks for so much less, and where it has room for so much more, each time."""
+"""Factors of the accepted request rate when overloaded and when not, and the interval of this adaptation."""
 
 
 @dataclass(frozen=True, slots=True)
 class LeaderConfig:
-    """What a leader is."""
+    """Configuration of a leader."""
 
     instance: int
     transfer_port: int
     rig: RigConfig = field(default_factory=RigConfig)
     exchanges_per_s: float = 20_000.0
-    """Time requests that all clients together may send at most; with more clients each of them sends fewer.
-    A leader that has too much to do asks for less."""
+    """Maximum rate of time requests of all clients together; more clients each send fewer. An overloaded
+    leader accepts fewer."""
     continues: UpstreamMap | None = None
-    """From this leader's clock to that of the one whose place it takes."""
+    """Map from this leader's clock to the clock of the leader that it replaces."""
     grid: FrameGrid | None = None
-    """That one's grid, which is kept."""
+    """Grid of the replaced leader, which this one continues."""
 
 
 class Leader:
-    """The leader's side of the protocol; `now_ns` is the leader's clock, which is the rig's time.
+    """Leader side of the protocol; `now_ns` is the leader's clock, which is the rig's time.
 
-    A relay's has an `uplink`: what its clients say goes there too, and bursts come from there.
+    The leader of a relay has an `uplink`: it forwards the clients' messages there, and receives bursts from
+    there.
     """
 
     def __init__(
@@ -94,39 +98,39 @@ class Leader:
         uplink: Uplink | None = None,
         owners: dict[str, str] | None = None,
     ) -> None:
-        """`owners` are the pins of the machines that names are of, from before; it is kept up to date."""
+        """`owners` maps names to the pins of their machines, from earlier runs; it is updated in place."""
         self.config = config
         self.current = CurrentConfig(config.instance, config.rig, continues=config.continues)
         if config.grid is not None:
             self.current.grid_choice, self.current.grid_is_of_cameras = GridPhaseChoice(config.grid), True
         self.impostures = 0
-        """Messages in the name of another than who sealed them."""
+        """Messages whose seal belongs to another machine than the one they name."""
         self._uplink = uplink
         self.roster = Roster(rng, owners)
-        """All members, lost ones too."""
+        """All members, including lost ones."""
         self._told: dict[str, tuple[str, int]] = {}
-        """By machine or host, why it was refused last, and when that was told."""
+        """Last reported refusal and its time, by machine pin or, without one, by host."""
         self.orders = Orders(config.instance, self.roster)
-        """The bursts that they are to take."""
+        """Bursts ordered from the members."""
         self._review_is_due = False
-        """Whether the cameras that the grid suits may not be those that are here."""
+        """Whether the set of cameras that the grid was chosen for may have changed."""
         self._update_due_ns = 0
         self._times: deque[tuple[bytes, Address, int]] = deque()
-        """Time replies, with when their requests came."""
+        """Pending time replies, each with the arrival time of its request."""
         self._outbox: list[tuple[bytes, Address]] = []
         self._waited_ns = 0.0
-        """How long time requests have waited for their replies lately, on average."""
+        """Running mean of the time from the arrival of a time request to its reply, in ns."""
         self._events: deque[LeaderEvent] = deque()
         self._share, self._adapt_due_ns = 1.0, AT_ONCE_NS
 
     @property
     def grid(self) -> FrameGrid | None:
-        """The grid of instants that all cameras are moved onto; None before the first camera."""
+        """Grid of instants that all cameras are moved onto; None before the first camera."""
         return self.current.grid
 
     @property
     def pace_ns(self) -> int:
-        """Mean time between two time requests of one client that this leader can bear, in ns; 0: any."""
+        """Shortest mean interval of a client's time requests that this leader can serve, in ns; 0: any."""
         exchanges_per_s = self._share * self.config.exchanges_per_s
         pace_ns = round(self.roster.pollers * 1e9 / exchanges_per_s)
         return min(SLOWEST_PACE_NS, pace_ns) if pace_ns > FIRST_PACE_NS else 0
@@ -136,10 +140,7 @@ class Leader:
     def receive_datagram(
         self, data: bytes, address: Address, now_ns: int, principal: Principal | None = None
     ) -> None:
-        """Take in a datagram that arrived at `now_ns`; stamp it as near to the socket as can be.
-
-        `principal` is who sealed it; None in a rig without seals.
-        """
+        """Process a datagram that arrived at `now_ns`, stamped as close to the socket as possible."""
         try:
             message = decode(data)
         except WireError:
@@ -151,9 +152,9 @@ class Leader:
     def receive_message(
         self, message: FromClient, address: Address, now_ns: int, principal: Principal | None = None
     ) -> None:
-        """Take in a message that arrived at `now_ns`, sealed by `principal` where the rig has seals.
+        """Process a message that arrived at `now_ns`, sealed by `principal` in a rig with seals.
 
-        What a relay has summed up is as if each of its members had said it.
+        A relay's batched message is processed as one message of each of its members.
         """
         match message:
             case Hello():
@@ -169,9 +170,9 @@ class Leader:
                 self._receive_of_member(message, address, now_ns, principal)
 
     def forget(self, name: str) -> None:
-        """Forget a lost member, and whose its name was: any machine may have that from now on.
+        """Remove a lost member and release its name, so that any machine may use it.
 
-        Raises BadInputError where there is none of that name, or it is here.
+        Raises BadInputError if no node has that name, or if it is not lost.
         """
         member = self.roster.members.get(name)
         if member is not None and not member.lost:
@@ -181,18 +182,18 @@ class Leader:
         self._events.append(NodeChanged(name, "forgotten") if member is None else self.roster.forget(member))
 
     def leave(self) -> None:
-        """Send the members on to another leader: this one is about to stop."""
+        """Ask the members to join another leader, as this one is about to stop."""
         for member in self.roster.members.values():
             if not member.lost and member.via is None:
                 self.send(member, UnknownMember(member.number, stops=True))
 
     def handle_timer(self, now_ns: int) -> None:
-        """Do what is due; call it at `next_timer`, or any time."""
+        """Do everything that is due; call it at `next_timer`, or at any other time."""
         for gone in self.roster.mark_silent_lost(now_ns):
             self._events.append(gone)
             self._review_is_due = True
         self._events.extend(self.roster.forget_long_lost(now_ns))
-        # A relay's grid is the root's.
+        # The root decides the grid of a relay.
         if self._review_is_due and self._uplink is None and self._review_grid(now_ns):
             self.acknowledge_all()
         self._events.extend(self.orders.expire(now_ns))
@@ -202,12 +203,12 @@ class Leader:
     # Out
 
     def next_timer(self) -> int | None:
-        """Leader time in ns at which `handle_timer` wants to be called, None for never."""
+        """Leader time in ns at which `handle_timer` is due; None for never."""
         timers_ns = self.roster.next_timer(), self.orders.next_timer()
         return min((due_ns for due_ns in timers_ns if due_ns is not None), default=None)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
-        """Return datagrams and where to; time replies carry `now_ns`, so send them at once."""
+        """Return datagrams with their destinations; send at once, as time replies carry `now_ns`."""
         datagrams = []
         for before, address, arrived_ns in self._times:
             datagrams.append((reply_at(before, now_ns), address))
@@ -222,13 +223,13 @@ class Leader:
         return datagrams
 
     def next_event(self) -> LeaderEvent | None:
-        """Return the next thing that happened, None where there is none."""
+        """Return the next event, or None."""
         return self._events.popleft() if self._events else None
 
     # Bursts
 
     def trigger(self, now_ns: int, order: BurstOrder) -> Burst:
-        """Order a burst on the rig's grid. Raises what `Orders.check` does."""
+        """Order a burst on the rig's grid. Raises as `Orders.check` does."""
         return self.orders.place(self.grid, now_ns, order, self.config.rig.max_delay_ns)
 
     def send(self, member: Member, message: ControlMessage) -> None:
@@ -236,7 +237,7 @@ class Leader:
         self._outbox.append((encode(message), member.address))
 
     def send_trigger(self, members: Iterable[Member], trigger: Trigger) -> None:
-        """Send a trigger to members: to those below one relay together."""
+        """Send a trigger to members, with one datagram for many members below the same relay."""
         below: dict[Address, list[int]] = {}
         for member in members:
             if member.via is None:
@@ -250,27 +251,27 @@ class Leader:
                 self._outbox.append((encode(trigger), address))
 
     def tell_version(self, data: bytes, address: Address) -> None:
-        """Answer a datagram of another version with the version that is spoken here."""
+        """Answer a datagram of another protocol version with this leader's version."""
         answer = version_answer(data)
         if answer is not None:
             self._outbox.append((answer, address))
 
     def refuse(self, hello: Hello, reason: str, address: Address, *, retry_here: bool = False) -> None:
-        """Tell a client why it cannot join; with `retry_here` it should not ask another leader."""
+        """Send a client the reason why it cannot join; with `retry_here` it should not try another leader."""
         self._outbox.append((encode(JoinRefusal(hello.instance, reason, retry_here)), address))
 
     def acknowledge(self, member: Member) -> None:
-        """Send a member the present configuration."""
+        """Send a member the current configuration."""
         self.send(member, HeartbeatAck(member.number, self.current.message(self.pace_ns)))
 
     def acknowledge_all(self) -> None:
-        """Send every member that is not below a relay the present configuration."""
+        """Send every member that is not below a relay the current configuration."""
         for member in self.roster.members.values():
             if not member.lost and member.via is None:
                 self.acknowledge(member)
 
     def drop_member(self, member: Member, reason: str) -> None:
-        """Count a member as lost, and tell it so: if it is there, it asks to join again."""
+        """Mark a member as lost and notify it, so that it asks to join again if it is still running."""
         self._note_lost(self.roster.mark_lost(member, reason))
         self.send(member, UnknownMember(member.number))
 
@@ -299,7 +300,7 @@ class Leader:
     def _sender(
         self, message: FromMember, address: Address, now_ns: int, principal: Principal | None
     ) -> Member | None:
-        """Return the member that sent a message, and note that it is here; None where there is none."""
+        """Return the sender of a message and note that it is present; None if it is not a member."""
         member = self.roster.member_by_number(message.client)
         if member is None:
             if isinstance(message, Heartbeat):
@@ -331,9 +332,9 @@ class Leader:
             self.acknowledge(member)
 
     def _review_grid(self, now_ns: int) -> bool:
-        """Lay the grid as most cameras have it, but not near a burst; whether it has changed.
+        """Lay the grid to suit most cameras, except near a burst; return whether it has changed.
 
-        One that has said no more than hello has no vote where another one is here.
+        A camera that has sent only hellos has no vote if a confirmed one is present.
         """
         if self.orders.is_busy(now_ns):
             return False
@@ -342,7 +343,7 @@ class Leader:
         return self.current.follow_cameras(voters, now_ns)
 
     def _update_grid(self, now_ns: int) -> bool:
-        """Move the grid to suit cameras that cannot follow it, not near a burst; whether it has changed."""
+        """Move the grid to suit immovable cameras, except near a burst; return whether it has changed."""
         shared, immovable = self.current.grid_choice, len(self.roster.immovable)
         is_given = self.current.upstream is not None or self.config.rig.grid_phase_ns is not None
         if shared is None or is_given or self.orders.is_busy(now_ns):
@@ -353,13 +354,13 @@ class Leader:
         return shared.update(camera_phases(self.roster.immovable.values()), now_ns)
 
     def put_away(self, member: Member) -> None:
-        """Forget a member, here or lost, whose name is another machine's."""
+        """Remove a member, present or lost, whose name belongs to another machine."""
         if not member.lost:
             self.drop_member(member, "its name is another machine's")
         self._events.append(self.roster.forget(member))
 
     def _tell_refusal(self, hello: Hello, reason: str, address: Address, now_ns: int) -> None:
-        """Refuse a client; now and then tell whoever runs this, and a camera whose name it wants."""
+        """Refuse a client; at intervals report it to the operator and to the name's present camera."""
         self.refuse(hello, reason, address)
         who = hello.pin or address[0]
         told, told_ns = self._told.get(who, ("", now_ns - TOLD_AGAIN_NS))
@@ -385,7 +386,7 @@ class Leader:
         if principal is not None and not principal.may_introduce(hello):
             self.impostures += 1
             return
-        # What a client says of its own machine does not count: its seal does.
+        # Only the seal proves the client's machine; the pin in its message does not.
         sealed_by = "" if principal is None else principal.pin
         hello = structs.replace(hello, pin=(hello.via and sealed_by and hello.pin) or sealed_by)
         refusal = self.roster.refusal(hello)
@@ -395,7 +396,7 @@ class Leader:
         if refusal:
             self._tell_refusal(hello, refusal, address, now_ns)
             return
-        # A relay's grid is the root's.
+        # The root decides the grid of a relay.
         if self._uplink is None and self.current.lay_grid(hello.camera, now_ns):
             self.acknowledge_all()
         self._events.extend(self.roster.make_room(hello))

@@ -1,4 +1,4 @@
-"""The one sentence with which a node says why it is not ready, and what a person can do about it."""
+"""Status texts of nodes: one sentence on why a node is not ready, and what its operator can do."""
 
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import count, duration
@@ -15,10 +15,10 @@ RATE_CHANGED = (
     " so wait for half a minute, or stop it while you take pictures"
 )
 REMEDY_MARGIN = 1.5
-"""The tolerance that is suggested is so many times what would do now: the next minute may be worse."""
+"""Ratio of the suggested tolerance to the current error: the next minute may be worse."""
 MEASURE = "capture-app cameras calibrate-time --panel"
 NETWORK_NS = 200_000
-"""A round trip of a wireless network is never so short; one within a machine, or by cable to the next, is."""
+"""Shortest round-trip delay of a wireless network; a shorter one is within a machine, or over one cable."""
 
 
 def of_state(
@@ -31,9 +31,9 @@ def of_state(
     can_move: bool,
     waits: bool,
 ) -> str:
-    """Say what a client in that state is about; empty where there is nothing to say.
+    """Return the status text of a client in that state; empty if there is nothing to report.
 
-    `can_move`: its stream can be moved at all; `waits`: it may not be yet, for the others' sake.
+    `can_move`: its stream can be moved at all; `waits`: it must not be moved yet, because of other cameras.
     """
     wanted_ns, time_map = keeper.target.wanted_ns, keeper.time_map
     error_ns = keeper.target.error_ns
@@ -51,7 +51,7 @@ def of_state(
         case NodeState.ALIGNING | NodeState.COARSE if (
             time_map is not None and error_ns is not None and wanted_ns is not None
         ):
-            # By such a clock frames are aligned again and again: the clock is the reason in both states.
+            # Such a clock has frames aligned again and again: it is the cause in both states.
             own = keeper.map_to_leader
             by_relay = own is not None and own.uncertainty_at(now_ns) <= wanted_ns
             if keeper.clock.longer_ns and not by_relay:
@@ -65,18 +65,18 @@ def of_state(
 
 
 def syncing(samples: int, needed: int, error_ns: float | None, wanted_ns: float | None) -> str:
-    """Say how far the clock is: answers counted, or its 95 % error and the one asked for, in ns."""
+    """Describe the progress of the clock: samples counted, or its 95 % error and the requested one, in ns."""
     if samples < needed or error_ns is None or wanted_ns is None:
         return f"measuring clock {samples}/{needed}"
     return f"clock sure to ±{duration(error_ns)} so far, asked for ±{duration(wanted_ns)}"
 
 
 def coarse(error_ns: float, wanted_ns: float, round_trip_ns: int, *, by_relay: bool) -> str:
-    """Say that a clock's 95 % error is larger than asked for, why, and what would help; times in ns.
+    """Describe why a clock's 95 % error exceeds the requested one, and the remedy; times in ns.
 
-    `by_relay`: the relay that is followed knows the time no better.
+    `by_relay`: the followed relay's own clock is no more accurate.
     """
-    # Messages cannot tell how a round trip is shared between there and back, however many there are.
+    # Messages cannot show how a round-trip delay divides between its two directions, however many there are.
     unseen_ns = SIGMAS_95 * ASYMMETRY * round_trip_ns / 2.0
     remedy = "nearer the access point, a cable, or "
     if by_relay:
@@ -100,7 +100,7 @@ def _sure_to(error_ns: float, wanted_ns: float) -> str:
 
 
 def of_event(event: object) -> str:
-    """Say what has happened to a clock; empty for what nobody needs to hear."""
+    """Describe a clock event; empty for events that need no report."""
     match event:
         case clock_events.ClockChanged(jumped=True):
             return "a clock was changed: synchronizing again"
@@ -116,7 +116,7 @@ def of_event(event: object) -> str:
 
 
 def way_longer(longer_ns: float) -> str:
-    """Say that messages take longer than before in one direction, or as long as before again."""
+    """Describe a path delay that has increased in one direction, or is back at its baseline (0)."""
     if not longer_ns:
         return "the way to the leader is again as long as before"
     return (
@@ -126,7 +126,7 @@ def way_longer(longer_ns: float) -> str:
 
 
 def rate(watch: RateWatch, now_ns: int) -> str:
-    """Say that this node's clock runs oddly, by its host or against the leader's; empty if it does not."""
+    """Describe an unusual rate of this node's clock, by its host or against the leader's; empty if none."""
     if watch.host_slewing_ppm:
         return slewing("this host", watch.host_slewing_ppm)
     if watch.fast_ppm is not None:
@@ -135,7 +135,7 @@ def rate(watch: RateWatch, now_ns: int) -> str:
 
 
 def fast_clock(ppm: float) -> str:
-    """Say that a node's clock runs so much faster than the leader's."""
+    """Describe a node's clock that runs `ppm` faster than the leader's."""
     return (
         f"its clock runs {fast_or_slow(ppm)} against the leader's:"
         " an NTP daemon is slewing one of the two, or one is a virtual machine"
@@ -143,7 +143,7 @@ def fast_clock(ppm: float) -> str:
 
 
 def step_refused(times: int) -> str:
-    """Say that answers told of a step of the clock which others did not confirm."""
+    """Describe answers that indicated a clock step which other answers did not confirm."""
     return (
         f"{count(times, 'answer')} of the leader told of another time than all others and did not count:"
         " is somebody on the way who alters them?"
@@ -151,12 +151,12 @@ def step_refused(times: int) -> str:
 
 
 def fast_or_slow(ppm: float) -> str:
-    """Write a rate: 210 ppm fast."""
+    """Format a rate: 210 ppm fast."""
     return f"{abs(ppm):.0f} ppm {'fast' if ppm > 0 else 'slow'}"
 
 
 def slewing(who: str, ppm: float) -> str:
-    """Say that a host says itself that it is slewing its clock, and what to do."""
+    """Describe a host that reports that it is slewing its clock, and the remedy."""
     return (
         f"{who} is slewing its clock by {ppm:+.0f} ppm: its NTP daemon is correcting the time;"
         " wait until it is done, or stop it while you take pictures"
@@ -164,7 +164,7 @@ def slewing(who: str, ppm: float) -> str:
 
 
 def aligning(phase: PhaseEstimate | None, *, settled: bool, corrections: int, waits: bool) -> str:
-    """Say what a stream that is not aligned yet is about: `waits` for a restart that suits all cameras."""
+    """Describe the progress of a stream's alignment; `waits` for a restart that suits all cameras."""
     if phase is None:
         after = f", again after {count(corrections, 'correction')}" if corrections else ""
         return f"learning when the camera takes its frames{after}"
@@ -176,14 +176,14 @@ def aligning(phase: PhaseEstimate | None, *, settled: bool, corrections: int, wa
 
 
 def off_grid(phase: PhaseEstimate | None, tolerance_ns: int) -> str:
-    """Say that a camera which cannot be moved lies off the grid; empty where it is near enough."""
+    """Describe the offset of an immovable camera from the grid; empty if within the tolerance."""
     if phase is None or abs(phase.error_ns) <= tolerance_ns:
         return ""
     return f"this camera cannot move its frames, {duration(abs(phase.error_ns))} off the rig's instants"
 
 
 def _rounded_up(us: float) -> int:
-    """Return the next of 1, 2, 5, 10, 20 … that is no less: one that stays while an estimate wavers."""
+    """Round up to 1, 2, 5, 10, 20 …, so that the result is constant while an estimate varies."""
     unit = 1
     while us > 10 * unit:
         unit *= 10

@@ -1,4 +1,4 @@
-"""Bursts that a leader orders, and their triggers, sent again until each is answered or has expired."""
+"""Bursts that a leader orders, with triggers that are repeated until they are acknowledged or expire."""
 
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
@@ -25,19 +25,19 @@ from capture_app.sync.wire.messages import Trigger, TriggerAck
 
 MOST_CANDIDATES = 200
 TRIGGER_LEAD_NS = 500_000_000
-"""A burst that is asked for now begins this much later, so that every client hears of it before."""
+"""Delay before a burst that is requested for now begins, so that every client receives its trigger first."""
 TRIGGER_AGAIN_NS = 50_000_000
 AFTER_BURST_NS = 1_000_000_000
-"""The grid stays as it is for so long after a burst's last instant: until then clients pick frames."""
+"""Time after a burst's last instant in which the grid must not move: clients still select frames."""
 MOST_AWAY_NS = 24 * 3_600_000_000_000
-"""A burst begins at most so long after, or before, it is ordered."""
+"""Maximum time between the order of a burst and its start, in the future or the past."""
 NO_ANSWER = "it does not answer"
 CANCELLED = "it was cancelled"
-"""A client's answer to a trigger that takes a burst back."""
+"""Client's answer to a trigger that cancels a burst."""
 
 
 def spread_ns(grid: FrameGrid, phases: Sequence[CameraPhase], at_leader_ns: int) -> float:
-    """Predicted time in ns from the earliest frame to the latest of those nearest to a leader time."""
+    """Return the predicted peak-to-peak time difference, in ns, of the frames nearest to a leader time."""
     errors = []
     for phase in phases:
         # A stream that is held by its frames' durations does not drift.
@@ -51,9 +51,10 @@ def spread_ns(grid: FrameGrid, phases: Sequence[CameraPhase], at_leader_ns: int)
 def instant_of_least_spread(
     grid: FrameGrid, phases: Sequence[CameraPhase], from_leader_ns: int, within_ns: int
 ) -> int:
-    """The instant of the grid with the least predicted spread, from a leader time to `within_ns` after it.
+    """Return the grid instant with the smallest predicted `spread_ns`.
 
-    The earliest of equals; at most MOST_CANDIDATES, evenly spread, are looked at.
+    The search begins at a leader time and covers `within_ns`. The earliest wins a tie. At most
+    MOST_CANDIDATES evenly spaced instants are evaluated.
     """
     first, last = grid.index_of(from_leader_ns), grid.index_of(from_leader_ns + max(0, within_ns))
     step = max(1, -(-(last - first) // MOST_CANDIDATES))
@@ -63,45 +64,46 @@ def instant_of_least_spread(
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class BurstOrder:
-    """A burst as it is asked for, on the rig's grid."""
+    """Request for a burst on the rig's grid."""
 
     frames: int
     spacing: int = 1
-    """Every so many periods there is an instant."""
+    """Number of periods between two instants."""
     spare: int = 0
-    """Up to so many further instants follow, for cameras that drop frames; none of a streamed burst."""
+    """Maximum number of extra instants that replace dropped frames; ignored for a streamed burst."""
     at_leader_ns: int | None = None
-    """When it begins, perhaps in the past, as far as rings reach; None: as soon as all can know of it."""
+    """Start time, possibly in the past within the reach of the ring buffers; None: as soon as all can know of
+    it."""
     number: int | None = None
-    """A new one; None: the next."""
+    """Number of a new burst; None: the next number."""
     streamed: bool = False
-    """Frames are sent as they come, and not after the last."""
+    """Whether frames are sent as they arrive, instead of after the last one."""
     video: bool = False
-    """They go into a video for each camera."""
+    """Whether the frames become a video per camera."""
     without: Collection[str] = ()
-    """Cameras that are left out."""
+    """Names of cameras that take no part."""
 
 
 @dataclass(slots=True)
 class _OpenBurst:
-    """The trigger of a burst, and those that have not answered it yet, by their numbers."""
+    """Trigger of a burst, and the members that have not answered it yet, by their numbers."""
 
     trigger: Trigger
     members: dict[int, Member]
     give_up_ns: int
     cancels: bool
-    """The burst is taken back."""
+    """Whether the trigger cancels the burst."""
     again: bool
-    """The clients have the burst already: this only ends it earlier."""
+    """Whether the clients already have the burst, and the trigger only ends it earlier."""
     due_ns: int = AT_ONCE_NS
-    """When all of them are sent again."""
+    """Time at which the trigger is next sent to all of them."""
 
 
 class Orders:
-    """The triggers that are not answered yet; `now_ns` is leader time."""
+    """Triggers that are not answered yet; `now_ns` is leader time."""
 
     def __init__(self, leader: int, roster: Roster) -> None:
-        """`leader` is the run of the leader that orders, `roster` has the cameras that take bursts."""
+        """`leader` is the leader's instance number; `roster` holds the cameras that take bursts."""
         self._leader, self._roster = leader, roster
         self._open_bursts: dict[int, _OpenBurst] = {}
         self._bursts = 0
@@ -110,7 +112,7 @@ class Orders:
     def check(self, grid: FrameGrid | None, order: BurstOrder) -> FrameGrid:
         """Return the grid of a burst.
 
-        Raises BadInputError for an impossible burst, NoCameraHereError where there is nobody to take it.
+        Raises BadInputError for an impossible burst, NoCameraHereError without a camera to take it.
         """
         if grid is None or not self._cameras(order):
             raise NoCameraHereError("no camera is here")
@@ -127,8 +129,8 @@ class Orders:
     def place(self, grid: FrameGrid | None, now_ns: int, order: BurstOrder, max_delay_ns: int = 0) -> Burst:
         """Order a burst of all cameras on the rig's grid.
 
-        One that may begin as soon as all can know of it may be delayed by `max_delay_ns` to reach the best
-        predicted alignment. Raises what `check` does.
+        A burst without a start time may be delayed by `max_delay_ns` to reach the best predicted alignment.
+        Raises as `check` does.
         """
         grid, cameras = self.check(grid, order), self._cameras(order)
         asked_ns = now_ns + TRIGGER_LEAD_NS if order.at_leader_ns is None else order.at_leader_ns
@@ -156,19 +158,19 @@ class Orders:
         return [member for member in self._roster.cameras() if member.name not in order.without]
 
     def end(self, burst: Burst, frames: int, now_ns: int) -> Burst:
-        """Let a burst that is streamed end after so many frames, and return it as it is then."""
+        """End a streamed burst after that many frames, and return the shortened burst."""
         step_ns = burst.instants_ns[1] - burst.instants_ns[0] if len(burst.instants_ns) > 1 else 1
         ended = replace(burst, instants_ns=burst.instants_ns[:frames])
         self._open(ended, now_ns, step_ns, len(ended.instants_ns), again=True)
         return ended
 
     def cancel(self, burst: Burst, now_ns: int) -> None:
-        """Take a burst back from those that were to take it."""
+        """Cancel a burst at the cameras that were to take it."""
         self._open(burst, now_ns, 0, 0)
         del self._busy_until_ns[burst.number]
 
     def _open(self, burst: Burst, now_ns: int, step_ns: int, count: int, *, again: bool = False) -> None:
-        """Begin to send the burst's cameras that are here its triggers, in the place of earlier ones."""
+        """Start sending triggers to the burst's present cameras, in place of earlier ones."""
         first_ns, number, clients = burst.instants_ns[0], burst.number, frozenset(burst.clients)
         kind = (burst.spare, burst.streamed, burst.video) if count else (0, False, False)
         trigger = Trigger(0, self._leader, number, first_ns, step_ns, count, *kind)
@@ -180,16 +182,16 @@ class Orders:
         self._busy_until_ns[burst.number] = max(now_ns, burst.instants_ns[-1]) + AFTER_BURST_NS
 
     def is_busy(self, now_ns: int) -> bool:
-        """Whether clients are taking a burst, or will."""
+        """Whether a burst is under way or ordered."""
         self._busy_until_ns = {burst: until for burst, until in self._busy_until_ns.items() if now_ns < until}
         return bool(self._busy_until_ns)
 
     def take_ack(self, member: Member, ack: TriggerAck) -> BurstAnswered | None:
-        """Note a member's answer; None where it had answered before, or the order has expired."""
+        """Record a member's answer; return None if it had already answered, or if the order has expired."""
         burst = self._open_bursts.get(ack.burst)
         if ack.leader != self._leader or burst is None or member.number not in burst.members:
             return None
-        # Where it is cancelled, an answer to the burst itself may still be on its way.
+        # After a cancellation, an answer to the original trigger may still arrive.
         if burst.cancels and ack.refusal != CANCELLED:
             return None
         self._close(ack.burst, burst, member.number)
@@ -198,7 +200,7 @@ class Orders:
         return BurstAnswered(member.name, ack.burst, ack.refusal)
 
     def expire(self, now_ns: int) -> list[BurstAnswered]:
-        """Drop the orders of members that are lost or have not answered for too long, before they are due."""
+        """Drop and report the orders of members that are lost or exceed the answer timeout."""
         refused = []
         for number, burst in list(self._open_bursts.items()):
             if now_ns < min(burst.due_ns, burst.give_up_ns):
@@ -211,14 +213,14 @@ class Orders:
         return refused
 
     def triggers_due(self, now_ns: int) -> list[tuple[Collection[Member], Trigger]]:
-        """Return the triggers to be sent now, for the first time or again, without a number, and whom to."""
+        """Return the triggers due now, first or repeated, without a client number, and their members."""
         due = [burst for burst in self._open_bursts.values() if now_ns >= burst.due_ns]
         for burst in due:
             burst.due_ns = now_ns + TRIGGER_AGAIN_NS
         return [(burst.members.values(), burst.trigger) for burst in due]
 
     def next_timer(self) -> int | None:
-        """Leader time in ns at which a trigger is to be sent, None for never."""
+        """Leader time in ns at which the next trigger is due; None for never."""
         return min((burst.due_ns for burst in self._open_bursts.values()), default=None)
 
     def _close(self, number: int, burst: _OpenBurst, client: int) -> None:

@@ -1,4 +1,4 @@
-"""Configuration of a rig: what its leader was asked for, and what it sends its clients at present."""
+"""Configuration of a rig: the leader's options, and the current values that it sends to its clients."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,42 +14,43 @@ from capture_app.sync.wire.messages import RigConfigMessage, UpstreamMap
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RigConfig:
-    """How a rig's frames are to be aligned."""
+    """Requested alignment of a rig's frames."""
 
     period_ns: int | None = None
-    """From one frame to the next; None: as most cameras have it."""
+    """Frame period; None: the period of most cameras."""
     align_row: float | None = None
-    """Share of the height at which a row's middle of exposure is aligned; None for the first row's start."""
+    """Row whose middle of exposure is aligned, as a fraction of the height; None for the first row's
+    start."""
     max_delay_ns: int = 0
-    """A burst that is asked for now may be delayed by so much to reach the best predicted alignment."""
+    """Maximum delay of a burst requested for now, to reach the best predicted alignment."""
     grid_phase_ns: int | None = None
-    """Instants are so much after whole periods of leader time, and stay so; None: cameras lay the grid."""
+    """Fixed offset of instants from whole periods of leader time; None: the cameras determine the grid."""
 
 
 @dataclass(slots=True)
 class CurrentConfig:
-    """What a leader tells all its clients, as it is at present."""
+    """Current configuration that a leader sends to all its clients."""
 
     leader: int
-    """Its run."""
+    """Instance number of the leader."""
     config: RigConfig
     grid_choice: GridPhaseChoice | None = None
     upstream: UpstreamMap | None = None
-    """A relay's map from its clock to the root's; clients chain it to their estimates."""
+    """Map from a relay's clock to the root's; clients chain it to their estimates."""
     in_holdover: bool = False
-    """Whether a relay has no leader at present, or that one is in holdover."""
+    """Whether a relay has no leader at present, or its leader is in holdover."""
     continues: UpstreamMap | None = None
-    """From the root's time to that of the leader whose place it took."""
+    """Map from the root's time to that of the leader that it replaced."""
     grid_is_of_cameras: bool = False
-    """Whether the grid has the period of a camera, or the one asked for, and keeps it."""
+    """Whether the grid has a camera's period or the requested one, and keeps it."""
 
     @property
     def grid(self) -> FrameGrid | None:
-        """The grid of instants that all cameras are moved onto; None before the first client."""
+        """Grid of instants that all cameras are moved onto; None before the first client."""
         return None if self.grid_choice is None else self.grid_choice.grid
 
     def lay_grid(self, camera: CameraFacts, now_ns: int) -> bool:
-        """Lay the grid at the rate of the first camera; whether it has changed."""
+        """Lay the grid at the rate of the first camera; return whether it has changed."""
         is_camera = camera.kind not in WITHOUT_CAMERA
         if self.grid_choice is not None and (self.grid_is_of_cameras or not is_camera):
             return False
@@ -63,14 +64,14 @@ class CurrentConfig:
         return True
 
     def is_held(self, camera: CameraFacts) -> bool:
-        """Whether a camera can be held on the present grid."""
+        """Whether a camera can be held on the current grid."""
         grid = self.grid
         return grid is not None and can_hold(camera.period_ns, grid.period_ns)
 
     def follow_cameras(self, cameras: Sequence[Member], now_ns: int) -> bool:
         """Lay the grid again if another period suits these cameras better; return whether it has changed.
 
-        On an open rig each camera counts as a machine. Without any camera the next one lays the grid.
+        On an open rig each camera counts as a machine. Without any camera the next one determines the grid.
         """
         grid = self.grid
         if grid is None or self.config.period_ns is not None or not self.grid_is_of_cameras:
@@ -88,7 +89,7 @@ class CurrentConfig:
         return True
 
     def message(self, pace_ns: int) -> RigConfigMessage:
-        """Return what is told; `pace_ns` is the mean time between two requests that the leader bears."""
+        """Return the message to clients; `pace_ns` is the mean interval between a client's time requests."""
         assert self.grid_choice is not None, "the first hello sets the grid"
         grid = self.grid_choice.grid
         return RigConfigMessage(

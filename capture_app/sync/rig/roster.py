@@ -1,4 +1,4 @@
-"""The members of a leader: their numbers and slots, and who of them has fallen silent."""
+"""Members of a leader: their numbers and slots, and the detection of silent ones."""
 
 import random
 from collections.abc import Iterable, Iterator, Mapping
@@ -27,12 +27,12 @@ from capture_app.sync.wire.principal import Principal
 
 MAX_CLIENTS = 32_000
 MOST_OF_ONE = 100
-"""How many names one machine has: it takes no room of others."""
+"""Maximum number of names per machine, so that one machine cannot exhaust the roster."""
 
 
 @dataclass(slots=True)
 class Member:
-    """A client that is or was here, lost or alive."""
+    """A client that has joined, present or lost."""
 
     name: str
     instance: int
@@ -43,15 +43,15 @@ class Member:
     last_heard_ns: int
     slot: float
     via: str | None = None
-    """The relay that it joined, where that speaks for it."""
+    """Name of the relay that it joined and that speaks for it; None if it joined this leader directly."""
     lost: str = ""
-    """Why it is counted as lost; empty while it is here."""
+    """Reason why it counts as lost; empty while it is present."""
     is_confirmed: bool = False
-    """Whether it has said more than hello, by the number that it was told: it is where it says it is."""
+    """Whether it has used its assigned number, which proves that it receives at its address."""
     principal: Principal | None = None
-    """Who seals its messages; None in a rig without seals."""
+    """Machine that seals its messages; None in a rig without seals."""
     pin: str = ""
-    """That of its machine, whoever seals for it."""
+    """Pin of its own machine, even if a relay seals for it."""
 
     def is_of_another_machine(self, hello: Hello) -> bool:
         """Whether a hello comes from another machine than this member's."""
@@ -59,7 +59,7 @@ class Member:
 
 
 def camera_phases(members: Iterable[Member]) -> list[CameraPhase]:
-    """Return the phases of those members that are here, as they have reported them."""
+    """Return the reported phases of the members that are present."""
     return [
         CameraPhase(
             member.name,
@@ -74,7 +74,7 @@ def camera_phases(members: Iterable[Member]) -> list[CameraPhase]:
 
 
 def relays_above(member: Member, members: Mapping[str, Member]) -> Iterator[Member]:
-    """Yield the relays through which a member has joined, the nearest first, as far as they are known."""
+    """Yield the known relays between a member and this leader, nearest to the member first."""
     above = members.get(member.via or "")
     for _ in range(MAX_DEPTH):
         if above is None:
@@ -84,7 +84,10 @@ def relays_above(member: Member, members: Mapping[str, Member]) -> Iterator[Memb
 
 
 def van_der_corput(index: int) -> float:
-    """Return a number from 0 to 1 that is far from those of the indices around it (van der Corput 1935)."""
+    """Return the van der Corput number of an index, in 0 to 1 (van der Corput 1935).
+
+    Consecutive indices give numbers far apart.
+    """
     part, step = 0.0, 0.5
     while index:
         part += step * (index & 1)
@@ -93,44 +96,44 @@ def van_der_corput(index: int) -> float:
 
 
 class Roster:
-    """All members by name; the lost ones stay for FORGET_LOST_NS, so that they can return."""
+    """All members by name; lost ones stay for FORGET_LOST_NS, so that they can return."""
 
     def __init__(self, rng: random.Random, owners: dict[str, str] | None = None) -> None:
         self.members: dict[str, Member] = {}
         self.owners = {} if owners is None else owners
-        """By each name that was ever taken, the pin of its machine; of a relay, which asks above, none."""
+        """Pin of the machine that owns each name ever used. A relay asks its parent instead, and has none."""
         self.immovable: dict[str, Member] = {}
         """Members whose streams cannot be moved to every grid: the grid is moved to suit them."""
         self.present_count = 0
-        """How many are not lost."""
+        """Number of members that are not lost."""
         self.pollers = 0
-        """How many present members ask this leader for the time, not a relay."""
+        """Number of present members that send time requests to this leader instead of a relay."""
         self._rng = rng
         self._by_number: dict[int, Member] = {}
         self._unconfirmed: dict[str, Member] = {}
-        """Members that have said no more than hello, the oldest first."""
+        """Members that have sent only hellos, oldest first."""
         self._joins = 0
         self._silence_ns = self._forget_ns = 0
-        """No member can have been silent for too long, or lost for too long, before these times."""
+        """Earliest times at which a member can have been silent, or lost, for too long."""
 
     def by_name(self) -> tuple[Member, ...]:
-        """Return all that are or were here, in the order of their names; lost ones say so in their report."""
+        """Return all members by name, including lost ones, whose reports have the state LOST."""
         return tuple(member for _, member in sorted(self.members.items()))
 
     def member_by_number(self, number: int) -> Member | None:
-        """Return the member of that number, None where there is none or it is lost."""
+        """Return the present member with that number, or None."""
         member = self._by_number.get(number)
         return None if member is None or member.lost else member
 
     def is_of_another_machine(self, hello: Hello) -> bool:
-        """Whether the name that a client asks for is that of another machine's."""
+        """Whether the name that a client requests belongs to another machine."""
         member = self.members.get(hello.name)
         if member is not None and member.is_of_another_machine(hello):
             return True
         return self.owners.get(hello.name, hello.pin) != hello.pin
 
     def refusal(self, hello: Hello) -> str:
-        """Return why a client cannot be taken in, empty where it can."""
+        """Return the reason why a client cannot join; empty if it can."""
         known = self.members.get(hello.name)
         if self.is_of_another_machine(hello):
             return (
@@ -150,7 +153,7 @@ class Roster:
         return ""
 
     def claim(self, hello: Hello) -> None:
-        """Keep whose name it is for good; of what one machine had long ago the first is free again."""
+        """Record a hello's machine as the owner of its name; release that machine's oldest excess names."""
         if self.owners.get(hello.name) != hello.pin:
             self.owners[hello.name] = hello.pin
             gone = [
@@ -160,13 +163,13 @@ class Roster:
                 del self.owners[name]
 
     def confirm(self, member: Member) -> bool:
-        """Note that a member has said more than hello; whether that is new."""
+        """Note that a member has used its assigned number; return whether this is the first time."""
         first, member.is_confirmed = not member.is_confirmed, True
         self._unconfirmed.pop(member.name, None)
         return first
 
     def make_room(self, hello: Hello) -> list[NodeChanged]:
-        """Forget one that is not needed where a new client that is not refused would be one too many."""
+        """Remove a dispensable member if an accepted new client would exceed a limit."""
         if hello.name in self.members:
             return []
         forgotten: list[NodeChanged] = []
@@ -181,9 +184,9 @@ class Roster:
         return bool(pin) and sum(member.pin == pin for member in self.members.values()) >= MOST_OF_ONE
 
     def _least_needed(self, pin: str = "") -> Member | None:
-        """Return one that has said no more than hello, else the one that has been lost for the longest.
+        """Return a member that has sent only hellos, or else the member lost the longest.
 
-        Of one machine, where its `pin` is given.
+        With `pin`, only members of that machine are considered.
         """
         for member in self._unconfirmed.values():
             if pin in ("", member.pin):
@@ -194,18 +197,18 @@ class Roster:
     def admit(
         self, hello: Hello, address: Address, now_ns: int, principal: Principal | None = None
     ) -> tuple[Member, NodeChanged | None]:
-        """Add a client that is not refused; no event where it is here already and merely asks again."""
+        """Add an accepted client; return no event if it is already present and merely repeats its hello."""
         known = self.members.get(hello.name)
         moved = known is not None and not known.lost
         if known is not None:
             if not known.lost and known.via == hello.via:
                 known.last_heard_ns, known.principal = now_ns, principal
-                # It may expose otherwise now, and have learnt more of its stamps.
+                # Its exposure may have changed, and its timestamp accuracy may be known better.
                 known.camera = structs.replace(
                     known.camera, stamp=hello.camera.stamp, exposure_ns=hello.camera.exposure_ns
                 )
                 return known, None
-            # A relay that it has left knows it by the old number, and is told that this is unknown.
+            # A relay that it has left still uses the old number, and is answered that it is unknown.
             self._by_number.pop(known.number, None)
             self._count(known, -1)
         number = self._free_number()
@@ -220,7 +223,7 @@ class Roster:
         self.members[hello.name] = self._by_number[number] = member
         self._unconfirmed.pop(hello.name, None)
         if known is not None and known.instance == hello.instance and known.is_confirmed:
-            # It has moved, or returns: nobody else knows its run.
+            # It has moved or returned: no other machine knows its instance number.
             member.is_confirmed = True
         else:
             self._unconfirmed[hello.name] = member
@@ -232,7 +235,7 @@ class Roster:
         return member, NodeChanged(hello.name, "joined" if known is None else "returned")
 
     def mark_lost(self, member: Member, reason: str) -> NodeChanged:
-        """Count a member as lost; its counts of frames stay."""
+        """Mark a member as lost; its frame counts remain."""
         self._count(member, -1)
         member.lost = reason
         member.report = Report(
@@ -242,7 +245,7 @@ class Roster:
         return NodeChanged(member.name, "lost", reason)
 
     def forget(self, member: Member) -> NodeChanged:
-        """Forget a member as if it had never been here."""
+        """Remove a member without a trace."""
         self._count(member, -1)
         self._by_number.pop(member.number, None)
         self._unconfirmed.pop(member.name, None)
@@ -251,7 +254,7 @@ class Roster:
         return NodeChanged(member.name, "forgotten")
 
     def forget_long_lost(self, now_ns: int) -> list[NodeChanged]:
-        """Forget the members that have been lost for too long, and note when the next one will be."""
+        """Remove members that have been lost for too long, and schedule the next check."""
         if now_ns < self._forget_ns:
             return []
         lost = [member for member in self.members.values() if member.lost]
@@ -263,9 +266,9 @@ class Roster:
         return [self.forget(member) for member in over]
 
     def mark_silent_lost(self, now_ns: int) -> list[NodeChanged]:
-        """Count silent members as lost, and note when the next one could be.
+        """Mark silent members as lost, and schedule the next check.
 
-        One that has never said more than hello is forgotten.
+        A member that has sent only hellos is removed instead.
         """
         if now_ns < self._silence_ns:
             return []
@@ -274,7 +277,7 @@ class Roster:
         for member in tuple(self.members.values()):
             if member.lost:
                 continue
-            # A relay that is here would say if it were lost.
+            # A relay that is present would report the loss of its member.
             above = takewhile(lambda relay: not relay.lost, relays_above(member, self.members))
             heard_ns = max([member.last_heard_ns, *(relay.last_heard_ns for relay in above)])
             if now_ns - heard_ns >= CLIENT_SILENT_NS:
@@ -285,15 +288,15 @@ class Roster:
         return lost
 
     def next_timer(self) -> int | None:
-        """Leader time in ns at which a member could have been silent or lost for too long, None for never."""
+        """Leader time in ns at which a member could have been silent or lost for too long; None for never."""
         if self.present_count:
             return min(self._silence_ns, self._forget_ns)
         return self._forget_ns if self.members else None
 
     def cameras(self, *, even_unconfirmed: bool = False) -> list[Member]:
-        """Return those that are here and have a camera, by name.
+        """Return the present members that have a camera, by name.
 
-        One that has said no more than hello may not be where it says it is: it takes no part in bursts.
+        An unconfirmed member's address may be forged, so it takes no part in bursts.
         """
         return [
             member

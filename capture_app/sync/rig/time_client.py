@@ -1,4 +1,4 @@
-"""A node's side of the protocol but for its camera: join a leader, keep its time, notice that it is gone."""
+"""Camera-independent node side of the protocol: joins a leader, keeps its time, detects its loss."""
 
 import random
 from collections import deque
@@ -41,22 +41,23 @@ from capture_app.sync.wire.messages import (
 
 HEARTBEAT_EVERY_NS = 500_000_000
 HELLO_EVERY_NS, RAREST_HELLO_NS, RARER = 500_000_000, 2_000_000_000, 1.5
-"""After the first ones hellos that stay unanswered are ever rarer: thousands may have lost one leader."""
+"""Interval of hellos, its maximum, and its growth factor: thousands of nodes may have lost the same
+leader."""
 HELLOS = 3
-"""Unanswered hellos after which another leader is asked, where there is one."""
+"""Number of unanswered hellos after which another leader is asked, if there is one."""
 NO_ANSWER = "no leader answers: is it running, and does its firewall let UDP through?"
 MOST_EVENTS = 256
-"""Newest events that are kept for a node that does not take them."""
+"""Maximum number of events stored for a node that does not read them."""
 
 TimeClientEvent = Joined | LeaderNews | ClockEvent
 
 
 class TimeClient:
-    """A member of one leader at a time, whose address is its owner's business.
+    """Member of one leader at a time; the caller decides the leader's address.
 
-    Feed it datagrams and time (`now_ns`, the node's own clock); take datagrams and events out. It never
-    raises on what the network brings. By itself it is a node without a camera; `Client` adds a camera to it,
-    `TreeMember` further leaders.
+    The caller passes in datagrams and time (`now_ns`, the node's own clock), and takes out datagrams and
+    events. No input from the network raises. A bare `TimeClient` is a node without a camera; `Client` adds a
+    camera, `TreeMember` further leaders.
     """
 
     def __init__(
@@ -70,23 +71,23 @@ class TimeClient:
         silent_ns: int = LEADER_SILENT_NS,
         report: Callable[[int], Report] | None = None,
     ) -> None:
-        """A leader that has said nothing for `silent_ns` is gone.
+        """A leader that has been silent for `silent_ns` counts as lost.
 
-        `report` tells of this node at a local time in ns, in the place of `self.report`.
+        `report` returns this node's report at a local time in ns; it replaces `self.report`.
         """
         self.name, self.instance, self.camera = name, instance, camera
         self.timekeeper = timekeeper
         self.malformed = 0
         self.hellos = 0
-        """How often it has asked to join since it was a member; after HELLOS another leader is asked."""
+        """Number of hellos since this node was last a member; after HELLOS another leader is asked."""
         self.number: int | None = None
-        """What the leader knows this node by; None while it is no member."""
+        """Number that the leader assigned to this node; None while it is not a member."""
         self.followed: RigConfigMessage | None = None
-        """Configuration of the present leader, or of the last one."""
+        """Configuration of the current leader, or of the last one."""
         self.why_joining = ""
-        """Why it is no member, where that is known."""
+        """Reason why it is not a member, if known."""
         self.unanswered = 0
-        """How often it has asked to join since a leader said anything to that."""
+        """Number of hellos since a leader last answered one."""
         self._rng = random.Random(instance)
         self._report = report or self.report
         self._heartbeat_every_ns, self._silent_ns = heartbeat_every_ns, silent_ns
@@ -99,7 +100,7 @@ class TimeClient:
 
     @property
     def is_member(self) -> bool:
-        """Whether a leader has taken this node in and is there."""
+        """Whether a leader has admitted this node and is present."""
         return self.number is not None
 
     @property
@@ -111,23 +112,23 @@ class TimeClient:
 
     @property
     def time_map(self) -> TimeMap | None:
-        """The newest estimate of the root's clock."""
+        """Newest estimate of the root's clock."""
         return self.timekeeper.time_map
 
     def report(self, now_ns: int) -> Report:
-        """Return what such a node tells its leader about itself."""
+        """Return the report of this node for its leader."""
         return self.timekeeper.report(self.state, self.why_joining, now_ns)
 
     # In
 
     def receive_datagram(self, data: bytes, now_ns: int) -> None:
-        """Take in a datagram that arrived at `now_ns`; stamp it as near to the socket as can be."""
+        """Process a datagram that arrived at `now_ns`, stamped as close to the socket as possible."""
         message = self.decode(data)
         if message is not None:
             self.receive_message(message, now_ns)
 
     def decode(self, data: bytes) -> Message | None:
-        """Return the message of a datagram; None, and count it, where it is none."""
+        """Return the message of a datagram; count an unreadable one and return None."""
         try:
             return decode(data)
         except WireError as error:
@@ -135,17 +136,17 @@ class TimeClient:
             return None
 
     def note_unreadable(self, error: WireError) -> None:
-        """Count what is no message, and take from one of another version why its leader takes nobody in."""
+        """Count an unreadable datagram; a version mismatch becomes the reason for not being a member."""
         self.malformed += 1
         if error.version is not None and not self.is_member:
             self.note_refusal(version_mismatch(error.version))
 
     def is_addressed(self, message: Message) -> bool:
-        """Whether a message is meant for this member."""
+        """Whether a message is addressed to this member."""
         return self.number is not None and getattr(message, "client", None) == self.number
 
     def receive_message(self, message: Message, now_ns: int) -> None:
-        """Take in a message of the leader that arrived at `now_ns`."""
+        """Process a message of the leader that arrived at `now_ns`."""
         match message:
             case Welcome() if not self.is_member and message.instance == self.instance:
                 if not self.follow(message, now_ns):
@@ -167,7 +168,7 @@ class TimeClient:
                 pass
 
     def follow(self, welcome: Welcome, now_ns: int) -> bool:
-        """Become a member of the leader that sent this; False if it cannot be followed."""
+        """Become a member of the leader that sent this welcome; return False if it cannot be followed."""
         config = welcome.config
         if not config.is_possible or self._objection(config):
             return False
@@ -180,7 +181,7 @@ class TimeClient:
         return True
 
     def lose(self, reason: str, now_ns: int) -> None:
-        """Give up the leader, and ask to join again at once."""
+        """Leave the leader, and ask to join again at once."""
         self.number = None
         self.timekeeper.stop()
         self.why_joining = reason
@@ -188,7 +189,7 @@ class TimeClient:
         self._events.append(LeaderNews("lost", reason))
 
     def leave(self) -> None:
-        """Say goodbye: this node is about to stop."""
+        """Send goodbye, as this node is about to stop."""
         if self.number is not None:
             self._outbox.append(Goodbye(self.number))
         self.number = None
@@ -196,7 +197,7 @@ class TimeClient:
         self._hello_due_ns = NEVER_NS
 
     def note_refusal(self, reason: str) -> None:
-        """Note why the leader that is asked does not take this node in."""
+        """Note why the leader does not admit this node."""
         self.unanswered = 0
         if reason != self.why_joining:
             self.why_joining = reason
@@ -211,7 +212,7 @@ class TimeClient:
         self._outbox.append(message)
 
     def handle_timer(self, now_ns: int) -> None:
-        """Do what is due; call it at `next_timer`, or any time."""
+        """Do everything that is due; call it at `next_timer`, or at any other time."""
         if self.number is None:
             if now_ns >= self._hello_due_ns:
                 if self.hellos >= HELLOS and not self.why_joining:
@@ -236,14 +237,14 @@ class TimeClient:
     # Out
 
     def next_timer(self) -> int:
-        """Local time in ns at which `handle_timer` wants to be called."""
+        """Local time in ns at which `handle_timer` is due."""
         if self.number is None:
             return self._hello_due_ns
         silent_from_ns = self._heard_ns + self._silent_ns
         return min(silent_from_ns, self.timekeeper.next_timer(), self._heartbeat_due_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[bytes]:
-        """Return the datagrams for the leader; a time request carries `now_ns`, so send them at once."""
+        """Return the datagrams for the leader; send at once, as a time request carries `now_ns`."""
         request = self.timekeeper.request_to_send(now_ns)
         datagrams = [] if request is None else [request]
         while self._outbox:
@@ -251,29 +252,30 @@ class TimeClient:
         return datagrams
 
     def next_event(self) -> TimeClientEvent | None:
-        """Return the next thing that happened, None where there is none."""
+        """Return the next event, or None."""
         return self._events.popleft() if self._events else None
 
     def introduce_again(self, camera: CameraFacts) -> None:
-        """Tell the leader what is known now of this node's camera."""
+        """Send the leader the updated facts of this node's camera."""
         self.camera = camera
         if self.is_member:
             self._outbox.append(self.hello())
 
     def hello(self) -> Hello:
-        """Return what asks a leader to be taken in."""
+        """Return the message that asks a leader to admit this node."""
         camera = self.camera
         if camera.kind in WITHOUT_CAMERA and self.followed is not None:
-            # A root that has been started anew can lay its grid as the cameras below have it.
+            # After a restart of the root, this lets it lay the grid at the period of the cameras below.
             camera = structs.replace(camera, period_ns=self.followed.period_ns)
         return Hello(self.name, self.instance, camera)
 
     # The parts
 
     def _objection(self, config: RigConfigMessage) -> str:
-        """Say why a leader of such a configuration cannot be followed; empty where it can.
+        """Return why a leader with this configuration cannot be followed; empty if it can.
 
-        A camera's member joins anew where the grid's period or the root has changed: its bursts are theirs.
+        A camera's node joins again if the grid's period or the root has changed, as its bursts depend on
+        both.
         """
         if self.camera.kind in WITHOUT_CAMERA:
             if self.instance in config.path:

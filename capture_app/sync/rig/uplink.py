@@ -1,7 +1,8 @@
-"""Sums up for a relay's parent what its members say, and knows which member an answer is for.
+"""Summary of a relay's members for its parent: batched reports upward, answers routed back to members.
 
-The root has one roster of the whole tree and treats all cameras alike, however deep. A relay introduces each
-member, and answers its heartbeats; what it tells of them goes up in as many messages for many as for few.
+The root keeps one roster of the whole tree and treats every camera alike, at any depth. A relay announces
+each member to its parent once and answers member heartbeats itself. Reports travel upward in batches, so the
+number of messages does not grow with the number of members.
 """
 
 from collections import deque
@@ -25,37 +26,39 @@ from capture_app.sync.wire.messages import (
 )
 
 SUM_EVERY_NS = 250_000_000
-"""So often members' reports go up, as many as fit into one datagram."""
+"""Interval between batches of member reports; a batch fills at most one datagram."""
 ACKS_WAIT_NS = 10_000_000
-"""So long acknowledgements of a burst wait for others to go with."""
+"""Time for which burst acknowledgements are collected before they are sent together."""
 TOO_LONG = "what it tells of its camera is too long for a relay to pass on"
 
 
 class Uplink:
-    """Knows the parent's number of each member; nodes that only keep the time are not passed up."""
+    """Members of a relay by the numbers that its parent assigned; clock-only nodes are left out."""
 
     def __init__(self, relay: str, most_members: int = MAX_CLIENTS) -> None:
-        """`relay` is the name of the relay whose members these are."""
+        """`relay` is the name of the relay."""
         self._relay, self._most_members = relay, most_members
         self._has_parent = False
         self._numbers: dict[str, tuple[Member, int]] = {}
         self._members: dict[int, Member] = {}
         self._introduced: dict[int, Hello] = {}
         self._refused: dict[tuple[str, str | int], str] = {}
-        """By name and machine, or the run where the rig asks nobody who it is."""
+        """Parent's reason for each rejected client, by name and machine pin; by name and instance on an open
+        rig."""
         self._reports: dict[int, Report] = {}
-        """By the parent's numbers, what is to be told, those first that wait for the longest."""
+        """Newest unsent report of each member, by its number at the parent; longest waiting first."""
         self._gone: dict[int, Report] = {}
-        """Runs of members before the present ones, until the parent says that it knows them no more."""
+        """Last report of each earlier instance of a member, until the parent confirms that it no longer knows
+        it."""
         self._told: dict[int, tuple[str, bool]] = {}
-        """What of it was told last that counts as news."""
+        """State last sent for each member; a change of it is reported at once."""
         self._sum_due_ns = self._acks_due_ns = NEVER_NS
         self._acks: dict[tuple[int, int, str], list[int]] = {}
-        """By leader, burst and refusal, the parent's numbers of those that say so."""
+        """Numbers at the parent of the members that acknowledged, by leader, burst and refusal."""
         self._outbox: deque[bytes] = deque()
 
     def restart(self, *, has_parent: bool) -> None:
-        """Start anew with another parent, or none: no member is known there."""
+        """Reset for another parent, or none: it knows no member yet."""
         self._has_parent = has_parent
         self._sum_due_ns, self._acks_due_ns = AT_ONCE_NS if has_parent else NEVER_NS, NEVER_NS
         for known in (self._numbers, self._members, self._introduced, self._refused, self._outbox):
@@ -65,13 +68,13 @@ class Uplink:
 
     @property
     def remembered(self) -> int:
-        """How many clients are remembered that the parent has not taken in."""
+        """Number of stored clients that the parent has not admitted."""
         return len(self._introduced) + len(self._refused)
 
     # Up
 
     def refusal(self, hello: Hello) -> str:
-        """Return why a client cannot join, empty if it can; a parent that refused it is asked again."""
+        """Return why a client cannot join, empty if it can; ask a parent that refused it again."""
         try:
             encode(self._with_relay(hello))
         except WireError:
@@ -82,7 +85,7 @@ class Uplink:
         return reason
 
     def pass_up(self, member: Member, message: Hello | Heartbeat | TriggerAck | Goodbye, now_ns: int) -> bool:
-        """Pass on what a member says; whether it is news, that the root should know before it is answered."""
+        """Forward a member's message; return whether its state changed, which the root must know first."""
         if not self._has_parent or member.camera.kind == CLOCK_ONLY:
             return False
         known, number = self._numbers.get(member.name, (None, 0))
@@ -103,11 +106,11 @@ class Uplink:
         return False
 
     def next_timer(self) -> int:
-        """Local time in ns at which `handle_timer` wants to be called."""
+        """Local time in ns at which `handle_timer` is due."""
         return min(self._acks_due_ns, self._sum_due_ns)
 
     def handle_timer(self, now_ns: int) -> None:
-        """Sum up what is due."""
+        """Send the batches that are due."""
         if now_ns >= self._acks_due_ns:
             self._acks_due_ns = NEVER_NS
             for (leader, burst, refusal), numbers in self._acks.items():
@@ -121,8 +124,8 @@ class Uplink:
             self._sum_up()
 
     def _sum_up(self) -> None:
-        """Tell all news, and as much of the rest as fits into one datagram."""
-        # Of those that are gone the parent says that it knows them no more, when it has heard so.
+        """Send all changed states, and as many of the other reports as fit into one datagram."""
+        # The parent confirms a lost or replaced member by answering that it is unknown.
         lost = {number: member.report for member, number in self._numbers.values() if member.lost}
         gone = self._gone | lost
         reports = self._reports | gone
@@ -138,7 +141,7 @@ class Uplink:
             first += most
 
     def datagrams_to_send(self) -> list[bytes]:
-        """Return what goes to the parent."""
+        """Return the datagrams for the parent."""
         datagrams = list(self._outbox)
         self._outbox.clear()
         return datagrams
@@ -146,14 +149,14 @@ class Uplink:
     # Down
 
     def member(self, number: int) -> Member | None:
-        """Return the member that has this number at the parent."""
+        """Return the present member with this number at the parent, or None."""
         member = self._members.get(number)
         return None if member is None or member.lost else member
 
     def note_welcome(self, instance: int, number: int, members: dict[str, Member]) -> Member | None:
-        """Note that the parent took a member in, or a client that was refused before.
+        """Note that the parent admitted a member, or a client that was refused before.
 
-        Return the member of another machine that has its name here.
+        Return the member here that uses the same name and belongs to another machine, or None.
         """
         hello = self._introduced.pop(instance, None)
         if hello is None:
@@ -168,7 +171,7 @@ class Uplink:
         return member if member is not None and member.is_of_another_machine(hello) else None
 
     def note_refusal(self, instance: int, reason: str, members: dict[str, Member]) -> Member | None:
-        """Note that the parent refused a client; return the member that is to be dropped, if there is one."""
+        """Note that the parent refused a client; return the member to be dropped, or None."""
         hello = self._introduced.pop(instance, None)
         if hello is None:
             return None
@@ -178,11 +181,11 @@ class Uplink:
         member = members.get(hello.name)
         if member is None or member.instance != instance or member.lost:
             return None
-        # Another machine may have asked by the same run: what it is told concerns no member.
+        # Another machine may have sent the same instance number: its refusal concerns no member.
         return None if member.is_of_another_machine(hello) else member
 
     def note_unknown(self, number: int) -> None:
-        """Note that the parent does not know a number any more: the member is introduced again."""
+        """Note that the parent no longer knows a number: the member is announced again."""
         for known in (self._reports, self._gone, self._told):
             known.pop(number, None)
         member = self._members.pop(number, None)
@@ -190,9 +193,9 @@ class Uplink:
             del self._numbers[member.name]
 
     def ask(self, hello: Hello) -> None:
-        """Ask the parent whether a client may join: its answer counts, whoever has the name here."""
+        """Ask the parent whether a client may join; its answer overrides the owner of the name here."""
         if len(self._introduced) >= self._most_members:
-            # No answers, or made-up names: clients that are there say hello again.
+            # No answers, or made-up names: real clients send further hellos.
             self._introduced.clear()
         self._introduced[hello.instance] = hello
         self._send(self._with_relay(hello))
@@ -209,7 +212,7 @@ class Uplink:
 
 
 def _stage(report: Report) -> tuple[str, bool]:
-    """What the root acts upon at once: how far a member is, and whether it knows its phase."""
+    """Return the state on which the root acts at once, and whether the phase is unknown."""
     return report.state, report.frame_leader_ns is None
 
 

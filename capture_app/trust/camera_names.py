@@ -1,4 +1,4 @@
-"""Whose camera each name is: the pin of the machine that had it first, kept in one file for good."""
+"""Owners of camera names: the pin of the machine that used each name first, stored in one file."""
 
 from pathlib import Path
 
@@ -8,19 +8,19 @@ FILE = "names.json"
 
 
 class CameraNames:
-    """The file of them, which all leaders of one user share."""
+    """File of the owners of names, shared by all leaders of one user."""
 
     def __init__(self, folder: Path) -> None:
-        """Raises BadInputError where the file is damaged, DiskError where it cannot be read."""
+        """Raises BadInputError if the file is damaged, DiskError if it cannot be read."""
         self._file = KeptFile(
             folder / FILE, dict[str, str], {}, "delete it: cameras keep their names from then on"
         )
         self.owners = dict(self._file.read())
-        """The pin of each name's machine: to be changed by whoever leads, and kept by `keep`."""
+        """Pin of the machine of each name; the leader changes it, and `keep` stores it."""
         self._kept = dict(self.owners)
 
     def keep(self) -> None:
-        """Put on disk what has changed. Raises DiskError where that cannot be; it is tried again then."""
+        """Store the changes. Raises DiskError if that fails; the next call tries again."""
         if self.owners != self._kept:
             gone = self._kept.keys() - self.owners.keys()
             news = {name: pin for name, pin in self.owners.items() if self._kept.get(name) != pin}

@@ -1,4 +1,4 @@
-"""A machine's own key and certificate, made once and kept; its pin is what others know it by."""
+"""Key and certificate of a machine, made once and stored; its pin identifies it to others."""
 
 import contextlib
 import datetime
@@ -17,19 +17,19 @@ FILE = "identity.pem"
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """A key, in a file that its user alone can read, and the certificate of it."""
+    """Private key, in a file that only its user can read, and its certificate."""
 
     file: Path
-    """The file of the key and its certificate, in PEM."""
+    """File with the key and its certificate, in PEM."""
     certificate: bytes
-    """The certificate, in DER."""
+    """Certificate in DER."""
     pin: str
 
 
 def load_identity(folder: Path) -> Identity:
-    """Return the identity that is kept in a folder, made at the first time.
+    """Return the identity stored in a folder; make it on first use.
 
-    Raises DiskError where it cannot be kept, BadInputError where the file holds none.
+    Raises DiskError if it cannot be stored, BadInputError if the file does not contain one.
     """
     path = folder / FILE
     try:
@@ -51,7 +51,10 @@ def load_identity(folder: Path) -> Identity:
 
 @contextlib.contextmanager
 def private_part(path: Path, data: bytes) -> Iterator[Path]:
-    """Data in a file beside `path` for the block to put there; its user alone can read it. Raises OSError."""
+    """Write data to a temporary file beside `path`, readable by its user only. Raises OSError.
+
+    The block moves or links it into place.
+    """
     path.parent.mkdir(parents=True, exist_ok=True, mode=0o700)
     part = path.with_name(f".{path.name}.{secrets.token_hex(8)}")
     handle = os.open(part, os.O_WRONLY | os.O_CREAT | os.O_EXCL, 0o600)
@@ -66,7 +69,7 @@ def private_part(path: Path, data: bytes) -> Iterator[Path]:
 
 
 def _make(path: Path) -> None:
-    """Make a key and its certificate; where another process has been quicker, its stay."""
+    """Make a key and its certificate; if another process was faster, its key remains."""
     with private_part(path, _new_pem()) as part, contextlib.suppress(FileExistsError):
         os.link(part, path)
 
@@ -77,10 +80,10 @@ def _new_pem() -> bytes:
     from cryptography.hazmat.primitives.asymmetric.ed25519 import Ed25519PrivateKey
 
     key = Ed25519PrivateKey.generate()
-    # Unlike any other's: with a name of its own OpenSSL looks at no other certificate for this one.
+    # A unique name: OpenSSL looks up certificates by name, and then compares with this one only.
     number = x509.random_serial_number()
     name = x509.Name([x509.NameAttribute(x509.NameOID.COMMON_NAME, f"simulshot {number:x}"[:64])])
-    # A machine's calendar may be years off, and its key does not age.
+    # A machine's date may be off by years, and its key does not expire.
     certificate = (
         x509.CertificateBuilder(name, name, key.public_key(), number)
         .not_valid_before(datetime.datetime(1970, 1, 1, tzinfo=datetime.UTC))

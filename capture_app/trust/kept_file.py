@@ -1,4 +1,4 @@
-"""A small JSON file in the folder of keys, which processes of one user share and change one at a time."""
+"""Small JSON file in the folder of keys, shared by a user's processes, which change it one at a time."""
 
 import os
 from collections.abc import Callable
@@ -16,15 +16,15 @@ T = TypeVar("T")
 
 
 class KeptFile(Generic[T]):
-    """What is kept there; `empty` where the file is not."""
+    """Persistent value of type `T`; `empty` if the file does not exist."""
 
     def __init__(self, path: Path, kind: type[T], empty: T, if_damaged: str) -> None:
-        """`if_damaged` says what to do then."""
+        """`if_damaged` is the hint of the error for a damaged file."""
         self.path, self._empty, self._if_damaged = path, empty, if_damaged
         self._decoder = msgspec.json.Decoder(kind)
 
     def read(self) -> T:
-        """Return it. Raises BadInputError for a damaged file, DiskError for one that cannot be read."""
+        """Return the value. Raises BadInputError for a damaged file, DiskError for an unreadable one."""
         try:
             return self._decoder.decode(self.path.read_bytes())
         except FileNotFoundError:
@@ -35,7 +35,7 @@ class KeptFile(Generic[T]):
             raise BadInputError(f"{self.path} is damaged: {error}", hint=self._if_damaged) from error
 
     def change(self, change: Callable[[T], T]) -> None:
-        """Put what `change` makes of it in its place. Raises DiskError, and as `read` does."""
+        """Replace the value by `change` of it. Raises DiskError, and as `read` does."""
         try:
             lock = lock_file(self.path.with_suffix(".lock"), wait=True)
             try:

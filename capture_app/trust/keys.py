@@ -1,4 +1,4 @@
-"""Keys of a leader's clients: given out one by one over streams whose peer is known, for one run each."""
+"""Keys of a leader's clients: issued one by one over authenticated streams, each for one instance."""
 
 import secrets
 from collections.abc import Callable, Collection
@@ -12,13 +12,13 @@ from capture_app.trust.sealing import KEY_BYTES, Refused, Seal, SealError, Side,
 Address = tuple[str, int]
 
 MOST_KEYS = 20_000
-"""The most keys that are kept: beyond, that which was not used for the longest is forgotten."""
+"""Maximum number of stored keys; beyond it, the least recently used key is forgotten."""
 MOST_OF_ONE = 256
-"""How many one machine has. Beyond, the one that it used least lately is forgotten: no room of others."""
+"""Maximum number of keys per machine; beyond it, its own least recently used key is forgotten."""
 
 
 class Grant(Struct, frozen=True, kw_only=True):
-    """A key for one run of a client."""
+    """Key for one instance of a client."""
 
     key_id: int
     key: bytes
@@ -29,28 +29,28 @@ class _Client:
     principal: Principal
     seal: Seal
     address: Address | None = None
-    """Where its newest datagram came from."""
+    """Source address of its newest datagram."""
 
 
 class ClientKeys:
-    """The keys that a leader has given out."""
+    """Keys that a leader has issued."""
 
     def __init__(
         self, random_bytes: Callable[[int], bytes] = secrets.token_bytes, most: int = MOST_KEYS
     ) -> None:
-        """`random_bytes` returns so many bytes that nobody can guess."""
+        """`random_bytes` returns that many cryptographically random bytes."""
         self._random_bytes, self._most = random_bytes, most
         self._clients: dict[int, _Client] = {}
-        """The clients by their keys' numbers, the one that was heard last at the end."""
+        """Clients by key number, most recently heard last."""
         self._at: dict[Address, _Client] = {}
         self._given: dict[str, dict[int, None]] = {}
-        """The numbers of each machine's keys, by its pin, in the order in which they were given out."""
+        """Numbers of each machine's keys, by its pin, in the order of issue."""
 
     def __len__(self) -> int:
         return len(self._clients)
 
     def grant(self, principal: Principal) -> Grant:
-        """Give out a key; those that were given to that run before are good until they are forgotten."""
+        """Issue a key; earlier keys of the same instance remain valid until they are forgotten."""
         key_id, key = self._new_id(), self._random_bytes(KEY_BYTES)
         seal = Seal(key_id, key, seals=Side.LEADER, opens=Side.CLIENT)
         self._clients[key_id] = _Client(principal, seal)
@@ -63,13 +63,13 @@ class ClientKeys:
         return Grant(key_id=key_id, key=key)
 
     def revoke_all_but(self, pins: Collection[str]) -> None:
-        """Take back the keys of all other machines than these."""
+        """Revoke the keys of all machines except these."""
         for key_id, client in list(self._clients.items()):
             if client.principal.pin not in pins:
                 self._forget(key_id)
 
     def open(self, data: bytes, address: Address) -> tuple[bytes, Principal]:
-        """Return the message of a datagram, and who sent it. Raises SealError where it is refused."""
+        """Return a datagram's message and its sender. Raises SealError if it is refused."""
         key_id = key_of(data)
         client = self._clients.get(key_id)
         if client is None:
@@ -77,12 +77,12 @@ class ClientKeys:
         message = client.seal.open(data)
         if client.address != address:
             self._move(client, address)
-        # The last one used is forgotten last.
+        # Move it to the end: the least recently used key is forgotten first.
         self._clients[key_id] = self._clients.pop(key_id)
         return message, client.principal
 
     def seal(self, message: bytes, address: Address) -> bytes | None:
-        """Return the datagram of a message for whoever is there; None where nobody with a key is."""
+        """Return the datagram of a message to the client at an address; None if no key is in use there."""
         client = self._at.get(address)
         return None if client is None else client.seal.seal(message)
 
@@ -108,27 +108,27 @@ class ClientKeys:
 
 
 class LeaderKeys:
-    """The keys that a client has been given by its leaders."""
+    """Keys that leaders have issued to a client."""
 
     def __init__(self) -> None:
         self.wanted: set[Address] = set()
-        """Leaders that it has something to say to, but no key for, or one that they do not know any more."""
+        """Leaders to send to without a key, or with a key that they no longer know."""
         self._seals: dict[Address, Seal] = {}
         self._last: dict[Address, bytes] = {}
-        """The last message to each leader: it is sent again with a key that was asked for."""
+        """Last message to each leader; it is sent again once a requested key arrives."""
         self._kept: dict[Address, bytes] = {}
 
     def hold(self, leader: Address, grant: Grant) -> None:
-        """Use the key of a grant with that leader from now on."""
+        """Use the key of a grant with that leader."""
         self._seals[leader] = Seal(grant.key_id, grant.key, seals=Side.CLIENT, opens=Side.LEADER)
         self.wanted.discard(leader)
         if leader in self._last:
             self._kept[leader] = self._last[leader]
 
     def seal(self, message: bytes, leader: Address) -> bytes | None:
-        """Return the datagram of a message; None where there is no key for that leader: it waits for one.
+        """Return the datagram of a message; None if that leader has no key yet.
 
-        Of several the last does.
+        The last such message waits for the key.
         """
         seal = self._seals.get(leader)
         self._last[leader] = message
@@ -138,18 +138,18 @@ class LeaderKeys:
         return seal.seal(message)
 
     def take_kept(self) -> list[tuple[bytes, Address]]:
-        """Return the datagrams of what was kept for leaders that there is a new key for."""
+        """Return the datagrams of the messages that waited for a key which has arrived."""
         return [(self._seals[leader].seal(self._kept.pop(leader)), leader) for leader in list(self._kept)]
 
     def open(self, data: bytes, leader: Address) -> bytes:
-        """Return the message of a leader's datagram. Raises SealError where it is refused."""
+        """Return the message of a leader's datagram. Raises SealError if it is refused."""
         key_id, seal = key_of(data), self._seals.get(leader)
         if seal is None or seal.key_id != key_id:
             raise SealError(Refused.UNKNOWN_KEY)
         return seal.open(data)
 
     def is_key_of(self, data: bytes, leader: Address) -> bool:
-        """Whether a datagram names the key of that leader, or says that it does not know it."""
+        """Whether a datagram uses that leader's key, or is its notice that the key is unknown."""
         seal = self._seals.get(leader)
         key_id = unknown_key_of(data)
         try:
@@ -158,7 +158,7 @@ class LeaderKeys:
             return False
 
     def take_notice(self, leader: Address, notice: bytes, key_id: int) -> bool:
-        """Ask for another key where the leader says that it does not know this one; False if it is not so."""
+        """Request another key if this leader's notice is about the present key; return whether it is."""
         seal = self._seals.get(leader)
         if seal is None or seal.key_id != key_id or not seal.has_sent(notice):
             return False

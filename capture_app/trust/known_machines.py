@@ -1,4 +1,4 @@
-"""The machines that this one knows, by their pins, and what each may do; kept in one file."""
+"""Known machines of this one, by pin, with the roles of each; stored in one file."""
 
 import ssl
 import time
@@ -18,24 +18,25 @@ MOST = 1000
 
 
 INCLUDED = {Role.STANDBY: (Role.STANDBY, Role.LEADER, Role.CAMERA)}
-"""A standby follows the one that leads as its cameras do, and leads them."""
+"""A standby follows the current leader as cameras do, and may lead them later."""
 
 
 class KnownMachine(Struct, frozen=True, kw_only=True):
-    """A machine that was confirmed once."""
+    """Machine whose identity was confirmed."""
 
     pin: str
     name: str
     roles: tuple[Role, ...]
     certificate: bytes | None = None
-    """The machine's certificate in DER; None until one that was added by its pin has shown it."""
+    """The machine's certificate in DER; None for a machine added by its pin, until it presents the
+    certificate."""
     added_unix_s: int = 0
     vouched_by: str = ""
-    """Pin of the leader by whose word alone it is known; empty of one that was confirmed here."""
+    """Pin of the leader that alone vouches for it; empty for a machine confirmed here."""
 
 
 class KnownMachines:
-    """The file of them; what another process has changed in it is seen at the next look."""
+    """File of the known machines; changes by other processes are noticed at the next access."""
 
     def __init__(self, folder: Path) -> None:
         self._file = KeptFile(
@@ -44,13 +45,13 @@ class KnownMachines:
         self._seen: tuple[int, int, int] | None = None
         self._machines: tuple[KnownMachine, ...] = ()
         self.version = 0
-        """Counts the changes that were seen."""
+        """Number of changes noticed."""
 
     def all(self) -> tuple[KnownMachine, ...]:
-        """Return all, in the order in which they were added.
+        """Return all known machines, in the order in which they were added.
 
-        Raises BadInputError for a damaged file, DiskError for one that cannot be read. One that becomes so
-        while it is in use changes nothing.
+        Raises BadInputError for a damaged file, DiskError for an unreadable one. If the file becomes damaged
+        or unreadable later, the machines read before remain.
         """
         try:
             state = self._file.path.stat()
@@ -69,14 +70,14 @@ class KnownMachines:
         return self._machines
 
     def find(self, pin: str) -> KnownMachine | None:
-        """Return the machine of a pin."""
+        """Return the machine with a pin, or None."""
         return next((machine for machine in self.all() if machine.pin == pin), None)
 
     def add(self, pin: str, role: Role, *, name: str = "", certificate: bytes | None = None) -> KnownMachine:
-        """Let a machine do this from now on, beside what it may do already.
+        """Grant a machine a role, in addition to its present ones.
 
-        Raises DiskError where that cannot be kept, BadInputError for one machine too many, or a certificate
-        that is none or not of this pin.
+        Raises DiskError if that cannot be stored, BadInputError for one machine too many, or for a
+        certificate that is invalid or does not match the pin.
         """
         if certificate is not None:
             _check_certificate(certificate, pin)
@@ -100,7 +101,7 @@ class KnownMachines:
         return next(machine for machine in self._change(change) if machine.pin == pin)
 
     def vouched_for(self, who: str) -> tuple[KnownMachine, ...]:
-        """Return whom this machine vouches for to one of that pin: standbys; to one of these, all."""
+        """Return the machines to vouch for to the machine with that pin: standbys; to a standby, all."""
         asks, own = self.find(who), [one for one in self.all() if not one.vouched_by and one.pin != who]
         if asks is not None and Role.STANDBY in asks.roles:
             return tuple(own)
@@ -108,10 +109,11 @@ class KnownMachines:
         return tuple(replace(one, roles=(Role.LEADER,), certificate=None) for one in standbys)
 
     def take_word(self, of: str, told: Collection[KnownMachine]) -> None:
-        """Know these machines, and no others, by the word of a leader of that pin, which was confirmed here.
+        """Replace the machines known through a leader with that pin by `told`; the leader was confirmed here.
 
-        Only one that is a standby here, too, makes others known than leaders. What was confirmed here, or
-        is known by another's word, stays as it is. Raises DiskError, BadInputError.
+        A leader that is also a standby here may introduce machines with any role, another one only leaders.
+        Machines confirmed here, or known through another leader, are unchanged. Raises DiskError,
+        BadInputError.
         """
         voucher = self.find(of)
         if voucher is None or voucher.vouched_by or Role.LEADER not in voucher.roles:
@@ -136,7 +138,7 @@ class KnownMachines:
             self._change(change)
 
     def note_certificate(self, certificate: bytes) -> KnownMachine | None:
-        """Keep the certificate of a machine whose pin was added here; None where it was not."""
+        """Store the certificate of a machine that was added by its pin; return None if it was not."""
         pin = pin_of(certificate)
         known = self.find(pin)
         if known is None or known.certificate is not None:
@@ -146,9 +148,9 @@ class KnownMachines:
         return self.add(pin, known.roles[0], certificate=certificate)
 
     def remove(self, which: str) -> KnownMachine:
-        """Forget a machine, by its name or the beginning of its pin.
+        """Remove a machine, given by its name or the beginning of its pin.
 
-        Raises BadInputError where there is none of it, or more than one; DiskError.
+        Raises BadInputError if no machine matches, or more than one; DiskError.
         """
         found = [
             machine
@@ -172,8 +174,8 @@ def _check_certificate(certificate: bytes, pin: str) -> None:
     from cryptography import x509
 
     try:
-        # One that cannot be loaded would keep all others out, and so would bytes after it: all are loaded
-        # in a row.
+        # All certificates are loaded in one call: an unreadable one, or trailing bytes, would exclude all
+        # others.
         x509.load_der_x509_certificate(certificate)
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_verify_locations(cadata=certificate)
     except (ssl.SSLError, ValueError) as error:

@@ -1,7 +1,7 @@
-"""Two machines that a short one-time code makes known to each other: SPAKE2 (RFC 9382), and both confirm.
+"""Pairing of two machines by a short one-time code: SPAKE2 (RFC 9382) with key confirmation on both sides.
 
-Who does not know the code learns nothing to try codes with at leisure: each try takes a word with the leader,
-and a code is good for a few of them. Both certificates go into the key, so that nobody can sit in between.
+An attacker without the code cannot try codes offline: each try takes an exchange with the leader, and a code
+allows only a few. Both certificates enter the key, which prevents a man in the middle.
 """
 
 import hmac
@@ -21,28 +21,28 @@ WRONG_CODE = "that is not the code"
 
 @dataclass(slots=True)
 class Invitation:
-    """A code for one machine."""
+    """One-time code for one machine."""
 
     code: str
     role: Role
     ends_s: float
-    """When the code is good no more, by the clock that the invitations were given."""
+    """Time at which the code expires, in s of the clock of its `Invitations`."""
     tries_left: int = TRIES
 
 
 class Invitations:
-    """A leader's codes: each for one machine, a few tries and some minutes; several are good side by side.
+    """One-time codes of a leader, each for one machine; several may be valid at once.
 
-    The first digit tells which of them is meant, and is no secret.
+    A code allows a few tries within some minutes. Its first digit selects it, and is not secret.
     """
 
     def __init__(self, now_s: Callable[[], float]) -> None:
         self._now_s = now_s
         self._invitations: list[Invitation] = []
-        """The newest last."""
+        """All codes, newest last."""
 
     def invite(self, role: Role) -> Invitation:
-        """Make a code for one machine; those before stay good, up to ten of them."""
+        """Make a code for one machine; earlier codes remain valid, up to ten in all."""
         good = self._good()[1 - 10 :]
         free = sorted({*map(str, range(10))} - {one.code[0] for one in good})
         code = f"{secrets.choice(free)}{secrets.randbelow(10 ** (CODE_DIGITS - 1)):0{CODE_DIGITS - 1}d}"
@@ -51,7 +51,7 @@ class Invitations:
 
     @property
     def invitation(self) -> Invitation | None:
-        """The newest code that is good now."""
+        """Newest valid code, or None."""
         return next(reversed(self._good()), None)
 
     def _good(self) -> list[Invitation]:
@@ -60,12 +60,11 @@ class Invitations:
     def answer(
         self, pin: str, share: bytes, own_pin: str, digit: str = ""
     ) -> tuple[bytes, Invitation, bytes]:
-        """Take a machine's word; return the leader's, which code it tries, and the key that it must prove.
+        """Answer a machine's SPAKE2 message; spend one try of its code.
 
-        One try is spent.
-
-        `digit` is the first of the code that the machine has; without, the newest is meant.
-        Raises UnknownMachineError where no code begins so, BadInputError for what is no such word.
+        Return the leader's message, the code used, and the key that the machine must prove. `digit` is the
+        first digit of the machine's code; without it the newest code is used. Raises UnknownMachineError if
+        no valid code begins with it, BadInputError for an invalid message.
         """
         found = (one for one in reversed(self._good()) if one.code.startswith(digit))
         invitation = next(found, None)
@@ -79,9 +78,10 @@ class Invitations:
         return own_share, invitation, _finish(half, share)
 
     def accept(self, invitation: Invitation, key: bytes, proof: bytes) -> bytes:
-        """Return the leader's own proof for a machine that knew the code, which is spent by that.
+        """Return the leader's proof for a machine that proved that it knows the code; the code is then spent.
 
-        Raises UnknownMachineError where it did not, or another has used the code meanwhile.
+        Raises UnknownMachineError for a wrong proof, or if the code has expired or was used by another
+        machine.
         """
         known = any(one is invitation for one in self._invitations)
         current = known and self._now_s() < invitation.ends_s
@@ -92,27 +92,27 @@ class Invitations:
 
 
 class Candidate:
-    """A machine that wants to be known to a leader."""
+    """Machine that asks a leader to pair with it."""
 
     def __init__(self, code: str, pin: str, leader_pin: str) -> None:
-        """`leader_pin` is that of the certificate which the leader has shown."""
+        """`leader_pin` is the pin of the certificate that the leader presented."""
         from spake2 import SPAKE2_A
 
         self._half = SPAKE2_A(code.encode(), idA=pin.encode(), idB=leader_pin.encode())
         self.share: bytes = self._half.start()
-        """The first word of the exchange, for the leader."""
+        """First SPAKE2 message, for the leader."""
         self._key = b""
 
     def prove(self, share: bytes) -> bytes:
-        """Take the leader's word, and return the proof that the code was known here.
+        """Process the leader's message, and return the proof that this machine knows the code.
 
-        Raises BadInputError for what is no such word.
+        Raises BadInputError for an invalid message.
         """
         self._key = _finish(self._half, share)
         return _proof(self._key, b"machine")
 
     def check(self, proof: bytes) -> None:
-        """Check that the leader knew the code. Raises UnknownMachineError."""
+        """Check the proof that the leader knew the code. Raises UnknownMachineError."""
         if not self._key or not hmac.compare_digest(proof, _proof(self._key, b"leader")):
             raise UnknownMachineError("whoever answers there does not know the code itself")
 

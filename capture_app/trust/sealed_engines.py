@@ -1,7 +1,7 @@
-"""Engines whose datagrams are sealed: between a socket and a leader, a client or a relay; sans-IO.
+"""Engines with sealed datagrams, between a socket and a leader, a client or a relay; sans-IO.
 
-What is not sealed, or not by whom it says it is, never reaches the engine. Each datagram is sealed just
-before it leaves, so that only its own seal stands between its stamp and the socket.
+A datagram that is not sealed, or not by the machine it names, never reaches the engine. Each datagram is
+sealed just before it leaves, so that only its own seal delays it between its timestamp and the socket.
 """
 
 from collections.abc import Iterable, Iterator
@@ -28,7 +28,7 @@ MOST_NOTICES = 64
 
 
 class SealedClient:
-    """A client, with a key for each of its leaders; asks for those it lacks in `keys.wanted`."""
+    """Client with a key for each of its leaders; `keys.wanted` lists the leaders without one."""
 
     def __init__(self, engine: Engine) -> None:
         self._engine = engine
@@ -38,19 +38,19 @@ class SealedClient:
         self.handle_timer = engine.handle_timer
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in one datagram, if a leader has sealed it."""
+        """Process a datagram if a leader has sealed it."""
         message = _opened_by_client(data, address, self.keys, self.refusals)
         if message is not None:
             self._engine.receive_datagram(message, address, now_ns)
 
     def datagrams_to_send(self, now_ns: int) -> Sealed:
-        """Yield what is due, stamped with `now_ns`; the last that there is no key for waits for one."""
+        """Yield the datagrams due, stamped with `now_ns`; the last one to a leader waits for its key."""
         yield from _sealed(self._engine.datagrams_to_send(now_ns), self.keys)
         yield from self.keys.take_kept()
 
 
 class SealedLeader:
-    """A leader, with a key for each of its clients; strangers are answered with no more than they sent."""
+    """Leader with a key for each of its clients; answers to unknown peers never exceed their datagrams."""
 
     def __init__(self, engine: Leader | Relay, keys: ClientKeys | None = None) -> None:
         self._engine = engine
@@ -62,7 +62,7 @@ class SealedLeader:
         self.handle_timer = engine.handle_timer
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in one datagram, if one of the clients has sealed it and speaks for itself."""
+        """Process a datagram if a client has sealed it in its own name."""
         opened = self._open(data, address)
         if opened is None:
             return
@@ -72,7 +72,7 @@ class SealedLeader:
             self.refusals.add(address[0], Refused.NOT_ITS_OWN)
 
     def datagrams_to_send(self, now_ns: int) -> Sealed:
-        """Yield what is due, stamped with `now_ns`."""
+        """Yield the datagrams due, stamped with `now_ns`."""
         yield from _sealed(self._leader.datagrams_to_send(now_ns), self.keys)
         notices, self._notices = self._notices, []
         yield from notices
@@ -90,7 +90,7 @@ class SealedLeader:
 
 
 class SealedRelay(SealedLeader):
-    """A relay: a leader to its clients, a client to its parents."""
+    """Relay: a leader to its clients, a client to its parents."""
 
     def __init__(self, engine: Relay, keys: ClientKeys | None = None) -> None:
         super().__init__(engine, keys)
@@ -98,7 +98,7 @@ class SealedRelay(SealedLeader):
         self.parent_keys = LeaderKeys()
 
     def datagrams_to_send(self, now_ns: int) -> Sealed:
-        """Yield what is due, stamped with `now_ns`."""
+        """Yield the datagrams due, stamped with `now_ns`."""
         yield from super().datagrams_to_send(now_ns)
         yield from _sealed(self._relay.datagrams_to_parents(now_ns), self.parent_keys)
         yield from self.parent_keys.take_kept()
@@ -128,7 +128,7 @@ def _answer_to_stranger(data: bytes, why: Refused) -> bytes | None:
 
 def _opened_by_client(data: bytes, leader: Address, keys: LeaderKeys, refusals: Refusals) -> bytes | None:
     if is_version_answer(data):
-        # It is understood by every version because it has no seal; all that it does is to be shown.
+        # It has no seal so that every version can read it; it is only displayed.
         return data
     key_id = unknown_key_of(data)
     if key_id is not None and keys.take_notice(leader, data, key_id):

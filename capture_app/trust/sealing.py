@@ -1,14 +1,14 @@
 """Seals of datagrams: a keyed BLAKE2s (RFC 7693) over each datagram, with a number that is accepted once.
 
 2 bytes   b"sS", 1 byte the version, 1 byte the kind
-4 bytes   number of the key, assigned by who issued it
+4 bytes   number of the key, assigned by its issuer
 8 bytes   number of this datagram, big-endian; a key never seals two of the same number
 message   a datagram of `capture_app.sync.wire.codec`
 16 bytes  the seal of all before
 
-A seal does not hide names and times, but nobody can change, forge or replay them. The hash state after the
-key is cached, so a time message costs one block of the hash between its timestamp and the socket. Refused
-datagrams are counted and reported at intervals.
+A seal does not hide names and times, but prevents altered, forged and replayed datagrams. The hash state
+after the key is cached, so a time message costs one block of the hash between its timestamp and the socket.
+Refused datagrams are counted and reported at intervals.
 """
 
 from dataclasses import dataclass
@@ -20,7 +20,7 @@ from capture_app.sync.wire.codec import MAGIC, VERSION
 
 KEY_BYTES, SEAL_BYTES = 32, 16
 WINDOW = 2048
-"""A datagram that comes later than so many younger ones is refused: it may be one that came before."""
+"""Size of the replay window: a datagram is refused once that many newer ones have arrived."""
 KIND_SEALED, KIND_UNKNOWN_KEY = 4, 5
 HEAD_BYTES = 16
 OVERHEAD_BYTES = HEAD_BYTES + SEAL_BYTES
@@ -29,20 +29,20 @@ _SEALED = MAGIC + bytes([VERSION, KIND_SEALED])
 _UNKNOWN_KEY = MAGIC + bytes([VERSION, KIND_UNKNOWN_KEY])
 TELL_EVERY_NS = 10_000_000_000
 FEW = 10
-"""How many must come twice, or with a key of before a new start, to be somebody's doing."""
+"""Minimum count of replays, or of keys from before a restart, that is reported; fewer occur in normal use."""
 MOST_KINDS = 32
-"""How many places and reasons are told apart between two tellings."""
+"""Maximum number of hosts and reasons counted separately between two reports."""
 
 
 class Side(StrEnum):
-    """Who seals; each side's seals differ, so that none can be sent back to where it comes from."""
+    """Sealing side; the seals of both sides differ, so that none can be reflected to its sender."""
 
     CLIENT = "client"
     LEADER = "leader"
 
 
 class Refused(StrEnum):
-    """Why a datagram is not taken in."""
+    """Reason why a datagram is refused."""
 
     UNSEALED = "not sealed"
     UNKNOWN_KEY = "sealed with an unknown key"
@@ -52,7 +52,7 @@ class Refused(StrEnum):
 
 
 class SealError(ValueError):
-    """A datagram that is refused, and why."""
+    """Datagram that is refused, and the reason."""
 
     def __init__(self, why: Refused) -> None:
         super().__init__(str(why))
@@ -60,20 +60,20 @@ class SealError(ValueError):
 
 
 class ReplayWindow:
-    """Which numbers have come: each counts once, and those of long ago no more (as in RFC 4303, 3.4.3)."""
+    """Replay window: accepts each datagram number once, and old ones no longer (as in RFC 4303, 3.4.3)."""
 
     def __init__(self) -> None:
         self._newest = 0
         self._seen = 0
-        """One bit for each of the newest numbers, the lowest for the newest."""
+        """Bit mask of the newest numbers; the lowest bit is the newest number."""
 
     def is_new(self, number: int) -> bool:
-        """Whether a number has not come yet, as far as is remembered."""
+        """Whether a number is within the window and has not arrived yet."""
         behind = self._newest - number
         return behind < 0 or (behind < WINDOW and not self._seen >> behind & 1)
 
     def add(self, number: int) -> None:
-        """Note a number, which must be new."""
+        """Record a number, which must be new."""
         ahead = number - self._newest
         if ahead > 0:
             self._seen = (self._seen << ahead | 1) & _MASK if ahead < WINDOW else 1
@@ -83,10 +83,10 @@ class ReplayWindow:
 
 
 class Seal:
-    """One end of a key: seals what leaves, and opens what comes, once."""
+    """One end of a key: seals outgoing datagrams, and opens each incoming one once."""
 
     def __init__(self, key_id: int, key: bytes, *, seals: Side, opens: Side) -> None:
-        """`key` has KEY_BYTES; of a key for two, one end seals as what the other opens."""
+        """`key` has KEY_BYTES; the two ends of a key swap `seals` and `opens`."""
         self.key_id = key_id
         self._head = _SEALED + key_id.to_bytes(4, "big")
         self._sent = 0
@@ -102,7 +102,7 @@ class Seal:
         return data + state.digest()
 
     def open(self, data: bytes) -> bytes:
-        """Return the message of a datagram. Raises SealError where it is forged, or has come before."""
+        """Return the message of a datagram. Raises SealError if it is forged or a replay."""
         if key_of(data) != self.key_id:
             raise SealError(Refused.UNKNOWN_KEY)
         number = int.from_bytes(data[8:16], "big")
@@ -116,25 +116,25 @@ class Seal:
         return data[HEAD_BYTES:-SEAL_BYTES]
 
     def has_sent(self, notice: bytes) -> bool:
-        """Whether a notice that the key is unknown answers a datagram that was sealed here, not long ago."""
+        """Whether a notice of an unknown key answers a datagram that was sealed here recently."""
         number = int.from_bytes(notice[8:16], "big")
         return self._sent - WINDOW < number <= self._sent
 
 
 def key_of(data: bytes) -> int:
-    """Return which key a datagram is sealed with. Raises SealError where it is not sealed."""
+    """Return the number of a datagram's key. Raises SealError if it is not sealed."""
     if len(data) < OVERHEAD_BYTES or data[:4] != _SEALED:
         raise SealError(Refused.UNSEALED)
     return int.from_bytes(data[4:8], "big")
 
 
 def unknown_key(data: bytes) -> bytes:
-    """Return the notice that the key of a sealed datagram is unknown; it is shorter, and proves nothing."""
+    """Return the notice that a datagram's key is unknown; it is shorter, and not authenticated."""
     return _UNKNOWN_KEY + data[4:HEAD_BYTES]
 
 
 def unknown_key_of(data: bytes) -> int | None:
-    """Return which key such a notice is about; None where it is none."""
+    """Return the key number of such a notice; None for any other datagram."""
     is_notice = len(data) == HEAD_BYTES and data[:4] == _UNKNOWN_KEY
     return int.from_bytes(data[4:8], "big") if is_notice else None
 
@@ -147,7 +147,7 @@ def _keyed(key: bytes, side: Side) -> "blake2s":
 
 @dataclass(frozen=True, slots=True)
 class DatagramsRefused:
-    """How many datagrams from a host were not taken in since this was told last, and why."""
+    """Count of refused datagrams from one host since the last report, and the reason."""
 
     host: str
     why: Refused
@@ -155,7 +155,7 @@ class DatagramsRefused:
 
     @property
     def name(self) -> None:
-        """No camera's: whose they are is not known."""
+        """None: the camera is not known."""
 
     def __str__(self) -> str:
         what = "a datagram" if self.count == 1 else f"{self.count} datagrams"
@@ -163,7 +163,7 @@ class DatagramsRefused:
 
 
 class Refusals:
-    """What was refused; `now_ns` is the node's own clock."""
+    """Counts of refused datagrams; `now_ns` is the node's own clock."""
 
     def __init__(self) -> None:
         self.total = 0
@@ -179,7 +179,7 @@ class Refusals:
         self._counts[key] = self._counts.get(key, 0) + 1
 
     def take_news(self, now_ns: int) -> list[DatagramsRefused]:
-        """Return what was refused since the last time, if that is long enough ago."""
+        """Return the refusals since the last report, unless that was less than TELL_EVERY_NS ago."""
         if self._due_ns is not None and now_ns < self._due_ns:
             return []
         told = [

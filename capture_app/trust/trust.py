@@ -1,4 +1,4 @@
-"""What a process goes by when it meets others: its user's identity, known machines, TLS between them."""
+"""Trust of a process in other machines: its user's identity, the known machines, and TLS between them."""
 
 import contextlib
 import functools
@@ -17,42 +17,42 @@ from capture_app.trust.identity import Identity, load_identity
 from capture_app.trust.known_machines import KnownMachine, KnownMachines
 
 OPEN_VARIABLE = "SIMULSHOT_OPEN"
-"""1: pairing is skipped, as with --open."""
+"""If 1, pairing is skipped, as with --open."""
 _IN_USE: ContextVar["Trust | None"] = ContextVar("trust", default=None)
 
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """The other end of a stream, as far as it is known."""
+    """Other end of a stream, as far as it is known."""
 
     pin: str = ""
     name: str = ""
     roles: frozenset[Role] = frozenset()
     via: str = ""
-    """Pin of the relay that vouches for it, where that speaks for it."""
+    """Pin of the relay that vouches and speaks for it."""
     node: tuple[str, int] | None = None
-    """Name and run of the node that this relay has seen it to be."""
+    """Name and instance number of its node, as seen by that relay."""
 
     @property
     def is_stranger(self) -> bool:
-        """Whether nothing is known of it."""
+        """Whether the machine is unknown."""
         return not self.roles
 
     def may(self, role: Role) -> bool:
-        """Whether it may do what machines of this role do."""
+        """Whether it has a role."""
         return role in self.roles
 
 
 STRANGER = Peer()
 ANYBODY = Peer(name="anybody", roles=frozenset(Role))
-"""Whoever it is, where no machine is asked."""
+"""Peer of an open rig, where no machine is authenticated."""
 
 
 class Trust:
-    """One folder's identity and known machines; `Trust.open()` asks nobody and speaks in plain."""
+    """Identity and known machines of one folder; `Trust.open()` authenticates nobody and does not encrypt."""
 
     def __init__(self, folder: Path | None) -> None:
-        """`folder` keeps the key and the known machines; None: no machine is asked who it is."""
+        """`folder` stores the key and the known machines; None: no machine is authenticated."""
         self.folder = folder
         self._known = None if folder is None else KnownMachines(folder)
         self._server: tuple[int, ssl.SSLContext] | None = None
@@ -60,7 +60,7 @@ class Trust:
 
     @classmethod
     def open(cls) -> "Trust":
-        """Trust of a lab: everybody may do everything."""
+        """Return the trust of an open rig: every machine may do everything."""
         return cls(None)
 
     @classmethod
@@ -75,7 +75,7 @@ class Trust:
 
     @contextlib.contextmanager
     def in_use(self) -> Iterator[None]:
-        """Let the block, and the tasks that it starts, go by this trust."""
+        """Use this trust in the block, and in the tasks started there."""
         before = _IN_USE.set(self)
         try:
             yield
@@ -84,28 +84,31 @@ class Trust:
 
     @property
     def options(self) -> tuple[str, ...]:
-        """The options by which a command that is started here goes by the same."""
+        """Command-line options that make a child command use the same trust."""
         return ("--open",) if self.is_open else ()
 
     @property
     def is_open(self) -> bool:
-        """Whether no machine is asked who it is."""
+        """Whether machines are not authenticated."""
         return self.folder is None
 
     @functools.cached_property
     def identity(self) -> Identity:
-        """Who this machine is. Raises DiskError, BadInputError."""
+        """Identity of this machine. Raises DiskError, BadInputError."""
         assert self.folder is not None
         return load_identity(self.folder)
 
     @property
     def known(self) -> KnownMachines:
-        """Whom this machine knows."""
+        """Machines that this one knows."""
         assert self._known is not None
         return self._known
 
     def peer(self, certificate: bytes | None) -> Peer:
-        """Return who shows this certificate (DER), whose key TLS has proven; this machine itself may all."""
+        """Return the peer with this certificate (DER), whose key TLS has verified.
+
+        This machine itself has all roles.
+        """
         if self.is_open:
             return ANYBODY
         if certificate is None:
@@ -113,14 +116,14 @@ class Trust:
         return self.peer_of(pin_of(certificate))
 
     def peer_of(self, pin: str) -> Peer:
-        """Return what is known of a pin now."""
+        """Return the peer with a pin, as known at present."""
         if pin == self.identity.pin:
             return Peer(pin, "this machine", frozenset(Role))
         machine = self.known.find(pin)
         return Peer(pin) if machine is None else Peer(pin, machine.name, frozenset(machine.roles))
 
     def take_word(self, leader: Peer, machines: Collection[KnownMachine], names: dict[str, str]) -> None:
-        """Know whom a leader vouches for, and of one that is a standby here too whose each camera's name is.
+        """Adopt the machines that a leader vouches for, and the names' owners if it is also a standby here.
 
         Raises DiskError, BadInputError.
         """
@@ -131,7 +134,7 @@ class Trust:
             kept.keep()
 
     def server_context(self) -> ssl.SSLContext | None:
-        """TLS for a stream that comes: known machines show themselves, others come in as strangers."""
+        """TLS context for incoming streams; a client without a certificate connects as an unknown peer."""
         if self.is_open:
             return None
         machines = self.known.all()
@@ -139,7 +142,7 @@ class Trust:
             context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
             context.minimum_version = ssl.TLSVersion.TLSv1_3
             context.verify_mode = ssl.CERT_OPTIONAL
-            # A stream is proven anew each time: who was removed has nothing to come back with.
+            # Each stream authenticates again: a removed machine must have no session to resume.
             context.num_tickets = 0
             context.load_cert_chain(self.identity.file)
             known = [machine.certificate for machine in machines if machine.certificate is not None]
@@ -148,16 +151,16 @@ class Trust:
         return self._server[1]
 
     def client_context(self, *, as_stranger: bool = False) -> ssl.SSLContext | None:
-        """TLS for a stream to a leader, which the caller must look at with `peer` before it says anything.
+        """TLS context for a stream to a leader; the caller must check it with `peer` before sending anything.
 
-        `as_stranger`: without showing who this is, for those that are not known yet.
+        `as_stranger`: without presenting a certificate, to leaders that are not known yet.
         """
         if self.is_open:
             return None
         if as_stranger not in self._clients:
             context = self._clients[as_stranger] = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
             context.minimum_version = ssl.TLSVersion.TLSv1_3
-            # The server proves its key; which key that may be is decided by its pin alone.
+            # The server proves its key; only its pin decides whether that key is accepted.
             context.check_hostname = False
             context.verify_mode = ssl.CERT_NONE
             if not as_stranger:

@@ -1,7 +1,7 @@
-"""What a process that runs for long prints: no write waits for whoever reads it.
+"""Non-blocking output of long-running processes: no write waits for the reader.
 
-A pipe that nobody reads, a pager, a terminal whose other end sleeps: what is printed waits in a queue for a
-thread of its own. What finds no room there is left out, and how much that was is said when reading goes on.
+A pipe without a reader, a pager or a suspended terminal would block a write. Output waits in a queue for a
+thread of its own. Lines that exceed the queue are dropped, and their number is printed when reading resumes.
 """
 
 import contextlib
@@ -16,13 +16,13 @@ from collections import deque
 from typing import Any, cast
 
 MOST_BYTES = 1 << 16
-"""How much waits for a reader."""
+"""Maximum size of the queue, in bytes."""
 LAST_S = 1.0
-"""How long the end of a process waits for a reader."""
+"""Time for which the end of a process waits for the reader."""
 
 
 class PatientOutput(io.RawIOBase):
-    """The place of a stream's file: takes all at once, and lets a thread write it."""
+    """Replacement for a stream's file: accepts all data at once, and writes it in a thread."""
 
     def __init__(self, handle: int, most_bytes: int = MOST_BYTES) -> None:
         self._handle, self._most_bytes = handle, most_bytes
@@ -34,11 +34,11 @@ class PatientOutput(io.RawIOBase):
         threading.Thread(target=self._write_all, name="output", daemon=True).start()
 
     def writable(self) -> bool:
-        """Whether it can be written to."""
+        """Return True."""
         return True
 
     def fileno(self) -> int:
-        """Return the file of the stream."""
+        """Return the file descriptor of the stream."""
         return self._handle
 
     def isatty(self) -> bool:
@@ -46,12 +46,12 @@ class PatientOutput(io.RawIOBase):
         return os.isatty(self._handle)
 
     def write(self, data: Any) -> int:
-        """Take lines, or leave them out where too much waits. Raises OSError once the reader has gone."""
+        """Queue lines, or drop them if the queue is full. Raises OSError once the reader has closed it."""
         lines = bytes(data)
         with self._changed:
             if self._error is not None:
                 raise self._error
-            # A reader that begins again gets the notice first, and then what follows it without a gap.
+            # A returning reader gets the notice first, and then the following lines without a gap.
             room = self._most_bytes // 2 if self._left_out else self._most_bytes
             if self._waiting and self._waiting + len(lines) > room:
                 self._left_out += lines.count(b"\n")
@@ -63,7 +63,7 @@ class PatientOutput(io.RawIOBase):
         return len(lines)
 
     def finish(self, within_s: float = LAST_S) -> None:
-        """Wait until all is written, at most so long."""
+        """Wait until everything is written, at most `within_s`."""
         ends_s = time.monotonic() + within_s
         with self._changed:
             while self._waiting and self._error is None and (left_s := ends_s - time.monotonic()) > 0:
@@ -107,14 +107,14 @@ _before: dict[str, tuple[io.TextIOWrapper, PatientOutput]] = {}
 
 
 def wait_for_no_reader() -> None:
-    """Let no write to stdout or stderr, nor what is logged there, wait from now on, until `finish_output`."""
+    """Make writes and logging to stdout and stderr non-blocking until `finish_output`."""
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
         with contextlib.suppress(OSError, ValueError):
             if name in _before or not isinstance(stream, io.TextIOWrapper):
                 continue
             if stat.S_ISREG(os.fstat(stream.fileno()).st_mode):
-                continue  # a file takes all
+                continue  # a file never blocks
             stream.flush()
             output = PatientOutput(stream.fileno())
             _before[name] = stream, output
@@ -124,7 +124,7 @@ def wait_for_no_reader() -> None:
 
 
 def finish_output() -> None:
-    """Give a reader a moment to take the rest, and let writes wait again."""
+    """Give the reader a moment to take the rest, and make writes blocking again."""
     for name, (stream, output) in tuple(_before.items()):
         output.finish()
         _put(name, stream)

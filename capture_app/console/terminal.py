@@ -1,4 +1,4 @@
-"""What both command lines share: results on stdout, talk and progress on stderr, and how they end."""
+"""Terminal interface of both commands: results on stdout, messages and progress on stderr, exit codes."""
 
 import io
 import math
@@ -25,13 +25,13 @@ json_option = click.option("--json", "as_json", is_flag=True, help="Print the re
 
 
 class ParsedType(click.ParamType[Any]):
-    """A type of options that a function reads; its BadInputError or ValueError is a usage error."""
+    """Option type with a parser function, whose BadInputError or ValueError becomes a usage error."""
 
     def __init__(self, name: str, parse: Callable[[str], Any]) -> None:
         self.name, self._parse = name, parse
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> Any:
-        """Read the text; a value that is none, as a default may be, stays as it is."""
+        """Parse a text; a value that is not a text, such as a default, is returned unchanged."""
         try:
             return self._parse(value) if isinstance(value, str) else value
         except (SimulshotError, ValueError) as error:
@@ -39,10 +39,10 @@ class ParsedType(click.ParamType[Any]):
 
 
 class FiniteRange(click.FloatRange):
-    """A range of finite numbers: click alone takes NaN for a number in any range."""
+    """Range of finite numbers: click alone accepts NaN in any range."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Read the number."""
+        """Parse the number."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number", param, ctx)
@@ -50,21 +50,21 @@ class FiniteRange(click.FloatRange):
 
 
 def talk(line: str) -> None:
-    """Print a line for the user on stderr, but not with --quiet."""
+    """Print a message for the user on stderr, except with --quiet."""
     if verbosity() > Verbosity.QUIET:
         time = f"{datetime.now(UTC).astimezone():%H:%M:%S.%f}"[:-3] + " " if _is_verbose() else ""
         click.echo(time + printable(line), err=True)
 
 
 def log_line(line: str) -> None:
-    """Print what happens at a rig on stderr, with its time unless who reads the pipe adds that."""
+    """Print an event of a rig on stderr, with its time unless the reader of a pipe adds it."""
     if not _is_verbose() and (clock := _log_clock()):
         line = f"{datetime.now(UTC).astimezone():{clock}} {line}"
     talk(line)
 
 
 def _log_clock() -> str:
-    """Return how the time of a logged line is written: on a terminal, in a file, elsewhere not at all."""
+    """Return the time format of a log line: for a terminal, for a file, or empty."""
     if sys.stderr.isatty():
         return "%H:%M:%S"
     try:
@@ -85,7 +85,7 @@ def print_line(line: str) -> None:
 
 
 def print_json(value: Any) -> None:
-    """Print one JSON object on stdout, for programs and people."""
+    """Print one indented JSON object on stdout, for programs and people."""
     _stop_bar()
     click.echo(pretty_json(value))
 
@@ -96,9 +96,9 @@ def print_json_line(value: Any) -> None:
 
 
 def answer(as_json: bool, value: Any, lines: Iterable[str] = (), *, said: str = "") -> None:
-    """Print a result as one JSON object, or as lines on stdout, with what is `said` of it on stderr.
+    """Print a result as one JSON object, or as lines on stdout with the message `said` on stderr.
 
-    Lines of a generator are made only where they are printed.
+    Lines of a generator are made only if they are printed.
     """
     if as_json:
         print_json(value)
@@ -110,7 +110,7 @@ def answer(as_json: bool, value: Any, lines: Iterable[str] = (), *, said: str = 
 
 
 def table(head: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    """Write a table for stdout, columns of numbers to the right; without lines and colours in a file."""
+    """Format a table for stdout, numeric columns right-aligned; without rules and colours for a file."""
     from rich import box
     from rich.console import Console
     from rich.table import Table
@@ -134,29 +134,29 @@ def _is_number(cell: str) -> bool:
 
 
 class Progress:
-    """How far a command is, on stderr: a bar on a terminal, elsewhere a line `[3/9] what` for each step."""
+    """Progress of a command on stderr: a bar on a terminal, else a line `[3/9] what` for each step."""
 
     def __init__(self, total: int, *, silent: bool = False) -> None:
-        """`silent`: count only, as a part of what another progress shows."""
+        """`silent`: count only, as part of another progress."""
         self.total = total
         self.done = 0
         self.silent = silent
 
     def step(self, text: str) -> None:
-        """Show what begins now."""
+        """Show the next step."""
         self.done += 1
         self.total = max(self.total, self.done)
         if not self.silent:
             show_progress(ProgressStep(self.done, self.total, text))
 
     def last(self, text: str) -> None:
-        """Show what comes last, whatever was skipped before."""
+        """Show the last step, even if others were skipped."""
         self.done = max(self.done, self.total - 1)
         self.step(text)
 
 
 def show_progress(step: ProgressStep) -> None:
-    """Show how far the running command is: on its bar, or as a line where stderr is no terminal."""
+    """Show the progress of the running command: on its bar, or as a line if stderr is not a terminal."""
     context = click.get_current_context(silent=True)
     if verbosity() == Verbosity.QUIET:
         return
@@ -175,7 +175,7 @@ def show_progress(step: ProgressStep) -> None:
             TimeElapsedColumn(),
             TextColumn("{task.description}", markup=False),
         )
-        # What goes to stdout is data and must not end up on stderr, where the bar is.
+        # Output to stdout is data, and must not be redirected to stderr, where the bar is.
         bar = Bar(*columns, console=Console(stderr=True), transient=True, redirect_stdout=False)
         _bar = bar, bar.add_task("")
         bar.start()
@@ -185,7 +185,7 @@ def show_progress(step: ProgressStep) -> None:
 
 
 def show_count(thing: str) -> Callable[[int, int], None]:
-    """Return a function (done, total) that shows how many things are done; in a file, now and then."""
+    """Return a function (done, total) that shows a count of things done; outside a terminal, at intervals."""
 
     def show(done: int, total: int) -> None:
         if sys.stderr.isatty() or done % max(50, total // 10) == 0:
@@ -205,13 +205,13 @@ def _stop_bar() -> None:
 
 
 def run_command_line(command: click.Command, name: str, arguments: Sequence[str]) -> int:
-    """Run a command line and return its exit code; a mistake is one line on stderr, never a traceback."""
+    """Run a command line and return its exit code; an error is one line on stderr, without a traceback."""
     set_verbosity(Verbosity.NORMAL)
     # NumPy's matrices are small here: its threads would spin for longer than they compute.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):
-            # A terminal whose encoding lacks a character shows another one instead.
+            # If a terminal's encoding lacks a character, a replacement is printed.
             stream.reconfigure(errors="replace")
     try:
         return _run(command, name, arguments)
@@ -232,12 +232,12 @@ def _run(command: click.Command, name: str, arguments: Sequence[str]) -> int:
     except (KeyboardInterrupt, click.Abort):
         return ExitCode.INTERRUPTED
     except BrokenPipeError:
-        # The reader of stdout has left, as `head` does; the interpreter must not complain at its end.
+        # The reader of stdout has closed it, as `head` does; the interpreter must not report that at exit.
         os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
         return ExitCode.FAILURE
     except OSError as error:
         return _fail(name, str(error), ExitCode.FAILURE, error)
-    # With standalone_mode off click returns the code of an early exit, such as --help, or None.
+    # With standalone_mode off, click returns the code of an early exit, such as --help, or None.
     return code if isinstance(code, int) else ExitCode.OK
 
 

@@ -1,4 +1,4 @@
-"""What every command has: examples at the end of its help, and how much it says (`--quiet`, `--verbose`)."""
+"""Options and help common to all commands: examples in the epilog, and `--quiet` and `--verbose`."""
 
 import logging
 import platform
@@ -16,29 +16,29 @@ C = TypeVar("C", bound=click.Command)
 
 
 class Verbosity(IntEnum):
-    """How much a command says on stderr."""
+    """Amount of output of a command on stderr."""
 
     QUIET = 0
     """Errors only."""
     NORMAL = 1
     VERBOSE = 2
-    """With times, what the program logs, and where an error comes from."""
+    """With times, log messages, and tracebacks of errors."""
 
 
 _verbosity = Verbosity.NORMAL
-"""Of this process's command line."""
+"""Verbosity of this process's command line."""
 _silenced = ContextVar("silenced", default=False)
-"""Whether the code that asks runs within `silence`: of a thread or a task, not of the process."""
+"""Whether the current thread or task, not the process, runs within `silence`."""
 _log = logging.getLogger(__name__)
 
 
 def verbosity() -> Verbosity:
-    """Return how much the running command says."""
+    """Return the verbosity of the running command."""
     return Verbosity.QUIET if _silenced.get() else _verbosity
 
 
 def set_verbosity(value: Verbosity) -> None:
-    """Set how much the running command says."""
+    """Set the verbosity of the running command."""
     global _verbosity
     _verbosity = value
     if value is Verbosity.VERBOSE:
@@ -50,7 +50,7 @@ def set_verbosity(value: Verbosity) -> None:
 
 @contextmanager
 def silence() -> Iterator[None]:
-    """Keep what runs within from printing progress and notes, but no other thread's work."""
+    """Suppress progress and notes of the code within the block, but of no other thread."""
     token = _silenced.set(True)
     try:
         yield
@@ -59,17 +59,17 @@ def silence() -> Iterator[None]:
 
 
 def examples(*lines: str, after: str = "") -> str:
-    """Return the epilog of a command: command lines as one would type them, below a text of its own."""
-    # A line that is only \b keeps click from wrapping the paragraph.
+    """Return the epilog of a command: an optional text, then example command lines."""
+    # A line with only \b keeps click from wrapping the paragraph.
     shown = "\n".join(("\b", "Examples:", *(f"  {line}" for line in lines)))
     return f"{after}\n\n{shown}" if after else shown
 
 
 def add_verbosity(command: C) -> C:
-    """Give a command, and those below it that it knows already, the options -q and -v."""
+    """Add the options -q and -v to a command and to its loaded subcommands."""
     if _OPTIONS[0] not in command.params:
         command.params += _OPTIONS
-    # A lazy group knows names only, and comes here with each command that it loads.
+    # A lazy group has only names, and calls this with each command that it loads.
     if isinstance(command, click.Group):
         for below in command.commands.values():
             add_verbosity(below)

@@ -1,7 +1,7 @@
-"""The base of all messages of a stream."""
+"""Base class of all messages of a stream."""
 
 from msgspec import Struct
 
 
 class Message(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A message is told from others by its tag; what this version does not know is an error."""
+    """Message identified by its tag; unknown fields are an error."""

@@ -1,4 +1,4 @@
-"""What happens at a leader or a relay, in a line each, for the terminal and the screen alike."""
+"""Log lines for events at a leader or a relay, used by the terminal and the screen."""
 
 import re
 import time
@@ -29,20 +29,20 @@ KEPT = 500
 
 @dataclass(frozen=True, slots=True)
 class FollowerNews:
-    """What happened to a follower, or to all of them, in a line for a person."""
+    """Event of one follower, or of all of them, as a line for people."""
 
     name: str | None
     line: str
     is_warning: bool = False
-    """Whether a person should look."""
+    """Whether it needs attention."""
 
 
 News = events.LeaderEvent | HostOffRate | DatagramsRefused | BurstStatus | FollowerNews
-"""What a leader tells about: nodes and phones that come and go, odd clocks, damaged seals, and bursts."""
+"""Events that a leader logs: nodes and phones that come and go, clock problems, damaged seals, and bursts."""
 
 
 def news_line(news: News) -> str:
-    """A line about what happened, for a person; empty where it is nothing to tell."""
+    """Return a line for people about an event; empty if it is not worth a line."""
     match news:
         case events.NodeChanged(change="moved"):
             return f"{news.name} is now connected to {news.where or 'this leader'}"
@@ -61,7 +61,7 @@ def news_line(news: News) -> str:
 
 
 def off_rate_line(off: HostOffRate) -> str:
-    """Say whose clock runs at another rate than the others, and why that may be; or no more."""
+    """Return a line on a clock at an unusual rate and possible causes, or on its return to the baseline."""
     if not off.fast_ppm:
         return f"the clock of {off.name or 'the leader'} runs at its usual rate again"
     if off.certain:
@@ -75,7 +75,7 @@ def off_rate_line(off: HostOffRate) -> str:
 
 
 def follower_line(event: TimeClientEvent, parent: Address) -> str:
-    """A line about how a relay stands with its own leader, empty where there is nothing to say."""
+    """Return a line about a relay's connection to its own leader; empty if there is nothing to log."""
     match event:
         case events.Joined():
             return f"joined {parent}"
@@ -91,7 +91,7 @@ def follower_line(event: TimeClientEvent, parent: Address) -> str:
 
 
 def burst_line(burst: BurstStatus) -> str:
-    """A line about how far a burst is."""
+    """Return a line on a burst's progress."""
     if not burst.burst:
         return burst.message
     so_far = f"burst {burst.burst}: {burst.received} of {burst.expected} images"
@@ -102,7 +102,7 @@ def burst_line(burst: BurstStatus) -> str:
 
 
 def _is_warning(news: News) -> bool:
-    """Whether a person should look."""
+    """Whether an event needs attention."""
     match news:
         case events.NodeChanged():
             return news.change in ("lost", "refused")
@@ -116,7 +116,7 @@ def _is_warning(news: News) -> bool:
 
 
 def news_record(news: News) -> dict[str, object]:
-    """What happened as a line of JSON."""
+    """Return the fields of an event for its line of JSON."""
     match news:
         case events.NodeChanged(name, change, reason, where):
             record: dict[str, object] = {"event": f"node-{change}", "name": name}
@@ -136,7 +136,7 @@ def news_record(news: News) -> dict[str, object]:
 
 
 class Log:
-    """Lines with the time of the calendar, each later than the one before, shown as they come."""
+    """Log of lines with strictly increasing calendar times, shown as they arrive."""
 
     def __init__(
         self,
@@ -145,39 +145,39 @@ class Log:
         name: str | None = None,
         record: Callable[[dict[str, object]], None] | None = None,
     ) -> None:
-        """`show` shows a line to whoever runs this, `record` what happens in a rig as JSON.
+        """`show` displays a line to the operator; `record` receives the rig's events for JSON.
 
-        `name` is the node's whose lines these are; None for a leader's, which are of all its nodes.
+        `name` is the node that the lines are about; None for a leader's log, which covers all its nodes.
         """
         self.show, self._record = show, record
         self.name = name
         self._lines: deque[NewsLine] = deque(maxlen=KEPT)
 
     def say(self, text: str, *, camera: str | None = None, level: Level = "info") -> None:
-        """Keep a line, of that camera or of whose lines these are, and show it."""
+        """Add a line, about that camera or the log's node, and show it."""
         self.add(text, camera=camera or self.name, level=level)
         self.show(text)
 
     def add(self, text: str, *, camera: str | None = None, level: Level = "info") -> None:
-        """Keep what happened now; what was just said is not kept again."""
+        """Add a line with the current time, unless it repeats the last one."""
         last = self._lines[-1] if self._lines else None
         if last is not None and (last.text, last.camera) == (text, camera):
             return
-        # A calendar clock may be set back.
+        # The calendar clock may be set back.
         unix_ns = time.time_ns() if last is None else max(time.time_ns(), last.unix_ns + 1)
         self._lines.append(NewsLine(unix_ns=unix_ns, text=text, camera=camera, level=level))
 
     def after(self, unix_ns: int) -> tuple[NewsLine, ...]:
-        """Return the lines that are later than that time, oldest first."""
+        """Return the lines later than a time, oldest first."""
         return tuple(line for line in self._lines if line.unix_ns > unix_ns)
 
     def say_of_disk(self, name: str | None, problem: str) -> None:
-        """Tell of a disk that cannot be used, a node's or without a name the leader's; or that can again."""
+        """Log that a disk became unusable or usable again: the named node's, or the leader's."""
         text = f"{name or 'leader'}: {problem or 'its disk can be used again'}"
         self.say(text, camera=name, level="warning" if problem else "info")
 
     def note(self, news: News) -> None:
-        """Show what happened in a rig, and keep it but for a burst's progress, which is in every status."""
+        """Show an event and add it to the log, except a burst's progress, which is in every status."""
         text, camera = news_line(news), None if isinstance(news, BurstStatus) else news.name
         if text and (not isinstance(news, BurstStatus) or news.done):
             self.add(text, camera=camera, level="warning" if _is_warning(news) else "info")

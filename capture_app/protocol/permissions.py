@@ -7,10 +7,10 @@ from capture_app.protocol.message import Message
 from capture_app.trust.trust import Peer
 
 SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
-    # Anyone, paired or not: become known with a code or a pin.
+    # Any machine, paired or not: pair by a code or a pin.
     None: (pairing.EnrolRequest, pairing.PairingWord, pairing.PairingProof),
-    # A camera: a key for its datagrams, its own streams, reports, images and previews. That it uses only its
-    # own name is checked where it joins and where it opens a stream.
+    # A camera: a key for its datagrams, its own streams, reports, images and previews. Its name is checked
+    # where it joins and where it opens a stream.
     Role.CAMERA: (
         messages.KeyRequest,
         messages.NodeStream,
@@ -23,9 +23,9 @@ SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
         status.Preview,
         status.NodeDetail,
     ),
-    # A relay: whatever a machine below it may send, on that machine's behalf.
+    # A relay: any message of a machine below it, on that machine's behalf.
     Role.RELAY: (pairing.SpeaksFor,),
-    # An operator: see the rig, take bursts, change what runs and how, let further machines in.
+    # An operator: view the rig, take bursts, change nodes and settings, invite further machines.
     Role.OPERATOR: (
         messages.StatusRequest,
         messages.BurstRequest,
@@ -46,13 +46,13 @@ SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
         pairing.Invite,
     ),
 }
-"""Messages to a leader or a relay, by the role that a machine must have to send them; None: no role."""
+"""Messages to a leader or a relay, by the role required of the sender; None: no role."""
 
 _REQUIRED = {kind: role for role, kinds in SENDERS.items() for kind in kinds}
 
 
 def required_role(message: Message) -> Role | None:
-    """Return the role that a message requires of its sender; None if anyone may send it."""
+    """Return the role that a message requires of its sender; None if any machine may send it."""
     if isinstance(message, messages.KeyRequest) and message.is_relay:
         return Role.RELAY
     return _REQUIRED[type(message)]

@@ -1,4 +1,4 @@
-"""Snapshots of a rig for operators: status, log lines, previews, and one node in detail."""
+"""Snapshots of a rig for operators: status, log lines, previews, and details of one node."""
 
 from collections.abc import Iterator
 from typing import Literal
@@ -13,34 +13,35 @@ from capture_app.session.format.manifest import SkippedInstant
 from capture_app.sync.wire.messages import Report
 
 LOST_IS_NEWS_NS = 60_000_000_000
-"""That a camera is lost is said of the whole rig so long after its last message; its own line goes on to."""
+"""Time after a lost camera's last message during which the rig's summary mentions the loss; its own line
+stays."""
 
 
 class NodeStatus(Report, frozen=True, kw_only=True, array_like=False):
-    """A node's own report, with what the leader knows of it; times in ns, None where not known yet."""
+    """A node's own report, with the leader's data about it; times in ns, None while unknown."""
 
     name: str
     address: str
     camera: CameraFacts
     parent: str | None = None
-    """The relay that it joined; None where that is the leader itself."""
+    """Name of the relay that it joined; None for the leader itself."""
     depth: int = 1
-    """How many clocks its time has come through: 1 below the leader, 2 below a relay of it."""
+    """Number of clocks between its time and the leader's: 1 below the leader, 2 below a relay of it."""
     last_seen_ns: int = 0
     """Age of the last message, in ns."""
     fps: float | None = None
-    """Frames a second that have really come lately, drops not counted."""
+    """Recent rate of delivered frames per second, without dropped ones."""
     exposure_ns: int | None = None
-    """The newest frame's, as the gain; a camera with automatic exposure changes both."""
+    """Exposure of the newest frame, as `gain`; a camera with automatic exposure changes both."""
     gain: float | None = None
     disk_free_bytes: int | None = None
-    """Room in the node's spool."""
+    """Free space of the node's spool."""
     on_leader: bool = False
-    """It is a process of the leader's, which an operator can remove."""
+    """Whether it is a process of the leader, which an operator can remove."""
 
     @property
     def time_error_ns(self) -> int | None:
-        """95 % error of its frames' times: its clock's, and that of its stamps; None where not known."""
+        """95 % uncertainty of its frames' times, from clock and timestamps; None while unknown."""
         clock_ns = self.uncertainty_ns if self.uncertainty_ns is not None else self.hard_bound_ns
         if clock_ns is None or self.camera.kind in WITHOUT_CAMERA:
             return clock_ns
@@ -48,11 +49,11 @@ class NodeStatus(Report, frozen=True, kw_only=True, array_like=False):
 
 
 def in_tree_order(nodes: tuple[NodeStatus, ...]) -> Iterator[NodeStatus]:
-    """Yield nodes in the order of a tree: each relay, then what is below it; every node once."""
+    """Yield every node once, in tree order: each relay, then the nodes below it."""
     names = {node.name for node in nodes}
     below: dict[str | None, list[NodeStatus]] = {}
     for node in nodes:
-        # Cameras may be left of a relay that is not known any more.
+        # The relay of a node may already be forgotten.
         below.setdefault(node.parent if node.parent in names else None, []).append(node)
     shown: set[str] = set()
     stack = below.get(None, [])[::-1]
@@ -65,7 +66,7 @@ def in_tree_order(nodes: tuple[NodeStatus, ...]) -> Iterator[NodeStatus]:
 
 
 class CameraTransfer(Struct, frozen=True, kw_only=True):
-    """How much of a burst one camera has brought, in images; `problem` says why no more will come."""
+    """Progress of one camera's part of a burst, in images; `problem` says why no more will arrive."""
 
     camera: str
     received: int
@@ -74,7 +75,7 @@ class CameraTransfer(Struct, frozen=True, kw_only=True):
 
 
 class BurstStatus(Struct, frozen=True, kw_only=True):
-    """A burst under way or just saved."""
+    """Burst under way or just saved."""
 
     burst: int
     name: str
@@ -86,22 +87,22 @@ class BurstStatus(Struct, frozen=True, kw_only=True):
     session: str | None = None
     message: str = ""
     recording: bool = False
-    """It is a recording: `expected` are the frames until now."""
+    """Whether it is a recording: `expected` counts the frames until now."""
     transfer: tuple[CameraTransfer, ...] = ()
-    """How much has come of each camera, by name."""
+    """Progress of each camera, by name."""
     skipped: tuple[SkippedInstant, ...] = ()
-    """Moments that were left out, as not every camera had its frame; later ones took their place."""
+    """Instants skipped because a camera had no frame; later ones replaced them."""
 
 
 class FollowerStatus(Struct, frozen=True, kw_only=True):
-    """A device that another program makes follow the rig; times in ns, None where not known yet."""
+    """Device that follows the rig through another program's protocol; times in ns, None while unknown."""
 
     name: str
     address: str
     state: str
     """synchronizing, synced or lost."""
     uncertainty_ns: int | None = None
-    """95 % of the error of the time that it was given, at its worst before it gets the next."""
+    """95 % uncertainty of its time, at its maximum before the next update."""
     hard_bound_ns: int | None = None
     skew_ppm: float | None = None
     round_trip_ns: int | None = None
@@ -110,89 +111,89 @@ class FollowerStatus(Struct, frozen=True, kw_only=True):
 
 
 class BurstAhead(Struct, frozen=True, kw_only=True):
-    """A burst that is ordered and begins later."""
+    """Ordered burst that begins later."""
 
     burst: int
     name: str
     first_leader_ns: int
-    """Its first instant, in leader time."""
+    """First instant, in leader time."""
     instants: int
 
 
 class RigStatus(Struct, frozen=True, kw_only=True):
-    """The whole rig at one moment."""
+    """Status of the whole rig."""
 
     leader: str
-    """host:port that nodes join."""
+    """Address host:port that nodes join."""
     is_open: bool = False
-    """Whether it asks no machine who it is."""
+    """Whether the rig does not authenticate machines."""
     relay: str | None = None
-    """Name of the relay that tells this because it has no leader at present; None from a leader."""
+    """Name of the relay that sends this status because it has no leader at present; None from a leader."""
     message: str = ""
-    """What a user should know of the rig as a whole."""
+    """Message about the rig as a whole."""
     advice: str = ""
-    """One sentence: why the rig is not ready and what to do, or how accurate it is."""
+    """One sentence: why the rig is not ready and the remedy, or its accuracy."""
     now_ns: int
     period_ns: int | None
     nodes: tuple[NodeStatus, ...] = ()
     further: int = 0
-    """How many nodes follow those in this page, by name; `message` sums them up."""
+    """Number of nodes after those of this page, by name; `message` summarizes them."""
     app_phones: tuple[FollowerStatus, ...] = ()
-    """Phones with libsoftwaresync or RecSync; their pictures stay on them."""
+    """Phones with libsoftwaresync or RecSync; their images stay on them."""
     burst: BurstStatus | None = None
     ahead: tuple[BurstAhead, ...] = ()
-    """Bursts that begin much later; they can be cancelled."""
+    """Bursts that begin much later, and can be cancelled."""
     sessions: tuple[str, ...] = ()
     """Paths of the newest sessions saved by this leader, newest last."""
     sessions_folder: str = ""
-    """Where it saves them, on its machine."""
+    """Folder of the sessions, on the leader's machine."""
     disk_free_bytes: int | None = None
-    """Room on that folder's disk."""
+    """Free space of that folder's disk."""
 
 
 Level = Literal["info", "warning", "error"]
 
 
 class NewsLine(Struct, frozen=True, kw_only=True):
-    """Something that happened, as a person reads it."""
+    """Log line for people."""
 
     unix_ns: int
-    """When, by the teller's calendar clock; each line of one teller is later than the one before."""
+    """Calendar time at its source; times of one source strictly increase."""
     text: str
     camera: str | None = None
-    """The node that it is about, where it is about one."""
+    """Name of the node that it is about, or None."""
     level: Level = "info"
 
 
 class Preview(Message, frozen=True, kw_only=True, tag="preview", omit_defaults=True):
-    """A small picture of what a camera sees; the next of this camera is sent after a `PreviewSeen`."""
+    """Small preview image of a camera; the next one is sent after a `PreviewSeen`."""
 
     camera: Name
     leader_ns: int | None
-    """Leader time of the frame; None while the node's clock is not known."""
+    """Leader time of the frame; None while the node's clock is unknown."""
     width: Count
-    """In pixels, as the height."""
+    """Width in pixels, as the height."""
     height: Count
     jpeg: bytes = b""
-    """The payload of the message, and no part of it."""
+    """JPEG data, sent as the payload instead of in the message."""
 
 
 class NodeDetail(Message, frozen=True, kw_only=True, tag="detail"):
-    """What a node knows of itself that is too much for a status; times in ns, newest last."""
+    """Details of a node that are too large for a status; times in ns, newest last."""
 
     camera: str
     samples: tuple[tuple[int, int], ...] = ()
-    """Offset (leader minus local time, as of the latest one) and round trip of exchanges with the leader."""
+    """Clock offset (leader minus local time, as of the latest one) and round-trip delay of exchanges."""
     phase_errors_ns: tuple[int, ...] = ()
-    """Distance of the latest frames from the rig's grid."""
+    """Offsets of the latest frames from the rig's grid."""
     log: tuple[NewsLine, ...] = ()
     fps: float | None = None
     exposure_ns: int | None = None
     gain: float | None = None
     white_balance: tuple[float, float] | None = None
-    """Red and blue gains over green."""
+    """Red and blue gains relative to green."""
     controls: tuple[ControlState, ...] = ()
-    """As they were a few seconds ago at most."""
+    """Controls as of a few seconds ago."""
     spool: str = ""
-    """Folder of that machine that keeps images until the leader has them; empty where memory does."""
+    """Folder of that machine that stores images until the leader has them; empty if memory does."""
     disk_free_bytes: int | None = None

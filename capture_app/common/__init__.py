@@ -1,1 +1,1 @@
-"""Basics for every room: errors, names, text, clocks, addresses, camera facts and node states."""
+"""Basics for all rooms: errors, names, text, clocks, addresses, camera facts and node states."""

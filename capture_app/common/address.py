@@ -1,4 +1,4 @@
-"""Where a leader listens: `HOST:PORT`, with IPv6 hosts in brackets."""
+"""Address of a leader: `HOST:PORT`, with IPv6 hosts in brackets."""
 
 import asyncio
 import contextlib
@@ -12,16 +12,16 @@ from capture_app.common.interfaces import own_hosts, source_address
 
 DEFAULT_PORT = 47010
 ANY_HOST = ("", "0.0.0.0", "::")  # noqa: S104 - cameras are other machines
-"""The hosts that mean all interfaces."""
+"""Hosts that mean all interfaces."""
 LOOPBACK_HOSTS = ("localhost", "127.0.0.1", "::1")
-"""The hosts that only this machine reaches."""
+"""Hosts that only this machine can connect to."""
 
 _BRACKETED = re.compile(r"\[(?P<host>[^\[\]]+)\](?::(?P<port>\d+))?")
 _PLAIN = re.compile(r"(?P<host>[^:\[\]\s]+)(?::(?P<port>\d+))?")
 
 
 class Address(NamedTuple):
-    """A host, by name or number, and a port that serves both UDP and TCP."""
+    """Host, as a name or a numeric address, and a port that serves both UDP and TCP."""
 
     host: str
     port: int
@@ -31,7 +31,7 @@ class Address(NamedTuple):
 
 
 def parse_address(text: str) -> Address:
-    """Read `HOST`, `HOST:PORT`, `[IPV6]` or `[IPV6]:PORT`; raises ValueError with the reason."""
+    """Parse `HOST`, `HOST:PORT`, `[IPV6]` or `[IPV6]:PORT`; raises ValueError with the reason."""
     found = _BRACKETED.fullmatch(text) or _PLAIN.fullmatch(text)
     if found is None:
         hint = f", or did you mean [{text}]?" if text.count(":") > 1 and "[" not in text else ""
@@ -43,7 +43,7 @@ def parse_address(text: str) -> Address:
 
 
 async def resolve(address: Address) -> tuple[socket.AddressFamily, Address]:
-    """Return the family and numeric address of a host; raises NetworkError where it has none."""
+    """Return the address family and the numeric address of a host; raises NetworkError if it has none."""
     try:
         found = await asyncio.get_running_loop().getaddrinfo(
             address.host, address.port, type=socket.SOCK_DGRAM, proto=socket.IPPROTO_UDP
@@ -53,7 +53,7 @@ async def resolve(address: Address) -> tuple[socket.AddressFamily, Address]:
         raise NetworkError(
             f"cannot resolve host {address.host!r}: {reason}", hint="check the name, or give its IP address"
         ) from error
-    # Most leaders listen on IPv4 only, so it goes first where a name has both.
+    # Most leaders listen on IPv4 only, so it is preferred if a name has both.
     family, _, _, _, where = min(found, key=lambda entry: entry[0] != socket.AF_INET)
     return family, Address(str(where[0]), int(where[1]))
 
@@ -65,9 +65,9 @@ def reachable_host(
     find_source: Callable[[str, socket.AddressFamily], str | None] = source_address,
     find_own: Callable[[socket.AddressFamily], list[str]] = own_hosts,
 ) -> str:
-    """Return the host that nodes should be told; for `any`, the address of the route to the outside.
+    """Return the host to announce to nodes; for `any`, this machine's address on the default route.
 
-    Where there is no such route, as in a network of its own, it is the first interface's.
+    Without such a route, as in an isolated network, it is the address of the first interface.
     """
     if host not in ANY_HOST:
         return host
@@ -78,9 +78,9 @@ def reachable_host(
 
 
 def listen_tcp(host: str, *ports: int) -> socket.socket:
-    """Return a socket that listens on the first of these ports that is free; port 0 takes any.
+    """Return a socket that listens on the first free port of these; port 0 takes any.
 
-    Raises NetworkError, about the last of them.
+    Raises NetworkError about the last port.
     """
     *usual, last = ports
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
@@ -97,7 +97,7 @@ def listen_tcp(host: str, *ports: int) -> socket.socket:
 
 
 def own_machine_address(host: str, family: socket.AddressFamily, port: int) -> Address:
-    """Return where processes of this machine reach a port that listens on `host`; `any` is the loopback."""
+    """Return the address for this machine's processes to a port of `host`; loopback for `any`."""
     if host not in ANY_HOST:
         return Address(host, port)
     return Address("127.0.0.1" if family == socket.AF_INET else "::1", port)

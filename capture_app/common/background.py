@@ -2,7 +2,7 @@
 
     python -m capture_app.common.background MODULE ARGUMENT...
 
-It ends with the process that started it, and on SIGTERM as on Ctrl-C, so that it removes unfinished results.
+It ends with the process that started it. SIGTERM acts as Ctrl-C, so that unfinished results are removed.
 """
 
 import ctypes
@@ -16,7 +16,7 @@ _PR_SET_PDEATHSIG = 1
 
 
 def main() -> None:
-    """Run the module that is named first."""
+    """Run the module named by the first argument."""
     parent = os.getppid()
     os.nice(LOWEST_PRIORITY)
     _end_with(parent)
@@ -30,7 +30,7 @@ def _end_with(parent: int) -> None:
     prctl = getattr(ctypes.CDLL(None), "prctl", None)
     if prctl is not None:
         prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)
-        if os.getppid() != parent:  # it has ended already
+        if os.getppid() != parent:  # the parent has ended already
             sys.exit(1)
 
 

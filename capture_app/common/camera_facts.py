@@ -1,4 +1,4 @@
-"""What a camera is and can do, its controls too: structs that drivers fill in, nodes send, sessions keep."""
+"""Camera properties, capabilities and controls, as structs for drivers, messages and sessions."""
 
 from collections.abc import Mapping
 from enum import StrEnum
@@ -11,17 +11,17 @@ Count = Annotated[int, Meta(ge=0)]
 Positive = Annotated[int, Meta(gt=0)]
 
 SIMULATED, PHONE = "sim", "phone"
-"""The kind of every simulated camera."""
+"""Kinds of a simulated camera and of a phone."""
 MOST_STAMP_NS = 10_000_000_000
-"""No stamp is further from its light, and none less surely known."""
+"""Maximum bias of a timestamp, and of its uncertainty."""
 DELIVERY_NS = 5_000_000
-"""How much later than a frame's readout a driver may stamp it, where nothing is known of it."""
+"""Assumed maximum delay between a frame's readout and the driver's timestamp."""
 MICROSECONDS, TIMES, KELVIN, DIOPTRES = "µs", "×", "K", "dpt"
-"""Units that mean the same with every camera: exposure, gain, white balance, focus."""
+"""Units that are comparable between all cameras: exposure, gain, white balance, focus."""
 
 
 class CameraListing(Struct, frozen=True):
-    """A camera of this machine: its spec, and what it is in words; where it is not usable, why."""
+    """Camera of this machine: its spec and its description; if unusable, the reason."""
 
     spec: str
     kind: str
@@ -31,7 +31,7 @@ class CameraListing(Struct, frozen=True):
 
 
 class TimestampSource(StrEnum):
-    """The moment of a frame that the driver stamps."""
+    """Moment of a frame that the driver's timestamp refers to."""
 
     START_OF_EXPOSURE = "start-of-exposure"
     END_OF_FRAME = "end-of-frame"
@@ -39,7 +39,7 @@ class TimestampSource(StrEnum):
 
 
 class PhaseControl(StrEnum):
-    """How the phase of a stream can be moved."""
+    """Method by which the phase of a stream can be moved."""
 
     FRAME_DURATION = "frame-duration"
     INJECTION = "injection"
@@ -48,47 +48,48 @@ class PhaseControl(StrEnum):
 
 
 class StampSource(StrEnum):
-    """How it is known how late a camera's stamps are."""
+    """Source of the knowledge of a camera's timestamp bias."""
 
     CONSTRUCTION = "construction"
-    """It is simulated: its stamps are what they are said to be."""
+    """Simulated camera, whose timestamps are correct by construction."""
     DRIVER = "driver"
-    """The driver tells, and can be believed."""
+    """Reported by a trustworthy driver."""
     PROFILE = "profile"
-    """What is known of cameras of this kind."""
+    """Known for cameras of this kind."""
     MOTION = "motion"
-    """Measured by what moved in its pictures and in others'."""
+    """Measured from motion in its images and in those of other cameras."""
     LIGHT = "light"
-    """Measured by a light that blinked."""
+    """Measured with a blinking light."""
     ASSUMED = "assumed"
-    """Nothing is known but that a picture is stamped after its light, and not long after it is read out."""
+    """Assumed: only that the timestamp follows the exposure, and not long after readout."""
 
 
 _OF_THE_STAMP_ITSELF = {StampSource.DRIVER, StampSource.PROFILE, StampSource.MOTION, StampSource.LIGHT}
 
 
 class StampAccuracy(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """How late a camera's stamps are, and how well that is known; times in ns."""
+    """Timestamp bias of a camera, and its uncertainty; times in ns."""
 
     bias_ns: Annotated[int, Meta(ge=-MOST_STAMP_NS, le=MOST_STAMP_NS)]
-    """The start of the first row's exposure by the stamp and its `TimestampSource`, minus the true start.
+    """Start of the first row's exposure by the timestamp and its `TimestampSource`, minus the true start.
 
-    Where the stamp's moment, or what must be taken off it, is not known: the stamp itself minus that start.
+    If the moment of the timestamp, or a correction of it, is unknown: the timestamp itself minus the true
+    start.
     """
     uncertainty_ns: Annotated[int, Meta(ge=0, le=MOST_STAMP_NS)]
-    """95 % error of the bias."""
+    """95 % uncertainty of the bias."""
     source: StampSource
     exposure_ns: Count | None = None
-    """The exposure that it holds for; None where it holds for any, or that is not known."""
+    """Exposure for which the bias is valid; None if it is valid for any, or if that is unknown."""
     against: Text = ""
-    """The camera by whose stamps it was measured, though nobody knows how late those are; empty for none."""
+    """Reference camera of the measurement, if its own bias is unknown; empty otherwise."""
     against_uncertainty_ns: Annotated[int, Meta(ge=0, le=MOST_STAMP_NS)] | None = None
-    """95 % error of what those stamps were taken for: not in `uncertainty_ns`, as it cancels between the
-    cameras that share it."""
+    """95 % uncertainty of the reference camera's assumed bias; not in `uncertainty_ns`, as it cancels between
+    the cameras that share it."""
 
     @property
     def is_exact(self) -> bool:
-        """Whether the stamps add no error at all, as nothing but a simulation can promise."""
+        """Whether the timestamps add no error at all, as only in a simulation."""
         return self.source is StampSource.CONSTRUCTION and self.uncertainty_ns == 0
 
 
@@ -96,19 +97,19 @@ EXACT_STAMPS = StampAccuracy(bias_ns=0, uncertainty_ns=0, source=StampSource.CON
 
 
 class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """What a camera is and can do, fixed while it streams; times in ns, None where they are not known."""
+    """Properties and capabilities of a camera, fixed while it streams; times in ns, None while unknown."""
 
     kind: Text
-    """Its driver, such as v4l2 or sim; imported for a recording; clock or relay where there is no camera."""
+    """Driver, such as v4l2 or sim; imported for a recording; clock or relay without a camera."""
     model: Text
     width: Count
-    """In pixels, as the height; 0 for a node without a camera."""
+    """Width in pixels, as the height; 0 for a node without a camera."""
     height: Count
     period_ns: Positive
     timestamp_source: TimestampSource
     phase_control: PhaseControl
     pixel_format: Text = ""
-    """How the driver delivers pictures, such as MJPG; empty where it is not known."""
+    """Format in which the driver delivers images, such as MJPG; empty if unknown."""
     row_time_ns: Count | None = None
     """Readout time of one row."""
     exposure_ns: Count | None = None
@@ -116,22 +117,22 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     max_exposure_ns: Count | None = None
     min_frame_duration_ns: Count | None = None
     max_frame_duration_ns: Count | None = None
-    """Shortest and longest time that one frame can last, where the duration of each can be set."""
+    """Shortest and longest duration of one frame, if the duration of each frame can be set."""
     stamp: StampAccuracy | None = None
-    """How late its stamps are; None where nobody has said, see `stamp_accuracy`."""
+    """Timestamp bias, if reported or measured; None otherwise, see `stamp_accuracy`."""
 
     @property
     def stamp_accuracy(self) -> StampAccuracy:
-        """How late its stamps are: what is said, or what must be assumed; a simulated camera's are exact."""
+        """Timestamp bias as known or, failing that, assumed; exact for a simulated camera."""
         if self.stamp is not None:
             return self.stamp
         return EXACT_STAMPS if self.kind == SIMULATED else self.assumed_stamp
 
     @property
     def shared_uncertainty_ns(self) -> int:
-        """95 % error of its stamps that it has in common with cameras measured against the same one.
+        """95 % timestamp uncertainty shared with the cameras measured against the same reference camera.
 
-        Where nobody said how well that one's are known, as little as of this camera before it was measured.
+        If the reference's uncertainty is unknown, it is that of this camera's assumed timestamps.
         """
         known = self.stamp_accuracy
         if not known.against:
@@ -141,10 +142,10 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
 
     @property
     def assumed_stamp(self) -> StampAccuracy:
-        """What must be assumed of a driver whose claims nobody has tested.
+        """Bias and uncertainty to assume for a driver whose claims are untested.
 
-        Between the start of the exposure and the stamp lie at most the exposure, a frame's readout and its
-        delivery; at least nothing. An exposure that is not known may be a whole period, a readout too.
+        The time from the start of the exposure to the timestamp is at least 0. It is at most the exposure, a
+        frame's readout and its delivery. An unknown exposure may last a whole period, and a readout too.
         """
         exposure_ns = self.period_ns if self.exposure_ns is None else min(self.exposure_ns, self.period_ns)
         latest_ns = exposure_ns + self.period_ns + DELIVERY_NS
@@ -154,11 +155,11 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         return StampAccuracy(bias_ns=half_ns, uncertainty_ns=half_ns, source=StampSource.ASSUMED)
 
     def exposure_start_ns(self, stamp_ns: int, exposure_ns: int | None) -> int | None:
-        """When the exposure of a frame's first row begins, by the clock of the frame's stamp.
+        """Return the start of exposure of a frame's first row, in the clock of the frame's timestamp.
 
-        A stamp at the end of the frame is later by the exposure and the readout of all rows but the first;
-        what is known of the stamps' bias is taken off. None where the stamp's moment, or what would be taken
-        off it, is not known.
+        A timestamp at the end of the frame is later by the exposure and the readout of all rows but the
+        first. The known timestamp bias is subtracted. None if the moment of the timestamp, or a required
+        correction, is unknown.
         """
         accuracy, claimed_ns = self.stamp_accuracy, self._claimed_start_ns(stamp_ns, exposure_ns)
         if claimed_ns is None and accuracy.source in _OF_THE_STAMP_ITSELF:
@@ -166,14 +167,15 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         return None if claimed_ns is None else claimed_ns - accuracy.bias_ns
 
     def start_offset_ns(self) -> int:
-        """Time from a frame's stamp to the start of its first row's exposure, as well as that is known."""
+        """Return the estimated time from a frame's timestamp to its first row's start of exposure."""
         start_ns = self.exposure_start_ns(0, self.exposure_ns)
         return -self.stamp_accuracy.bias_ns if start_ns is None else start_ns
 
     def mid_exposure_offset_ns(self, height_share: float) -> int | None:
-        """Time from a frame's stamp to the middle of a row's exposure; the row at that share of the height.
+        """Return the time from a frame's timestamp to the middle of exposure of the row at `height_share`.
 
-        None where the camera's rows or exposure, or the stamp's moment, is not known.
+        `height_share` is a fraction of the height. None if the camera's row time or exposure, or the moment
+        of the timestamp, is unknown.
         """
         start_ns = self.exposure_start_ns(0, self.exposure_ns)
         if start_ns is None or self.exposure_ns is None or self.row_time_ns is None:
@@ -181,7 +183,7 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         return start_ns + round(height_share * (self.height - 1)) * self.row_time_ns + self.exposure_ns // 2
 
     def _claimed_start_ns(self, stamp_ns: int, exposure_ns: int | None) -> int | None:
-        """The start of the first row's exposure by what the driver claims of its stamps."""
+        """Return the start of the first row's exposure according to the driver; None if unknown."""
         if self.timestamp_source is TimestampSource.START_OF_EXPOSURE:
             return stamp_ns
         known = self.timestamp_source is TimestampSource.END_OF_FRAME
@@ -191,10 +193,10 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
 
 
 def unshared_uncertainties_ns(cameras: Mapping[str, CameraFacts]) -> dict[str, int]:
-    """95 % error of each camera's stamps that its `uncertainty_ns` leaves out and the others do not share.
+    """Return each camera's 95 % timestamp uncertainty that is neither in `uncertainty_ns` nor common to all.
 
-    0 where all were measured against one camera, in one mode of it: what nobody knows of that one cancels
-    between them. Against a camera whose stamps are known, or were measured against another, it does not.
+    0 if all were measured against one reference camera in one mode: its unknown bias cancels between them. It
+    does not cancel against a camera with a known bias, or with another reference.
     """
     shared_ns = {name: camera.shared_uncertainty_ns for name, camera in cameras.items()}
     origins = {(camera.stamp_accuracy.against, shared_ns[name]) for name, camera in cameras.items()}
@@ -202,7 +204,7 @@ def unshared_uncertainties_ns(cameras: Mapping[str, CameraFacts]) -> dict[str, i
 
 
 class Control(StrEnum):
-    """What decides how a picture looks, beside the lens."""
+    """Control of an image's appearance, besides the lens."""
 
     EXPOSURE = "exposure"
     GAIN = "gain"
@@ -211,43 +213,43 @@ class Control(StrEnum):
 
 
 ControlValue = float | Literal["auto", "hold"]
-"""A value in the control's unit; or that the camera chooses; or that what it has chosen is kept."""
+"""Value in the control's unit; auto: the camera chooses; hold: the automatic value is frozen."""
 
 
 def steps_of(model: str) -> str:
-    """The unit of a control whose steps mean something with cameras of one model only."""
+    """Return the unit of a control whose steps are comparable between cameras of one model only."""
     return f"steps of {model}"[:200]
 
 
 class ControlState(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """One control of a camera as it stands."""
+    """Current state of one control of a camera."""
 
     control: Control
     value: float | None = None
-    """In `unit`; None where the camera does not tell."""
+    """Value in `unit`; None if the camera does not report it."""
     unit: Text
-    """Values compare between cameras only where their units are the same."""
+    """Unit of the values; only values of equal units are comparable between cameras."""
     automatic: bool = False
-    """The camera chooses it, frame by frame."""
+    """Whether the camera chooses the value, frame by frame."""
     can_be_automatic: bool = False
     least: float | None = None
     most: float | None = None
-    """The range of what can be set; None where nothing can."""
+    """Range of the values that can be set; None if none can."""
 
     @property
     def can_be_set(self) -> bool:
-        """Whether it takes a value."""
+        """Whether a value can be set."""
         return self.least is not None and self.most is not None
 
     def clamped(self, value: float) -> float:
-        """The value nearest to one asked for within the range."""
+        """Return the value clamped to the range."""
         if self.least is None or self.most is None:
             return value
         return min(max(value, self.least), self.most)
 
 
 def describe(state: ControlState | None) -> str:
-    """A control's value in words, a dash where there is none."""
+    """Return a control's value as text; a dash without a state."""
     if state is None:
         return "-"
     value = "?" if state.value is None else f"{float(f'{state.value:.5g}'):g} {state.unit}"
@@ -255,12 +257,12 @@ def describe(state: ControlState | None) -> str:
 
 
 class CameraControls(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """The controls of a camera, and what could not be done of what was asked for."""
+    """Controls of a camera, and the failed parts of a request."""
 
     controls: tuple[ControlState, ...] = ()
     problems: dict[Control, str] = field(default_factory=dict)
-    """Why, in plain words."""
+    """Reason of each failure, in plain words."""
 
     def state(self, control: Control) -> ControlState | None:
-        """That control's, None where the camera has none."""
+        """Return the state of a control; None if the camera does not have it."""
         return next((state for state in self.controls if state.control is control), None)

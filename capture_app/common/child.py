@@ -1,4 +1,4 @@
-"""Processes of our own: started, listened to, and never left behind."""
+"""Child processes: started, read from, and always terminated."""
 
 import asyncio
 import os
@@ -30,14 +30,14 @@ _KINDS: dict[int | None, type[SimulshotError]] = {
 
 @dataclass(slots=True)
 class Child:
-    """A process of ours, in a group of its own, and the last it said on stderr."""
+    """Child process in a process group of its own, with its last lines on stderr."""
 
     name: str
     process: asyncio.subprocess.Process
     on_line: Talk | None = None
     said: deque[str] = field(default_factory=lambda: deque(maxlen=20))
     spoken: asyncio.Event = field(default_factory=asyncio.Event)
-    """Set when it has said something."""
+    """Set once it has printed a line."""
     listening: asyncio.Task[None] = field(init=False)
 
     def __post_init__(self) -> None:
@@ -49,8 +49,8 @@ class Child:
     ) -> Self:
         """Start a module of this installation.
 
-        `background`: at the lowest priority, ended with us even if we are killed, and cleaning up after
-        itself when it is stopped; other modules must see to that themselves, as nodes do.
+        `background`: run at the lowest priority, killed when this process ends, even by SIGKILL, and cleaning
+        up when it is stopped. Other modules must implement that themselves, as nodes do.
         """
         if background:
             arguments = ("capture_app.common.background", *arguments)
@@ -75,7 +75,7 @@ class Child:
                 self.on_line(line)
 
     async def failure(self) -> SimulshotError:
-        """The error of a process that has ended when it should not have: its own last words."""
+        """Return the error of a process that ended unexpectedly: its own last line."""
         await asyncio.wait((self.listening,), timeout=1.0)
         last = next((line for line in reversed(self.said) if line), "it said nothing")
         last = (last.partition(": error: ")[2] or last).removeprefix(f"{self.name}: ")
@@ -83,7 +83,7 @@ class Child:
         return error_of_exit(code, f"{self.name} ended with code {code}: {last}")
 
     async def output(self) -> bytes:
-        """What it prints on stdout until it has ended. Raises its own error where that is a failure."""
+        """Return its stdout once it has ended. Raises the process's own error if it failed."""
         assert self.process.stdout is not None
         printed = await self.process.stdout.read()
         if await self.process.wait():
@@ -91,11 +91,11 @@ class Child:
         return printed
 
     def pause(self) -> None:
-        """Let the process and all that it started stand still until `resume`."""
+        """Suspend the process and all its children until `resume`."""
         self._signal(signal.SIGSTOP)
 
     def resume(self) -> None:
-        """Let it go on."""
+        """Resume them."""
         self._signal(signal.SIGCONT)
 
     def _signal(self, kind: signal.Signals) -> None:
@@ -104,7 +104,7 @@ class Child:
                 os.killpg(self.process.pid, kind)
 
     async def stop(self) -> None:
-        """End the process and all that it started: kindly first, then at once."""
+        """Terminate the process and all its children: by SIGTERM, then by SIGKILL."""
         for kind in (signal.SIGTERM, signal.SIGKILL):
             try:
                 os.killpg(self.process.pid, kind)
@@ -121,7 +121,7 @@ class Child:
 
 
 def error_of_exit(code: int | None, what: str) -> SimulshotError:
-    """The error of a command of ours that has ended with that code, which it keeps."""
+    """Return the error of a child command with that exit code, which the error keeps."""
     error = _KINDS.get(code, SimulshotError)(what)
     if code in tuple(ExitCode):
         error.exit_code = ExitCode(code)

@@ -1,11 +1,11 @@
-"""The clocks of nodes: the host's own, or a simulated one that is hours off and runs a little fast or slow.
+"""Clocks of nodes: the host's own, or a simulated one with hours of offset and a small skew.
 
 True time (`true_ns`) is the host's CLOCK_MONOTONIC, which all processes of one machine share, so that the
-error of an estimate made between simulated nodes is known. Only `now_ns` reads a clock.
+error of an estimate between simulated nodes is known. Only `now_ns` reads a clock.
 
-An NTP daemon that corrects the time makes CLOCK_MONOTONIC, which stamps frames and messages, run faster or
-slower for a while. CLOCK_MONOTONIC_RAW is the same hardware without that, and `adjtimex` tells which steady
-correction of its frequency is in force (adjtimex(2), clock_gettime(2)).
+CLOCK_MONOTONIC stamps frames and messages. An NTP daemon that corrects the time makes it run faster or slower
+for a while. CLOCK_MONOTONIC_RAW is the same hardware clock without corrections, and `adjtimex` reports the
+steady frequency correction in force (adjtimex(2), clock_gettime(2)).
 """
 
 import ctypes
@@ -26,12 +26,12 @@ SEEDED_OFFSET_S = (3600.0, 36000.0)
 _UNIT = 10**12
 _HINT = "use host, sim, or sim:offset_s=7200,skew_ppm=12.5"
 EVERY_NS = 4_000_000_000
-"""Over so long two clocks that are read microseconds apart show their rates to about one ppm."""
+"""Interval over which two clocks read microseconds apart show their rates to about one ppm."""
 READINGS = 5
 SLEWED_PPM = 20.0
-"""A correction of the rate beyond the steady one that is worth to be told."""
+"""Minimum rate correction beyond the steady one that is reported."""
 STEADY_PPM = 100.0
-"""No ordinary crystal needs a steady correction of more: what is beyond is a time being corrected."""
+"""Maximum steady correction of an ordinary crystal; the excess is an ongoing correction of the time."""
 USUAL_TICK_US = 10_000
 
 
@@ -53,22 +53,22 @@ class HostClock:
     """The host's monotonic clock, unchanged."""
 
     def local_from_true(self, true_ns: int) -> int:
-        """The same time, in ns."""
+        """Return the same time, in ns."""
         return true_ns
 
     def true_from_local(self, local_ns: int) -> int:
-        """The same time, in ns."""
+        """Return the same time, in ns."""
         return local_ns
 
     def now_ns(self) -> int:
-        """CLOCK_MONOTONIC now, in ns."""
+        """Return CLOCK_MONOTONIC now, in ns."""
         return time.monotonic_ns()
 
 
 class SimulatedClock(Struct, frozen=True, forbid_unknown_fields=True):
-    """A clock that shows true + offset + skew * (true - epoch); skew in parts per million, exact to 1e-6.
+    """Clock that shows true + offset + skew * (true - epoch); skew in parts per million, exact to 1e-6.
 
-    Simulated nodes and sessions tell it as it is: it is the ground truth of a clock.
+    Simulated nodes and sessions record it as the ground truth of their clock.
     """
 
     offset_ns: int
@@ -76,7 +76,7 @@ class SimulatedClock(Struct, frozen=True, forbid_unknown_fields=True):
     epoch_true_ns: int = 0
 
     def __post_init__(self) -> None:
-        """Raise BadInputError for an offset or a skew that no clock has."""
+        """Raise BadInputError for an offset or a skew out of range."""
         if not abs(self.skew_ppm) <= MAX_SKEW_PPM:
             raise BadInputError(f"clock skew of {self.skew_ppm:g} ppm", hint=f"at most {MAX_SKEW_PPM:g} ppm")
 
@@ -100,16 +100,16 @@ class SimulatedClock(Struct, frozen=True, forbid_unknown_fields=True):
 
 
 def seeded_clock(node: str) -> SimulatedClock:
-    """The clock of a node of that name: hours of offset, up to 50 ppm of skew, the same in every run."""
+    """Return the clock of a node name: hours of offset, up to 50 ppm of skew, the same in every run."""
     rng = random.Random(f"clock of {node}")
     offset_ns = round(rng.uniform(*SEEDED_OFFSET_S) * 1e9)
     return SimulatedClock(offset_ns, rng.uniform(-SEEDED_SKEW_PPM, SEEDED_SKEW_PPM))
 
 
 def parse_clock(text: str, *, node: str) -> NodeClock:
-    """Read the option `--clock`: `host`, `sim` (seeded by the node's name) or `sim:offset_s=…,skew_ppm=…`.
+    """Parse the option `--clock`: `host`, `sim` (seeded by the node's name) or `sim:offset_s=…,skew_ppm=…`.
 
-    What is left out after `sim:` is zero. Raises BadInputError.
+    Omitted values are zero. Raises BadInputError.
     """
     kind, colon, rest = text.strip().partition(":")
     if kind == "host" and not colon:
@@ -133,12 +133,12 @@ def parse_clock(text: str, *, node: str) -> NodeClock:
 
 
 def _divide(numerator: int, denominator: int) -> int:
-    """Quotient rounded to the nearest integer; floats would lose nanoseconds after hours."""
+    """Return the quotient rounded to the nearest integer; floats would lose nanoseconds after hours."""
     return (2 * numerator + denominator) // (2 * denominator)
 
 
 class _Timex(ctypes.Structure):
-    """The first fields of `struct timex`, and room for the rest."""
+    """First fields of `struct timex`, and space for the rest."""
 
     _fields_ = (
         ("modes", ctypes.c_uint),
@@ -157,7 +157,7 @@ class _Timex(ctypes.Structure):
 
 
 class HostRate:
-    """Measures by how much this host is slewing its clock."""
+    """Measurement of the rate by which this host is slewing its clock."""
 
     def __init__(self) -> None:
         self._last: tuple[int, int] | None = None
@@ -165,10 +165,10 @@ class HostRate:
         self._due_ns: int | None = None
 
     def slewing_ppm(self, now_ns: int) -> float | None:
-        """Return how much faster than usual the host makes its clock run; None where that is not known.
+        """Return the rate by which the host is slewing its clock, in ppm; None if unknown.
 
-        0 where it does not, or by less than SLEWED_PPM. It is measured anew each EVERY_NS; call it as often
-        as you like. `now_ns` is of any clock that does not jump.
+        0 if it is below SLEWED_PPM. It is measured once per EVERY_NS; calls may be more frequent. `now_ns`
+        may be of any clock that does not jump.
         """
         if self._due_ns is None or now_ns >= self._due_ns:
             self._due_ns = now_ns + EVERY_NS
@@ -186,7 +186,7 @@ class HostRate:
 
     @staticmethod
     def steady_correction_ppm() -> float | None:
-        """Return the correction of the frequency that the kernel applies; None where it does not say."""
+        """Return the kernel's steady frequency correction in ppm; None if the platform does not report it."""
         if not sys.platform.startswith("linux"):
             return None
         told = _Timex()
@@ -200,7 +200,7 @@ class HostRate:
 
     @staticmethod
     def read_clocks() -> tuple[int, int] | None:
-        """Return CLOCK_MONOTONIC and CLOCK_MONOTONIC_RAW of one moment in ns; None where one is missing."""
+        """Return CLOCK_MONOTONIC and CLOCK_MONOTONIC_RAW at one moment in ns; None if one is missing."""
         if not hasattr(time, "CLOCK_MONOTONIC_RAW"):
             return None
         readings = []

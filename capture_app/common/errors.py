@@ -1,4 +1,4 @@
-"""Every mistake a user can make ends here: one clear line and one exit code."""
+"""Errors that a user can act on: one line of text and an exit code each."""
 
 from collections.abc import Iterator
 from contextlib import contextmanager
@@ -20,7 +20,7 @@ class ExitCode(IntEnum):
 
 
 class SimulshotError(Exception):
-    """An error that a user can act on: what is wrong and where, and what to do next."""
+    """Error that a user can act on: what is wrong and where, and what to do next."""
 
     exit_code = ExitCode.FAILURE
 
@@ -34,53 +34,53 @@ class SimulshotError(Exception):
 
 
 class BadInputError(SimulshotError):
-    """A file, folder, session or value that cannot be used as it is."""
+    """File, folder, session or value that is not usable."""
 
     exit_code = ExitCode.BAD_INPUT
 
 
 class NotApplicableError(BadInputError):
-    """What was asked for cannot be made of this input, sound as it is: its cameras share too little, say."""
+    """Request that does not apply to this input, though it is valid: its cameras overlap too little, say."""
 
 
 class CameraError(SimulshotError):
-    """A camera that is missing, busy, or cannot do what was asked."""
+    """Camera that is missing, busy, or incapable of a request."""
 
     exit_code = ExitCode.NO_CAMERA
 
 
 class NetworkError(SimulshotError):
-    """A port in use, a leader that does not answer, a broken transfer."""
+    """Port in use, leader that does not answer, or broken transfer."""
 
     exit_code = ExitCode.NETWORK
 
 
 class UnknownMachineError(NetworkError):
-    """One machine does not know the other, or only as something else: a person has to confirm it, once."""
+    """Machine that is unknown to the other one, or lacks a role; a person has to pair them once."""
 
 
 class NotAvailableError(SimulshotError):
-    """Something this machine or installation does not have."""
+    """Feature that this machine or installation lacks."""
 
     exit_code = ExitCode.NOT_AVAILABLE
 
 
 class IncompleteError(SimulshotError):
-    """A burst or a session that lacks images."""
+    """Burst or session that lacks images."""
 
     exit_code = ExitCode.INCOMPLETE
 
 
 class NoCameraHereError(IncompleteError):
-    """A burst was ordered and no camera has joined the leader."""
+    """Burst ordered while no camera has joined the leader."""
 
 
 class DiskError(SimulshotError):
-    """A disk that cannot be written or read at present: read-only, or with an error of its device."""
+    """Disk that cannot be written or read at present: read-only, or with a device error."""
 
 
 class DiskFullError(DiskError):
-    """A disk without room for what is to be written; room can be made, and then it goes on."""
+    """Disk without free space for a write; once there is space, the work goes on."""
 
 
 class TryAgainError(BadInputError):
@@ -88,12 +88,12 @@ class TryAgainError(BadInputError):
 
 
 class CancelledBurstError(BadInputError):
-    """A node brings images of a burst that was cancelled: it may delete them."""
+    """Images of a cancelled burst: the sending node may delete them."""
 
 
 @contextmanager
 def reading(path: object) -> Iterator[None]:
-    """Raise BadInputError, with the path, where a file cannot be read."""
+    """Raise BadInputError, with the path, if a file cannot be read."""
     try:
         yield
     except OSError as error:
@@ -102,10 +102,10 @@ def reading(path: object) -> Iterator[None]:
 
 @contextmanager
 def ungrouped_errors() -> Iterator[None]:
-    """Raise the first error of this program out of a group, as of tasks that ran side by side, by itself.
+    """Raise the first SimulshotError of an exception group, as of concurrent tasks, by itself.
 
-    Others stay in their group. It cannot be raised in an `except*` clause: before Python 3.11.4 that puts it
-    into a group again.
+    A group with other errors is raised unchanged. The error is not raised in an `except*` clause: before
+    Python 3.11.4 that would put it into a group again.
     """
     try:
         yield

@@ -1,4 +1,4 @@
-"""Names of cameras, nodes, rigs and sessions: the one rule for them, as names of folders, and their order."""
+"""Names of cameras, nodes, rigs and sessions: their syntax, which is valid for folders, and their order."""
 
 import re
 from collections.abc import Container
@@ -14,16 +14,16 @@ _PATTERN = rf"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{_MOST - 1}}}"
 _FORBIDDEN = re.compile(r"[^A-Za-z0-9_.-]+")
 
 Name = Annotated[str, Meta(pattern=f"^{_PATTERN}$")]
-"""The type of a name in messages and records."""
+"""Type of a name in messages and records."""
 
 
 def is_name(text: str) -> bool:
-    """Whether a text may name a camera, a node, a rig or a session."""
+    """Whether a text is a valid name of a camera, a node, a rig or a session."""
     return re.fullmatch(_PATTERN, text) is not None
 
 
 def check_name(text: str, what: str) -> str:
-    """Return the name of a `what`, such as a camera, as it is. Raises BadInputError where it is none."""
+    """Return a valid name unchanged; `what` it names is for the error. Raises BadInputError."""
     if not is_name(text):
         raise BadInputError(
             f"{text!r} is not a valid name for a {what}",
@@ -33,17 +33,17 @@ def check_name(text: str, what: str) -> str:
 
 
 def name_like(text: str, otherwise: str) -> str:
-    """Return the valid name that is nearest to a text, or `otherwise` where nothing of it can be used."""
+    """Return the valid name nearest to a text, or `otherwise` if no character is usable."""
     return _FORBIDDEN.sub("-", text).lstrip("_.-")[:_MOST] or otherwise
 
 
 def free_name(wished: str, taken: Container[str]) -> str:
-    """Return the name, or the first of NAME-2, NAME-3 ... that is not taken."""
+    """Return the requested name, or the first of NAME-2, NAME-3 ... that is not taken."""
     numbered = (f"{wished}-{number}" for number in count(2))
     return next(name for name in chain((wished,), numbered) if name not in taken)
 
 
 def natural_order(text: str) -> list[tuple[int, str]]:
-    """Sort key that puts cam2 before cam10."""
+    """Return a sort key that puts cam2 before cam10."""
     parts = re.split(r"(\d+)", text)
     return [(int(part), "") if part.isdecimal() else (-1, part) for part in parts if part]

@@ -3,16 +3,16 @@
 from enum import StrEnum
 
 CLOCK_ONLY = "clock"
-"""The kind of a node without a camera that only keeps the time, perhaps for clients below it."""
+"""Kind of a node without a camera that only keeps the time, possibly for clients below it."""
 RELAY = "relay"
-"""The kind of a relay that passes its cameras on to its parent, and bursts to its cameras."""
+"""Kind of a relay that forwards its cameras to its parent, and bursts to its cameras."""
 WITHOUT_CAMERA = (CLOCK_ONLY, RELAY)
 
 
 class NodeState(StrEnum):
-    """How far a node is: ready when its frames are aligned with those of the rig, as well as was asked for.
+    """State of a node; ready means that its frames are aligned with the rig's within the requested tolerance.
 
-    A coarse one is aligned by a clock that its link does not let it know as well as that.
+    A degraded node (COARSE) is aligned, but with a larger uncertainty than requested, because of its link.
     """
 
     JOINING = "joining"

@@ -1,4 +1,4 @@
-"""Packages that only some work needs: how they are loaded, and what installs them."""
+"""Optional packages: how they are imported, and the commands that install them."""
 
 import importlib
 import platform
@@ -17,7 +17,7 @@ _SYSTEM_LIBRARIES = "libgl1 libegl1 libx11-6 libusb-1.0-0 libudev1 libidn2-0"
 
 
 def load_optional(module: str, extra: str, purpose: str, *, hint: str = "") -> Any:
-    """Import a module of an extra; `purpose` is what the error says it is for, `hint` another way out.
+    """Import a module of an extra; the error names its `purpose`, and `hint` as an alternative.
 
     Raises:
         NotAvailableError: it is not installed, has no package for this machine, or does not load.
@@ -37,7 +37,7 @@ def load_optional(module: str, extra: str, purpose: str, *, hint: str = "") -> A
 
 
 def require_reconstruction(package: str, purpose: str) -> None:
-    """Look, before long work begins, that one of reconstruction's packages is there; it is not imported.
+    """Check before long work that a package of reconstruction is installed, without importing it.
 
     Raises:
         NotAvailableError: it is not installed, or has no package for this machine.
@@ -58,9 +58,10 @@ def _not_installed(package: str, extra: str, purpose: str, hint: str = "") -> No
 
 
 def how_to_install(extra: str) -> str:
-    """Say how this Python gets the packages of an extra, or that this machine cannot have them.
+    """Return how this Python installs the packages of an extra, or that this machine cannot have them.
 
-    By the packages' own names: simulshot is in no registry, and who took its name there is a stranger.
+    The packages are named individually: simulshot is not on PyPI, and any package of that name there is
+    unrelated.
     """
     from packaging.requirements import Requirement
 

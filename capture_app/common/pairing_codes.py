@@ -1,4 +1,4 @@
-"""What people read, compare and type when two machines are paired: roles, pins, one-time codes."""
+"""Roles, pins and one-time codes, which people read, compare and type to pair machines."""
 
 import base64
 import hashlib
@@ -10,27 +10,27 @@ from capture_app.common.errors import BadInputError
 CODE_DIGITS = 8
 SHOW_CODE = "on the leader's machine, capture-app trust invite shows one"
 PIN_BYTES, PIN_GROUP = 20, 4
-"""Nobody finds another certificate with the same first 160 bits of its SHA-256."""
+"""Length and grouping of a pin: no one can forge a certificate with the same first 160 bits of SHA-256."""
 _NOT_IN_PIN = re.compile(r"[^a-z2-7]")
 
 
 class Role(StrEnum):
-    """What a machine may do here."""
+    """Role of a machine: what it may do here."""
 
     CAMERA = "camera"
-    """Join as a camera, and bring its own pictures."""
+    """Join as a camera, and send its own images."""
     OPERATOR = "operator"
-    """See the rig and give it orders."""
+    """View the rig and control it."""
     RELAY = "relay"
     """Speak for cameras and operators that it knows."""
     LEADER = "leader"
     """Lead cameras of this machine, or answer operators here."""
     STANDBY = "standby"
-    """Lead in this one's place when it is gone: it is told who is known here, and nodes follow it."""
+    """Replace a lost leader: it receives the known machines in advance, and nodes follow it."""
 
 
 def parse_code(text: str) -> str:
-    """Read a one-time code as typed or pasted. Raises BadInputError."""
+    """Parse a one-time code as typed or pasted. Raises BadInputError."""
     digits = re.sub(r"[\s-]", "", text)
     if not re.fullmatch(rf"[0-9]{{{CODE_DIGITS}}}", digits):
         raise BadInputError(f"{text!r} is not a code", hint=f"a code has {CODE_DIGITS} digits; {SHOW_CODE}")
@@ -38,7 +38,7 @@ def parse_code(text: str) -> str:
 
 
 def show_code(code: str) -> str:
-    """Write a one-time code as it is read aloud: 1234 5678."""
+    """Format a one-time code for reading aloud: 1234 5678."""
     return f"{code[: CODE_DIGITS // 2]} {code[CODE_DIGITS // 2 :]}"
 
 
@@ -49,7 +49,7 @@ def pin_of(certificate: bytes) -> str:
 
 
 def parse_pin(text: str) -> str:
-    """Read a pin as pasted or typed, with or without groups. Raises BadInputError."""
+    """Parse a pin as pasted or typed, with or without groups. Raises BadInputError."""
     letters = re.sub(r"[\s-]", "", text.lower())
     if len(letters) != PIN_BYTES * 8 // 5 or _NOT_IN_PIN.search(letters):
         raise BadInputError(

@@ -1,4 +1,4 @@
-"""Passwords of IP cameras: kept in the environment, and in no list of processes, log or record."""
+"""Passwords of IP cameras, stored in the environment only, and never in process lists, logs or records."""
 
 import os
 import re
@@ -6,27 +6,27 @@ from hashlib import sha256
 from urllib.parse import quote
 
 VARIABLE = "SIMULSHOT_RTSP_PASSWORD"
-"""The password of all cameras whose addresses name a user and no password."""
+"""Password of all cameras whose addresses have a user and no password."""
 _WITH_PASSWORD = re.compile(
     r"((?:--camera=)?rtsp://)([^:@/]*):([^/]*|(?!\d*/|[\da-f:.]*\]).*)@(.*)", re.IGNORECASE
 )
-"""A password may hold an @; also a /, where no port stands before that and the path has no other @."""
+"""A password may contain an @. It may contain a / if no port precedes that and the path has no other @."""
 _WITH_USER = re.compile(r"(rtsp://)([^:@/]+)@(.*)")
 
 
 def hide_password(spec: str) -> str:
-    """Return a camera's spec without its password, which this process and its children keep."""
+    """Return a camera's spec without its password, which moves to the environment of this process."""
     found = _WITH_PASSWORD.fullmatch(spec)
     if found is None:
         return spec
     scheme, user, password, rest = found.groups()
-    # Nobody would find the host behind it as it is.
+    # Unescaped, these characters would hide the host behind them.
     os.environ[_variable(user, rest)] = re.sub("[/?#]", lambda found: quote(found[0], safe=""), password)
     return f"{scheme.lower()}{user}@{rest}"
 
 
 def reveal_password(spec: str) -> str:
-    """Return the spec with the password that is known for it, for who must have it."""
+    """Return the spec with its stored password, for the code that opens the camera."""
     found = _WITH_USER.fullmatch(spec)
     if found is None:
         return spec

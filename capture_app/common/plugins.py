@@ -1,4 +1,4 @@
-"""Plugins are entry points of installed packages; only metadata is read until a plugin is loaded."""
+"""Plugins, which are entry points of installed packages; only metadata is read until one is loaded."""
 
 import logging
 from importlib.metadata import EntryPoint, entry_points

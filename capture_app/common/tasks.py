@@ -1,4 +1,4 @@
-"""Tasks beside the one that began them, how they are ended, and waits that are not for ever."""
+"""Helpers for asyncio: background tasks, cancellation, and waits with a timeout."""
 
 import asyncio
 from collections.abc import Coroutine
@@ -7,14 +7,14 @@ from typing import Any
 
 
 async def end(*tasks: "asyncio.Future[Any]") -> list[Any]:
-    """Cancel tasks, wait until all are over, and return what each returned or raised."""
+    """Cancel tasks, wait until all have ended, and return the result or the exception of each."""
     for task in tasks:
         task.cancel()
     return await asyncio.gather(*tasks, return_exceptions=True)
 
 
 async def first_of(*work: Coroutine[Any, Any, Any]) -> "list[asyncio.Task[Any]]":
-    """Do all of it side by side until one is over, end the others, and return all of them."""
+    """Run coroutines concurrently until one ends, cancel the others, and return all tasks."""
     tasks = [asyncio.create_task(one) for one in work]
     try:
         await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
@@ -24,7 +24,7 @@ async def first_of(*work: Coroutine[Any, Any, Any]) -> "list[asyncio.Task[Any]]"
 
 
 async def has_come(event: asyncio.Event, within_s: float) -> bool:
-    """Wait for an event, at most so long; return whether it is there."""
+    """Wait up to `within_s` for an event; return whether it is set."""
     with suppress(TimeoutError):
         async with asyncio.timeout(within_s):
             await event.wait()
@@ -32,17 +32,17 @@ async def has_come(event: asyncio.Event, within_s: float) -> bool:
 
 
 class Background:
-    """Tasks that nobody waits for, which are kept while they run."""
+    """Fire-and-forget tasks, referenced while they run so that they are not garbage-collected."""
 
     def __init__(self) -> None:
         self._running: set[asyncio.Task[Any]] = set()
 
     def start(self, work: Coroutine[Any, Any, Any]) -> None:
-        """Begin some work."""
+        """Start a task."""
         task = asyncio.create_task(work)
         self._running.add(task)
         task.add_done_callback(self._running.discard)
 
     async def end(self) -> None:
-        """End all that runs."""
+        """Cancel all running tasks."""
         await end(*self._running)

@@ -1,4 +1,4 @@
-"""The one spelling of times, sizes, counts, JSON and progress lines, for both packages."""
+"""Text formats of times, sizes, counts, JSON and progress lines, for both packages."""
 
 import re
 from dataclasses import dataclass
@@ -10,15 +10,15 @@ NO_VALUE = "–"
 _CONTROL = re.compile(r"[\x00-\x08\x0b-\x1f\x7f-\x9f]")
 _C1_CONTROL = re.compile(rb"\x7f|\xc2[\x80-\x9f]")
 _JSON_ODD = re.compile(rb"\\(u[0-9a-fA-F]{4}|.)|\x7f|\xc2[\x80-\x9f]", re.DOTALL)
-"""In JSON: an escape, or a control character that needs none."""
+"""In JSON: an escape sequence, or a control character that needs no escape."""
 REPLACEMENT = b"\xef\xbf\xbd"
 UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
-"""What decoding data of strangers raises: not of the type, not UTF-8, nested too deeply."""
+"""Exceptions raised by decoding untrusted data: wrong type, not UTF-8, nested too deeply."""
 _PROGRESS = re.compile(r"\[\s*(\d+)/(\d+)\]\s*(.*)")
 
 
 def duration(ns: float | None, *, signed: bool = False, gap: str = " ") -> str:
-    """Return a time with its unit, in two or three digits: 850 ns, 12 µs, 3.4 ms, 2.1 s; a dash for None."""
+    """Format a time with its unit, in two or three digits: 850 ns, 12 µs, 3.4 ms, 2.1 s; a dash for None."""
     if ns is None:
         return NO_VALUE
     sign, size = "-" if ns < 0 else ("+" if signed else ""), abs(ns)
@@ -31,7 +31,7 @@ def duration(ns: float | None, *, signed: bool = False, gap: str = " ") -> str:
 
 
 def clock_offset(ns: int | None, *, signed: bool = True) -> str:
-    """Return the offset of a clock, from ns to days: +4 h 12 min, -12.3 s, +45 µs; a dash for None."""
+    """Format the offset of a clock, from ns to days: +4 h 12 min, -12.3 s, +45 µs; a dash for None."""
     if ns is None or abs(ns) < 60e9:
         return duration(ns, signed=signed)
     sign = "-" if ns < 0 else "+" if signed else ""
@@ -45,27 +45,27 @@ def clock_offset(ns: int | None, *, signed: bool = True) -> str:
 
 
 def megabytes(size: int) -> str:
-    """Return a size in bytes as MB: 12.3 MB."""
+    """Format a size in bytes as MB: 12.3 MB."""
     return f"{size / 1e6:,.1f} MB"
 
 
 def count(number: int, thing: str) -> str:
-    """Return a number of things: 1 frame, 2 frames."""
+    """Format a number of things: 1 frame, 2 frames."""
     return f"{number} {thing}" if abs(number) == 1 else f"{number} {thing}s"
 
 
 def first_line(error: object) -> str:
-    """Return the first line of what an exception said, or its kind."""
+    """Return the first line of an exception's message, or its type if there is no message."""
     return (str(error).strip() or type(error).__name__).splitlines()[0]
 
 
 def printable(text: str) -> str:
-    """Return the text with control characters, but for tabs and line ends, replaced by their escapes."""
+    """Return the text with control characters, except tabs and line ends, replaced by their escapes."""
     return _CONTROL.sub(lambda found: repr(found[0])[1:-1], text)
 
 
 def printable_json(data: bytes) -> bytes:
-    """Return JSON in whose texts control characters, but for tabs and line ends, are replaced by U+FFFD."""
+    """Return JSON with control characters in its texts, except tabs and line ends, replaced by U+FFFD."""
     return _JSON_ODD.sub(_printable_escape, data)
 
 
@@ -78,18 +78,18 @@ def _printable_escape(found: re.Match[bytes]) -> bytes:
 
 
 def terminal_json(value: Any) -> bytes:
-    """Encode msgspec structs or plain data as JSON that no terminal takes for commands."""
+    """Encode msgspec structs or plain data as JSON without characters that a terminal interprets."""
     return _C1_CONTROL.sub(lambda found: b"\\u00%02x" % found[0][-1], msgspec.json.encode(value))
 
 
 def pretty_json(value: Any) -> bytes:
-    """Encode msgspec structs or plain data as JSON for people, one value a line."""
+    """Encode msgspec structs or plain data as indented JSON for people, one value per line."""
     return msgspec.json.format(terminal_json(value), indent=2)
 
 
 @dataclass(frozen=True, slots=True)
 class ProgressStep:
-    """How far a computation is: step `done` of `total`, and what it does now."""
+    """Progress of a computation: step `done` of `total`, and a description of the step."""
 
     done: int
     total: int
@@ -101,6 +101,6 @@ class ProgressStep:
 
     @classmethod
     def parse(cls, line: str) -> Self | None:
-        """Read such a line; None for any other."""
+        """Parse such a line; return None for any other."""
         found = _PROGRESS.match(line)
         return cls(int(found[1]), int(found[2]), found[3]) if found else None

@@ -1,8 +1,11 @@
-"""Time until anything silent counts as lost or failed; drivers of cameras have their own."""
+"""Timeouts after which a silent peer, device or process counts as lost or failed.
+
+Camera drivers have their own.
+"""
 
 # Datagrams between engines
 LEADER_SILENT_NS = 1_500_000_000
-"""A client counts its leader as lost: three heartbeats, and all else that was asked, unanswered."""
+"""A client counts its leader as lost: three heartbeats, and all other requests, are unanswered."""
 CLIENT_SILENT_NS = 2_000_000_000
 """A leader counts a client as lost."""
 FORGET_LOST_NS = 600_000_000_000
@@ -42,7 +45,7 @@ AFTER_LAST_INSTANT_NS = 2_000_000_000
 RETURN_NS = 60_000_000_000
 """Nodes do not come back with the images of an interrupted burst."""
 UNDECIDED_S = 0.1
-"""Other cameras have not reported yet, on which it depends which instants a camera is asked for."""
+"""The instants requested from a camera depend on other cameras, which have not reported yet."""
 
 # Processes
 RIG_START_TIMEOUT_S = 60.0

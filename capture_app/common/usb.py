@@ -1,4 +1,4 @@
-"""Which cameras share a USB bus, and how fast that is."""
+"""USB cameras of this machine, with the bus and its speed."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -9,21 +9,21 @@ USB2_MBIT_S = 480
 
 @dataclass(frozen=True, slots=True)
 class UsbCamera:
-    """A camera on a USB bus."""
+    """Camera on a USB bus."""
 
     node: str
-    """Such as /dev/video0."""
+    """Device node, such as /dev/video0."""
     bus: int
     speed_mbit_s: int
-    """That it has come to with its bus."""
+    """Negotiated speed of its bus."""
 
 
 def usb_cameras(devices: Path = VIDEO_DEVICES) -> list[UsbCamera]:
-    """Return the USB cameras of this machine, each once, by their nodes."""
+    """Return the USB cameras of this machine, each once, in the order of their device nodes."""
     found: dict[Path, UsbCamera] = {}
     for entry in sorted(devices.glob("video*"), key=lambda path: (len(path.name), path.name)):
         interface = (entry / "device").resolve()
-        # A camera has several nodes; its first one gives the pictures.
+        # A camera has several device nodes; the first one delivers the images.
         device = next((path for path in (interface, *interface.parents) if (path / "busnum").is_file()), None)
         if device is None or device in found:
             continue
@@ -36,7 +36,7 @@ def usb_cameras(devices: Path = VIDEO_DEVICES) -> list[UsbCamera]:
 
 
 def crowded_buses(cameras: list[UsbCamera]) -> list[list[UsbCamera]]:
-    """Return those of several cameras on one USB 2 bus, whose uncompressed pictures it cannot carry."""
+    """Return the cameras of each USB 2 bus with several: it is too slow for their uncompressed images."""
     slow = [camera for camera in cameras if camera.speed_mbit_s <= USB2_MBIT_S]
     by_bus = ([camera for camera in slow if camera.bus == bus] for bus in sorted({c.bus for c in slow}))
     return [sharing for sharing in by_bus if len(sharing) > 1]

@@ -26,7 +26,7 @@ def main() -> None:
 
 
 def _end_with(parent: int) -> None:
-    """Ask Linux to kill this process, even a paused one, when its parent ends; elsewhere it goes on."""
+    """Ask Linux to kill this process, even a paused one, when its parent ends; other systems ignore this."""
     prctl = getattr(ctypes.CDLL(None), "prctl", None)
     if prctl is not None:
         prctl(_PR_SET_PDEATHSIG, signal.SIGKILL)

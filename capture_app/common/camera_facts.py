@@ -57,7 +57,7 @@ class StampSource(StrEnum):
     PROFILE = "profile"
     """Known for cameras of this kind."""
     MOTION = "motion"
-    """Measured from motion in its images and in those of other cameras."""
+    """Measured from motion in its images and in other cameras' images."""
     LIGHT = "light"
     """Measured with a blinking light."""
     ASSUMED = "assumed"
@@ -132,7 +132,8 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     def shared_uncertainty_ns(self) -> int:
         """95 % timestamp uncertainty shared with the cameras measured against the same reference camera.
 
-        If the reference's uncertainty is unknown, it is that of this camera's assumed timestamps.
+        If the reference's uncertainty is unknown, the result is the uncertainty of this camera's assumed
+        timestamps.
         """
         known = self.stamp_accuracy
         if not known.against:

@@ -36,16 +36,16 @@ USUAL_TICK_US = 10_000
 
 
 class NodeClock(Protocol):
-    """A node's own clock, with the map to true time that only a simulation knows."""
+    """Clock of a node, with the map to true time that only a simulation knows."""
 
     def local_from_true(self, true_ns: int) -> int:
-        """Reading of this clock in ns at a true time in ns."""
+        """Return the reading of this clock in ns at a true time in ns."""
 
     def true_from_local(self, local_ns: int) -> int:
-        """True time in ns of a reading in ns, the inverse of `local_from_true` to 1 ns."""
+        """Return the true time in ns of a reading in ns, the inverse of `local_from_true` to 1 ns."""
 
     def now_ns(self) -> int:
-        """Reading of this clock now, in ns."""
+        """Return the reading of this clock now, in ns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,17 +81,17 @@ class SimulatedClock(Struct, frozen=True, forbid_unknown_fields=True):
             raise BadInputError(f"clock skew of {self.skew_ppm:g} ppm", hint=f"at most {MAX_SKEW_PPM:g} ppm")
 
     def local_from_true(self, true_ns: int) -> int:
-        """Reading of this clock in ns at a true time in ns."""
+        """Return the reading of this clock in ns at a true time in ns."""
         elapsed_true_ns = true_ns - self.epoch_true_ns
         return true_ns + self.offset_ns + _divide(elapsed_true_ns * self._skew_units, _UNIT)
 
     def true_from_local(self, local_ns: int) -> int:
-        """True time in ns of a reading in ns, the inverse of `local_from_true` to 1 ns."""
+        """Return the true time in ns of a reading in ns, the inverse of `local_from_true` to 1 ns."""
         elapsed_local_ns = local_ns - self.offset_ns - self.epoch_true_ns
         return self.epoch_true_ns + _divide(elapsed_local_ns * _UNIT, _UNIT + self._skew_units)
 
     def now_ns(self) -> int:
-        """Reading of this clock now, in ns."""
+        """Return the reading of this clock now, in ns."""
         return self.local_from_true(time.monotonic_ns())
 
     @property

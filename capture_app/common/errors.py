@@ -84,7 +84,7 @@ class DiskFullError(DiskError):
 
 
 class TryAgainError(BadInputError):
-    """What did not go this time and may go later, as it is: a session in use, an image damaged on its way."""
+    """Temporary failure that a later attempt may not meet: a session in use, an image damaged in transit."""
 
 
 class CancelledBurstError(BadInputError):

@@ -63,7 +63,8 @@ class CameraReport(Message, frozen=True, kw_only=True, tag="camera-report"):
     leader: int
     burst: int
     plan: CameraPlan
-    """Plan stored in the session; for frames sent as they arrive, `instants` lists those that still wait."""
+    """Plan stored in the session; for frames sent as they arrive, `instants` lists the frames still to be
+    sent."""
     events: tuple[dict[str, JsonValue], ...] = ()
     """Recent events of the node's engine; times in its own clock."""
 
@@ -194,7 +195,7 @@ class BurstRequest(Message, frozen=True, kw_only=True, tag="burst-request"):
     """Number of further instants that replace those some camera misses; 0: instants must be consecutive,
     None: the leader chooses."""
     before: Count = 0
-    """Number of frames before the leader receives this request; 0 leaves nodes time to prepare."""
+    """Number of frames taken before the leader receives this request; 0 leaves nodes time to prepare."""
     name: str = ""
     """Name of the take, with which its session's folder begins; a valid name, or empty for the default."""
     note: str = ""

@@ -100,7 +100,7 @@ class FollowerStatus(Struct, frozen=True, kw_only=True):
     name: str
     address: str
     state: str
-    """synchronizing, synced or lost."""
+    """State: synchronizing, synced or lost."""
     uncertainty_ns: int | None = None
     """95 % uncertainty of its time, at its maximum before the next update."""
     hard_bound_ns: int | None = None
@@ -137,7 +137,7 @@ class RigStatus(Struct, frozen=True, kw_only=True):
     period_ns: int | None
     nodes: tuple[NodeStatus, ...] = ()
     further: int = 0
-    """Number of nodes after those of this page, by name; `message` summarizes them."""
+    """Number of nodes after this page, by name; `message` summarizes them."""
     app_phones: tuple[FollowerStatus, ...] = ()
     """Phones with libsoftwaresync or RecSync; their images stay on them."""
     burst: BurstStatus | None = None

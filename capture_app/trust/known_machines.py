@@ -109,11 +109,11 @@ class KnownMachines:
         return tuple(replace(one, roles=(Role.LEADER,), certificate=None) for one in standbys)
 
     def take_word(self, of: str, told: Collection[KnownMachine]) -> None:
-        """Replace the machines known through a leader with that pin by `told`; the leader was confirmed here.
+        """Replace the machines that the leader with that pin vouches for by `told`.
 
-        A leader that is also a standby here may introduce machines with any role, another one only leaders.
-        Machines confirmed here, or known through another leader, are unchanged. Raises DiskError,
-        BadInputError.
+        Nothing changes unless that leader was confirmed here. A leader that is also a standby here may
+        introduce machines with any role, another one only leaders. Machines confirmed here, or known through
+        another leader, are unchanged. Raises DiskError, BadInputError.
         """
         voucher = self.find(of)
         if voucher is None or voucher.vouched_by or Role.LEADER not in voucher.roles:

@@ -6,9 +6,9 @@
 message   a datagram of `capture_app.sync.wire.codec`
 16 bytes  the seal of all before
 
-A seal does not hide names and times, but prevents altered, forged and replayed datagrams. The hash state
-after the key is cached, so a time message costs one block of the hash between its timestamp and the socket.
-Refused datagrams are counted and reported at intervals.
+A seal does not hide names and times, but no one can alter, forge or replay a datagram. The hash state after
+the key is cached, so a time message costs one block of the hash between its timestamp and the socket. Refused
+datagrams are counted and reported at intervals.
 """
 
 from dataclasses import dataclass

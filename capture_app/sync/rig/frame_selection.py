@@ -100,7 +100,7 @@ class Burst:
 class SelectedFrame(Generic[F]):
     """Frame selected for an instant; times in ns, with the uncertainty of the leader time.
 
-    The uncertainty and the hard bound combine the clock's with those of the timestamp: its bias, scatter and
+    The uncertainty and the hard bound add the clock's to the timestamp's: from its bias, scatter and
     quantization. `outlier_ns` is the residual of the driver's timestamp from the line through its stream's
     frames. If it is not 0, the times are taken from the line.
     """

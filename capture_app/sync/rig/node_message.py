@@ -51,7 +51,7 @@ def of_state(
         case NodeState.ALIGNING | NodeState.COARSE if (
             time_map is not None and error_ns is not None and wanted_ns is not None
         ):
-            # Such a clock has frames aligned again and again: it is the cause in both states.
+            # With such a clock frames are aligned repeatedly: the clock is the cause in both states.
             own = keeper.map_to_leader
             by_relay = own is not None and own.uncertainty_at(now_ns) <= wanted_ns
             if keeper.clock.longer_ns and not by_relay:

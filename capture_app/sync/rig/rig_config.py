@@ -40,7 +40,7 @@ class CurrentConfig:
     in_holdover: bool = False
     """Whether a relay has no leader at present, or its leader is in holdover."""
     continues: UpstreamMap | None = None
-    """Map from the root's time to that of the leader that it replaced."""
+    """Map from the root's time to the time of the leader that it replaced."""
     grid_is_of_cameras: bool = False
     """Whether the grid has a camera's period or the requested one, and keeps it."""
 

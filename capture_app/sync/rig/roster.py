@@ -245,7 +245,7 @@ class Roster:
         return NodeChanged(member.name, "lost", reason)
 
     def forget(self, member: Member) -> NodeChanged:
-        """Remove a member without a trace."""
+        """Remove a member from the roster; the owner of its name remains."""
         self._count(member, -1)
         self._by_number.pop(member.number, None)
         self._unconfirmed.pop(member.name, None)

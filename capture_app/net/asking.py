@@ -1,4 +1,4 @@
-"""Asking a leader over a stream, and its answer."""
+"""Requests to a leader over a stream, and their answers."""
 
 import asyncio
 from typing import Any, TypeVar
@@ -33,7 +33,7 @@ async def receive_answer(channel: Channel[Any], timeout_s: float = ANSWER_TIMEOU
 async def ask(
     channel: Channel[Any], request: Message, kind: type[A], timeout_s: float = ANSWER_TIMEOUT_S
 ) -> A:
-    """Send a request, and return its answer of that kind. Raises NetworkError, and the leader's errors."""
+    """Send a request and return its answer, of type `kind`. Raises NetworkError, and the leader's errors."""
     await channel.send(request)
     answer = await receive_answer(channel, timeout_s)
     if not isinstance(answer, kind):

@@ -32,14 +32,14 @@ from capture_app.common.timeouts import CLOSE_TIMEOUT_S
 from capture_app.trust.trust import STRANGER, Peer, Trust
 
 GREETING = b"SSH1"
-# Each stream of TLS has a buffer of that size from its first moment on: with asyncio's own 256 KiB strangers
-# could use the memory up.
+# Every TLS stream allocates a buffer of this size at once. With asyncio's own 256 KiB, unknown peers could
+# exhaust the memory.
 asyncio.sslproto.SSLProtocol.max_size = 1 << 15
 MAX_HEADER_BYTES = 1 << 20
 MAGIC = b"SSH1"
 MAX_PAYLOAD_BYTES = 64 << 20
 CHUNK_BYTES = 1 << 18
-"""The most that is read of a stream at once, and half of what is kept of it unread."""
+"""Maximum number of bytes in one read of a stream; up to twice as many are buffered unread."""
 CONNECT_TIMEOUT_S, OPEN_TIMEOUT_S = 5.0, 1.0
 SAYS_NOTHING = "nothing there says a word"
 WHAT_HANGS = "the leader hangs, is stopped (Ctrl-Z), or is no leader: look at it, or start it again"
@@ -53,9 +53,9 @@ M = TypeVar("M")
 async def open_identified(
     address: Address, trust: Trust, *, as_stranger: bool
 ) -> tuple[asyncio.StreamReader, asyncio.StreamWriter, Peer]:
-    """Open a stream to a leader that is known here; any leader will do for a stranger.
+    """Open a stream to a leader that this machine knows; with `as_stranger`, to any leader.
 
-    Raises OSError, UnknownMachineError where one does not know the other.
+    Raises OSError, UnknownMachineError where either end does not know the other.
     """
     context = trust.client_context(as_stranger=as_stranger)
     try:
@@ -63,7 +63,7 @@ async def open_identified(
     except (ssl.SSLError, ConnectionResetError, ConnectionAbortedError) as error:
         if context is None:
             raise
-        # A handshake that is cut may be somebody's doing: that is no reason to ask nobody.
+        # An attacker may have cut the handshake: never fall back to an unauthenticated stream.
         paired = any(Role.LEADER in machine.roles for machine in trust.known.all())
         what = "whoever answers was paired with this machine, or is another, and does not prove it now"
         raise UnknownMachineError(
@@ -85,7 +85,7 @@ async def open_identified(
 
 
 async def _be_greeted(reader: asyncio.StreamReader, address: Address, trust: Trust) -> None:
-    """Wait until the leader has seen who speaks: to one that it does not know it says nothing at all."""
+    """Wait for the leader's greeting; it sends nothing to a machine that it does not know."""
     try:
         greeting = await reader.readexactly(len(GREETING))
     except (OSError, asyncio.IncompleteReadError) as error:
@@ -105,23 +105,23 @@ def _how_to_pair(leader: Address) -> str:
 
 
 def _certificate(writer: asyncio.StreamWriter) -> bytes | None:
-    """What the peer has shown, with the proof of its key: in DER."""
+    """Return the peer's certificate in DER, whose key the handshake has verified; None without TLS."""
     tls: ssl.SSLObject | None = writer.get_extra_info("ssl_object")
     return None if tls is None else tls.getpeercert(binary_form=True)
 
 
 @dataclass(frozen=True, slots=True)
 class Patience:
-    """How long to wait for a peer, in s."""
+    """Timeouts for a peer, in s, and the header limit while it is unknown."""
 
     first_s: float | None = 10.0
-    """Until it has sent its first message."""
+    """Until its first message."""
     idle_s: float | None = 120.0
-    """Between two messages; None for ever."""
+    """Between two messages; None for no limit."""
     message_s: float | None = 30.0
-    """For the rest of a message, for the next piece of a payload, and until an answer is taken."""
+    """For the rest of a message, for the next chunk of a payload, and for the peer to take in a message."""
     header_bytes: int = 1 << 16
-    """The longest header of a peer that is not known yet."""
+    """Maximum header length of a peer that is still unknown."""
 
 
 FOR_EVER = Patience(first_s=None, idle_s=None, message_s=None, header_bytes=MAX_HEADER_BYTES)
@@ -140,26 +140,26 @@ class Channel(Generic[M]):
         self.has_spoken = False
         """Whether the peer has sent a message."""
         self.is_known = False
-        """Whether it is a node that has joined."""
+        """Whether the peer is a node that has joined."""
         self.is_beyond = False
-        """Whether it was let in for what it may be, where there is no room for others."""
+        """Whether the stream was admitted beyond the limits, because it may be an operator's."""
         self.who: Peer = STRANGER
-        """Who the peer is, as far as its key shows it."""
+        """The peer's identity, as proven by its key."""
         where = writer.get_extra_info("peername") or ("?", 0)
         self.peer = Address(str(where[0]), int(where[1]))
-        """Address of the other end; TLS does not tell it any more when the stream has ended."""
+        """Address of the other end, stored because TLS does not return it once the stream has ended."""
         self.host = self.peer.host
         self.unread = 0
-        """How many bytes of the last message's payload are still to be read."""
+        """Number of bytes of the last message's payload that are not read yet."""
         self._reader = reader
         self._writer = writer
         self._decoder = decoder
         self._patience = patience
 
     async def identify(self, trust: Trust) -> None:
-        """Speak TLS on a stream that has come, see who it is, and greet it. Raises OSError where it does not.
+        """Start TLS on an accepted stream, identify the peer and greet it. Raises OSError where that fails.
 
-        To be called before anything of the stream is read.
+        Call it before anything is read from the stream.
         """
         writer, context = self._writer, trust.server_context()
         if context is not None:
@@ -169,25 +169,26 @@ class Channel(Generic[M]):
                     context, ssl_handshake_timeout=self._patience.first_s or CONNECT_TIMEOUT_S
                 )
             except AttributeError as error:
-                # Asyncio's own, where the peer went away just then: it leaves no transport to close.
+                # A bug of asyncio where the peer disconnects at this moment: it leaves no transport to close.
                 cast(Any, writer)._transport = plain
                 raise ConnectionResetError("the peer went away") from error
             writer.write(GREETING)
         self.who = trust.peer(_certificate(writer))
 
     def trust(self) -> None:
-        """Take messages of any allowed length from now on: the peer is known."""
+        """Accept headers of any allowed length from now on, because the peer is known."""
         self.is_known = True
         self._patience = replace(self._patience, header_bytes=MAX_HEADER_BYTES)
 
     def allow_silence(self) -> None:
-        """Let the peer be silent between messages for as long as it likes: it is told things."""
+        """Remove the timeout between messages, for a peer that mainly receives."""
         self._patience = replace(self._patience, idle_s=None)
 
     async def receive(self) -> tuple[M, bytes] | None:
-        """Read one message and its payload; None where the peer has closed the stream between messages.
+        """Read one message and its payload; return None if the peer closed the stream between messages.
 
-        Raises NetworkError for a stream that breaks off, is too large, or is no transfer stream at all.
+        Raises NetworkError for a stream that breaks off, is too large, or does not speak the transfer
+        protocol.
         """
         message = await self.receive_header()
         return None if message is None else (message, b"".join([chunk async for chunk in self.payload()]))
@@ -215,7 +216,7 @@ class Channel(Generic[M]):
         return None
 
     async def receive_header(self) -> M | None:
-        """Read one message without its payload, for `payload` to read; what it left is skipped.
+        """Read one message without its payload, which `payload` reads; skip what is left of the last payload.
 
         Returns and raises as `receive` does.
         """
@@ -236,7 +237,7 @@ class Channel(Generic[M]):
             header = await self._reader.readexactly(header_bytes)
         self.unread = payload_bytes
         try:
-            # What a peer says reaches screens and logs: none of it may steer a terminal.
+            # Peers' text reaches screens and logs: it must not contain control sequences for a terminal.
             message = self._decoder.decode(printable_json(header))
         except (*UNREADABLE, SimulshotError) as error:
             raise NetworkError(
@@ -246,7 +247,7 @@ class Channel(Generic[M]):
         return message
 
     async def payload(self) -> AsyncIterator[bytes]:
-        """Yield the last message's payload as it comes in. Raises NetworkError where it breaks off."""
+        """Yield the last message's payload as it arrives. Raises NetworkError where it breaks off."""
         while self.unread:
             async with self._reading(self._patience.message_s, _TOO_SLOW):
                 chunk = await self._reader.read(min(self.unread, CHUNK_BYTES))
@@ -258,10 +259,10 @@ class Channel(Generic[M]):
     async def send(
         self, message: msgspec.Struct, *payloads: bytes | memoryview, stall_s: float | None = None
     ) -> None:
-        """Write one message and its payload, and wait until the peer keeps up, however slow it is.
+        """Write one message and its payload, and wait until the peer has caught up, however slow it is.
 
-        `stall_s` is how long it may take nothing in, else the stream's patience. Raises NetworkError where
-        it does not, the stream has broken off or the message is too large.
+        `stall_s` is the maximum time without progress, by default the stream's `message_s`. Raises
+        NetworkError where that time passes, the stream has broken off or the message is too large.
         """
         header = _ENCODER.encode(message)
         payload_bytes = sum(map(len, payloads))
@@ -269,19 +270,19 @@ class Channel(Generic[M]):
             raise NetworkError(f"a message of {len(header)} + {payload_bytes} bytes is too large to send")
         try:
             self._writer.write(_PREFIX.pack(MAGIC, len(header), payload_bytes) + header)
-            # All at once: other tasks may send on this stream too.
+            # Without a wait in between, because other tasks may send on this stream too.
             for payload in payloads:
                 self._writer.write(payload)
             await self._drain(self._patience.message_s if stall_s is None else stall_s)
         except TimeoutError as error:
-            # Closing would wait for the same peer.
+            # Closing would wait for the same stalled peer.
             self.abort()
             raise NetworkError("the peer takes nothing in") from error
         except OSError as error:
             raise NetworkError(f"the transfer broke off: {error}") from error
 
     async def _drain(self, stall_s: float | None) -> None:
-        """Wait until most of what was written is taken in. Raises TimeoutError where nothing is."""
+        """Wait until most of what was written has been taken in. Raises TimeoutError if nothing is."""
         while True:
             before = self._writer.transport.get_write_buffer_size()
             try:
@@ -292,7 +293,7 @@ class Channel(Generic[M]):
                     raise
 
     async def relay(self, other: "Channel[Any]") -> None:
-        """Pass all bytes on between two streams, both ways and unread, until either closes or breaks off."""
+        """Forward all bytes between two streams, unread and in both directions, until either ends."""
         await first_of(self._copy_to(other._writer), other._copy_to(self._writer))
 
     async def _copy_to(self, writer: asyncio.StreamWriter) -> None:
@@ -303,11 +304,11 @@ class Channel(Generic[M]):
                 await writer.drain()
 
     def abort(self) -> None:
-        """Break the stream off: all who wait for it get a NetworkError at once."""
+        """Break the stream off; every pending read and write raises NetworkError at once."""
         self._writer.transport.abort()
 
     async def close(self) -> None:
-        """Close the stream when its peer has all, or takes too long; harmless where it has broken already."""
+        """Close the stream once its peer has everything, or on timeout; harmless on a broken stream."""
         self._writer.close()
         message_s = self._patience.message_s
         try:
@@ -335,9 +336,9 @@ async def connect(
 ) -> Channel[Any]:
     """Open a stream to a leader; `messages` is the union that may arrive.
 
-    `trust` is what this end goes by, else its user's. With `as_stranger` any leader will do, and it is not
-    told who asks: whoever is not known yet says nothing but that.
-    Raises NetworkError, UnknownMachineError where one end does not know the other.
+    `trust` is this end's identity and known machines, by default its user's. With `as_stranger` any leader is
+    accepted and this end does not identify itself, which an unpaired machine has to do. Raises NetworkError,
+    UnknownMachineError where either end does not know the other.
     """
     trust = trust or Trust.of_user()
     try:

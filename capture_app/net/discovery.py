@@ -1,6 +1,6 @@
-"""Leaders and relays on the local network by mDNS: announced, browsed, and searched for one that answers.
+"""mDNS discovery of leaders and relays: announcing, browsing, and searching for one that answers.
 
-A search tries the leader of this machine first, then those that are announced.
+A search tries the leader of this machine first, then the announced ones.
 """
 
 import asyncio
@@ -30,21 +30,21 @@ from capture_app.trust.trust import Trust
 
 SERVICE = "_simulshot._udp.local."
 LOOK_EVERY_S = 5.0
-"""Between two looks at which addresses this machine has: a network may come up later, or change."""
+"""Interval between checks of this machine's addresses: a network may come up later, or change."""
 GOODBYE_S = 1.0
 MOST_LABEL_LETTERS = 50
-"""How long a name may be: with the port it must be a label of DNS, of 63 bytes."""
+"""Maximum length of a name; with the port it must fit into a DNS label of 63 bytes."""
 
 Kind = Literal["leader", "relay"]
 MOST_LEADERS, MOST_ADDRESSES, MOST_NAME_LETTERS = 32, 16, 80
 MOST_TOLD = 240
-"""Letters of all leaders' addresses that are announced: a property of DNS has 255 with its name."""
+"""Maximum length of the list of leader addresses; a DNS property holds 255 bytes including its name."""
 DETAILS_MS = 3000
-"""How long to ask for the address of one that was heard of."""
+"""Timeout for resolving an announced service."""
 OWN_S = 0.5
-"""How long this machine's own leaders may take to answer."""
+"""Timeout for this machine's own leaders."""
 OTHERS_S = 0.6
-"""How long to listen for further leaders: all of one network have answered by then."""
+"""Listening time for further leaders; all of one network have answered by then."""
 ANSWER_S = 1.0
 SAY_S = 2.0
 ASK_EVERY_S = 0.2
@@ -64,11 +64,11 @@ async def announced(
     trust: Trust | None = None,
     among: Sequence[Address] = (),
 ) -> AsyncIterator[None]:
-    """Announce what listens on `host` and `port` while the block runs, by `name`, else that of this machine.
+    """Announce a leader or relay on `host` and `port` while the block runs, as `name`, else as this machine.
 
-    Its pin is that of `trust`, else of its user's; nodes that know it prefer it. `among` are all leaders of
-    its rig, the best first. One that only this machine can reach, or by IPv6 only, is not announced; a
-    network that does not let it be announced only costs that.
+    Its pin is that of `trust`, by default its user's; nodes that know the pin prefer it. `among` are all
+    leaders of its rig, best first. A leader reachable only from this machine or only by IPv6 is not
+    announced. A network that prevents announcements causes no error.
     """
     own = trust or Trust.of_user()
     info = _service_info(port, kind, name, "" if own.is_open else own.identity.pin, among)
@@ -80,7 +80,7 @@ async def announced(
 
 
 def announced_hosts(host: str) -> list[str]:
-    """Return the IPv4 addresses at which other machines reach what listens on `host`."""
+    """Return the IPv4 addresses at which other machines reach a server on `host`."""
     if host in ANY_HOST:
         return sorted(own_hosts(socket.AF_INET))
     with contextlib.suppress(OSError):
@@ -105,7 +105,7 @@ def _service_info(
             "pin": pin,
             "leaders": leaders if len(leaders) <= MOST_TOLD else "",
         },
-        # A host name of its own: that of this machine is its mDNS daemon's.
+        # A host name of its own, because the machine's mDNS daemon owns the machine's name.
         server=f"simulshot-{secrets.token_hex(4)}.local.",
     )
 
@@ -121,7 +121,7 @@ async def _keep_announced(host: str, info: AsyncServiceInfo) -> None:
                 hosts, responder = found, None
                 if hosts:
                     responder = await _open(hosts, info)
-                    # What could not be announced now is tried again.
+                    # A failed announcement is retried.
                     hosts = hosts if responder is not None else []
             await asyncio.sleep(LOOK_EVERY_S)
     finally:
@@ -151,9 +151,9 @@ async def _close(responder: AsyncZeroconf | None) -> None:
 
 
 class LeaderBrowser:
-    """Listens for announcements; `async with LeaderBrowser()` begins, and ends with the block.
+    """Listener for announcements, active within `async with LeaderBrowser()`.
 
-    Where the network lets nobody listen nothing is found.
+    On a network that does not allow listening it finds nothing.
     """
 
     def __init__(self) -> None:
@@ -165,7 +165,7 @@ class LeaderBrowser:
 
     @property
     def found(self) -> tuple[FoundLeader, ...]:
-        """All that are announced at present, by name."""
+        """All currently announced leaders and relays, by name."""
         return tuple(sorted(self._found.values(), key=lambda leader: leader.name))
 
     async def __aenter__(self) -> Self:
@@ -176,7 +176,7 @@ class LeaderBrowser:
         await self._stop()
 
     async def refresh(self) -> None:
-        """Listen anew where this machine has other addresses now: a network may have come up since."""
+        """Restart listening if this machine's addresses have changed, as when a network has come up."""
         hosts = own_hosts(socket.AF_INET)
         if hosts == self._hosts:
             return
@@ -233,11 +233,11 @@ def _short(text: str) -> str:
 async def search_leaders(
     own: Callable[[], Sequence[Address]], tell: Callable[[str], None], *, trust: Trust | None = None
 ) -> list[FoundLeader]:
-    """Wait until there is a leader that answers, and return all of them; relays only where there is none.
+    """Wait until a leader answers, and return all that answer; relays only if no leader does.
 
-    Where `trust`, else that of this user, knows some of them, these are all. `own` are the addresses at which
-    this machine may have one: the first that answers is the only one returned. `tell` gets a sentence about
-    what is in the way, when there is a new one.
+    If `trust`, by default this user's, knows some of them, only those are returned. `own` are addresses at
+    which this machine may run a leader; the first of them that answers is returned alone. `tell` gets a
+    sentence about what prevents a connection, whenever it changes.
     """
     began_s, said = time.monotonic(), ""
     async with LeaderBrowser() as browser:
@@ -251,7 +251,7 @@ async def search_leaders(
             found = browser.found
             answered = await _answering(found, trust or Trust.of_user())
             is_late = time.monotonic() - began_s >= SAY_S
-            # A relay, or a stranger's leader, may only have been quicker.
+            # A relay, or an unknown leader, may merely have answered sooner.
             if any(one.is_known and not one.is_relay for one in answered) or (answered and is_late):
                 return _best(answered)
             if is_late:
@@ -263,14 +263,14 @@ async def search_leaders(
 
 
 async def _answering(found: Sequence[FoundLeader], trust: Trust) -> list[FoundLeader]:
-    """Return those that answer, each at the address that answers first."""
+    """Return the leaders that answer, each with the address that answers first."""
     addresses = await asyncio.gather(*(first_to_answer(leader.addresses, ANSWER_S) for leader in found))
     return [
         replace(
             leader,
             addresses=(address,),
             is_known=_knows(trust, leader.pin),
-            # Anybody can announce other leaders: they are followed only where each has to prove its key.
+            # Anyone can announce other leaders. They are followed only where each has to prove its key.
             among=() if trust.is_open else leader.among,
         )
         for leader, address in zip(found, addresses, strict=True)
@@ -279,7 +279,7 @@ async def _answering(found: Sequence[FoundLeader], trust: Trust) -> list[FoundLe
 
 
 def _best(answered: Sequence[FoundLeader]) -> list[FoundLeader]:
-    """Return those that are known, where some are, and of these the leaders, where some are."""
+    """Return the known ones if there are any, and of these only the leaders if there are any."""
     known = [one for one in answered if one.is_known] or list(answered)
     return [one for one in known if not one.is_relay] or known
 

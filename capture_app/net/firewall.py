@@ -1,4 +1,4 @@
-"""Which firewall this machine runs, as far as anybody may see it, and the line that opens a port in it."""
+"""Firewalls of this machine, as far as any user can see them, and the command that opens a port."""
 
 import re
 from dataclasses import dataclass
@@ -9,35 +9,35 @@ _UFW_ENABLED = re.compile(r"^\s*ENABLED\s*=\s*yes\b", re.IGNORECASE | re.MULTILI
 
 _DENIES = re.compile(r"\b(deny|drop|reject)\b", re.IGNORECASE)
 _COMMENT = re.compile(r"^\s*#(?!## tuple ).*$", re.MULTILINE)
-"""Of nftables and ufw; ufw says in lines that begin with "### tuple" what its other lines do."""
+"""Comments of nftables and ufw, except ufw's "### tuple" lines, which state what its other lines do."""
 _RULE = re.compile(r"<rule\b.*?</rule>|(?:(?!<rule\b)[^;\n])+", re.DOTALL)
-"""A rich rule of firewalld, which may have several lines, or a line or statement of any other."""
+"""A rich rule of firewalld, which may span several lines, or one line or statement of any other firewall."""
 
 
 @dataclass(frozen=True, slots=True)
 class Firewall:
-    """One that is active."""
+    """An active firewall."""
 
     name: str
     opening: str
-    """The command that opens a port for UDP and TCP: has a {port}."""
+    """Command that opens a port for UDP and TCP; contains a {port}."""
     opening_udp: str
-    """What opens the port for UDP alone."""
+    """Command that opens the port for UDP alone."""
     rules: str | None = None
-    """Its rules, where this user may read them."""
+    """Its rules; None if this user may not read them."""
 
     def opens(self, port: int) -> bool | None:
-        """Whether the first rule that names the port lets it in; None where the rules cannot be read."""
+        """Whether the first rule that names the port admits it; None if the rules cannot be read."""
         if self.rules is None:
             return None
-        # firewalld heeds its rich rules before the plain list of open ports, wherever they stand.
+        # firewalld applies its rich rules before the plain list of open ports, wherever they stand.
         rules = sorted(_RULE.findall(_COMMENT.sub("", self.rules)), key=lambda rule: "<rule" not in rule)
         first = next((rule for rule in rules if re.search(rf"\b{port}\b", rule)), None)
         return first is not None and _DENIES.search(first) is None
 
 
 def active_firewalls(root: Path = Path("/")) -> list[Firewall]:
-    """Return the firewalls that are switched on at start, by their files below `root`."""
+    """Return the firewalls that are enabled at boot, by their files below `root`."""
     found = []
     if _UFW_ENABLED.search(_read(root / "etc/ufw/ufw.conf") or ""):
         rules = _read(root / "etc/ufw/user.rules")
@@ -51,7 +51,7 @@ def active_firewalls(root: Path = Path("/")) -> list[Firewall]:
         found.append(Firewall("firewalld", both, udp, rules))
     if (root / "etc/systemd/system/sysinit.target.wants/nftables.service").is_symlink():
         rules = _read(root / "etc/nftables.conf")
-        # As it comes, it drops nothing. A further table cannot open what another one drops.
+        # The default file drops nothing. An additional table cannot open what another one drops.
         if rules is None or _DENIES.search(rules):
             line = "add a rule for port {port} to /etc/nftables.conf, then: sudo systemctl reload nftables"
             found.append(Firewall("nftables", line, line, rules))

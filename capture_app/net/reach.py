@@ -1,7 +1,7 @@
-"""Whether a leader can be reached at an address, and where it cannot, why: in a sentence with a remedy.
+"""Reachability of a leader at an address; if it cannot be reached, the cause and a remedy in one sentence.
 
-A question for the version goes out by UDP, and a stream is opened: together with what the kernel knows of
-the way they tell an address without a machine from a machine without a leader, and either from a firewall.
+A version request goes out by UDP, and a stream is opened. Together with what the kernel knows of the route,
+the results distinguish an absent machine, a machine without a leader, and a firewall.
 """
 
 import asyncio
@@ -31,23 +31,23 @@ from capture_app.sync.wire.codec import (
 from capture_app.trust.trust import Trust
 
 QUESTION_GAPS_S = (0.0, 0.25, 0.5)
-"""How long to wait before each time that the question is sent: any one of the datagrams may be lost."""
+"""Delay before each transmission of the version request, because any datagram may be lost."""
 LAST_S = 0.3
-"""How much of that is left for the stream after the datagrams."""
+"""Part of the timeout that is reserved for the stream after the datagrams."""
 _NEIGHBOURS = Path("/proc/net/arp")
 _IS_COMPLETE = 0x2
 
 
 class Answer(Enum):
-    """What came of sending something to an address."""
+    """Result of sending something to an address."""
 
     CAME = auto()
     REFUSED = auto()
     """The machine is there, and nothing listens."""
     FORBIDDEN = auto()
-    """This machine did not let it out."""
+    """This machine's own firewall blocked the transmission."""
     UNREACHABLE = auto()
-    """No machine is there, or no way to it; or a firewall says so."""
+    """No machine is there, or no route to it; or a firewall reports that."""
     NO_WAY = auto()
     """This machine has no network that leads there."""
     SILENCE = auto()
@@ -55,7 +55,7 @@ class Answer(Enum):
 
 @dataclass(frozen=True, slots=True)
 class Obstacle:
-    """Why a leader is not reached, and what to do about it."""
+    """Reason why a leader cannot be reached, and a remedy."""
 
     what: str
     remedy: str
@@ -77,9 +77,9 @@ _OF_ERRNO = {
 async def find_obstacle(
     leader: Address, patience_s: float = PROBE_TIMEOUT_S, *, trust: Trust | None = None
 ) -> Obstacle | None:
-    """Return what is in the way to a leader, None where it answers and it and this machine know each other.
+    """Return what prevents a connection; None if the leader answers and both machines know each other.
 
-    Each half ends after `patience_s` at the latest. `trust` is what this end goes by, else its user's.
+    Each of the two steps takes at most `patience_s`. `trust` is this end's, by default its user's.
     """
     try:
         family, address = await resolve(leader)
@@ -93,7 +93,8 @@ async def _find_obstacle(
 ) -> Obstacle | None:
     datagrams, streams = asyncio.create_task(_ask(family, address)), asyncio.create_task(_open(address))
     try:
-        # Only an answer settles it: a stream that is refused at once does not, as the datagram may come yet.
+        # Only an answer is conclusive. A stream that is refused at once is not, as the datagram may still
+        # arrive.
         await asyncio.wait((datagrams,), timeout=patience_s - LAST_S)
         by_udp, version = datagrams.result() if datagrams.done() else (Answer.SILENCE, None)
         if by_udp is Answer.CAME and version != VERSION:
@@ -104,7 +105,7 @@ async def _find_obstacle(
     finally:
         await end(datagrams, streams)
     if by_tcp is Answer.CAME and by_udp in (Answer.CAME, Answer.SILENCE):
-        # One that hangs takes streams, as its kernel does that, and says nothing on them.
+        # A hung leader accepts streams, because its kernel does so, and sends nothing on them.
         found = await _why_unknown(leader, address, trust, patience_s)
         if by_udp is Answer.CAME or (found is not None and SAYS_NOTHING in found.what):
             return found
@@ -112,7 +113,7 @@ async def _find_obstacle(
 
 
 async def first_to_answer(leaders: Sequence[Address], patience_s: float = PROBE_TIMEOUT_S) -> Address | None:
-    """Return the leader that answers first, whatever version it speaks; None where none does in time."""
+    """Return the leader that answers first, whatever version it speaks; None if none does in time."""
 
     async def if_it_answers(leader: Address) -> Address | None:
         with contextlib.suppress(NetworkError):
@@ -133,9 +134,10 @@ async def first_to_answer(leaders: Sequence[Address], patience_s: float = PROBE_
 
 
 def obstacle(leader: Address, by_udp: Answer, by_tcp: Answer, *, is_there: bool | None) -> Obstacle:
-    """Say what is in the way where datagrams or streams do not come through; `is_there`: a machine is there.
+    """Return what prevents a connection when datagrams or streams fail.
 
-    None where that is not known: it is behind a router, or the kernel does not say.
+    `is_there`: whether a machine has the address; None if unknown, because it is behind a router or the
+    kernel does not report it.
     """
     host, port = leader
     opened = f"sudo ufw allow {port}"
@@ -183,9 +185,9 @@ def obstacle(leader: Address, by_udp: Answer, by_tcp: Answer, *, is_there: bool 
 
 
 async def _why_unknown(leader: Address, address: Address, trust: Trust, patience_s: float) -> Obstacle | None:
-    """Return that the leader and this machine are not paired, None where they are or need not be.
+    """Return an obstacle if the two machines are not paired, or the leader says nothing; else None.
 
-    Or that it says nothing at all.
+    It is also None where pairing is not required.
     """
     if trust.is_open:
         return None
@@ -203,11 +205,11 @@ async def _why_unknown(leader: Address, address: Address, trust: Trust, patience
 
 
 async def _ask(family: socket.AddressFamily, leader: Address) -> tuple[Answer, int | None]:
-    """Ask by UDP until an answer or a refusal comes, for ever; the version is that of an answer."""
+    """Send version requests by UDP until an answer or a refusal; return it, with the answer's version."""
     with client_socket(family) as sock:
         token = secrets.token_bytes(TOKEN_BYTES)
         try:
-            # Only a connected socket is told of refusals.
+            # The kernel reports refusals only to a connected socket.
             sock.connect(leader)
             question = _send(sock, version_question(token))
             sending, receiving = await first_of(question, _receive_version(sock, token))
@@ -217,7 +219,7 @@ async def _ask(family: socket.AddressFamily, leader: Address) -> tuple[Answer, i
 
 
 async def _send(sock: socket.socket, question: bytes) -> int:
-    """Send the question several times, and never come back; raises OSError where it cannot leave."""
+    """Send the version request several times, then wait forever. Raises OSError where it cannot leave."""
     loop = asyncio.get_running_loop()
     for gap_s in QUESTION_GAPS_S:
         await asyncio.sleep(gap_s)
@@ -249,7 +251,7 @@ def _answer_of(error: OSError) -> Answer:
 
 
 def _is_neighbour_there(host: str) -> bool | None:
-    """Whether the kernel has found hardware of that address on a network of this machine; None: not known."""
+    """Whether the kernel has resolved the address to hardware on a local network; None if unknown."""
     try:
         lines = _NEIGHBOURS.read_text().splitlines()[1:]
         wanted = ipaddress.ip_address(host)

@@ -19,25 +19,25 @@ from capture_app.trust.trust import STRANGER, Peer, Trust
 
 M = TypeVar("M")
 MOST_STREAMS, MOST_OF_ONE_ADDRESS = 768, 384
-"""A node has two open at most; those below a relay have the address of the relay."""
+"""A node has at most two streams open; nodes below a relay share the relay's address."""
 MOST_OF_ONE_MACHINE = 200
-"""A machine of cameras, each with two, takes no room of others."""
+"""Limit for one machine, whose cameras have two streams each, so that it cannot displace others."""
 RESERVED = 32
-"""Beyond all, for operators, whom it is seen to be only when they are here."""
+"""Streams beyond the limits, for operators: they are recognized only once they have connected."""
 MOST_SILENT = 96
-"""How many may have said nothing yet: TLS takes memory from a stream's first moment on."""
+"""Maximum number of streams without a message yet, because TLS allocates memory from the start."""
 WANTED_FILES = 8192
 FILES_OF_A_STREAM, OTHER_FILES = 2, 128
 PATIENCE = Patience()
 KNOWN_EVERY_S = 1.0
-"""Between two looks at which machines are still known."""
+"""Interval between checks of which machines are still known."""
 
 
 class TransferServer(Generic[M]):
-    """Accepts streams on a bound socket and hands each to `serve` until it returns.
+    """Server that accepts streams on a bound socket and passes each to `serve` until it returns.
 
-    A peer that breaks the protocol loses its own stream and nothing else. For a new one room is made by one
-    that has said nothing, or else is not known; of several the oldest. Those of nodes that have joined stay.
+    A peer that breaks the protocol loses only its own stream. To make room for a new stream the server closes
+    the oldest silent one, else the oldest of an unknown peer. Streams of joined nodes stay.
     """
 
     def __init__(
@@ -50,13 +50,13 @@ class TransferServer(Generic[M]):
         patience: Patience = PATIENCE,
         trust: Trust | None = None,
     ) -> None:
-        """Keep at most so many streams open, and wait so long for each.
+        """Limit the open streams to `most`, and apply the timeouts of `patience` to each.
 
-        `trust` is what this end goes by, else its user's.
+        `trust` is this end's identity and known machines, by default its user's.
         """
         self._trust = trust or Trust.of_user()
         self._open: dict[Channel[M], Peer] = {}
-        """The streams, the oldest first, and who each was when its key was seen."""
+        """Open streams, oldest first, with each peer as identified by its key."""
         self._watching: asyncio.Task[None] | None = None
         self._decoder: msgspec.json.Decoder[M] = msgspec.json.Decoder(messages)
         self._serve = serve
@@ -66,7 +66,7 @@ class TransferServer(Generic[M]):
         self._patience = patience
 
     async def start(self, listening: socket.socket) -> None:
-        """Accept streams from now on."""
+        """Start accepting streams."""
         self._server = await asyncio.start_server(self._accept, sock=listening, limit=CHUNK_BYTES)
         if not self._trust.is_open:
             self._watching = asyncio.create_task(self._watch_known())
@@ -88,7 +88,7 @@ class TransferServer(Generic[M]):
             return
         self._streams.add(task)
         with suppress(OSError):
-            # A peer whose plug was pulled never says so.
+            # A peer that was unplugged never closes its stream.
             writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
         try:
             async with channel:
@@ -106,7 +106,7 @@ class TransferServer(Generic[M]):
             self._open.pop(channel, None)
 
     def _admit(self, stream: Channel[M]) -> bool:
-        """Whether a new stream may stay; another one may be broken off for it."""
+        """Return whether a new stream may stay; another one may be closed to make room."""
         own = [one for one in self._open if one.host == stream.host]
         silent = [one for one in self._open if not one.has_spoken]
         admitted = True
@@ -115,7 +115,7 @@ class TransferServer(Generic[M]):
         elif len(own) >= self._most_of_one_address:
             admitted = self._make_room(own)
         elif len(self._open) >= self._most:
-            # Whoever has the most is the likeliest to have too many.
+            # The host with the most streams is the likeliest to have too many.
             admitted = any(map(self._make_room, _by_host(self._open)))
         if not admitted and len(self._open) < self._most + RESERVED:
             admitted = stream.is_beyond = True
@@ -124,7 +124,7 @@ class TransferServer(Generic[M]):
         return admitted
 
     def _admit_peer(self, stream: Channel[M]) -> bool:
-        """Whether it may stay, now that it is seen whose it is; one that was less of use may go for it."""
+        """Return whether an identified stream may stay; its machine may lose a less useful one for it."""
         who = stream.who
         if who.pin and (who.may(Role.OPERATOR) or (who.may(Role.RELAY) and not stream.is_beyond)):
             return True
@@ -150,10 +150,10 @@ class TransferServer(Generic[M]):
         self._open.pop(stream, None)
 
     async def _watch_known(self) -> None:
-        """Break off streams of machines that were removed, or may do something else from now on."""
+        """Close the streams of machines that were removed or whose roles have changed."""
         while True:
             await asyncio.sleep(KNOWN_EVERY_S)
-            # Where the file of known machines is damaged just now, the next look tells.
+            # If the file of known machines is damaged at the moment, the next check reads it.
             with suppress(SimulshotError):
                 for channel, shown in tuple(self._open.items()):
                     if shown.pin and self._trust.peer_of(shown.pin).roles != shown.roles:
@@ -161,7 +161,7 @@ class TransferServer(Generic[M]):
 
 
 def _by_host(streams: Iterable[Channel[M]]) -> list[list[Channel[M]]]:
-    """Streams by the host of the other end, the most first."""
+    """Group streams by the host of the other end, largest group first."""
     of: defaultdict[str, list[Channel[M]]] = defaultdict(list)
     for stream in streams:
         of[stream.host].append(stream)
@@ -169,7 +169,7 @@ def _by_host(streams: Iterable[Channel[M]]) -> list[list[Channel[M]]]:
 
 
 def allowed_streams() -> int:
-    """Return how many streams this process has files for, after it has asked for as many as it may have."""
+    """Return the number of streams that this process has file descriptors for, after raising its limit."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft != resource.RLIM_INFINITY:
         wanted = WANTED_FILES if hard == resource.RLIM_INFINITY else min(WANTED_FILES, hard)
@@ -182,9 +182,9 @@ def allowed_streams() -> int:
 
 
 def bind_port(host: str, port: int, *, or_free: bool = False) -> tuple[socket.socket, socket.socket]:
-    """Return a UDP and a listening TCP socket on one port number; port 0 takes any that is free for both.
+    """Return a UDP and a listening TCP socket on one port number; port 0 selects one that is free for both.
 
-    `or_free`: any such port where the one asked for cannot be had.
+    With `or_free`, any free port is used if the requested one is unavailable.
 
     Raises NetworkError where the port is in use or the host is not this machine's.
     """
@@ -210,7 +210,7 @@ def bind_port(host: str, port: int, *, or_free: bool = False) -> tuple[socket.so
 
 
 def bind_datagrams(host: str, port: int, *, hint: str) -> socket.socket:
-    """Return a UDP socket on a port. Raises NetworkError, with that hint where it is in use."""
+    """Return a UDP socket on a port. Raises NetworkError, with `hint` if the port is in use."""
     try:
         return _bound(host, port, socket.SOCK_DGRAM)
     except OSError as error:
@@ -223,7 +223,7 @@ def _bound(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
     sock = socket.socket(family, kind, protocol)
     try:
         if kind == socket.SOCK_STREAM:
-            # A leader that is started again must not wait for the old one's streams to time out.
+            # A restarted leader must not wait for the old one's streams to time out.
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_REUSEADDR, 1)
         sock.setblocking(False)
         sock.bind(where)

@@ -1,4 +1,4 @@
-"""Pump between a UDP socket and a sans-IO engine, with the engine's one timer.
+"""Pump between a UDP socket and a sans-IO engine, with the engine's single timer.
 
 Send times are read immediately before a datagram leaves. Receive times are the kernel's own timestamps,
 converted to the node's clock; a busy process or machine cannot delay them. Each microsecond in between would
@@ -18,25 +18,25 @@ from capture_app.common.errors import NetworkError
 from capture_app.sync.engine import Engine
 from capture_app.sync.rig.time_client import TimeClient
 
-# Linux's number, which the socket module does not have; the stamp is a timespec of CLOCK_REALTIME.
+# Linux's number, which the socket module lacks; the timestamp is a timespec of CLOCK_REALTIME.
 SO_TIMESTAMPNS = 35
 _TIMESPEC = struct.Struct("@ll")
 ANCILLARY_BYTES = socket.CMSG_SPACE(_TIMESPEC.size)
 
 Reading = Callable[[], int]
-"""Returns what a clock of the host shows, in ns."""
+"""Returns the reading of a host clock, in ns."""
 MAX_BYTES = 2048
 MAX_ROUND = 64
 
 
 class ReceiptTimes:
-    """Puts stamps of the kernel into a node's own time: perhaps late, never early.
+    """Conversion of kernel timestamps to a node's local time: possibly late, never early.
 
-    A late stamp is forgiven by a filter for the least delay; an early one would break the hard bound. The
-    stamps are CLOCK_REALTIME, which runs like CLOCK_MONOTONIC but steps when it is set or the host slept. So
-    a stamp is placed by a pair of readings from before the datagram came and by one from after it: a step
-    makes one of the two early, and the later one counts. A node's clock may run at another rate than the
-    host's, so it is asked for that moment, instead of taking an age off what it shows.
+    A minimum-delay filter tolerates a late timestamp; an early one would violate the hard bound. The
+    timestamps are CLOCK_REALTIME, which runs like CLOCK_MONOTONIC but steps when it is set or the host slept.
+    So a timestamp is converted by a pair of readings from before the datagram arrived and by one from after
+    it. A step makes one of the two results early, and the later one counts. A node's clock may run at another
+    rate than the host's, so it converts that moment itself, instead of subtracting an age from its reading.
     """
 
     def __init__(
@@ -50,7 +50,7 @@ class ReceiptTimes:
         self._before = self._after = self._read()
 
     def received_ns(self, ancillary: Iterable[tuple[int, int, bytes]]) -> int:
-        """Local time in ns of the datagram that was just read; now where the kernel does not say."""
+        """Return the local time in ns of the datagram just read; now if the kernel does not report it."""
         self._after = self._read()
         now_ns = self._after[1]
         for level, kind, stamp in ancillary:
@@ -64,17 +64,17 @@ class ReceiptTimes:
         return self._clock.local_from_true(now_ns)
 
     def queue_was_empty(self) -> None:
-        """Note that nothing was left to read: what is still to come is received after the last reading."""
+        """Note that the receive queue was empty: later datagrams arrive after the last reading."""
         self._before = self._after
 
     def _read(self) -> tuple[int, int]:
-        # In this order: whatever comes between makes the time late.
+        # In this order, so that a delay between the two readings makes the time late, not early.
         real_ns = self._realtime()
         return real_ns, self._monotonic()
 
 
 class SinglePeerEngine:
-    """An engine that talks to one peer, at that peer's address; datagrams of others are ignored."""
+    """Adapter for an engine with one peer at a fixed address; datagrams from others are ignored."""
 
     def __init__(self, engine: TimeClient, peer: Address) -> None:
         self._engine = engine
@@ -83,17 +83,17 @@ class SinglePeerEngine:
         self.handle_timer = engine.handle_timer
 
     def receive_datagram(self, data: bytes, address: tuple[str, int], now_ns: int) -> None:
-        """Take in one datagram, if it is the peer's."""
+        """Pass on one datagram if it comes from the peer."""
         if address == self._peer:
             self._engine.receive_datagram(data, now_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, tuple[str, int]]]:
-        """Return what is due, stamped with `now_ns`."""
+        """Return the datagrams that are due, timestamped with `now_ns`."""
         return [(data, self._peer) for data in self._engine.datagrams_to_send(now_ns)]
 
 
 class Pump:
-    """Runs an engine over a UDP socket; `after_turn` is called whenever it may have news."""
+    """Driver of an engine over a UDP socket; `after_turn` is called whenever there may be new events."""
 
     def __init__(self, engine: Engine, clock: NodeClock, after_turn: Callable[[], None]) -> None:
         self._engine = engine
@@ -108,7 +108,7 @@ class Pump:
         """Run over a non-blocking UDP socket, which the pump then owns."""
         with contextlib.suppress(OSError):
             sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
-        # A burst of datagrams must not be lost while the loop is busy; the kernel may allow less.
+        # A burst of datagrams must not be lost while the loop is busy; the kernel may grant less.
         with contextlib.suppress(OSError):
             sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
         self._socket = sock
@@ -117,12 +117,12 @@ class Pump:
         self.turn()
 
     def turn(self) -> None:
-        """Send what is due, publish what is new, and re-arm the timer."""
+        """Send what is due, publish new events, and re-arm the timer."""
         if self._socket is None:
             return
         send = self._socket.sendto
         for data, address in self._engine.datagrams_to_send(self._clock()):
-            # What cannot leave is lost, as it might be on the way; an unreachable peer is a silent one.
+            # A datagram that cannot leave counts as lost in transit; an unreachable peer, as a silent one.
             try:  # noqa: SIM105 - a context would cost time between the clock and the socket
                 send(data, address)
             except OSError:
@@ -149,7 +149,7 @@ class Pump:
         self.turn()
 
     def _readable(self) -> None:
-        # One round at most: whoever floods the port must not keep the rest of the node from running.
+        # At most one round per call, so that a flood on the port cannot starve the rest of the node.
         for _ in range(MAX_ROUND):
             if self._socket is None:
                 return
@@ -159,7 +159,7 @@ class Pump:
                 self._receipt_times.queue_was_empty()
                 return
             except OSError:
-                # An ICMP error: something was sent to a port that is closed.
+                # An ICMP error: something was sent to a closed port.
                 continue
             received_ns = self._receipt_times.received_ns(ancillary)
             self._engine.receive_datagram(data, (address[0], address[1]), received_ns)
@@ -172,6 +172,6 @@ def client_socket(family: socket.AddressFamily) -> socket.socket:
         sock = socket.socket(family, socket.SOCK_DGRAM)
     except OSError as error:
         raise NetworkError(f"no {family.name} network here: {error.strerror}") from error
-    # Not connected: each datagram takes the route of the moment, so that a change of network is survived.
+    # Not connected: each datagram takes the current route, so that a change of network is survived.
     sock.setblocking(False)
     return sock

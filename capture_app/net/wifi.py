@@ -1,4 +1,4 @@
-"""Whether a WiFi interface saves power: it then sleeps between beacons, and messages wait until it wakes."""
+"""WiFi power saving: an interface that sleeps between beacons, so that messages wait until it wakes."""
 
 import contextlib
 import fcntl
@@ -26,7 +26,7 @@ def wifi_interfaces(networks: Path = NETWORKS) -> list[str]:
 
 
 def saves_power(interface: str) -> bool | None:
-    """Whether a WiFi interface saves power; None where its driver does not say."""
+    """Whether a WiFi interface saves power; None if its driver does not report it."""
     request = _REQUEST.pack(interface.encode()[:15], 0, 0, 0, 0)
     with contextlib.suppress(OSError), socket.socket(socket.AF_INET, socket.SOCK_DGRAM) as probe:
         _, _, _, disabled, _ = _REQUEST.unpack(fcntl.ioctl(probe, _SIOCGIWPOWER, request))
@@ -45,13 +45,13 @@ def saves_power(interface: str) -> bool | None:
 
 
 def told_power_save(told: str) -> bool | None:
-    """Read what `iw dev DEVICE get power_save` prints."""
+    """Parse the output of `iw dev DEVICE get power_save`."""
     _, _, state = told.strip().lower().rpartition(" ")
     return {"on": True, "off": False}.get(state)
 
 
 def power_saving_towards(host: str, networks: Path = NETWORKS) -> str:
-    """Return the WiFi interface by which a host is reached, where that saves power; else an empty text."""
+    """Return the WiFi interface towards a host if it saves power, else an empty string."""
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
     source = source_address(host, family)
     interface = None if source is None else interface_of(source)
@@ -61,10 +61,10 @@ def power_saving_towards(host: str, networks: Path = NETWORKS) -> str:
 
 
 def power_saving(interface: str) -> str:
-    """Say that an interface saves power."""
+    """Return the message that an interface saves power."""
     return f"the WiFi of this machine ({interface}) saves power: messages wait up to 0.1 s for it to wake up"
 
 
 def power_saving_remedy(interface: str) -> str:
-    """Return the line that ends it until the next start."""
+    """Return the command that disables power saving until the next boot."""
     return f"sudo iw dev {interface} set power_save off"

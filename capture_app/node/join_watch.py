@@ -1,4 +1,4 @@
-"""Says by itself why the leaders of a node or a relay do not answer, and what makes the way to them slow."""
+"""Monitor of a join: logs why the leaders do not answer, and what slows the path to them."""
 
 import asyncio
 from collections.abc import Sequence
@@ -12,18 +12,18 @@ from capture_app.sync.rig.time_client import TimeClient
 LOOK_EVERY_S = 0.25
 AGAIN_S = 10.0
 UNANSWERED = 2
-"""After how many hellos without an answer the way to the leaders is looked into."""
+"""Number of unanswered hellos after which the path to the leaders is examined."""
 
 
 class JoinWatch:
-    """Looks into the way to all leaders while none of them says anything to a node that asks to join."""
+    """Check of the path to all leaders while none of them answers a node that asks to join."""
 
     def __init__(self, leaders: Sequence[Address], log: Log) -> None:
         self._leaders, self._log = tuple(leaders), log
         self._look_ahead: asyncio.Task[list[Obstacle | None]] | None = None
 
     def look_ahead(self) -> None:
-        """Begin the first look now: a camera may take seconds to open."""
+        """Begin the first check now, because a camera may take seconds to open."""
         self._look_ahead = asyncio.create_task(self._look())
 
     async def run(self, time: TimeClient) -> None:
@@ -40,7 +40,7 @@ class JoinWatch:
                 continue
             ahead, self._look_ahead = self._look_ahead, None
             found = await (ahead or self._look())
-            # What a leader has said itself is told already.
+            # What a leader has reported itself is already logged.
             news = (obstacle for obstacle in found if obstacle and obstacle.what not in time.why_joining)
             sentence = "; ".join(map(str, news))
             if _is_unanswered(time):

@@ -1,1 +1,1 @@
-"""One burst at its leader, from the trigger to the manifest, resumed after a crash."""
+"""One burst on its leader, from the trigger to the manifest, resumed after a crash."""

@@ -1,4 +1,4 @@
-"""A burst on the leader's side: reports and images come in, a session comes out, whatever is missing."""
+"""One burst on its leader: collects reports and images, and writes a session even if some are missing."""
 
 import asyncio
 import dataclasses
@@ -39,15 +39,15 @@ from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
 
 SAID_AFTER_S = 1.0
-"""A wait for the disk, or for cameras, that takes longer is told."""
+"""A wait for the disk or for cameras that takes longer is reported."""
 
 
 Lost = dict[tuple[str, int], MissingImage]
-"""By camera and instant, what an earlier run of the leader did not get, or lost, and why."""
+"""Images that an earlier run of the leader missed or lost, with the reason, by camera and instant."""
 
 
 class BurstSession:
-    """Collects one burst into a session; finished when every camera has delivered or is given up."""
+    """Collector of one burst into a session, finished when every camera has delivered or is given up."""
 
     def __init__(
         self,
@@ -58,24 +58,24 @@ class BurstSession:
         *,
         lost: Lost | None = None,
     ) -> None:
-        """Begin with these cameras, or go on where an earlier run left off, and what it has `lost`."""
+        """Begin with these cameras, or resume an earlier run, whose missing images are in `lost`."""
         self.burst = burst
         self.finished = asyncio.Event()
         self.session: Path | None = None
         self.message = self.trouble = ""
-        """Trouble: why the leader's disk takes nothing of it at present; nodes keep it, and ask again."""
+        """Trouble: why the leader's disk accepts no images at present; nodes keep them and ask again."""
         self.without = ""
-        """Which cameras are left out of it, and why."""
+        """Which cameras are left out, and why."""
         self._writer = writer
         self._disk = disk
         self._lost = lost
         self._now_ns = 0
-        """The leader's time, when silence was looked for last."""
+        """Leader time of the last check for silent cameras."""
         self._shares = {share.name: share for share in shares}
         self._choice = InstantChoice(burst, None if writer.plan is None else writer.plan.chosen)
         self._committing = asyncio.Lock()
         self._plan: BurstPlan | None = writer.plan
-        """What is to be on disk of it."""
+        """The plan that is to be on disk."""
         self._writing_plan = asyncio.Lock()
         self._intake = Intake(writer, disk, self.finished, self._shares, in_videos=burst.video)
         self._background = Background()
@@ -90,9 +90,9 @@ class BurstSession:
         *,
         short_timeouts: Collection[str] = (),
     ) -> "BurstSession":
-        """Begin with a burst that is ordered, of those of the cameras that take it.
+        """Begin a burst that has been ordered, with those `cameras` that take part in it.
 
-        The `short_timeouts` are waited for less.
+        Cameras in `short_timeouts` are awaited for a shorter time.
         """
         heard_ns = burst.instants_ns[0 if burst.streamed else -1] + AFTER_LAST_INSTANT_NS
         records = (CameraRecord(name=n, facts=facts) for n, facts in cameras.items() if n in burst.clients)
@@ -104,7 +104,7 @@ class BurstSession:
 
     @classmethod
     def resume(cls, folder: Path, heard_ns: int, disk: DiskThreads) -> "BurstSession":
-        """Go on with a burst that was interrupted or lacks images; its cameras count as heard at `heard_ns`.
+        """Resume a burst that was interrupted or lacks images; its cameras count as heard at `heard_ns`.
 
         Blocks on the disk. Raises BadInputError where the session has no plan, TryAgainError where another
         process writes it.
@@ -118,20 +118,21 @@ class BurstSession:
         return cls(burst_of(writer.plan), shares, writer, disk, lost=lost_images(writer, shares))
 
     async def write_plan(self, leader: int, note: str = "", pins: Mapping[str, str] | None = None) -> None:
-        """Put on disk what this is to become; `leader` is the run of the leader that nodes know it by.
+        """Write the burst's plan to disk; `leader` is the id by which nodes know this run of the leader.
 
-        `pins` are the machines that the cameras are of. Raises DiskFullError where there is no room for it.
+        `pins` are the cameras' machines. Raises DiskFullError where there is no room for it.
         """
         self._plan = plan_of(self.burst, self._writer, leader, note, pins or {})
         await self._save_plan(self._choice.wanted)
 
-    # What there is to tell
+    # Status and summaries
 
     @property
     def status(self) -> BurstStatus:
-        """How far it is; a burst of an earlier run has no number in this one."""
+        """Progress of the burst; a burst of an earlier run has no number in this one."""
         done = self.finished.is_set()
-        # Nobody knows how long a recording will be: of one under way as much is expected as any has sent.
+        # A recording's length is unknown until it ends: expect of each camera as many as the longest has
+        # sent.
         so_far = max((share.instants.end for share in self._shares.values()), default=0)
         instants = so_far if self.burst.video and not done else self.burst.frames
         transfer = tuple(share.transfer(instants) for _, share in sorted(self._shares.items()))
@@ -158,11 +159,11 @@ class BurstSession:
 
     @property
     def folder(self) -> Path:
-        """Where the session is written."""
+        """Folder of the session."""
         return self._writer.folder
 
     def mean_image_bytes(self) -> dict[str, int]:
-        """The mean size in bytes of each camera's images, of those that have any."""
+        """Return the mean size in bytes of each camera's images, for cameras that have any."""
         videos = self._writer.videos.records()
         means = {video.camera: video.bytes // video.frames for video in videos if video.frames}
         for name, share in self._shares.items():
@@ -173,38 +174,38 @@ class BurstSession:
         return means
 
     def silent_cameras(self) -> set[str]:
-        """The cameras that have brought nothing, and were given up for their silence."""
+        """Return the cameras that have delivered nothing and were given up because they were silent."""
         return {name for name, of in self._shares.items() if of.silent and not of.instants}
 
     def is_empty(self) -> bool:
-        """Whether no image has come yet."""
+        """Return whether no image has arrived yet."""
         return not any(share.instants for share in self._shares.values())
 
-    # What comes in
+    # Incoming reports and images
 
     def check_machine(self, camera: str, pin: str) -> None:
-        """Raise BadInputError for a part that is another machine's to bring."""
+        """Raise BadInputError if this camera's part belongs to another machine."""
         if self._plan is not None:
             check_machine(self._plan, camera, pin)
 
     def stream_opened(self, camera: str) -> None:
-        """That camera is connected: its images may take their time."""
+        """Note that a camera is connected, so that its images may take longer."""
         self._share(camera).streams += 1
 
     def stream_closed(self, camera: str, now_ns: int) -> None:
-        """That camera's stream broke off or was closed."""
+        """Note that a camera's stream broke off or was closed."""
         self._share(camera).streams -= 1
         self._share(camera).note_heard(now_ns)
 
     async def accept_report(self, report: CameraReport, now_ns: int, *, wait_s: float = 0.0) -> ReportAck:
-        """Note what a camera will send; return what of it is wanted, and is here already.
+        """Store a camera's report of what it will send; return which images to send, and which are here.
 
         While that depends on other cameras it waits up to `wait_s` for them. Raises BadInputError for a
-        report that is not of this burst, DiskError while the disk does not take it.
+        report that does not belong to this burst, DiskError while the disk does not accept it.
         """
         share, told = self._share(report.plan.camera.name), report.plan
         if self.burst.streamed:
-            # It may have heard late that the burst ends earlier.
+            # The camera may have learned late that the burst ends earlier.
             told = replace(told, instants=tuple(n for n in told.instants if n < self.burst.frames))
         self._choice.check_ordered([*told.instants, *(missing.instant for missing in told.missing)])
         try:
@@ -232,14 +233,14 @@ class BurstSession:
     async def take_image(
         self, upload: ImageUpload, payload: AsyncIterator[bytes], now_ns: int
     ) -> "asyncio.Future[str]":
-        """Take an image in as it comes; the future that is returned has its checksum once it is on disk.
+        """Receive an image as it arrives; the returned future yields its checksum once it is on disk.
 
-        What came of it stays where the stream breaks off, with NetworkError. Raises BadInputError,
-        TryAgainError for a damaged one, DiskFullError, as does the future; a full disk ends the burst.
+        If the stream breaks off with NetworkError, the part received so far stays. Raises BadInputError,
+        TryAgainError for a damaged image, DiskFullError, as does the future; a full disk ends the burst.
         """
         self._check_open()
         if self.burst.streamed and upload.record.instant >= self.burst.frames:
-            # The node heard late that the burst ends earlier.
+            # The node learned late that the burst ends earlier.
             async for _ in payload:
                 pass
             return known(upload.record.sha256)
@@ -264,17 +265,18 @@ class BurstSession:
         error = saved.exception()
         if error is None:
             share.instants.add(number)
-            # The node hears of its image before the session is finished, which takes the disk some time.
+            # The node gets its acknowledgement before the session is finished, which takes the disk some
+            # time.
             self._background.start(self.finish_if_complete())
         elif isinstance(error, DiskError):
             self._background.start(self.finish_now(_disk_reason(error)))
 
-    # Which instants it gets, and its plan
+    # Choice of instants, and the plan
 
     async def _commit_instants(self) -> None:
-        """Commit the burst to its instants if that is possible now: on disk before any node hears of them.
+        """Commit the burst to its instants if that is possible now, on disk before any node learns of them.
 
-        Raises DiskFullError; it is committed to nothing then.
+        Raises DiskFullError; the burst is then committed to nothing.
         """
         async with self._committing:
             if self._choice.is_committed:
@@ -286,9 +288,9 @@ class BurstSession:
                 self._choice.commit(chosen)
 
     async def _save_plan(self, chosen: tuple[int, ...] | None) -> None:
-        """Return once what the cameras have told, and the instants, are on disk. Raises DiskFullError.
+        """Write the cameras' reports and the chosen instants to disk. Raises DiskFullError.
 
-        What is to be in the plan while it is being written is written together, afterwards.
+        Changes that arrive during a write are combined in the next one.
         """
         if self._plan is None:
             return
@@ -298,17 +300,17 @@ class BurstSession:
             if self._plan != self._writer.plan:
                 await self._disk.call(self._writer.set_plan, self._plan)
 
-    # How it ends
+    # The end of the burst
 
     async def end(self, burst: Burst) -> None:
-        """Wait for no instants beyond those of `burst`: it ends earlier than it was ordered."""
+        """Shorten the burst to the instants of `burst`, as it ends earlier than ordered."""
         self.burst = burst
         self._choice.end(burst)
         await self._save_plan(self._choice.wanted)
         await self.finish_if_complete()
 
     async def give_up_camera(self, name: str, reason: str, *, silent: bool = False) -> None:
-        """Wait no longer for a camera; `silent` where it may have its images all the same."""
+        """Stop waiting for a camera; `silent` if it may still have its images."""
         share = self._shares.get(name)
         if share is None or share.is_complete(self._choice):
             return
@@ -316,14 +318,14 @@ class BurstSession:
         try:
             await self._commit_instants()
         except SimulshotError as error:
-            # No node may hear of instants that a crash would make others of.
+            # No node may learn of instants that a crash would renumber.
             self._choice.commit(range(self.burst.frames))
             for other in self._shares.values():
                 other.given_up = other.given_up or error.what
         await self.finish_if_complete()
 
     async def give_up_silent_cameras(self, lost: Mapping[str, str], now_ns: int) -> None:
-        """Wait no longer for cameras without a stream, or lost (name to reason), or stalled."""
+        """Stop waiting for cameras that have no stream, are lost (name to reason), or have stalled."""
         self._now_ns = now_ns
         for name, share in self._shares.items():
             share.note_arrivals(self._intake.arrived_bytes(name), now_ns)
@@ -331,16 +333,16 @@ class BurstSession:
                 await self.give_up_camera(name, reason, silent=True)
 
     async def finish_now(self, reason: str, *, silent: bool = True) -> None:
-        """Finish with what has come; `reason` is recorded with the images that are missing.
+        """Finish with the images received so far; `reason` is recorded with the missing ones.
 
-        Unless the cameras were `silent`, there is no session without any image.
+        Without any image no session is made, unless the cameras were `silent`.
         """
         for name in self._shares:
             await self.give_up_camera(name, reason, silent=silent)
         await self.finish_if_complete()
 
     async def finish_if_complete(self) -> None:
-        """Write the manifest once nothing is waited for; harmless before and after."""
+        """Write the manifest once nothing is awaited any more; harmless before and after."""
         if not self._may_finish():
             return
         async with self._intake.at_rest():
@@ -354,7 +356,7 @@ class BurstSession:
             self.finished.set()
 
     async def suspend(self) -> None:
-        """Go away without finishing: `resume` goes on from here."""
+        """Stop without finishing, so that `resume` can continue."""
         async with self._intake.at_rest():
             if not self.finished.is_set():
                 await self._disk.call(self._writer.abort)
@@ -369,7 +371,7 @@ class BurstSession:
 
     def _finish(self) -> Path | None:
         if self.burst.video:
-            # Without an end, or cut off by one, it lasts as long as any camera has recorded.
+            # Without an end, or cut off by one, the burst lasts as long as the longest recording.
             ends = [n for of in self._shares.values() for n in (of.plan.picked or 0, of.instants.end)]
             instants_ns = self.burst.instants_ns[: max([1, *ends])]
             self.burst = dataclasses.replace(self.burst, instants_ns=instants_ns)
@@ -385,7 +387,7 @@ class BurstSession:
             return None
         return write_manifest(self._writer, self._shares, burst, missing)
 
-    # Its parts
+    # Parts
 
     @property
     def _told(self) -> dict[str, CameraPlan | None]:
@@ -401,7 +403,7 @@ class BurstSession:
             raise TryAgainError(f"burst {self.burst.number} is over")
 
     def _waiting_text(self) -> str:
-        """What it waits for: the disk, or cameras that have not told what they have; empty for neither."""
+        """Return what the burst waits for: the disk, or cameras without a report; empty for neither."""
         images, seconds = self._intake.waiting()
         if seconds >= SAID_AFTER_S:
             return f"waiting for the disk: {count(images, 'image')}, {seconds:.0f} s"
@@ -409,7 +411,7 @@ class BurstSession:
         untold = [of.name for of in late if not of.told]
         if untold and not self._choice.is_committed and len(untold) < len(self._shares):
             return f"waiting to hear from {', '.join(untold)}"
-        # Of a long burst the next frame may be hours away, and one of an earlier run has other times.
+        # In a long burst the next frame may be hours away, and a burst of an earlier run has other times.
         since_ns = self._now_ns - self.burst.instants_ns[-1]
         if not late or self.burst.streamed or self._lost is not None or since_ns < SAID_AFTER_S * 1e9:
             return ""
@@ -417,14 +419,14 @@ class BurstSession:
 
 
 def _disk_reason(error: DiskError) -> str:
-    """Why images are missing when the leader's disk failed."""
+    """Return why images are missing after an error of the leader's disk."""
     return "the leader's disk is full" if isinstance(error, DiskFullError) else f"at the leader: {error.what}"
 
 
 def lost_images(writer: SessionWriter, shares: Iterable[CameraShare]) -> Lost:
-    """What the session of an earlier run lacks by its own account. Blocks on the disk.
+    """Return the images that an earlier run's session lists as missing or damaged. Blocks on the disk.
 
-    Where that was finished no camera is waited for any more; what it gave up may still come.
+    If that session was finished, no camera is awaited any more; images that it gave up may still come.
     """
     reason = "its file was damaged or lost after it came"
     lost = {
@@ -447,7 +449,7 @@ def write_manifest(
     burst: BurstRecord,
     missing: Sequence[MissingImage],
 ) -> Path:
-    """Finish a session with what has come, and return its folder. Blocks on the disk.
+    """Finish a session with the images received so far, and return its folder. Blocks on the disk.
 
     Raises BadInputError where the records contradict each other, DiskFullError.
     """

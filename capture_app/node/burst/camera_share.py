@@ -1,4 +1,4 @@
-"""What one camera owes to a burst: what it has told, the image that comes in, how long it is waited for."""
+"""One camera's part of a burst: its report, its images received so far, and the timeouts for it."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field
@@ -20,45 +20,45 @@ from capture_app.session.writing.instant_set import InstantSet
 from capture_app.session.writing.session_writer import SessionWriter
 
 ADVANCE_BYTES = 1 << 18
-"""How much of an image counts as something: a slow link brings less than a whole one in all that time."""
+"""Image bytes that count as progress; a slow link delivers less than a whole image within the timeout."""
 
 
 @dataclass(slots=True)
 class CameraShare:
-    """What one camera owes to a burst, and how far it is; times in ns of the leader's clock."""
+    """One camera's part of a burst and its progress; times in ns of the leader's clock."""
 
     plan: CameraPlan
-    """What it has told, with the instants' numbers as they were ordered."""
+    """The camera's report, with the instants numbered as ordered."""
     heard_ns: int
     short_timeout: bool = False
-    """It brought nothing of the burst before, without a word: it is waited for less."""
+    """It silently delivered nothing of the burst before, so it is awaited for a shorter time."""
     instants: InstantSet = field(default_factory=InstantSet)
-    """Whose images are in the session, with their numbers there."""
+    """Instants whose images are in the session, by their numbers there."""
     streams: int = 0
     advanced_ns: int = 0
-    """When it last brought something, or had to wait for others."""
+    """When it last delivered something, or had to wait for other cameras."""
     counted_bytes: int = 0
-    """How many bytes of its images are counted as an advance."""
+    """Number of image bytes already counted as progress."""
     given_up: str = ""
     silent: bool = False
-    """Given up because nothing was heard of it: it may still have its images."""
+    """Given up without any word from it: it may still have its images."""
 
     def __post_init__(self) -> None:
-        """Count as advanced from when it is waited for."""
+        """Count the start of the wait as progress."""
         self.advanced_ns = max(self.advanced_ns, self.heard_ns)
 
     @property
     def name(self) -> str:
-        """The camera's."""
+        """Name of the camera."""
         return self.plan.camera.name
 
     @property
     def told(self) -> CameraPlan | None:
-        """The plan, once the camera has told it."""
+        """The camera's plan once it has reported it, else None."""
         return self.plan if self.plan.reported else None
 
     def is_complete(self, choice: InstantChoice) -> bool:
-        """Whether nothing is waited for."""
+        """Return whether nothing of this camera is awaited."""
         plan = self.plan
         if self.given_up:
             return True
@@ -71,13 +71,13 @@ class CameraShare:
         return self.instants >= choice.numbers(plan.instants)
 
     def transfer(self, instants: int) -> CameraTransfer:
-        """How much of so many instants it has brought."""
+        """Return its transfer progress, out of `instants` images."""
         return CameraTransfer(
             camera=self.name, received=len(self.instants), expected=instants, problem=self.given_up
         )
 
     def why_silent(self, lost: Mapping[str, str], now_ns: int) -> str:
-        """Why not to wait for it any longer, empty where there is no reason; `lost` are reasons by name."""
+        """Return why not to wait for it any longer, empty for no reason; `lost` are reasons by name."""
         silent_ns = now_ns - self.heard_ns
         if self.short_timeout:
             gone_ns, stalled_ns = CAMERA_DISCONNECTED_AGAIN_NS, CAMERA_DISCONNECTED_NS
@@ -88,26 +88,26 @@ class CameraShare:
         if self.streams and self.name not in lost and self.plan.picking:
             # The next instant may be hours away.
             return ""
-        # Words without images do not count, nor images that trickle: they could go on for ever.
+        # Messages without images, or images that trickle, do not count: they could go on forever.
         stalled = now_ns - self.advanced_ns >= stalled_ns
         return f"it sent nothing for {stalled_ns // 10**9} s" if stalled else ""
 
     def note_heard(self, now_ns: int, *, advanced: bool = False) -> None:
-        """The camera has been heard of; `advanced` where it brought something, or waits for others."""
+        """Note that the camera was heard; `advanced` if it delivered something or waits for other cameras."""
         self.heard_ns = max(self.heard_ns, now_ns)
         if advanced:
             self.advanced_ns = max(self.advanced_ns, now_ns)
 
     def note_arrivals(self, arrived_bytes: int, now_ns: int) -> None:
-        """Count what has come of images, where it is enough more than the last time."""
+        """Count received image bytes as progress if they have grown enough since the last time."""
         if arrived_bytes - self.counted_bytes >= ADVANCE_BYTES:
             self.counted_bytes = arrived_bytes
             self.note_heard(now_ns, advanced=True)
 
     def note_report(self, told: CameraPlan, *, is_of_earlier_run: bool) -> None:
-        """Take what the camera tells for its plan, and wait for it.
+        """Store the camera's report as its plan, and wait for its images.
 
-        What an earlier run of the leader knew the camera to be stays: only what is to come is told anew.
+        The camera's facts, calibration and true clock from an earlier run of the leader stay unchanged.
         """
         if is_of_earlier_run and self.plan.reported:
             before = self.plan
@@ -118,9 +118,9 @@ class CameraShare:
         self.given_up, self.silent = "", False
 
     def receipts(self, writer: SessionWriter, choice: InstantChoice) -> tuple[ImageReceipt, ...]:
-        """What is here of its images, whole or in part, numbered as ordered. Blocks on the disk.
+        """Return receipts of its images, complete or partial, numbered as ordered. Blocks on the disk.
 
-        Of images that are sent as they come only those count that the camera says it still has.
+        Of images that are sent as they are captured, only those count that the camera reports it still has.
         """
         chosen, plan = choice.chosen or (), self.plan
         sent_as_they_come = plan.picking or plan.picked is not None
@@ -140,7 +140,7 @@ class CameraShare:
     def missing_images(
         self, choice: InstantChoice, lost: Mapping[tuple[str, int], MissingImage]
     ) -> list[MissingImage]:
-        """What has not come of the session's instants, and why; `lost` are reasons from before."""
+        """Return the session's instants without an image, and why; `lost` are reasons from before."""
         name, chosen = self.name, choice.chosen or ()
         told = {gap.instant: gap for (camera, _), gap in lost.items() if camera == name}
         for run in self.plan.missing_runs:

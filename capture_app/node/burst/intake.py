@@ -1,4 +1,4 @@
-"""An image from the stream to the disk: received into a file, then saved with all that wait for a sync."""
+"""Images from the stream to the disk: received into a file, then saved in batches with one sync."""
 
 import asyncio
 import functools
@@ -24,7 +24,7 @@ from capture_app.session.writing.session_writer import SessionWriter
 
 DISK_THREADS = 8
 MAX_BATCH = 128
-"""How many images are synced together at most: the first of them waits for the last."""
+"""Maximum number of images per sync: the first of them waits for the last."""
 
 _BLOCK = 1 << 20
 
@@ -33,23 +33,23 @@ T = TypeVar("T")
 
 
 class DiskThreads:
-    """One pool for all bursts of a leader; its threads end with `close`."""
+    """Thread pool shared by all bursts of a leader; `close` ends its threads."""
 
     def __init__(self) -> None:
         self._threads = ThreadPoolExecutor(DISK_THREADS, "disk")
 
     async def call(self, work: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
-        """Do work that blocks on the disk, and return or raise what it does."""
+        """Run work that blocks on the disk, and return or raise its result."""
         loop = asyncio.get_running_loop()
         return await loop.run_in_executor(self._threads, functools.partial(work, *arguments, **options))
 
     def close(self) -> None:
-        """Take on no more work, and end when what was begun is done."""
+        """Accept no more work, and end when pending work is done."""
         self._threads.shutdown(wait=False)
 
 
 class PartialImage:
-    """The file that one upload is written to; `camera.instant.sha256.part`, so that it can be found again."""
+    """File that one upload is written to; named `camera.instant.sha256.part`, to be found again."""
 
     def __init__(self, session: Path, upload: ImageUpload) -> None:
         record = upload.record
@@ -59,7 +59,7 @@ class PartialImage:
         self._mutex = threading.Lock()
 
     def open(self) -> None:
-        """Go on at the upload's offset. Raises TryAgainError where less than that has come before."""
+        """Open the file at the upload's offset. Raises TryAgainError where it has fewer bytes than that."""
         with disk_errors(self.file.parent):
             self.file.parent.mkdir(exist_ok=True)
             self._handle = os.open(self.file, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
@@ -73,7 +73,7 @@ class PartialImage:
         )
 
     def add(self, chunk: bytes) -> None:
-        """Write what has come. Raises DiskFullError, NetworkError after `close`."""
+        """Append received bytes. Raises DiskFullError, NetworkError after `close`."""
         left = memoryview(chunk)
         with disk_errors(self.file.parent), self._mutex:
             if self._handle < 0:
@@ -82,16 +82,16 @@ class PartialImage:
                 left = left[os.write(self._handle, left) :]
 
     def close(self) -> None:
-        """Write no more. Calling it twice is harmless."""
+        """Stop writing. Calling it twice is harmless."""
         with self._mutex:
             if self._handle >= 0:
                 os.close(self._handle)
                 self._handle = -1
 
     def split_off_truth(self) -> bytes:
-        """Check what has come, leave the image alone in the file, and return the ground truth.
+        """Verify the file, truncate it to the image, and return the ground truth.
 
-        Raises TryAgainError, and deletes the file, where it is not what the upload tells; DiskError.
+        Raises TryAgainError, and deletes the file, where it does not match the upload's header; DiskError.
         """
         self.close()
         upload, record = self.upload, self.upload.record
@@ -115,7 +115,7 @@ class PartialImage:
 
 
 def partial_receipts(session: Path, camera: str) -> Iterator[ImageReceipt]:
-    """Yield what has come of a camera's images whose streams broke off."""
+    """Yield receipts of a camera's images whose streams broke off."""
     for file in sorted((session / INCOMING).glob(f"{camera}.*{PART}")):
         name, instant, sha256 = file.name.removesuffix(PART).rsplit(".", 2)
         if name == camera and is_name(camera):
@@ -123,7 +123,7 @@ def partial_receipts(session: Path, camera: str) -> Iterator[ImageReceipt]:
 
 
 class Intake:
-    """The images of one burst, from when they come; all that are whole during one sync share the next."""
+    """Receiver of one burst's images; images that complete during one sync share the next one."""
 
     def __init__(
         self,
@@ -134,38 +134,38 @@ class Intake:
         *,
         in_videos: bool,
     ) -> None:
-        """Nothing more is taken in of these cameras once the burst is `over`."""
+        """Take images of these cameras until the burst is `over`."""
         self._writer, self._disk, self._over, self._in_videos = writer, disk, over, in_videos
-        # One write at a time: a node that sends again after a broken stream meets its own first try.
+        # One write at a time: a node that retries after a broken stream meets its own first attempt.
         self._writing = {camera: asyncio.Lock() for camera in cameras}
         self._partial: dict[str, PartialImage] = {}
-        """By camera, the image that is coming in."""
+        """The image that is being received, by camera."""
         self._arrived: dict[str, dict[int, int]] = {camera: {} for camera in self._writing}
-        """How many bytes have come of each camera's images, where they came furthest."""
+        """Number of bytes received of each camera's images, at the furthest attempt."""
         self._saving: dict[tuple[str, int], asyncio.Future[str]] = {}
-        """By camera and number in the session, what answers for images that are not safe yet."""
+        """Futures of images that are not safe yet, by camera and number in the session."""
         self._waiting: dict[asyncio.Future[str], tuple[StoredImage, float]] = {}
-        """By what is answered, the images in the order that they came, and when that was."""
+        """Images in order of arrival, each with its arrival time, by their futures."""
         self._work: asyncio.Task[None] | None = None
 
     def find(self, camera: str, instant: int) -> "asyncio.Future[str] | None":
-        """The answer for an image that is saved, or on its way to the disk; None for any other."""
+        """Return the future of an image that is saved or being saved; None for any other."""
         saved = self._writer.image(camera, instant)
         return self._saving.get((camera, instant)) if saved is None else known(saved.sha256)
 
     def is_saving(self, camera: str) -> bool:
-        """Whether an image of that camera is on its way to the disk."""
+        """Return whether an image of that camera is being saved."""
         return any(of == camera for of, _ in self._saving)
 
     def arrived_bytes(self, camera: str) -> int:
-        """How much has come of that camera's images."""
+        """Return the number of bytes received of that camera's images."""
         return sum(self._arrived[camera].values())
 
     async def receive(self, upload: ImageUpload, payload: AsyncIterator[bytes]) -> "asyncio.Future[str]":
-        """Take an image in as it comes, and save it, unless another upload of it was quicker: see `add`.
+        """Receive an image as it arrives and save it, unless another upload of it was faster: see `add`.
 
-        What came of it stays where the stream breaks off, with NetworkError. Raises TryAgainError for a
-        damaged one or once the burst is over, DiskError.
+        If the stream breaks off with NetworkError, the part received so far stays. Raises TryAgainError for a
+        damaged image or once the burst is over, DiskError.
         """
         record, camera, instant = upload.record, upload.camera, upload.record.instant
         if self._in_videos:
@@ -196,9 +196,9 @@ class Intake:
 
     @asynccontextmanager
     async def interrupted(self, camera: str) -> AsyncIterator[None]:
-        """Write nothing of a camera meanwhile, and end the image that is coming in.
+        """Block a camera's writes within the block, and end the image that is being received.
 
-        A stream that the node has left may not have noticed yet.
+        A stream that the node has abandoned may not have noticed yet.
         """
         async with self._writing[camera]:
             if camera in self._partial:
@@ -207,7 +207,7 @@ class Intake:
 
     @asynccontextmanager
     async def at_rest(self) -> AsyncIterator[None]:
-        """Write no image meanwhile, once those that have come are saved."""
+        """Block all writes within the block, after received images have been saved."""
         async with AsyncExitStack() as stack:
             for writing in self._writing.values():
                 await stack.enter_async_context(writing)
@@ -216,9 +216,9 @@ class Intake:
             yield
 
     def add(self, image: StoredImage) -> "asyncio.Future[str]":
-        """Save an image; what is returned has its checksum once it is safe, or what went wrong.
+        """Save an image; the returned future yields its checksum once it is safe, or raises its error.
 
-        From now on a second upload of it joins this one.
+        A second upload of it joins this one from now on.
         """
         loop = asyncio.get_running_loop()
         saved: asyncio.Future[str] = loop.create_future()
@@ -229,7 +229,7 @@ class Intake:
         return saved
 
     def waiting(self) -> tuple[int, float]:
-        """How many images wait for the disk, and since how many seconds the first of them does."""
+        """Return the number of images waiting for the disk, and the wait of the first one in s."""
         now_s = asyncio.get_running_loop().time()
         since_s = next((since_s for _, since_s in self._waiting.values()), now_s)
         return len(self._waiting), now_s - since_s
@@ -243,7 +243,7 @@ class Intake:
                 for (saved, image), error in zip(batch, errors, strict=True):
                     del self._waiting[saved]
                     if saved.done():
-                        continue  # nobody waits for it any more
+                        continue  # its caller no longer waits
                     if error is None:
                         saved.set_result(image.record.sha256)
                     else:
@@ -259,12 +259,12 @@ class Intake:
 
 
 def known(sha256: str) -> "asyncio.Future[str]":
-    """The answer for an image that need not be saved."""
+    """Return a completed future, for an image that need not be saved."""
     done: asyncio.Future[str] = asyncio.get_running_loop().create_future()
     done.set_result(sha256)
     return done
 
 
 def damaged(record: ImageRecord) -> TryAgainError:
-    """What is wrong with an image that is not what its upload tells."""
+    """Return the error for an image that does not match its upload's header."""
     return TryAgainError(f"the image of {record.camera} at instant {record.instant} arrived damaged")

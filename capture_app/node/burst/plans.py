@@ -1,4 +1,4 @@
-"""A burst's plan: the instants ordered, which of them it gets, and what is on disk to finish it by."""
+"""Plan of a burst: the ordered instants, the chosen ones, and the record on disk to finish it from."""
 
 import asyncio
 from collections.abc import Collection, Mapping, Sequence
@@ -21,17 +21,17 @@ FEWEST_SPARE = 4
 
 
 def usual_spare(frames: int) -> int:
-    """How many spare instants a burst gets: as many again, for a camera that loses every other frame."""
+    """Return the default number of spare instants: as many again, for a loss of every other frame."""
     return max(FEWEST_SPARE, frames)
 
 
 def choose_instants(
     ordered: int, frames: int, cameras: Collection[CameraPlan | None]
 ) -> tuple[int, ...] | None:
-    """Choose `frames` of the instants that were ordered; None where more must be heard first.
+    """Choose `frames` of the ordered instants; return None while more reports are needed.
 
-    `cameras` are those that are waited for, None for one that has told nothing yet. Where fewer instants are
-    complete than are wanted, those of the most cameras are added, the earliest of equals.
+    `cameras` are the awaited cameras, None for one without a report. If fewer instants are complete than
+    requested, those with the most cameras are added, the earliest first among equals.
     """
     told = [camera for camera in cameras if camera is not None]
     if len(told) < len(cameras):
@@ -59,24 +59,24 @@ def choose_instants(
 
 
 Reports = Mapping[str, CameraPlan | None]
-"""By camera, what it has told; None where it has told nothing yet."""
+"""Each camera's report, None for a camera without one, by name."""
 
 
 class InstantChoice:
-    """The instants of a session, numbered from 0, and those that were ordered, numbered by the nodes."""
+    """Mapping between a session's instants, numbered from 0, and the ordered ones as nodes number them."""
 
     def __init__(self, burst: Burst, chosen: tuple[int, ...] | None = None) -> None:
-        """`chosen` are the instants of a burst that was begun before; without spare ones it has all."""
+        """`chosen` are the instants of a resumed burst; a burst without spare instants has all of them."""
         self._burst = burst
         self.chosen: Sequence[int] | None = chosen if burst.spare else range(burst.frames)
-        """Their numbers as ordered; None while the burst is not committed to any."""
+        """Their numbers as ordered; None while the burst is not committed."""
         self._committed = asyncio.Event()
         if self.chosen is not None:
             self._committed.set()
 
     @property
     def is_committed(self) -> bool:
-        """Whether the instants are known; they never change after that."""
+        """Whether the instants are decided; they never change after that."""
         return self.chosen is not None
 
     def commit(self, chosen: Sequence[int]) -> None:
@@ -85,39 +85,39 @@ class InstantChoice:
         self._committed.set()
 
     async def wait(self, timeout_s: float) -> bool:
-        """Wait until the instants are known, at most so long; return whether they are."""
+        """Wait until the instants are decided, at most `timeout_s`; return whether they are."""
         return await has_come(self._committed, timeout_s)
 
     @property
     def wanted(self) -> tuple[int, ...] | None:
-        """What nodes are to send, where that is not all."""
+        """The instants that nodes are to send; None for all, or while undecided."""
         return tuple(self.chosen) if self._burst.spare and self.chosen is not None else None
 
     def end(self, burst: Burst) -> None:
-        """Take note that a burst whose frames are sent as they come ends earlier than it was ordered."""
+        """Note that a streamed burst ends earlier than it was ordered."""
         self._burst, self.chosen = burst, range(burst.frames)
 
     def find(self, awaited: Collection[CameraPlan | None]) -> tuple[int, ...] | None:
-        """The instants to commit to by what the cameras that are awaited have told; None for not yet."""
+        """Return the instants to commit to, by the awaited cameras' reports; None if it is too early."""
         return choose_instants(len(self._burst.instants_ns), self._burst.frames, awaited)
 
     def check_ordered(self, instants: Collection[int]) -> None:
-        """Raise BadInputError for one that was not ordered."""
+        """Raise BadInputError for an instant that was not ordered."""
         for instant in instants:
             if not 0 <= instant < len(self._burst.instants_ns):
                 raise BadInputError(f"burst {self._burst.number} has no instant {instant}")
 
     def numbers(self, ordered: Collection[int]) -> set[int]:
-        """The numbers in the session of those of these instants that it has."""
+        """Return the session's numbers of the given ordered instants that it contains."""
         if not self._burst.spare:
             return {instant for instant in ordered if instant < self._burst.frames}
         told = frozenset(ordered)
         return {number for number, instant in enumerate(self.chosen or ()) if instant in told}
 
     def number(self, instant: int) -> int:
-        """The number in the session of an instant that was ordered.
+        """Return the session's number of an ordered instant.
 
-        Raises BadInputError for one that it does without, TryAgainError while that is not known.
+        Raises BadInputError for an instant that was not chosen, TryAgainError while that is undecided.
         """
         self.check_ordered([instant])
         if self.chosen is None:
@@ -127,7 +127,7 @@ class InstantChoice:
         return self.chosen.index(instant)
 
     def skipped(self, reports: Reports) -> tuple[SkippedInstant, ...]:
-        """The instants that later ones have taken the place of, and why."""
+        """Return the instants that later ones have replaced, and why."""
         if not self._burst.spare:
             return ()
         chosen = self.chosen or (0,)
@@ -144,7 +144,7 @@ class InstantChoice:
         return tuple(skipped)
 
     def record(self, reports: Reports) -> BurstRecord:
-        """The burst as the manifest has it."""
+        """Return the burst's record for the manifest."""
         burst = self._burst
         return BurstRecord(
             instants_ns=tuple(burst.instants_ns[instant] for instant in self.chosen or ()),
@@ -157,7 +157,7 @@ class InstantChoice:
 def plan_of(
     burst: Burst, writer: SessionWriter, leader: int, note: str, pins: Mapping[str, str]
 ) -> BurstPlan:
-    """The plan of a new burst, by the run of its leader; `note` is for the manifest, `pins` by camera."""
+    """Return a new burst's plan; `leader` is the leader's run, `note` for the manifest, `pins` by camera."""
     return BurstPlan(
         name=writer.name,
         created=writer.created,
@@ -173,7 +173,7 @@ def plan_of(
 
 
 def check_machine(plan: BurstPlan, camera: str, pin: str) -> None:
-    """Raise BadInputError for a camera's part that is another machine's to bring; nobody has an empty pin."""
+    """Raise BadInputError if the camera's part belongs to another machine; an empty pin always passes."""
     if pin and plan.pins.get(camera, pin) != pin:
         raise BadInputError(
             f"{camera} of {plan.name} is another machine's camera",
@@ -182,7 +182,7 @@ def check_machine(plan: BurstPlan, camera: str, pin: str) -> None:
 
 
 def burst_record(burst: Burst) -> BurstRecord:
-    """The record of a burst as it was ordered, without its instants where frames are sent as they come."""
+    """Return the record of a burst as ordered, without its instants if frames are streamed."""
     return BurstRecord(
         instants_ns=() if burst.streamed else tuple(burst.instants_ns),
         period_ns=burst.period_ns,
@@ -191,7 +191,7 @@ def burst_record(burst: Burst) -> BurstRecord:
 
 
 def instant_range(burst: Burst) -> InstantRange | None:
-    """The instants of a burst whose frames are sent as they come; None of any other."""
+    """Return the instants of a streamed burst as a range; None for any other."""
     if not burst.streamed:
         return None
     first_ns, count = burst.instants_ns[0], len(burst.instants_ns)
@@ -200,7 +200,7 @@ def instant_range(burst: Burst) -> InstantRange | None:
 
 
 def burst_of(plan: BurstPlan) -> Burst:
-    """The burst that a plan is of."""
+    """Return the burst that a plan describes."""
     instants_ns, requested_ns = plan.instants_ns, plan.burst.requested_ns
     return Burst(
         plan.number,
@@ -215,7 +215,7 @@ def burst_of(plan: BurstPlan) -> Burst:
 
 
 def result_text(burst: BurstRecord, missing: Sequence[MissingImage]) -> str:
-    """What a burst lacks and what was skipped, in a line; empty where neither is anything."""
+    """Return one line about missing images and skipped instants; empty for neither."""
     told = ""
     if missing:
         reasons = sorted({f"{gap.camera}: {gap.reason}" for gap in missing})

@@ -1,4 +1,4 @@
-"""Sessions of earlier runs of a leader: taken up again where they were interrupted or lack images."""
+"""Sessions of earlier runs of a leader, resumed where they were interrupted or lack images."""
 
 import asyncio
 from collections.abc import Callable, Iterator, Sequence
@@ -19,7 +19,7 @@ Key = tuple[int, int]
 
 
 class ResumedBursts:
-    """The sessions in a folder that are not of this run, opened when they are needed."""
+    """Sessions in a folder that belong to earlier runs, opened when needed."""
 
     def __init__(self, root: Path, on_resumed: Callable[[BurstSession], None], disk: DiskThreads) -> None:
         self._root = root
@@ -31,13 +31,13 @@ class ResumedBursts:
         self._all_resumed = asyncio.Event()
 
     def sessions(self) -> tuple[BurstSession, ...]:
-        """The sessions that are open."""
+        """Return the open sessions."""
         return tuple(session for session in self._open.values() if not session.finished.is_set())
 
     async def resume_all(
         self, now_ns: int, *, folders: Sequence[Path] | None = None, wait_ns: int = RETURN_NS
     ) -> None:
-        """Take up these sessions, else all interrupted ones; nodes have `wait_ns` to come back to them."""
+        """Resume these sessions, else all interrupted ones; nodes have `wait_ns` to reconnect to them."""
         if folders is None:
             folders = await asyncio.to_thread(lambda: list(interrupted_folders(self._root)))
         for folder in folders:
@@ -47,20 +47,21 @@ class ResumedBursts:
                     session = await self._resume(key, folder, now_ns + wait_ns - CAMERA_DISCONNECTED_NS)
                     await session.finish_if_complete()
                 except SimulshotError:
-                    # One that cannot be taken up is left as it is; `sessions repair` says why.
+                    # A session that cannot be resumed is left unchanged; `sessions repair` says why.
                     continue
         self._all_resumed.set()
 
     async def wait_until_finished(self) -> None:
-        """Wait until all that `resume_all` takes up is finished."""
+        """Wait until all sessions that `resume_all` resumed are finished."""
         await self._all_resumed.wait()
         for session in self.sessions():
             await session.finished.wait()
 
     async def answer_finished(self, report: CameraReport, pin: str) -> ReportAck | None:
-        """Answer for a finished session with all images of the report's camera, without opening it again.
+        """Answer for a finished session that has all images of the report's camera, without reopening it.
 
-        None where there is none, or it lacks some of them. Raises BadInputError for another machine's camera.
+        Returns None if there is no such session, or it lacks images. Raises BadInputError for another
+        machine's camera.
         """
         key = (report.leader, report.burst)
         session = self._open.get(key)
@@ -72,7 +73,7 @@ class ResumedBursts:
         folder = self._find(key)
         if folder is None:
             return None
-        # Before anything is opened again for it.
+        # Check before anything is reopened.
         check_machine(plan := read_plan(folder), camera, pin)
         try:
             session = Session.open(folder)
@@ -90,10 +91,10 @@ class ResumedBursts:
         return ReportAck(receipts=tuple(receipts), wanted=chosen if plan.spare else None)
 
     async def reopen(self, report: CameraReport, now_ns: int) -> BurstSession:
-        """Return the session that a report is of, opened again where it was closed.
+        """Return the session that a report belongs to, reopened if it was closed.
 
-        Raises BadInputError where there is none, TryAgainError where another process writes it,
-        DiskFullError where it could not be finished again.
+        Raises BadInputError where there is none, TryAgainError where another process writes it, DiskFullError
+        where it could not be finished again.
         """
         key = (report.leader, report.burst)
         async with self._opening:
@@ -108,7 +109,7 @@ class ResumedBursts:
             return await self._resume(key, folder, now_ns)
 
     async def suspend_all(self) -> None:
-        """Leave what is not finished as it is."""
+        """Suspend all unfinished sessions."""
         for session in self.sessions():
             await session.suspend()
 

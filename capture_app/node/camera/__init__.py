@@ -1,1 +1,1 @@
-"""The process that runs one camera: driver, engine, spool and upload."""
+"""Process that runs one camera: driver, engine, spool and upload."""

@@ -1,9 +1,9 @@
-"""What a node has of a burst on its way to the leader: frames, encoded images, a folder in the spool.
+"""A burst on its node, on its way to the leader: frames, encoded images, and a folder in the spool.
 
 SPOOL/<camera>/<leader>-<burst>/
-  report.json       what the node told the leader of the burst
+  report.json       the node's report of the burst, as sent to the leader
   journal.ndjson    a line per image: the header that it is sent with
-  <instant>.jpg     the image, and behind it a simulated camera's ground truth
+  <instant>.jpg     the image, followed by a simulated camera's ground truth
 """
 
 import hashlib
@@ -36,14 +36,14 @@ from capture_app.sync.rig.frame_selection import DROPPED, RING_BYTES, FramesSele
 
 REPORT = "report.json"
 UNKNOWN_ROOM = 1 << 30
-"""What is told, in bytes, of a spool that memory stands in for."""
+"""Free space to report, in bytes, while memory replaces the spool."""
 TOO_SLOW = "the node could not save its frames as fast as they came"
 
 
 class SpooledBurst:
-    """One burst's folder, of which this object alone writes. Methods block on the disk.
+    """One burst's folder, written by this object alone. Methods block on the disk.
 
-    Threads may share it: what is written after `remove` is not kept.
+    Threads may share it. Writes after `remove` are discarded.
     """
 
     def __init__(self, folder: Path) -> None:
@@ -52,11 +52,11 @@ class SpooledBurst:
         self._is_removed = False
 
     def image_file(self, image: ImageUpload) -> Path:
-        """Where an image lies."""
+        """Return the path of an image."""
         return self.folder / f"{image.record.instant:06d}{Path(image.record.path).suffix}"
 
     def write_report(self, report: CameraReport) -> None:
-        """Keep the report, through a power cut too. Raises SimulshotError."""
+        """Store the report, safe against a power cut. Raises SimulshotError."""
         with self._changing:
             if self._is_removed:
                 return
@@ -64,7 +64,7 @@ class SpooledBurst:
                 write_atomic(self.folder / REPORT, msgspec.json.encode(report))
 
     def add_image(self, image: ImageUpload, data: bytes) -> None:
-        """Keep an image: it outlives this process now, and a power cut after `sync`.
+        """Store an image: it survives this process now, and a power cut after `sync`.
 
         Raises DiskFullError, SimulshotError.
         """
@@ -81,10 +81,10 @@ class SpooledBurst:
                 raise disk_error(error, self.folder) from error
 
     def sync(self, images: Iterable[ImageUpload]) -> None:
-        """Wait until these images, and the report, are on the disk; those that are gone are left out.
+        """Wait until these images and the report are on the disk; deleted images are skipped.
 
-        Their order does not matter: what a power cut has torn is noticed by its checksum. Raises
-        DiskFullError, SimulshotError.
+        Their order does not matter, because checksums reveal what a power cut has torn. Raises DiskFullError,
+        SimulshotError.
         """
         folder = self.folder
         files = [folder / REPORT, folder / JOURNAL, *map(self.image_file, images)]
@@ -93,13 +93,13 @@ class SpooledBurst:
                 raise disk_error(error, folder) from error
 
     def read_report(self) -> CameraReport:
-        """Read the report again. Raises BadInputError."""
+        """Read the report back. Raises BadInputError."""
         report = read_struct(self.folder / REPORT, CameraReport)
         check_name(report.plan.camera.name, "camera")
         return report
 
     def read_images(self) -> Iterator[ImageUpload]:
-        """Yield the headers of the images that are still here. Raises DiskError."""
+        """Yield the headers of the images that are still in the folder. Raises DiskError."""
         journal = self.folder / JOURNAL
         with disk_errors(self.folder):
             lines = lines_of_file(journal.read_bytes()) if journal.exists() else []
@@ -112,7 +112,7 @@ class SpooledBurst:
                 yield image
 
     def remove(self) -> None:
-        """Delete the burst, of which the leader has all."""
+        """Delete the burst, once the leader has all of it."""
         with self._changing:
             self._is_removed = True
             shutil.rmtree(self.folder, ignore_errors=True)
@@ -146,7 +146,7 @@ class Spool:
         return [SpooledBurst(folder) for folder in sorted(found, key=lambda folder: folder.stat().st_mtime)]
 
     def create_burst(self, report: CameraReport) -> SpooledBurst:
-        """Make a burst's folder, with its report; `SpooledBurst.sync` makes both outlive a power cut.
+        """Create a burst's folder with its report; `SpooledBurst.sync` secures both against a power cut.
 
         Raises DiskFullError, SimulshotError.
         """
@@ -160,7 +160,7 @@ class Spool:
         return burst
 
     def look(self) -> SpoolSpace:
-        """Return how much room it has, and why it cannot be used, if so. Blocks on the disk."""
+        """Return the free space, and the reason if the spool cannot be used. Blocks on the disk."""
         space = SpoolSpace(camera=self.camera, free_bytes=0, spool=str(self.folder))
         probe = self.folder / f"probe{PART}"
         try:
@@ -171,11 +171,11 @@ class Spool:
         except DiskFullError as error:
             return replace(space, problem=error.what)
         except DiskError as error:
-            # Memory stands in for it, and how much of that there is depends on the leader.
+            # Memory replaces it, and the amount needed depends on the leader.
             return replace(space, free_bytes=UNKNOWN_ROOM, problem=error.what)
 
     def close(self) -> None:
-        """Let another node use it. Calling it twice is harmless."""
+        """Release the spool for another node. Calling it twice is harmless."""
         if self._lock >= 0:
             os.close(self._lock)
             self._lock = -1
@@ -184,13 +184,13 @@ class Spool:
 def encode_frame(
     report: CameraReport, picked: SelectedFrame[CapturedFrame], *, with_truth: bool = True
 ) -> tuple[ImageUpload, bytes]:
-    """Return an image's header and its bytes, ground truth behind them. Raises CameraError."""
+    """Return an image's header and its bytes followed by the ground truth. Raises CameraError."""
     frame = picked.frame
     try:
         image = frame.picture.encode()
         truth = b"" if frame.truth is None or not with_truth else frame.truth.encode()
     except Exception as error:
-        # Drivers and encoders raise what they like; one bad frame must not end the node.
+        # Drivers and encoders raise arbitrary exceptions; one bad frame must not end the node.
         raise CameraError(f"the frame could not be encoded: {error}") from error
     camera, name = report.plan.camera, report.plan.camera.name
     record = ImageRecord(
@@ -226,55 +226,55 @@ def encode_frame(
 
 @dataclass(slots=True)
 class BurstUpload:
-    """A burst's frames on their way to the leader: picked, then encoded, then confirmed."""
+    """A burst's frames on their way to the leader: selected, then encoded, then confirmed."""
 
     report: CameraReport
-    """Its instants are those that were ordered; the leader may want fewer."""
+    """Lists the ordered instants; the leader may request fewer."""
     frames: deque[SelectedFrame[CapturedFrame]] = field(default_factory=deque)
     images: deque[ImageUpload] = field(default_factory=deque)
-    """Ready to send as often as it takes."""
+    """Encoded images, which can be sent as often as needed."""
     in_memory: dict[int, bytes] = field(default_factory=dict)
-    """By instant, the bytes of those images that are not safely in the spool."""
+    """Bytes of the images that are not safely in the spool, by instant."""
     unsynced: dict[int, ImageUpload] = field(default_factory=dict)
-    """By instant, those that are written to the spool but not on its disk yet."""
+    """Images that are written to the spool but not synced to its disk yet, by instant."""
     confirmed: set[int] = field(default_factory=set)
     """Instants that the leader has."""
     disputed: list[ImageUpload] = field(default_factory=list)
-    """Images of which the leader has others in their places: they are not sent, and not deleted."""
+    """Images in whose place the leader has others: they are neither sent nor deleted."""
     spooled: SpooledBurst | None = None
     spooling: bool = True
-    """Whether the spool is to be used; False once it could not be."""
+    """Whether to use the spool; False once that has failed."""
     is_committed: bool = False
-    """Whether the leader has said which instants it wants."""
+    """Whether the leader has named the instants that it requests."""
     wanted: frozenset[int] | None = None
-    """The instants that the leader wants; None for all."""
+    """The instants that the leader requests; None for all."""
     is_over: bool = False
-    """Nothing of it is to be sent any more: the leader has it, or does not want it."""
+    """Whether sending is over: the leader has the burst, or does not want it."""
     on_commit: Callable[[], None] = lambda: None
-    """Called when no further instants are wanted."""
+    """Called when no further instants are requested."""
     streamed: bool = False
-    """The frames are sent as they are picked."""
+    """Whether frames are sent as they are selected."""
     video: bool = False
-    """They go into a video, which has no ground truth but their times."""
+    """Whether the frames go into a video, whose only ground truth is their times."""
     most_bytes: int = RING_BYTES
-    """The most memory that streamed frames may take that are not on a disk yet: the camera goes on."""
+    """Maximum memory for streamed frames that are not on a disk yet, as the camera keeps delivering."""
     over: int = 0
-    """How many instants of a streamed burst are decided."""
+    """Number of instants of a streamed burst that are decided."""
     ended: bool = False
-    """Nothing more of it is picked."""
+    """Whether the selection of frames has ended."""
     missing_runs: list[MissingRun] = field(default_factory=list)
-    """Which of its instants are missing."""
+    """Its missing instants, as runs."""
     end_is_kept: bool = False
-    """Whether the spool has what is known at its end."""
+    """Whether the spool has the final report of a streamed burst."""
 
     @classmethod
     def of_spool(cls, spooled: SpooledBurst) -> Self:
-        """What an earlier run of the node has left of a burst, with spare instants. Raises SimulshotError."""
+        """Return a burst that an earlier run of the node left in the spool. Raises SimulshotError."""
         report, images = spooled.read_report(), deque(spooled.read_images())
         here, plan = {image.record.instant for image in images}, report.plan
         missing = plan.missing
         if not plan.picking and plan.picked is None:
-            # Of frames that are sent as they come the leader has what is not here any more.
+            # Of frames that are sent as they are selected, the leader has all that are no longer here.
             here |= {*plan.instants}
             missing = tuple(gap for gap in missing if gap.instant not in here)
         report = report.with_plan(instants=tuple(sorted(here)), missing=missing, picking=False)
@@ -282,22 +282,22 @@ class BurstUpload:
 
     @property
     def is_picking(self) -> bool:
-        """Whether further frames will be picked."""
+        """Whether further frames will be selected."""
         return self.streamed and not self.ended
 
     @property
     def has_work(self) -> bool:
-        """Whether there is something to tell or to send."""
+        """Whether there is something to report or to send."""
         return not self.is_picking or bool(self.images) or not self.is_committed
 
     def report_now(self) -> CameraReport:
-        """The report as it stands now."""
+        """Return the current report."""
         return self.report_to_keep(tuple(image.record.instant for image in self.images))
 
     def report_to_keep(self, waiting: tuple[int, ...] = ()) -> CameraReport:
-        """The report as the spool has it, which has the images beside it.
+        """Return the report for the spool, which stores the images beside it.
 
-        Of a streamed burst those instants are told whose images are `waiting`.
+        For a streamed burst it lists the instants whose images are `waiting`.
         """
         if not self.streamed:
             return self.report
@@ -306,7 +306,7 @@ class BurstUpload:
         return told.with_plan(picked=self.over, missing_runs=runs) if self.ended else told
 
     def load(self, image: ImageUpload) -> bytes | None:
-        """An image's bytes; None where the spool does not have them as they were.
+        """Return an image's bytes; None if the spool no longer has them unchanged.
 
         Raises DiskError where its disk cannot be read at present.
         """
@@ -324,7 +324,7 @@ class BurstUpload:
         return data if whole and hashlib.sha256(data[: record.bytes]).hexdigest() == record.sha256 else None
 
     def extend(self, picked: FramesSelected[CapturedFrame]) -> None:
-        """Add what was picked for further instants, unless the leader does without them."""
+        """Add frames selected for further instants, unless the leader does not need them."""
         if self.streamed:
             self.over = max(self.over, picked.over)
             for gap in picked.gaps:
@@ -346,7 +346,7 @@ class BurstUpload:
         self.report = self.report.with_plan(instants=instants, missing=(*plan.missing, *gone))
 
     def commit(self, wanted: Collection[int] | None) -> list[Path]:
-        """Keep only what the leader wants, None for all; return the files of the rest."""
+        """Drop all instants but the `wanted` ones, None for all; return the dropped images' files."""
         first, self.is_committed = not self.is_committed, True
         self.wanted = None if wanted is None else frozenset(wanted)
         if first and not self.streamed:
@@ -357,15 +357,15 @@ class BurstUpload:
         return self._let_go(lambda instant: instant not in wanted)
 
     def reopen(self) -> None:
-        """Begin anew with another stream: the leader may be another one, or have changed its mind."""
+        """Reset for a new stream: the leader may be another one, or have changed its mind."""
         self.is_committed = False
         self.images.extend(self.disputed)
         self.disputed.clear()
 
     def confirm(self, stored: Mapping[int, str]) -> list[Path]:
-        """Let go of images that the leader has, by instant and checksum; return their files.
+        """Drop images that the leader has, given as checksums by instant; return their files.
 
-        An image that it has another one in the place of is disputed.
+        An image in whose place the leader has another one becomes disputed.
         """
         if not self.streamed:
             self.confirmed.update(stored)
@@ -376,13 +376,13 @@ class BurstUpload:
         return self._let_go(lambda instant: instant in stored)
 
     def end(self) -> None:
-        """Let go of all of it."""
+        """Drop the whole burst."""
         self.is_over = True
         self.frames.clear()
         self._let_go(lambda _: True)
 
     def lost_instants(self) -> list[int]:
-        """The instants that are wanted of what was announced, and are neither here nor with the leader."""
+        """Return the requested instants that were announced, and are neither here nor with the leader."""
         if self.streamed:
             return []
         here = {image.record.instant for image in self.images} | {frame.instant for frame in self.frames}
@@ -391,7 +391,7 @@ class BurstUpload:
         return sorted(wanted - here - self.confirmed)
 
     def report_lost(self, instants: Collection[int], reason: str) -> None:
-        """Move announced images that will not come to those that are missing."""
+        """Report announced images that will not come as missing."""
         if self.streamed:
             for instant in instants:
                 self._note_missing(instant, reason)
@@ -404,7 +404,7 @@ class BurstUpload:
         self.report = self.report.with_plan(instants=left, missing=(*plan.missing, *gone))
 
     def _add_frames(self, frames: Iterable[SelectedFrame[CapturedFrame]]) -> None:
-        """Take those frames that there is memory for; others are missing."""
+        """Add those frames that fit into memory; the others are missing."""
         held_bytes = sum(map(len, list(self.in_memory.values())))
         held_bytes += sum(waiting.frame.picture.held_bytes for waiting in self.frames)
         for frame in frames:

@@ -1,4 +1,4 @@
-"""One camera node: the camera, the engine on a socket, and the way of its images to the leader."""
+"""One camera node: its camera, the engine on a socket, and the upload of its images to the leader."""
 
 import asyncio
 import contextlib
@@ -43,7 +43,7 @@ from capture_app.trust.sealed_engines import SealedClient
 SAMPLES_KEPT, LINES_KEPT, EVENTS_KEPT = 300, 100, 200
 DEFAULT_TOLERANCE_NS = 100_000
 RESET_TOLERANCE_NS = 2_000_000
-"""How far off the grid a camera may be that can only restart its stream: a start is uncertain by as much."""
+"""Phase tolerance of cameras that can only restart their stream, as a restart is uncertain by that much."""
 _LEADER_LINES = {"refused": "join-refused", "said": "leader-said", "lost": "leader-lost"}
 _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     events.Joined: ("joined", ("leader",)),
@@ -54,14 +54,14 @@ _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     clock_events.WayLonger: ("way-longer", ("longer_ns",)),
     clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),
 }
-"""What a line calls an event, and the fields that it takes over from it."""
+"""Each event's name in the log, and the fields that are copied from it."""
 
 
 def offsets_of(samples: Collection[ClockSample], skew_ppm: float | None) -> tuple[tuple[int, int], ...]:
-    """Offset and round trip of exchanges with the leader, in ns.
+    """Return offset and round trip of exchanges with the leader, in ns.
 
-    By `skew_ppm` the leader's clock gains on this one; its share since then is added to the offsets, which
-    then show by what the exchanges erred.
+    The leader's clock gains `skew_ppm` on this one. The drift since each exchange is added to its offset, so
+    that the scatter of the offsets shows the exchanges' errors.
     """
     rate = (skew_ppm or 0.0) * 1e-6
     last_ns = max((sample.t3_ns for sample in samples), default=0)
@@ -73,21 +73,20 @@ def offsets_of(samples: Collection[ClockSample], skew_ppm: float | None) -> tupl
 
 
 class CameraNode:
-    """A camera that joins a leader, stays in step, and never gives up when the leader goes away."""
+    """A camera that joins a leader, stays synchronized, and keeps trying while the leader is lost."""
 
     def __init__(self, options: NodeOptions) -> None:
         self.options = options
         self._member: RigMember | None = None
 
     async def run(self) -> None:
-        """Open the camera, join, and take pictures until cancelled.
+        """Open the camera, join, and capture until cancelled.
 
         Raises NetworkError where the leader's host has no address, CameraError where the camera cannot be
-        opened at the start, BadInputError for a spool or a key of this machine's that cannot be used; later
-        failures are waited out.
+        opened at the start, BadInputError for an unusable spool or machine key. Later failures are retried.
         """
         options, self._member = self.options, None
-        # Whoever knows it speaks for this camera: too many to be guessed.
+        # Anyone who knows the number can speak for this camera, so it has too many bits to be guessed.
         instance = secrets.randbits(62)
         spool = None if options.spool is None else Spool(options.spool, options.name)
         uploader = Uploader(options.name, instance, options.log, spool, trust=options.trust)
@@ -113,12 +112,12 @@ class CameraNode:
 
     @property
     def standing(self) -> tuple[NodeState | None, str]:
-        """How far it is, None before it has begun, and why it is not further in plain words."""
+        """The node's state, None before it has begun, and in plain words why it is not ready."""
         return (None, "") if self._member is None else self._member.standing
 
 
 class RigMember:
-    """The engine of a camera that is open, and what it is tied to."""
+    """The engine of an open camera, and its connections."""
 
     def __init__(
         self,
@@ -128,14 +127,14 @@ class RigMember:
         uploader: Uploader,
         peers: tuple[Address, ...],
     ) -> None:
-        """`instance` is the run of the node, `peers` are where its leaders are."""
+        """`instance` is the run of the node, `peers` are its leaders' addresses."""
         self.options = options
         self._log, self._clock, self._profiles = options.log, options.clock, options.profiles
         self._stream, self._uploader = stream, uploader
         self._samples: deque[ClockSample] = deque(maxlen=SAMPLES_KEPT)
         """The latest exchanges with the leader."""
         self._happened: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
-        """Lines for the next burst's report."""
+        """Events for the next burst's report."""
         facts, tolerance_ns = stream.facts, options.tolerance_ns
         if tolerance_ns is None:
             only_restarts = facts.phase_control is PhaseControl.RESET
@@ -189,25 +188,25 @@ class RigMember:
 
     @property
     def standing(self) -> tuple[NodeState | None, str]:
-        """How far it is, None before it has begun, and why it is not further in plain words."""
+        """The node's state, None before it has begun, and in plain words why it is not ready."""
         if self._last_state is None:
             return None, ""
         return self._last_state, self._engine.report(self._clock.now_ns()).message
 
-    # What the viewfinder shows and asks
+    # For the viewfinder
 
     def leader_ns(self, local_ns: int) -> int | None:
-        """The leader's time of a local one; None while it is not known."""
+        """Return the leader's time of a local time; None while it is unknown."""
         time_map = self._engine.time_map
         return None if time_map is None else time_map.leader_from_local(local_ns)
 
     @property
     def is_busy(self) -> bool:
-        """Whether a burst is picked or sent: pictures must wait."""
+        """Whether frames of a burst are being selected or sent, so that previews must wait."""
         return self._engine.has_burst_pending or self._uploader.is_busy
 
     def keep(self, measured: KeepStamp) -> bool:
-        """Go by what was measured from now on; whether it is kept for the next time, too."""
+        """Apply a measurement from now on; return whether it is saved for later runs, too."""
         facts, name, profiles, kept = self._stream.facts, self.options.name, self._profiles, True
         if measured.stamp is not None:
             self._stream.set_stamp(measured.stamp)
@@ -220,7 +219,7 @@ class RigMember:
         return kept
 
     def detail(self) -> NodeDetail:
-        """All that the node knows of itself."""
+        """Return the node's details for operators."""
         errors_ns = (self._engine.phase_error_ns(stamp) for stamp in self._viewfinder.stamps_ns)
         spool, seen = self._uploader.spool, self._viewfinder
         return NodeDetail(
@@ -237,7 +236,7 @@ class RigMember:
             disk_free_bytes=None if spool is None else free_bytes(spool.folder),
         )
 
-    # What the engine tells
+    # Events of the engine
 
     def _drain(self) -> None:
         if self._is_leaving:
@@ -258,7 +257,7 @@ class RigMember:
                 self._keep_profile()
 
     def _keep_profile(self) -> None:
-        """Keep what brought the camera into phase: it is proven."""
+        """Store the parameters that brought the camera into phase, as they are proven."""
         aligner = self._engine.aligner
         if self._profiles is not None and aligner.actuator.profile is not None:
             self._profiles.save_injection(self._stream.facts, aligner.actuator.profile)
@@ -287,7 +286,7 @@ class RigMember:
             self._log.say(words)
 
     def _upload(self, picked: FramesSelected[CapturedFrame]) -> None:
-        """Begin the upload of a burst that was picked, or go on with it."""
+        """Begin the upload of a burst, or continue it with further frames."""
         if picked.further:
             self._uploader.extend_burst(picked)
             return
@@ -334,10 +333,10 @@ def camera_record(
     device: DeviceClock | None = None,
     held: Mapping[Control, float] | None = None,
 ) -> CameraRecord:
-    """The manifest's record of a camera at a burst; `corrections` counts those of the phase until then.
+    """Return a camera's manifest record at a burst; `corrections` counts the phase corrections until then.
 
-    `tolerance_ns` is how near to the rig's grid the phase was to be held; `device` is the camera's own clock,
-    where it stamps by one; `held` are the controls that somebody set.
+    `tolerance_ns` is the phase tolerance on the rig's grid; `device` is the camera's own clock, if it
+    timestamps by one; `held` are the controls that a user set.
     """
     time_map, phase = ready.time_map, ready.phase
     return CameraRecord(
@@ -369,7 +368,7 @@ def camera_record(
 
 
 def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
-    """An event as a flat line of JSON."""
+    """Return an event as a flat JSON object."""
     match event:
         case events.LeaderNews(what, text):
             return {"event": _LEADER_LINES[what], "text" if what == "said" else "reason": text}
@@ -389,7 +388,7 @@ def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
 
 
 def event_words(event: events.ClientEvent[Any]) -> str:
-    """Return what a user should hear of an event; empty where nothing."""
+    """Return the log line of an event; empty for none."""
     match event:
         case events.LeaderNews("said"):
             return f"the leader says: {event.text}"

@@ -1,4 +1,4 @@
-"""What is known of each device, mode and link from before, kept as JSON in the user's data folder."""
+"""Stored profiles of each device, mode and link, as JSON in the user's data folder."""
 
 import os
 from pathlib import Path
@@ -27,14 +27,14 @@ class _Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class DeviceProfiles:
-    """The profiles in one folder; a file that cannot be read or written only costs some corrections."""
+    """Profiles in one folder; a file that cannot be read or written costs only some corrections."""
 
     def __init__(self, folder: Path | None = None) -> None:
-        """`folder`: another one than the user's data folder, $XDG_DATA_HOME/simulshot on Linux."""
+        """`folder` replaces the user's data folder, $XDG_DATA_HOME/simulshot on Linux."""
         self._path = (folder or user_data_path("simulshot")) / FILE
 
     def injection_profile(self, facts: CameraFacts) -> InjectionProfile | None:
-        """What a long frame does to cameras like this one; None where it is not known."""
+        """Return the effect of a long frame on cameras of this kind and mode; None if unknown."""
         known = self._entry(facts).injection
         least, most = GAIN_LIMITS
         if known is None or not least <= known.gain <= most or known.row_time_ns <= 0:
@@ -42,31 +42,31 @@ class DeviceProfiles:
         return known
 
     def start_latencies_ns(self, facts: CameraFacts) -> tuple[int, ...]:
-        """How long starts of cameras like this one took, modulo the period in ns, newest last."""
+        """Return start latencies of cameras of this kind and mode, modulo the period in ns, newest last."""
         return self._entry(facts).start_latencies_ns[-MOST_LATENCIES:]
 
     def save_injection(self, facts: CameraFacts, profile: InjectionProfile) -> bool:
-        """Keep what a long frame does to cameras like this one; False where it cannot be written."""
+        """Store the effect of a long frame on cameras of this kind; return False if it cannot be written."""
         return self._write(_key(facts), injection=profile)
 
     def save_start_latencies(self, facts: CameraFacts, latencies_ns: tuple[int, ...]) -> bool:
-        """Keep how long starts took, in the place of what was known; False where it cannot be written."""
+        """Store start latencies, replacing earlier ones; return False if they cannot be written."""
         return self._write(_key(facts), start_latencies_ns=latencies_ns[-MOST_LATENCIES:])
 
     def stamp(self, camera: str, facts: CameraFacts) -> StampAccuracy | None:
-        """How late the stamps of this one camera were measured to be; None where nobody has."""
+        """Return the measured delay of this camera's timestamps; None if it was never measured."""
         return self._read().get(_key_of_one(camera, facts), _Entry()).stamp
 
     def save_stamp(self, camera: str, facts: CameraFacts, stamp: StampAccuracy) -> bool:
-        """Keep how late one camera's stamps are, in this mode; False where it cannot be written."""
+        """Store one camera's timestamp delay in this mode; return False if it cannot be written."""
         return self._write(_key_of_one(camera, facts), stamp=stamp)
 
     def way(self, camera: str, leader: str) -> KnownWay | None:
-        """What was measured of the link of a camera's node to the leader on that host; None where nothing."""
+        """Return the measured path asymmetry of a camera's node and the leader on that host, if any."""
         return self._read().get(f"{camera}>{leader}", _Entry()).way
 
     def save_way(self, camera: str, leader: str, way: KnownWay) -> bool:
-        """Keep how unequal the ways of such a link are; False where it cannot be written."""
+        """Store the path asymmetry of such a link; return False if it cannot be written."""
         return self._write(f"{camera}>{leader}", way=way)
 
     def _entry(self, facts: CameraFacts) -> _Entry:
@@ -78,7 +78,7 @@ class DeviceProfiles:
             return True
         lock_path = self._path.with_name(f"{FILE}.lock")
         try:
-            # Nodes of one host share the file: two that add to it at once must not lose either's entry.
+            # Nodes of one host share the file: two concurrent writers must not lose either's entry.
             lock = lock_file(lock_path, wait=True)
         except OSError:
             return False
@@ -106,5 +106,5 @@ def _key(facts: CameraFacts) -> str:
 
 
 def _key_of_one(camera: str, facts: CameraFacts) -> str:
-    """Stamps of two cameras of one model may differ: the one, by its name, in this mode."""
+    """Return one camera's key, by name and mode: timestamps of two cameras of a model may differ."""
     return f"{camera}@{_key(facts)}"

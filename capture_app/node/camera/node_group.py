@@ -1,4 +1,4 @@
-"""Several cameras of one machine in one process: a node for each, none of which waits for another."""
+"""Several cameras of one machine in one process: one node for each, none of which waits for another."""
 
 import asyncio
 from collections.abc import Mapping, Sequence
@@ -17,7 +17,7 @@ RETRY_S = 5.0
 
 
 async def run_nodes(nodes: Mapping[str, CameraNode], log: Log, *, retry_s: float = RETRY_S) -> None:
-    """Run nodes side by side until cancelled; one without its camera is tried again while others run.
+    """Run nodes side by side until cancelled; retry one whose camera fails while the others run.
 
     Raises CameraError where not one camera can be opened at the start, and any other error of a node.
     """
@@ -43,9 +43,9 @@ async def run_nodes(nodes: Mapping[str, CameraNode], log: Log, *, retry_s: float
 
 
 def name_cameras(name: str, specs: Sequence[str]) -> dict[str, str]:
-    """Return each camera's spec by its name: `name`, or NAME-DEVICE where there are several.
+    """Return each camera's spec by its name: `name`, or NAME-DEVICE if there are several.
 
-    Raises BadInputError for a spec that cannot be read or is there twice.
+    Raises BadInputError for a spec that cannot be read or is given twice.
     """
     labels = [parse_spec(spec).label for spec in specs]
     if len(specs) == 1:
@@ -59,9 +59,9 @@ def name_cameras(name: str, specs: Sequence[str]) -> dict[str, str]:
 
 
 def camera_node(name: str, spec: str, *, clock: NodeClock, **options: Any) -> CameraNode:
-    """Make the node of one camera by this user's device profiles; the camera is opened when it runs.
+    """Return the node of one camera with this user's device profiles; the camera is opened when it runs.
 
-    `options` are those of `NodeOptions`.
+    `options` are fields of `NodeOptions`.
     """
     return CameraNode(
         NodeOptions(

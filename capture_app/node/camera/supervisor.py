@@ -1,8 +1,8 @@
-"""A node's camera kept streaming into its engine: opened again when it fails, told what it is asked for.
+"""Supervision of a node's camera: keeps it streaming into the engine, reopens it, and sets its controls.
 
-What a camera chooses by itself is locked while a burst is picked, so that its frames look alike. That is done
-where its driver is seen to tell what it chooses: a control that reads the same for ever may tell nothing, and
-to hold it would change the picture.
+Automatic controls are locked while a burst is captured, so that its frames are consistent. That is done only
+where the driver is seen to report the camera's choices: a control that always reads the same may report
+nothing, and locking it would change the image.
 """
 
 import asyncio
@@ -38,37 +38,37 @@ from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 from capture_app.trust.trust import Trust
 
 REFUSALS = (SimulshotError, OSError)
-"""What a camera may raise that is asked for its controls."""
+"""Errors that a camera may raise when its controls are read or set."""
 LOOK_EVERY_S = 2.0
-"""Between two looks at what the camera has chosen."""
+"""Interval between reads of the values that the camera has chosen."""
 RETRY_S = 2.0
 
 
 class ControlKeeper:
-    """One camera's."""
+    """Controls of one camera: set by operators, and locked during bursts."""
 
     def __init__(self, camera: "CameraSupervisor") -> None:
         self.latest: tuple[ControlState, ...] = ()
-        """All controls, as they were when they were looked at last."""
+        """All controls at the last read."""
         self._supervisor = camera
         self._busy = asyncio.Lock()
         self.held: dict[Control, float] = {}
-        """What is held because somebody asked for it."""
+        """Values that an operator has set."""
         self._seen: dict[Control, float | None] = {}
         self._live: set[Control] = set()
-        """Controls whose driver tells what the camera chooses."""
+        """Controls whose driver reports what the camera chooses."""
         self._locked: set[Control] = set()
         self._in_burst = False
         self._burst_changed = asyncio.Event()
 
     def set_in_burst(self, in_burst: bool) -> None:
-        """Note that frames of a burst are being picked, or none are any more."""
+        """Note whether frames of a burst are being captured."""
         if in_burst != self._in_burst:
             self._in_burst = in_burst
             self._burst_changed.set()
 
     async def run(self) -> None:
-        """Look at what the camera chooses, and lock it for bursts, until cancelled; then it is as it was."""
+        """Track what the camera chooses and lock it for bursts, until cancelled; then unlock it."""
         try:
             while True:
                 await has_come(self._burst_changed, LOOK_EVERY_S)
@@ -77,16 +77,16 @@ class ControlKeeper:
                     async with self._busy:
                         await (self._lock() if self._in_burst else self._unlock())
         finally:
-            # A camera may keep what it was told last, for other programs too.
+            # A camera may keep its last setting, for other programs too.
             await self._let_go()
 
     async def read(self) -> CameraControls:
-        """Return all controls as they stand."""
+        """Return the current state of all controls."""
         async with self._busy:
             return CameraControls(controls=await self._look())
 
     async def apply(self, wanted: Mapping[Control, ControlValue]) -> CameraControls:
-        """Set these controls as well as the camera can; return all as they stand then, and what it cannot."""
+        """Set these controls as far as possible; return the resulting state of all, and any problems."""
         problems: dict[Control, str] = {}
         async with self._busy:
             before = CameraControls(controls=await self._look())
@@ -104,7 +104,7 @@ class ControlKeeper:
             return CameraControls(controls=await self._look(), problems=problems)
 
     async def restore(self) -> None:
-        """Set again what is held, and let go of what was locked: the camera was opened anew."""
+        """Set held controls again and release the locks, after the camera was reopened."""
         async with self._busy:
             await self._let_go()
             for control, value in self.held.items():
@@ -115,13 +115,13 @@ class ControlKeeper:
 
     async def _look(self) -> tuple[ControlState, ...]:
         self.latest = ()
-        # A camera that has failed is opened again by others, and none of its controls ends the node.
+        # Others reopen a camera that has failed, and an error of its controls does not end the node.
         with suppress(*REFUSALS):
             self.latest = await self._supervisor.camera.controls()
         return self.latest
 
     async def _set(self, state: ControlState, value: ControlValue) -> str:
-        """Set one; return what is not as it was asked for, empty where nothing is."""
+        """Set one control; return what differs from the request, empty for nothing."""
         if value == "auto":
             return await self._release(state)
         control, asked = state.control, state.value if isinstance(value, str) else value
@@ -147,8 +147,8 @@ class ControlKeeper:
         await self._supervisor.camera.set_control(state.control, None)
         return ""
 
-    # What is locked for a burst is not told to the engine: an exposure that becomes known moves the moment of
-    # light that stamps are taken for, and with it the grid, just when a burst is picked.
+    # The engine does not learn of locks for a burst. An exposure that becomes known shifts the exposure time
+    # that timestamps stand for, and with it the grid, just while a burst is captured.
 
     async def _lock(self) -> None:
         for state in await self._look():
@@ -164,7 +164,7 @@ class ControlKeeper:
             self._seen[state.control] = state.value
 
     async def _let_go(self) -> None:
-        """Have the camera choose again what is locked; what it refuses stays locked, until the next time."""
+        """Return locked controls to automatic; one that the camera refuses stays locked for now."""
         for control in tuple(self._locked):
             with suppress(*REFUSALS):
                 await self._supervisor.camera.set_control(control, None)
@@ -173,53 +173,53 @@ class ControlKeeper:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class NodeOptions:
-    """What a node is given by whoever starts it."""
+    """Options that a node is started with."""
 
     name: str
     open_camera: Callable[[], Camera]
     """Called at the start, and again after each failure of the device."""
     leaders: tuple[Address, ...]
-    """Leaders or relays of one rig, asked in turn."""
+    """Leaders or relays of one rig, tried in turn."""
     clock: NodeClock = field(default_factory=HostClock)
     tolerance_ns: int | None = None
-    """The largest phase error that is not corrected; None for the usual one of the camera's kind."""
+    """Phase errors up to this are left alone; None for the default of the camera's kind."""
     ring_ns: int = RING_NS
-    """How long frames are kept for bursts in the past, at most."""
+    """Maximum age of frames stored for bursts in the past."""
     ring_bytes: int = RING_BYTES
-    """How much memory they take at most, and as much those that are not on a disk yet."""
+    """Maximum memory for stored frames, and again for frames that are not on a disk yet."""
     spool: Path | None = None
-    """A folder for the images that the leader does not have yet; memory holds them without one."""
+    """Folder for the images that the leader does not have yet; without one they stay in memory."""
     profiles: DeviceProfiles | None = None
-    """How devices like this one were moved before; they are told, too."""
+    """Stored device profiles; updated with new measurements."""
     trust: Trust = field(default_factory=Trust.of_user)
-    """Whom it follows."""
+    """This node's identity and the leaders that it accepts."""
     log: Log = field(default_factory=Log)
-    """Takes what a user may see."""
+    """Receives the lines that a user may see."""
     put_off: Callable[[], None] = lambda: None
-    """Called when an operator takes it off the rig, where whoever starts it can see to that."""
+    """Called when an operator removes the camera from the rig."""
 
 
 class FrameReceiver(Protocol):
-    """Whatever is given the frames of a camera."""
+    """Receiver of a camera's frames."""
 
     def add_frame(self, frame: CapturedFrame) -> None:
-        """Take in the next frame."""
+        """Take the next frame."""
 
 
 class CameraStream:
-    """A camera that streams, over as many openings of the device as there are; `start` makes one.
+    """A streaming camera, across all reopenings of the device; `start` creates one.
 
-    Each receiver is given each frame in order. Frames that come before there is a receiver are dropped.
+    Each receiver gets each frame in order. Frames that arrive before there is a receiver are dropped.
     """
 
     camera: Camera
-    """The one that is open."""
+    """The open camera."""
     facts: CameraFacts
-    """What the camera is and can do, and what is known of its stamps."""
+    """Properties and abilities of the camera, with the accuracy of its timestamps."""
     failed: asyncio.Future[Exception]
     """The error of the device once it has failed."""
     started_ns: int
-    """When the camera was told to start, in ns of the node's clock."""
+    """Time of the start command, in ns of the node's clock."""
 
     def __init__(self, options: NodeOptions) -> None:
         self._options = options
@@ -228,13 +228,13 @@ class CameraStream:
 
     @classmethod
     async def start(cls, options: NodeOptions) -> Self:
-        """Open a node's camera and start its stream. Raises what the camera raises."""
+        """Open a node's camera and start its stream. Raises the camera's errors."""
         stream = cls(options)
         await stream.open()
         return stream
 
     async def open(self) -> None:
-        """Open the camera, again where it has failed, and start its stream. Raises what the camera raises."""
+        """Open the camera, again after a failure, and start its stream. Raises the camera's errors."""
         self.camera = self._options.open_camera()
         self.started_ns = self._options.clock.now_ns()
         failed = self.failed = asyncio.get_running_loop().create_future()
@@ -247,11 +247,11 @@ class CameraStream:
         self.update_facts()
 
     def set_stamp(self, stamp: StampAccuracy) -> None:
-        """Use a newly measured accuracy of the camera's stamps, from the next `update_facts` on."""
+        """Use a new timestamp accuracy from the next `update_facts` on."""
         self._set_stamp = stamp
 
     def update_facts(self) -> None:
-        """Read the camera's facts, with what is known of its stamps, as the leader and sessions get them."""
+        """Read the camera's facts and timestamp accuracy, as the leader and sessions get them."""
         facts = self.camera.facts
         told, just_set = facts.stamp_accuracy, self._set_stamp
         if just_set is not None and just_set.exposure_ns == facts.exposure_ns:
@@ -268,7 +268,7 @@ class CameraStream:
 
 
 class CameraSupervisor:
-    """Feeds an engine a camera's stream, carries out its commands, and reopens the camera when it fails."""
+    """Link between a camera and an engine: passes frames and commands, reopens a failed camera."""
 
     def __init__(
         self,
@@ -279,11 +279,11 @@ class CameraSupervisor:
         *,
         retry_s: float = RETRY_S,
     ) -> None:
-        """`pump` runs the engine; a camera that has failed is opened again each `retry_s`."""
+        """`pump` runs the engine; a failed camera is reopened every `retry_s`."""
         self._options, self._retry_s = options, retry_s
         self._stream, self._engine, self._pump = stream, engine, pump
         self._commands: asyncio.Queue[tuple[CameraCommand, int]] = asyncio.Queue()
-        """Each with the local time in ns that the engine reckoned with."""
+        """Commands, each with the local time in ns at which the engine computed it."""
         self._engine_ns = 0
         self.controls = ControlKeeper(self)
         """Exposure, gain, white balance and focus."""
@@ -293,19 +293,19 @@ class CameraSupervisor:
 
     @property
     def camera(self) -> Camera:
-        """The one that is open."""
+        """The open camera."""
         return self._stream.camera
 
     def collect_commands(self) -> None:
-        """Queue what the engine asks of the camera, and hold its controls while frames of a burst come."""
+        """Queue the engine's commands for the camera, and lock its controls while a burst is captured."""
         self.controls.set_in_burst(self._engine.has_burst_pending)
         while (command := self._engine.next_command()) is not None:
             self._commands.put_nowait((command, self._engine_ns))
 
     async def keep_open(self) -> None:
-        """Wait for the device to fail, and then try to open it again and again, for ever.
+        """Wait for the device to fail and reopen it, forever.
 
-        Raises CameraError where another camera is there then.
+        Raises CameraError if another camera is connected then.
         """
         while True:
             error = await self._stream.failed
@@ -318,13 +318,13 @@ class CameraSupervisor:
             self._tell_engine("")
 
     async def carry_out_commands(self) -> None:
-        """Apply the queued commands in their order, for ever."""
+        """Apply the queued commands in order, forever."""
         while True:
             command, reckoned_ns = await self._commands.get()
             given_ns = self._options.clock.now_ns()
             if isinstance(command, RestartStream):
                 delay_ns = command.delay_ns - (given_ns - reckoned_ns)
-                # Too late for the start aimed at: the same place in a later period is as good.
+                # Too late for the targeted start: the same phase in a later period is as good.
                 late = delay_ns < 0
                 command = RestartStream(delay_ns % self._stream.facts.period_ns if late else delay_ns)
             try:
@@ -333,7 +333,7 @@ class CameraSupervisor:
                 self._options.log.say(f"camera refused a command: {error}")
                 continue
             if isinstance(command, RestartStream):
-                # Cameras keep to this moment, or to whole periods after it, however late this loop is.
+                # Cameras keep to this moment, or to whole periods after it, whatever the delay of this loop.
                 self._engine.stream_started(given_ns + command.delay_ns)
 
     async def _reopen(self) -> None:
@@ -347,22 +347,22 @@ class CameraSupervisor:
             except SimulshotError as reason:
                 await self.camera.stop()
                 self._tell_engine(str(reason))
-        # A camera that was unplugged forgets its exposure; that makes it no other camera.
+        # A camera that was unplugged forgets its exposure; it is still the same camera.
         facts = self._stream.facts
         if replace(facts, exposure_ns=before.exposure_ns, stamp=before.stamp) != before:
             raise CameraError(f"another camera is connected now: {facts.model}", hint="start the node again")
         self._engine.stream_started(self._stream.started_ns)
 
     def note_exposure(self) -> None:
-        """Tell the engine if the camera's exposure, or what is known of its stamps, has changed."""
+        """Notify the engine if the camera's exposure or timestamp accuracy has changed."""
         before = self._stream.facts
         self._stream.update_facts()
         if self._stream.facts != before:
             self._engine.update_camera(self._stream.facts)
 
     def add_frame(self, frame: CapturedFrame) -> None:
-        """Give the engine the next frame."""
-        # A camera that was opened again counts its streams from the start; the engine's count goes on.
+        """Pass the next frame to the engine."""
+        # A reopened camera counts its streams from the start; the engine's count goes on.
         self._last_stream = self._streams_before + frame.stream
         stamp = FrameStamp(frame.sequence, self._last_stream, frame.timestamp_ns)
         self._engine_ns = self._options.clock.now_ns()

@@ -1,4 +1,4 @@
-"""Brings a node's bursts to the leader and keeps each image until the leader has it safely on disk."""
+"""Upload of a node's bursts: each image is stored until the leader has it safely on disk."""
 
 import asyncio
 import contextlib
@@ -37,34 +37,34 @@ RETRY_S = (0.5, 1.0, 2.0, 4.0)
 SPACE_EVERY_S = 30.0
 MAX_WAITING_BURSTS = 64
 MAX_IN_FLIGHT = 64
-"""How many images are sent ahead of the leader's answers: its disk is synced for many at a time."""
+"""Maximum number of unacknowledged images, because the leader syncs its disk for many at a time."""
 ASK_AGAIN_S = 0.05
 
 Answer = ImageAck | ReportAck | Refusal
 
 
 class PostponedError(NetworkError):
-    """The leader cannot take a burst now, and may later."""
+    """The leader cannot accept a burst now, but may later."""
 
 
 class BurstSender:
-    """Sends bursts over one open stream to the leader; `news` is set whenever there is more to send.
+    """Sender of bursts over one open stream to the leader; `news` is set whenever there is more to send.
 
-    Of each its report, then each image until the leader has it on its disk.
+    It sends each burst's report, then its images until the leader has each on its disk.
     """
 
     def __init__(
         self, channel: Channel[Any], news: asyncio.Event, log: Log, waiting: Collection[BurstUpload]
     ) -> None:
-        """`waiting` are all bursts that are to be sent, over one such stream after the other."""
+        """`waiting` are all bursts to be sent, over successive streams."""
         self._channel, self._news, self._log, self._waiting = channel, news, log, waiting
         self._in_flight: deque[ImageUpload] = deque()
         self._answer: asyncio.Task[Answer] | None = None
         self._receipts: dict[int, ImageReceipt] = {}
-        """By instant, what the leader has of images of which the rest is to be sent."""
+        """The leader's receipts for partial images, by instant."""
 
     async def aclose(self) -> None:
-        """Wait for no answer any more."""
+        """Stop waiting for answers."""
         if self._answer is not None:
             await end(self._answer)
 
@@ -72,7 +72,7 @@ class BurstSender:
         self,
         message: NodeStream | CameraReport | SpoolSpace,
     ) -> ReportAck | Refusal:
-        """Send a message and wait until the leader has what it tells.
+        """Send a message and return the leader's answer.
 
         Raises NetworkError where the stream breaks off or the leader does not answer.
         """
@@ -83,12 +83,12 @@ class BurstSender:
         return answer
 
     async def send_burst(self, burst: BurstUpload) -> Refusal | None:
-        """Send a burst as it is encoded; returns when the leader has all it wants, or its refusal for good.
+        """Send a burst as it is encoded; return once the leader has all it requests, or its final refusal.
 
-        Returns, too, where one that is still being picked has nothing to send at present, and another has.
-        Raises PostponedError where the leader may want it later, NetworkError where the stream breaks off.
+        Also returns if a burst that is still being captured has nothing to send while another burst has.
+        Raises PostponedError where the leader may accept it later, NetworkError where the stream breaks off.
         """
-        # A leader that was away has kept what it acknowledged; only the stream's own state is new.
+        # A reconnected leader still has what it acknowledged; only the stream's own state is new.
         told: CameraReport | None = None
         burst.reopen()
         while not burst.is_over:
@@ -123,9 +123,9 @@ class BurstSender:
         return None
 
     async def _tell(self, burst: BurstUpload, *, first: bool) -> Refusal | None:
-        """Tell what the node has of the burst, its events only at first.
+        """Report the burst to the leader, with its events the `first` time only.
 
-        Let go of what the leader does not want or has already, and note what it has of the rest.
+        Drop images that the leader does not need or has already, and store its receipts for partial ones.
         """
         refusal = await self._take_all_answers(burst)
         if refusal is not None:
@@ -136,7 +136,7 @@ class BurstSender:
             return answer
         self._receipts = {receipt.instant: receipt for receipt in answer.receipts if not receipt.stored}
         if answer.undecided:
-            # The leader takes its time before it says so; another one may not.
+            # This leader waits before it answers so; another one may not.
             await asyncio.sleep(ASK_AGAIN_S)
             return None
         unwanted = burst.commit(answer.wanted)
@@ -164,7 +164,7 @@ class BurstSender:
         await self._send(replace(image, offset=offset), memoryview(data)[offset:])
 
     async def _take_answer(self, burst: BurstUpload) -> Refusal | None:
-        """Wait for the answer to the image that was sent first, or for news of the burst."""
+        """Wait for the answer to the oldest unacknowledged image, or for new work."""
         if self._answer is None:
             self._answer = asyncio.create_task(self._receive())
         news = asyncio.create_task(self._news.wait())
@@ -175,7 +175,7 @@ class BurstSender:
         return await self._take_next(burst) if self._answer.done() else None
 
     async def _take_all_answers(self, burst: BurstUpload) -> Refusal | None:
-        """Wait for the answers to all images that were sent; return the first refusal."""
+        """Wait for the answers to all sent images; return the first refusal."""
         refusal = None
         while self._in_flight:
             refused = await self._take_next(burst)
@@ -234,7 +234,7 @@ class BurstSender:
 async def _delete(files: Collection[Path]) -> None:
     def delete() -> None:
         for file in files:
-            # On a disk that is read-only now it stays, and is offered again when the node is started again.
+            # On a disk that is now read-only it stays, and is offered again when the node restarts.
             with contextlib.suppress(OSError):
                 file.unlink(missing_ok=True)
 
@@ -243,7 +243,7 @@ async def _delete(files: Collection[Path]) -> None:
 
 
 class Uploader:
-    """Encodes bursts into the spool, and sends them in their order over a stream that it reopens."""
+    """Encoder of bursts into the spool, and their sender in order, over a stream that it reopens."""
 
     def __init__(
         self,
@@ -255,9 +255,9 @@ class Uploader:
         retry_s: Sequence[float] = RETRY_S,
         trust: Trust | None = None,
     ) -> None:
-        """Speak for a camera, by the run that its node joins with, to leaders known by `trust`.
+        """Upload for a camera as this run of its node, to leaders known by `trust`.
 
-        `retry_s` are the waits after the first failed stream, the second and so on; the last one stays.
+        `retry_s` are the delays after the first failed stream, the second and so on; the last one repeats.
         """
         self._log = log
         self._trust = trust
@@ -277,11 +277,11 @@ class Uploader:
 
     @property
     def is_busy(self) -> bool:
-        """Whether something is being encoded or sent, rather than waiting for the leader or for news."""
+        """Whether images are being encoded or sent, as opposed to waiting for the leader or work."""
         return self._stream is not None or any(burst.frames for burst in self._waiting)
 
     def load_spool(self) -> None:
-        """Take on what an earlier run of this node has left in the spool. Raises SimulshotError."""
+        """Add the bursts that an earlier run of this node left in the spool. Raises SimulshotError."""
         for spooled in self.spool.open() if self.spool is not None else ():
             try:
                 burst = BurstUpload.of_spool(spooled)
@@ -296,7 +296,7 @@ class Uploader:
             self._waiting.append(burst)
 
     def add_burst(self, burst: BurstUpload) -> None:
-        """Take on a burst; the oldest is given up where a leader has been away for too many."""
+        """Add a burst; the oldest one is given up when too many wait for a lost leader."""
         self._waiting.append(burst)
         if len(self._waiting) > MAX_WAITING_BURSTS:
             given_up = self._waiting.popleft()
@@ -306,14 +306,14 @@ class Uploader:
         self._to_encode.set()
 
     def extend_burst(self, picked: FramesSelected[CapturedFrame]) -> None:
-        """Add further instants to a burst that was taken on before, where they are still of use."""
+        """Add further instants to an earlier burst, if they are still needed."""
         for upload in self._uploads_of(picked.trigger.leader, picked.trigger.burst):
             upload.extend(picked)
         self._news.set()
         self._to_encode.set()
 
     def cancel_burst(self, leader: int, burst: int) -> None:
-        """Let go of a burst: its leader wants nothing of it any more."""
+        """Drop a burst that its leader has cancelled."""
         for upload in self._uploads_of(leader, burst):
             upload.end()
             self._log.say(f"burst {burst} was cancelled")
@@ -331,17 +331,17 @@ class Uploader:
             self._thread.shutdown(wait=False, cancel_futures=True)
 
     def close(self) -> None:
-        """Let another node use the spool."""
+        """Release the spool for another node."""
         if self.spool is not None:
             self.spool.close()
 
     def set_leader(self, leader: Address, run: int | None = None) -> None:
-        """Send images to that address from now on; what was refused before is offered again.
+        """Send images to that address from now on, and offer refused bursts again.
 
-        `run` is the leader's, of whose bursts alone it may say that they are to be forgotten.
+        `run` is the leader's run. A leader can order the deletion of bursts of its own run only.
         """
         if leader != self.leader and self._stream is not None:
-            # Nobody may ever close the stream to a relay whose plug was pulled.
+            # The stream to a relay that lost power might never be closed otherwise.
             self._stream.abort()
         self.leader, self._run = leader, run
         self._waiting.extendleft(reversed(self._refused))
@@ -366,7 +366,7 @@ class Uploader:
             self._to_sync.set()
 
     async def _encode_next(self, burst: BurstUpload) -> None:
-        """Encode the first frame of a burst that has one, and move it to its images."""
+        """Encode the first pending frame of a burst, and move it to its images."""
         picked, image = burst.frames[0], None
         try:
             loop = asyncio.get_running_loop()
@@ -374,16 +374,16 @@ class Uploader:
         except CameraError as error:
             burst.report_lost([picked.instant], str(error))
             self._log.say(f"burst {burst.report.burst}: instant {picked.instant} is lost: {error}")
-        # While it was encoded, the leader may have refused the burst.
+        # The leader may have refused the burst while the frame was encoded.
         if burst.frames and burst.frames[0] is picked:
             burst.frames.popleft()
             if image is not None:
                 burst.images.append(image)
 
     def _encode(self, burst: BurstUpload, picked: SelectedFrame[CapturedFrame]) -> ImageUpload:
-        """Encode a frame into the spool where there is room, else into memory; in a thread of its own."""
+        """Encode a frame into the spool if there is room, else into memory; runs in a thread of its own."""
         image, data = encode_frame(burst.report, picked, with_truth=not burst.video)
-        # It can be sent from here at once, while the spool's disk takes its time.
+        # The image can be sent from memory at once, while the spool's disk is slower.
         burst.in_memory[picked.instant] = data
         if self.spool is None or not burst.spooling:
             return image
@@ -398,12 +398,12 @@ class Uploader:
         return image
 
     def _note_useless_spool(self, burst: BurstUpload, error: SimulshotError) -> None:
-        """Keep a burst in memory from now on, as the spool cannot take it; the next one tries again."""
+        """Keep a burst in memory from now on, as the spool failed; the next burst tries the spool again."""
         burst.spooling = False
         self._log.say(f"burst {burst.report.burst} is kept in memory until the leader has it: {error}")
 
     async def _keep_ends(self) -> None:
-        """Keep in the spool what is missing of bursts that have ended."""
+        """Store the final reports of ended bursts in the spool."""
         for burst in tuple(self._waiting):
             has_ended = burst.ended and not burst.is_over
             if has_ended and not burst.end_is_kept and burst.spooled is not None:
@@ -412,7 +412,7 @@ class Uploader:
                     await asyncio.to_thread(burst.spooled.write_report, burst.report_to_keep())
 
     async def _sync_spool(self) -> None:
-        """Sync the spool for all images that were written to it during the sync before."""
+        """Sync the spool for all images that were written during the previous sync."""
         while True:
             await self._to_sync.wait()
             self._to_sync.clear()
@@ -421,8 +421,8 @@ class Uploader:
                 if not images or spooled is None:
                     continue
                 try:
-                    # What goes on to the leader at once is here for too short a time to be worth a sync: it
-                    # outlives this process, and a power cut of this machine would end the stream anyway.
+                    # Images that are sent at once are here too briefly to be worth a sync. They survive this
+                    # process, and a power cut of this machine would end the stream anyway.
                     if not burst.streamed or self._stream is None:
                         await asyncio.to_thread(spooled.sync, images.values())
                 except SimulshotError as error:

@@ -1,7 +1,7 @@
-"""What a node shows of its camera to whoever looks: small pictures, frame rate and exposure, and details.
+"""Viewfinder of a node's camera for operators: previews, frame rate, exposure, and details.
 
-All of it waits behind the clock and the bursts: pictures are made in a thread of low priority, one at a time,
-of the newest frame only, and none while a burst is picked or sent.
+It yields to the clock and to bursts. Previews are made in a low-priority thread, one at a time, of the newest
+frame only, and never while a burst is captured or sent.
 """
 
 import asyncio
@@ -40,24 +40,24 @@ JPEG_QUALITY = 75
 
 
 class ShownMember(Protocol):
-    """The member of a rig whose camera a viewfinder shows."""
+    """Member of a rig whose camera a viewfinder shows."""
 
     @property
     def is_busy(self) -> bool:
         """Whether previews must wait."""
 
     def leader_ns(self, local_ns: int) -> int | None:
-        """The leader's time of a local one; None while it is not known."""
+        """Return the leader's time of a local time; None while it is unknown."""
 
     def detail(self) -> NodeDetail:
-        """Return all that the node knows of itself."""
+        """Return the node's details for operators."""
 
     def keep(self, measured: KeepStamp) -> bool:
-        """Use a measurement from now on; return whether it is saved for the next run, too."""
+        """Apply a measurement from now on; return whether it is saved for later runs, too."""
 
 
 class Viewfinder:
-    """One camera's; keeps a stream to the leader open, over which this asks for what it wants to see."""
+    """Viewfinder of one camera; keeps a stream open, over which the leader requests previews."""
 
     def __init__(
         self, options: NodeOptions, instance: int, controls: ControlKeeper, member: ShownMember
@@ -78,7 +78,7 @@ class Viewfinder:
 
     @property
     def vitals(self) -> Vitals:
-        """How the camera runs now."""
+        """Current frame rate, exposure and gain."""
         newest = self.newest
         return Vitals(
             fps=self._fps(),
@@ -87,19 +87,19 @@ class Viewfinder:
         )
 
     def add_frame(self, frame: CapturedFrame) -> None:
-        """Take note of the next frame of the stream."""
+        """Note the next frame of the stream."""
         self.newest = frame
         self.stamps_ns.append(frame.timestamp_ns)
 
     def set_leader(self, leader: Address) -> None:
-        """Open the stream to that leader, anew where it was to another run of it."""
+        """Open the stream to that leader, and reopen it if the leader was restarted."""
         self._leader = leader
         self._leader_changed.set()
         if self._channel is not None:
             self._channel.abort()
 
     async def run(self) -> None:
-        """Keep the stream open, and show what is asked for, until cancelled."""
+        """Keep the stream open, and send what is requested, until cancelled."""
         try:
             while True:
                 if self._leader is None:
@@ -110,7 +110,7 @@ class Viewfinder:
                     async with await connect(self._leader, FromLeader, trust=self._options.trust) as channel:
                         if not self._leader_changed.is_set():
                             await self._serve(channel)
-                # A leader that is gone is another one when it is back, which is told by `set_leader`.
+                # A leader that returns after a loss is a new run, announced by `set_leader`.
                 await has_come(self._leader_changed, RETRY_S)
         finally:
             self._thread.shutdown(wait=False, cancel_futures=True)
@@ -121,7 +121,7 @@ class Viewfinder:
         self._may_send.set()
         await channel.send(NodeStream(camera=self._name, instance=self._instance, shows=True))
         try:
-            # No task group: one that is cancelled as its stream breaks off tells of the stream only.
+            # No task group: if it is cancelled as its stream breaks off, it reports the stream's error only.
             parts = await first_of(self._listen(channel), self._tell_vitals(channel), self._show(channel))
             next(part for part in parts if not part.cancelled()).result()
         finally:
@@ -195,7 +195,7 @@ class Viewfinder:
 
 
 def small_jpeg(frame: CapturedFrame, width: int) -> tuple[bytes, int, int] | None:
-    """Return a JPEG of a frame at most so many pixels wide, its width and height; None where it has none."""
+    """Return a JPEG of a frame at most `width` pixels wide, its width and height; None if that fails."""
     import cv2
 
     try:

@@ -1,4 +1,4 @@
-"""Keys for datagrams, as nodes ask for them of each leader that they have something to say to."""
+"""Requests of a node for datagram keys, one for each leader that it sends to."""
 
 import asyncio
 import contextlib
@@ -15,11 +15,11 @@ from capture_app.trust.keys import LeaderKeys
 from capture_app.trust.trust import Trust
 
 AGAIN_S = 0.3
-"""Between two requests to one leader, whatever came of the first."""
+"""Interval between two requests to one leader, whatever the result of the first."""
 
 
 class KeyRequester:
-    """Gets the keys that a node lacks, of each leader that it has something to say to."""
+    """Fetcher of the datagram keys that a node lacks, from each leader that it sends to."""
 
     def __init__(
         self,
@@ -29,9 +29,9 @@ class KeyRequester:
         trust: Trust,
         pump: Pump,
     ) -> None:
-        """`time` is the node's membership, which is told where it is not let in.
+        """`time` is the node's membership, which is notified of refusals.
 
-        `keys` is None where datagrams are not sealed: then none is ever wanted.
+        `keys` is None if datagrams are not sealed; then no key is ever requested.
         """
         self._keys = LeaderKeys() if keys is None else keys
         self._request, self._time, self._trust = request, time, trust
@@ -40,12 +40,12 @@ class KeyRequester:
         self._asked: set[tuple[str, int]] = set()
 
     def look(self) -> None:
-        """See whether a key is wanted; to be called when there may be news."""
+        """Check whether a key is needed; call it when that may have changed."""
         if self._keys.wanted:
             self._wanted.set()
 
     async def run(self) -> None:
-        """Ask until cancelled; leaders do not wait for each other."""
+        """Request keys until cancelled; leaders do not wait for each other."""
         async with asyncio.TaskGroup() as tasks:
             while True:
                 self.look()
@@ -64,11 +64,12 @@ class KeyRequester:
             self._pump.turn()
             self._trust.take_word(channel.who, answer.machines, answer.names)
         except SimulshotError as error:
-            # Whether there is a way to a leader at all is looked into elsewhere.
+            # Reachability of the leader is checked elsewhere.
             if isinstance(error, UnknownMachineError) or not isinstance(error, NetworkError):
                 self._time.note_refusal(str(error))
                 with contextlib.suppress(SimulshotError):
-                    # Its pin may have been added there; a leader whose disk is full, say, cannot keep it yet.
+                    # This machine's pin may have been added at the leader. A leader with a full disk cannot
+                    # store it yet.
                     await ask_to_enrol(Address(*leader), self._trust)
         await asyncio.sleep(AGAIN_S)
         self._asked.discard(leader)

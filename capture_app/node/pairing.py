@@ -1,4 +1,4 @@
-"""Becoming known: a leader's or a relay's part, the machine's, and what is said to who is not."""
+"""Pairing: the part of a leader or a relay, the part of the joining machine, and the refusal of others."""
 
 import asyncio
 import socket
@@ -25,13 +25,13 @@ from capture_app.trust.trust import ANYBODY, Peer, Trust
 OPEN_NEEDS_NO_CODE = "this rig is open to anybody and needs no code"
 LOOK_EVERY_NS = 1_000_000_000
 SAID_AGAIN_S = 30.0
-"""Strangers are told of so often at most: they shall not fill a screen."""
+"""Minimum interval between log lines about unknown machines, so that they cannot flood a screen."""
 Asked = pairing.FromStranger | pairing.Invite | pairing.SpeaksFor | messages.KeyRequest
-"""What leaders and relays answer alike."""
+"""Requests that leaders and relays answer in the same way."""
 
 
 class Enrolment:
-    """Makes machines known that have a code, or whose pin was added here, and gives nodes of them keys."""
+    """Enrolment of machines that have a code or whose pin was added here; also grants their nodes keys."""
 
     def __init__(self, trust: Trust, news: Log, sealed: SealedLeader | None = None) -> None:
         """`sealed` is None where datagrams are not sealed."""
@@ -44,7 +44,7 @@ class Enrolment:
         self._name = name_like(socket.gethostname().split(".")[0], "leader")
 
     def look(self, now_ns: int) -> None:
-        """Do now and then what is due with keys; `now_ns` is the node's own clock."""
+        """Log refusals and revoke keys, at intervals; `now_ns` is the node's own clock."""
         if self._sealed is None or (self._due_ns is not None and now_ns < self._due_ns):
             return
         self._due_ns = now_ns + LOOK_EVERY_NS
@@ -53,16 +53,16 @@ class Enrolment:
         self._take_back(self._sealed.keys)
 
     def _take_back(self, keys: ClientKeys) -> None:
-        """Take back the keys of machines that are not known any more; all where the standbys are others."""
+        """Revoke the keys of machines no longer known, and all keys when the standbys have changed."""
         try:
             machines, version = self._trust.known.all(), self._trust.known.version
         except SimulshotError:
-            # A damaged file is told of where machines are made known.
+            # A damaged file is reported where machines are enrolled.
             return
         if version != self._seen_version:
             self._seen_version = version
             may_join = {machine.pin for machine in machines if {Role.CAMERA, Role.RELAY} & {*machine.roles}}
-            # Who asks for a new key hears of them.
+            # The answer to a request for a new key lists the standbys.
             standbys = {machine.pin for machine in machines if Role.STANDBY in machine.roles}
             if standbys != self._standbys:
                 may_join = set()
@@ -70,14 +70,14 @@ class Enrolment:
             keys.revoke_all_but({self._trust.identity.pin, *may_join})
 
     def invite(self, role: Role) -> pairing.Invited:
-        """Make a code for one machine. Raises UnknownMachineError where machines need none."""
+        """Create a code for one machine. Raises UnknownMachineError where machines need none."""
         if self._trust.is_open:
             raise UnknownMachineError(OPEN_NEEDS_NO_CODE, hint="it runs with --open")
         invitation = self._invitations.invite(role)
         return pairing.Invited(code=invitation.code, good_for_s=GOOD_FOR_S)
 
     async def answer(self, channel: Channel[Any], message: Asked) -> None:
-        """Answer a machine that wants to be known or a key, or an operator who lets one in.
+        """Answer a machine that requests enrolment or a key, or an operator who invites one.
 
         Raises UnknownMachineError, BadInputError, DiskError, and NetworkError where the stream breaks off.
         """
@@ -96,10 +96,10 @@ class Enrolment:
                 await channel.send(self.hand_out(channel.who, message))
 
     def hand_out(self, who: Peer, request: messages.KeyRequest) -> messages.KeyAnswer:
-        """Give a key to a node of a machine that may ask for it.
+        """Grant a key to a node of a machine that may request it.
 
-        Raises BadInputError where there is none, UnknownMachineError where that machine was removed since it
-        opened its stream.
+        Raises BadInputError where datagrams are not sealed, UnknownMachineError where that machine was
+        removed since it opened its stream.
         """
         if self._sealed is None:
             raise BadInputError("datagrams are not sealed here", hint="this rig is OPEN: it asks nobody")
@@ -132,7 +132,7 @@ class Enrolment:
         if self._trust.is_open:
             raise UnknownMachineError(OPEN_NEEDS_NO_CODE, hint="it runs with --open")
         own_pin, pin = self._trust.identity.pin, pin_of(message.certificate)
-        # Its arithmetic takes a while, and other nodes ask for the time meanwhile.
+        # The computation takes a while, and other nodes request the time meanwhile.
         share, invitation, key = await asyncio.to_thread(
             self._invitations.answer, pin, message.share, own_pin, message.digit
         )
@@ -152,13 +152,13 @@ class Enrolment:
 
 
 def peer_of(message: pairing.SpeaksFor, relay: Peer) -> Peer:
-    """Return for whom a relay speaks: for cameras and operators, and never for itself."""
+    """Return the peer for whom a relay speaks: a camera or an operator, never the relay itself."""
     roles = frozenset(message.roles) & {Role.CAMERA, Role.OPERATOR}
     return Peer(message.pin, message.name, roles, via=relay.pin, node=message.node)
 
 
 def is_node(who: Peer, member: Member | None, instance: int) -> bool:
-    """Whether a peer is the machine from which this run of a node has joined, even if it is lost now."""
+    """Return whether a peer is the machine from which this run of a node joined, even if the node is lost."""
     if member is None or member.instance != instance:
         return False
     if who.via and who.node != (member.name, instance):
@@ -167,7 +167,7 @@ def is_node(who: Peer, member: Member | None, instance: int) -> bool:
 
 
 def speaks_for(who: Peer, message: Message) -> pairing.SpeaksFor | None:
-    """Return what a relay says for one of its own, which begins with this; None where nobody is asked."""
+    """Return a relay's introduction of a peer, sent before its first message; None on an open rig."""
     if who is ANYBODY:
         return None
     node = None
@@ -177,7 +177,7 @@ def speaks_for(who: Peer, message: Message) -> pairing.SpeaksFor | None:
 
 
 async def is_known(leader: Address, trust: Trust) -> bool:
-    """Whether this machine and a leader know each other. Raises NetworkError where it does not answer."""
+    """Return whether this machine and a leader know each other. Raises NetworkError if it does not answer."""
     try:
         async with await connect(leader, messages.FromLeader, trust=trust):
             return True
@@ -186,9 +186,9 @@ async def is_known(leader: Address, trust: Trust) -> bool:
 
 
 async def ask_to_enrol(leader: Address, trust: Trust) -> None:
-    """Show this machine to a leader that is known here, which may have been given its pin.
+    """Present this machine's certificate to a known leader, where its pin may have been added.
 
-    Raises UnknownMachineError where it was not, or is not known here, NetworkError.
+    Raises UnknownMachineError where it was not, or the leader is not known here, NetworkError.
     """
     async with await connect(leader, messages.FromLeader, trust=trust, as_stranger=True) as channel:
         if not channel.who.may(Role.LEADER):
@@ -197,9 +197,9 @@ async def ask_to_enrol(leader: Address, trust: Trust) -> None:
 
 
 async def pair(leader: Address, code: str, trust: Trust) -> tuple[Role, ...]:
-    """Make this machine and a leader known to each other by a code, and return what it may do there.
+    """Pair this machine and a leader by a code, and return this machine's roles there.
 
-    Raises UnknownMachineError where it is not the code, NetworkError, DiskError.
+    Raises UnknownMachineError for a wrong code, NetworkError, DiskError.
     """
     own = trust.identity
     async with await connect(leader, messages.FromLeader, trust=trust, as_stranger=True) as channel:
@@ -213,7 +213,7 @@ async def pair(leader: Address, code: str, trust: Trust) -> tuple[Role, ...]:
         proof = await asyncio.to_thread(candidate.prove, answer.share)
         known = await ask(channel, pairing.PairingProof(proof=proof), pairing.Known)
         candidate.check(known.proof)
-    # Whoever may lead in another's place is followed by that one when it comes back.
+    # A leader that returns follows the standby that leads in its place, so the standby grants it that role.
     role = Role.STANDBY if Role.STANDBY in known.roles else Role.LEADER
     trust.known.add(shown, role, name=known.leader)
     return known.roles

@@ -1,4 +1,4 @@
-"""A relay: a leader to its own nodes in its leader's time, that passes on what both have to say."""
+"""A relay: leads its own nodes in its leader's time, and forwards between both sides."""
 
 import asyncio
 import random
@@ -54,29 +54,29 @@ from capture_app.trust.sealed_engines import SealedRelay
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class RelayOptions(PortOptions):
-    """What a relay is given besides."""
+    """Options of a relay."""
 
     name: str
     parents: tuple[Address, ...]
-    """Leaders or relays of one rig, asked in turn, the best one first."""
+    """Leaders or relays of one rig, tried in turn, best first."""
 
 
 class RelayNode:
     """A running relay: `async with await RelayNode.start(options)` serves until the block ends.
 
-    Streams of its nodes go on to the leader byte by byte, through as many relays as there are: an image is
-    safe when the root says so, and whatever breaks off is taken up again between the node and the root.
+    Streams of its nodes are forwarded to the leader byte by byte, through any number of relays. An image is
+    safe when the root says so. A stream that breaks off is resumed between the node and the root.
     """
 
     def __init__(self, options: RelayOptions, engine: Relay, bound: socket) -> None:
-        """Put the parts together, for a port that is bound; `start` does it all."""
+        """Assemble the parts for a bound port; call `start` instead."""
         self.options, self._engine, self._clock = options, engine, options.clock
         port = engine.leader.config.transfer_port
         self.address = Address(reachable_host(options.host, bound.family), port)
-        # Which side its nodes are on, the relay cannot know.
+        # The relay cannot know which of its networks its nodes are on.
         hosts = own_hosts(bound.family) if options.host in ANY_HOST else []
         self.also = tuple(Address(other, port) for other in hosts if other != self.address.host)
-        """Further addresses of this machine that nodes may join it at."""
+        """Further addresses of this machine at which nodes may join."""
         self._sealed = None if options.trust.is_open else SealedRelay(engine)
         self._enrolment = Enrolment(options.trust, options.news, self._sealed)
         self._server = TransferServer(ToLeader, self._serve, trust=options.trust)
@@ -93,10 +93,10 @@ class RelayNode:
 
     @classmethod
     async def start(cls, options: RelayOptions) -> Self:
-        """Bind, and ask the parents.
+        """Bind, and join the parents.
 
-        Raises NetworkError where the port is in use, or a parent's host has no address or none that can be
-        reached from the host to listen on; DiskError or BadInputError where this machine's key cannot be had.
+        Raises NetworkError where the port is in use, or a parent's host has no address or none reachable from
+        the host to listen on; DiskError or BadInputError where this machine's key is not available.
         """
         options.trust.server_context()
         found = [await resolve(parent) for parent in options.parents]
@@ -134,7 +134,7 @@ class RelayNode:
         return relay
 
     def announced(self) -> AbstractAsyncContextManager[None]:
-        """Announce this relay to the network while the block runs."""
+        """Announce this relay on the network while the block runs."""
         options = self.options
         return announced(options.host, self.address.port, "relay", name=options.name, trust=options.trust)
 
@@ -145,7 +145,7 @@ class RelayNode:
         await self.stop()
 
     async def stop(self) -> None:
-        """Say goodbye to the leader, send the nodes on to others, and close the port."""
+        """Sign off from the leader, send the nodes on to others, and close the port."""
         await end(*self._tasks)
         for follower in self.options.followers:
             await follower.close()
@@ -157,11 +157,11 @@ class RelayNode:
 
     @property
     def instance(self) -> int:
-        """This run of the relay, by which its nodes tell it from the next."""
+        """Id of this run of the relay, which distinguishes it from the next one."""
         return self._engine.leader.config.instance
 
     def status(self, after: str | None = None) -> RigStatus:
-        """What this relay knows by itself: its own nodes, or a page of them, and how its time stands."""
+        """Return the relay's own status: its nodes or a page of them, and the state of its time."""
         now_ns = self._clock.now_ns()
         member, leader = self._engine.member, self._engine.leader
         time_map, nodes = member.time.time_map, leader.roster.by_name()
@@ -180,7 +180,7 @@ class RelayNode:
         )
 
     def shared_grid(self) -> SharedGrid | None:
-        """Return the root's grid, as well as this relay knows the root's time."""
+        """Return the root's grid, with this relay's map to the root's time."""
         grid, time_map = self._engine.leader.grid, self._engine.member.time.time_map
         return None if grid is None or time_map is None else SharedGrid(grid, time_map)
 
@@ -206,7 +206,7 @@ class RelayNode:
                 return
 
     async def _pass_on(self, below: Channel[ToLeader], message: ToLeader) -> bool:
-        """Pass a stream on to the leader, from this message on, until it ends; False where no leader is."""
+        """Forward a stream to the leader until it ends, from this message on; False without a leader."""
         try:
             if self._upstream is None:
                 raise NetworkError(self._holdover_message(self._clock.now_ns()))
@@ -214,7 +214,7 @@ class RelayNode:
                 self._upstream, FromLeader, timeout_s=UPSTREAM_TIMEOUT_S, trust=self.options.trust
             )
         except NetworkError as error:
-            # Who is here can be said without a leader; all else has to wait.
+            # A status is available without a leader; everything else has to wait.
             if isinstance(message, StatusRequest):
                 await below.send(StatusAnswer(rig=self.status(message.after)))
             else:
@@ -250,14 +250,14 @@ class RelayNode:
                 self.options.news.say(line)
 
     def _change_upstream(self, upstream: Address | None) -> None:
-        """Another parent, or none: break streams to the one before off, for nodes to take up again."""
+        """Switch to another parent, or none: abort the streams to the previous one, for nodes to resume."""
         self._upstream = upstream
         self._lost_ns = self._clock.now_ns() if upstream is None else None
         for above in self._upstream_channels:
             above.abort()
 
     def _holdover_message(self, now_ns: int) -> str:
-        """Say how this relay stands without a leader; empty while it has one."""
+        """Return the relay's state without a leader, as a sentence; empty while it has one."""
         if self._engine.member.time.is_member:
             return ""
         time_map = self._engine.member.time.time_map

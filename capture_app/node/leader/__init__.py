@@ -1,1 +1,1 @@
-"""The process that nodes join: engine, network, sessions folder, and answers to operators."""
+"""Process that nodes join: engine, network, sessions folder, and answers to operators."""

@@ -1,4 +1,4 @@
-"""A leader's bursts: asked for, ordered, collected and saved, with those of earlier runs."""
+"""Bursts of a leader: requested, ordered, collected and saved, including resumed ones of earlier runs."""
 
 import asyncio
 import dataclasses
@@ -42,16 +42,16 @@ from capture_app.sync.rig.orders import BurstOrder
 LONG_NS = 2_000_000_000
 END_LEAD_NS = 300_000_000
 NEAR = 0.02
-"""A rate that differs by no more than this share is the one that was asked for."""
+"""Maximum relative deviation from the requested rate."""
 UNNAMED, RECORDING = "burst", "recording"
-"""What the sessions of takes without a name begin with."""
+"""Prefixes of session names for takes without a name."""
 MAX_FOLDER_NUMBER = 999_999
 CANCELLED = "the burst was cancelled"
 REMEMBERED = 64
 SOON_NS = 30_000_000_000
-"""A burst that begins later is one ahead, and is none of those that are being saved."""
+"""Bursts that begin later than this count as ahead, and not among those being saved."""
 SURE_FRAMES = 300
-"""There must be room for so many frames of each camera before a recording begins."""
+"""A recording needs room for at least this many frames of each camera before it begins."""
 SILENCE_CHECK_S = 0.25
 SNAPSHOT_EVERY_S = 0.25
 MAX_OPEN_BURSTS, MAX_BURSTS_AHEAD = 16, 16
@@ -59,7 +59,7 @@ TELL_EVERY_NS = 1_000_000_000
 
 
 def frames_and_spacing(request: BurstRequest, period_ns: int) -> tuple[int, int]:
-    """Return the number of frames, and every how many of the rig's frames one is taken.
+    """Return the number of frames, and their spacing in frames of the rig.
 
     Raises BadInputError for an interval that is not a whole number of periods.
     """
@@ -83,14 +83,14 @@ def frames_and_spacing(request: BurstRequest, period_ns: int) -> tuple[int, int]
 
 
 def frames_until(burst: Burst, now_ns: int) -> int:
-    """How many frames a burst has that is to end now, and of whose end every node must hear before."""
+    """Return the frames of a burst that ends now, allowing time for every node to learn of the end."""
     return max(1, bisect_right(burst.instants_ns, now_ns + END_LEAD_NS))
 
 
 def order_of(request: BurstRequest, asked_ns: int, period_ns: int) -> BurstOrder:
-    """The order of a burst that was asked for at that leader time, in a rig of that frame period.
+    """Return the order of a burst requested at `asked_ns` of leader time, on a rig of that frame period.
 
-    The frames of a long one, and those of a video, are sent as they come. Raises BadInputError.
+    Frames of long bursts and of videos are sent as they are captured. Raises BadInputError.
     """
     frames, spacing = frames_and_spacing(request, period_ns)
     step_ns = spacing * period_ns
@@ -109,7 +109,7 @@ def order_of(request: BurstRequest, asked_ns: int, period_ns: int) -> BurstOrder
 
 
 def create_numbered(root: Path, prefix: str = UNNAMED, *, after: int = 0) -> tuple[SessionWriter, int]:
-    """Begin the session `PREFIX-NNN` of the next free number over `after`, and return that number too.
+    """Create the session `PREFIX-NNN` with the next free number above `after`, and return that number too.
 
     Raises BadInputError, DiskFullError.
     """
@@ -130,56 +130,56 @@ def _number(path: Path, prefix: str) -> int:
 
 
 class ActiveBursts:
-    """Orders bursts of an engine, and collects each into a session."""
+    """Bursts in progress: orders them from an engine, and collects each into a session."""
 
     def __init__(self, options: LeaderOptions, engine: Leader, pump: Pump) -> None:
         self._options, self._engine = options, engine
         self._pump, self._news = pump, options.news
         self.saved: deque[str] = deque(maxlen=REMEMBERED)
-        """Paths of the newest sessions of this run, newest last: every status tells them."""
+        """Paths of this run's newest sessions, newest last, which every status includes."""
         self.newest: BurstSession | None = None
         self._disk = DiskThreads()
         self.resumed = ResumedBursts(
             options.sessions, lambda session: self._background.start(self._follow(session)), self._disk
         )
-        """The sessions of earlier runs that are being finished."""
+        """Sessions of earlier runs that are being finished."""
         self._bursts: dict[int, BurstSession] = {}
         self._cancelled: set[int] = set()
         self._last_number = 0
         self._last_folders: dict[str, int] = {}
-        """The number in the name of the last session, by what is before it."""
+        """Number of the newest session, by name prefix."""
         self._image_bytes: dict[str, int] = {}
         self.spools: dict[str, SpoolSpace] = {}
-        """How much room each node has, as it told last."""
+        """Free space of each node, as last reported."""
         self._told_ns = self.now_ns() - TELL_EVERY_NS
         self._silent: set[str] = set()
-        """Cameras of this run that left their last burst without a word: one must not hold up all others."""
+        """Cameras of this run that silently left their last burst: one camera must not delay all others."""
         self._trouble = ""
-        """Why the leader's disk takes nothing at present, as it was told."""
+        """Why the leader's disk currently accepts nothing, as last reported."""
         self._background = Background()
         self._background.start(self._watch_silence())
         folders, wait_ns = options.resume, options.return_ns
         self._background.start(self.resumed.resume_all(self.now_ns(), folders=folders, wait_ns=wait_ns))
 
     def now_ns(self) -> int:
-        """The leader's time."""
+        """Return the leader's time."""
         return self._options.clock.now_ns()
 
     async def close(self) -> None:
-        """Save bursts under way with what has come."""
+        """Save bursts in progress with the images received so far."""
         await self._background.end()
         for burst in tuple(self._bursts.values()):
             if not burst.finished.is_set():
-                # Nodes still have what has not come, and the next start may fetch it.
+                # Nodes still have the other images, and the next run may fetch them.
                 await (burst.suspend() if burst.is_empty() else burst.finish_now("the leader was stopped"))
                 self._note_finished(burst)
         await self.resumed.suspend_all()
         self._disk.close()
 
     async def take(self, request: BurstRequest) -> AsyncGenerator[BurstStatus, None]:
-        """Wait for the nodes as asked, take a burst, and yield its progress until it is done.
+        """Wait for the nodes as requested, take a burst, and yield its progress until it is done.
 
-        Raises IncompleteError where the nodes are not ready in time, and what `order` raises.
+        Raises IncompleteError where the nodes are not ready in time, and the errors of `order`.
         """
         frames, asked_ns, engine = request.frames or 0, self.now_ns(), self._engine
         if request.before > frames:
@@ -200,7 +200,7 @@ class ActiveBursts:
         if coarse := coarse_nodes(engine.roster.by_name()):
             yield replace(before, message=f"less accurate than asked for: {coarse}")
         grid = engine.grid
-        # Without a camera there is no grid: that is said when the burst is ordered.
+        # Without a camera there is no grid; `order` reports that.
         order = BurstOrder(frames=1) if grid is None else order_of(request, asked_ns, grid.period_ns)
         session = await self.order(order, name=request.name, note=request.note)
         for follower in self._options.followers:
@@ -211,10 +211,10 @@ class ActiveBursts:
         yield session.status
 
     async def order(self, order: BurstOrder, *, name: str = "", note: str = "") -> BurstSession:
-        """Order a burst of all nodes that are here, and begin its session, which is named after the take.
+        """Order a burst of all present nodes, and begin its session, which is named after the take.
 
         Raises BadInputError for an impossible burst or a folder that cannot be written, NoCameraHereError
-        where there is no camera, DiskFullError where it will hardly find room here or on any node.
+        where there is no camera, DiskFullError where it will probably not fit here or on any node.
         """
         self._check_number(order.at_leader_ns)
         prefix = name or (RECORDING if order.video else UNNAMED)
@@ -228,7 +228,7 @@ class ActiveBursts:
         if without.keys() >= image_bytes.keys():
             lacking = "; ".join(f"{name}: {why}" for name, why in without.items())
             raise DiskFullError(lacking, hint="make room on that node, or take fewer frames")
-        # A number that was given up is never given again: nodes may still know it.
+        # An abandoned number is never reused, because nodes may still know it.
         after = self._last_folders.get(prefix, 0)
         writer, folder = await asyncio.to_thread(create_numbered, root, prefix, after=after)
         self._last_folders[prefix] = folder
@@ -246,7 +246,7 @@ class ActiveBursts:
         self._bursts[number] = self.newest = session
         session.without = "; ".join(f"without {name}: {why}" for name, why in without.items())
         self._background.start(self._follow(session))
-        # On disk before any node can hear of it, so that whatever is picked can be fetched after a crash.
+        # On disk before any node can learn of it, so that every captured frame can be fetched after a crash.
         try:
             pins = {
                 name: member.pin
@@ -262,7 +262,7 @@ class ActiveBursts:
 
     @property
     def ahead(self) -> tuple[BurstAhead, ...]:
-        """The bursts that are ordered and begin later than soon."""
+        """Ordered bursts that begin later than `SOON_NS` from now."""
         soon_ns = self.now_ns() + SOON_NS
         return tuple(
             BurstAhead(
@@ -276,7 +276,7 @@ class ActiveBursts:
         )
 
     def _check_number(self, at_leader_ns: int | None) -> None:
-        """Raise IncompleteError where too many bursts are under way, or ordered ahead."""
+        """Raise IncompleteError if too many bursts are in progress, or ordered ahead."""
         open_bursts = sum(1 for of in self._bursts.values() if not of.finished.is_set())
         is_ahead = at_leader_ns is not None and at_leader_ns > self.now_ns() + SOON_NS
         ahead = [burst.burst for burst in self.ahead]
@@ -291,9 +291,9 @@ class ActiveBursts:
             )
 
     async def cancel(self, number: int) -> None:
-        """Take a burst back: nodes forget it, and what has come already is saved.
+        """Cancel a burst: nodes drop it, and images received so far are saved.
 
-        Raises BadInputError where no such burst is under way.
+        Raises BadInputError where no such burst is in progress.
         """
         session = self._bursts.get(number)
         if session is None or session.finished.is_set():
@@ -303,7 +303,7 @@ class ActiveBursts:
         await session.finish_now(CANCELLED, silent=False)
 
     async def end(self, number: int | None = None) -> None:
-        """Let a recording, or a long burst, end now; None: the newest. Raises BadInputError."""
+        """End a recording or a long burst now; None: the newest one. Raises BadInputError."""
         streamed = (of for of in self._bursts.values() if of.burst.streamed and not of.finished.is_set())
         found = [of for of in streamed if number in (None, of.burst.number)]
         if not found:
@@ -312,7 +312,7 @@ class ActiveBursts:
         await self._end(found[-1])
 
     async def _end(self, session: BurstSession) -> None:
-        """Order no instants of a session beyond those that every node can have heard of."""
+        """Order no further instants of a session than every node can have learned of."""
         frames = frames_until(session.burst, self.now_ns())
         if frames < session.burst.frames:
             ended = self._engine.orders.end(session.burst, frames, self.now_ns())
@@ -321,12 +321,12 @@ class ActiveBursts:
                 await session.end(ended)
 
     async def find_session(self, report: CameraReport, pin: str) -> BurstSession | ReportAck:
-        """Return the burst of a report, of this run or of an earlier one whose session lacks images.
+        """Return the burst of a report, from this run or an earlier one whose session lacks images.
 
-        Where it lacks none of this camera, that is answered, and nothing of it is changed. `pin` is the
-        machine's that brings the report. Raises BadInputError where there is no such burst or its camera is
-        another machine's, a CancelledBurstError where it was cancelled, TryAgainError where its session is in
-        use.
+        If that session has all images of this camera, return the answer without changing the session. `pin`
+        identifies the machine that sends the report. Raises BadInputError where there is no such burst or its
+        camera is another machine's, a CancelledBurstError where it was cancelled, TryAgainError where its
+        session is in use.
         """
         of_this_run = report.leader == self._engine.config.instance
         session = self._bursts.get(report.burst) if of_this_run else None
@@ -340,20 +340,20 @@ class ActiveBursts:
         return session
 
     def note_spool_space(self, space: SpoolSpace) -> None:
-        """Note how much room a node has, for the next burst, and tell where that cannot be used."""
+        """Store a node's free space for the next burst, and log a change of its spool's problem."""
         before = self.spools.get(space.camera)
         self.spools[space.camera] = space
         if space.problem != ("" if before is None else before.problem):
             self._news.say_of_disk(space.camera, space.problem)
 
     def tell_progress(self, session: BurstSession) -> None:
-        """Report now and then how far a burst is; that it is finished is reported once."""
+        """Report a burst's progress at intervals; its completion is reported elsewhere, once."""
         if not session.finished.is_set() and self.now_ns() >= self._told_ns + TELL_EVERY_NS:
             self._told_ns = self.now_ns()
             self._news.note(session.status)
 
     def note_answer(self, answer: BurstAnswered) -> None:
-        """A node takes part in a burst, or does not."""
+        """Note whether a node takes part in a burst."""
         if answer.refusal and answer.burst in self._bursts:
             session = self._bursts[answer.burst]
             self._background.start(session.give_up_camera(answer.name, answer.refusal))
@@ -367,7 +367,7 @@ class ActiveBursts:
         status = session.status
         path, number = status.session, session.burst.number
         if session.burst.streamed and self._bursts.get(number) is session:
-            # Where it ended for another reason, as a full disk, nodes still pick.
+            # If the burst ended for another reason, such as a full disk, nodes still capture.
             self._background.start(self._end(session))
         if path is not None and path not in self.saved:
             self.saved.append(path)

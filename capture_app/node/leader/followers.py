@@ -17,39 +17,39 @@ from capture_app.sync.phase.frame_grid import FrameGrid
 
 @dataclass(frozen=True, slots=True)
 class SharedGrid:
-    """A rig's grid, as this machine knows it; without a map its clock is the rig's time."""
+    """A rig's grid as known on this machine; without a time map this machine's clock is the rig's time."""
 
     grid: FrameGrid
     time_map: TimeMap | None = None
 
 
 class RigFollower:
-    """Other programs of one kind that follow a rig while this is started; by itself it takes no pictures."""
+    """Other programs of one kind that follow a started rig; this base class takes no pictures."""
 
     def start(self, clock: NodeClock, news: Log, grid: Callable[[], SharedGrid | None]) -> None:
-        """Lead them, and tell what happens to them; `grid` is as it is when it is asked for, None before.
+        """Lead the programs and log their events; `grid` returns the current grid, None before there is one.
 
         Raises NetworkError where a port of theirs is in use.
         """
         raise NotImplementedError
 
     async def close(self) -> None:
-        """Let them go. Calling it twice is harmless."""
+        """Release the programs. Calling it twice is harmless."""
         raise NotImplementedError
 
     def take_part(self, take: BurstSession) -> None:
-        """Have those that can take their part of a burst."""
+        """Let capable programs take their part of a burst."""
 
     def take_alone(self, request: BurstRequest) -> str:
-        """Have them take a burst in a rig without a camera; return who does what, empty where nobody is here.
+        """Let the programs take a burst in a rig without cameras; return a summary, empty if none is here.
 
         Raises BadInputError for a recording without an end.
         """
         return ""
 
     def expose(self, exposure_ns: int, iso: int) -> None:
-        """Have those that can expose each frame for so long, at this sensitivity."""
+        """Let capable programs expose each frame for `exposure_ns` at sensitivity `iso`."""
 
     def statuses(self) -> tuple[FollowerStatus, ...]:
-        """Return the devices that are or were here lately."""
+        """Return the devices that are or recently were connected."""
         return ()

@@ -1,4 +1,4 @@
-"""The leader of a rig: the engine on a socket, the images' server, and the sessions it saves."""
+"""The leader of a rig: its engine on a socket, the server for images, and the sessions it saves."""
 
 import random
 import secrets
@@ -35,13 +35,13 @@ class LeaderNode:
     def __init__(
         self, options: LeaderOptions, engine: Leader, bound: socket, names: CameraNames | None
     ) -> None:
-        """Put the parts together, for a port that is bound; `start` does it all."""
+        """Assemble the parts for a bound port; call `start` instead."""
         self.options = options
         port = engine.config.transfer_port
         self.own_address = own_machine_address(options.host, bound.family, port)
-        """Where this machine reaches it."""
+        """Address for processes of this machine."""
         self.address = Address(reachable_host(options.host, bound.family), port)
-        """Where other machines do."""
+        """Address for other machines."""
         self.news = options.news
         self.engine, self._clock, self._names = engine, options.clock, names
         self._sealed = sealed = None if options.trust.is_open else SealedLeader(engine)
@@ -65,7 +65,7 @@ class LeaderNode:
         """Bind and serve.
 
         Raises NetworkError where the port is in use or the host is not this machine's, DiskError or
-        BadInputError where this machine's key cannot be had.
+        BadInputError where this machine's key is not available.
         """
         options.trust.server_context()
         names = None if options.trust.folder is None else CameraNames(options.trust.folder)
@@ -104,9 +104,9 @@ class LeaderNode:
         await self.stop()
 
     async def stop(self) -> None:
-        """Say goodbye to all nodes, end those of this machine and close the port.
+        """Sign off from all nodes, end those of this machine and close the port.
 
-        Bursts under way are saved with what has come.
+        Bursts in progress are saved with the images received so far.
         """
         if self._local is not None:
             await self._local.close()
@@ -120,16 +120,16 @@ class LeaderNode:
 
     @property
     def instance(self) -> int:
-        """This run of the leader, by which nodes tell it from the next."""
+        """Id of this run of the leader, which distinguishes it from the next one."""
         return self.engine.config.instance
 
     def announced(self, among: Sequence[Address] = ()) -> AbstractAsyncContextManager[None]:
-        """Announce this leader to the network while the block runs; `among` are all leaders of its rig."""
+        """Announce this leader on the network while the block runs; `among` are all leaders of its rig."""
         host, trust = self.options.host, self.options.trust
         return announced(host, self.address.port, "leader", trust=trust, among=among)
 
     def status(self) -> RigStatus:
-        """The whole rig at this moment."""
+        """Return the current status of the whole rig."""
         return self._rig.status()
 
     def shared_grid(self) -> SharedGrid | None:

@@ -1,4 +1,4 @@
-"""Processes on the leader's machine that end with it: camera nodes, and the server of phones."""
+"""Processes on the leader's machine that end with it: camera nodes, and the server for phones."""
 
 import asyncio
 from collections.abc import Collection, Sequence
@@ -22,10 +22,10 @@ EVENT = "invitation"
 
 
 class LocalPhones:
-    """Started when the first phone is invited, and again by the next invitation where it has ended."""
+    """Server for phones, started with the first invitation and restarted by the next if it has ended."""
 
     def __init__(self, leader: Address, spool: Path, host: str, news: Log, options: Sequence[str]) -> None:
-        """`host` is where phones reach this machine, `options` those of each process."""
+        """`host` is this machine's address for phones, `options` are those of each process."""
         self._leader, self._spool, self._host, self._news = leader, spool, host, news
         self._options = options
         self._child: Child | None = None
@@ -35,7 +35,7 @@ class LocalPhones:
         self._starting = asyncio.Lock()
 
     async def invitation(self) -> PhoneInvited:
-        """Return the page of the next phone. Raises NetworkError, and what its server ended with."""
+        """Return the next phone's page. Raises NetworkError, and the error that its server ended with."""
         async with self._starting:
             if self._child is None or self._child.process.returncode is not None:
                 await self._start()
@@ -46,7 +46,7 @@ class LocalPhones:
         return msgspec.structs.replace(invited, good_for_s=left_s)
 
     async def close(self) -> None:
-        """End it."""
+        """End the server."""
         if self._reading is not None:
             self._reading.cancel()
         if self._child is not None:
@@ -87,7 +87,7 @@ class LocalPhones:
 
 
 class LocalNodes:
-    """Starts and ends such nodes; one that ends by itself is told in the news."""
+    """Camera nodes on the leader's machine: starts and ends them, and logs one that ends by itself."""
 
     def __init__(
         self,
@@ -97,21 +97,22 @@ class LocalNodes:
         host: str | None = None,
         trust: Trust | None = None,
     ) -> None:
-        """`leader` is the address that they join; `spool` keeps their images until the leader has them.
+        """`leader` is the address that they join; `spool` stores their images until the leader has them.
 
-        `host` is where phones reach this machine, `trust` what all of them go by, else their user's.
+        `host` is this machine's address for phones, `trust` applies to all processes, by default their
+        user's.
         """
         self._options = (trust or Trust.of_user()).options
         self._leader = leader
         self._spool = spool
         self._news = news or Log()
         self.phones = LocalPhones(leader, spool, host or leader.host, self._news, self._options)
-        """The server of the phones that are cameras here."""
+        """Server for the phones that are cameras here."""
         self._children: dict[str, Child] = {}
         self._watching: dict[str, asyncio.Task[None]] = {}
-        """A watch for each node that is not being ended; a name is free again when its process is gone."""
+        """A watch for each node that is not being ended; a name is free again once its process has ended."""
         self._specs: dict[str, str] = {}
-        """The node that was started last for each spec."""
+        """Name of the node last started for each spec."""
         self._adding = asyncio.Lock()
 
     async def __aenter__(self) -> Self:
@@ -122,14 +123,14 @@ class LocalNodes:
 
     @property
     def names(self) -> Collection[str]:
-        """The names of the nodes that run."""
+        """Names of the running nodes."""
         return self._children.keys()
 
     async def add_camera(self, spec: str, name: str | None = None, taken: Collection[str] = ()) -> str:
-        """Start one camera and return its name when it is open; `taken` are names of other nodes.
+        """Start one camera and return its name once it is open; `taken` are names of other nodes.
 
-        A device of this machine that one of these nodes has is that node.
-        Raises BadInputError for a spec or name that cannot be used, and the node's own error where it ends.
+        If one of these nodes already has that device, its name is returned. Raises BadInputError for an
+        unusable spec or name, and the node's own error if it ends.
         """
         spec = hide_password(spec)
         parsed = parse_spec(spec)
@@ -146,7 +147,7 @@ class LocalNodes:
             self._specs[spec] = name
         ended = asyncio.create_task(child.process.wait())
         spoken = asyncio.create_task(child.spoken.wait())
-        # It speaks when its camera is open, or of the error that it ends with.
+        # The node prints when its camera is open, or before it ends with an error.
         await asyncio.wait((ended, spoken), timeout=NODE_START_TIMEOUT_S, return_when=asyncio.FIRST_COMPLETED)
         if any(": error: " in line for line in child.said):
             await asyncio.wait((ended,), timeout=NODE_START_TIMEOUT_S)
@@ -157,7 +158,7 @@ class LocalNodes:
         return name
 
     async def add_simulated(self, order: AddSimulated, taken: Collection[str] = ()) -> tuple[str, ...]:
-        """Start further simulated cameras and return their names; they are open some seconds later.
+        """Start further simulated cameras and return their names; they open some seconds later.
 
         `taken` are names of other nodes. Raises BadInputError for a scene that does not exist or has no more
         views.
@@ -183,7 +184,7 @@ class LocalNodes:
         return tuple(free[:cameras])
 
     async def remove(self, name: str) -> None:
-        """End a node. Raises BadInputError where there is none of that name."""
+        """End a node. Raises BadInputError if there is none of that name."""
         child = self._children.get(name)
         if child is None:
             raise BadInputError(f"{name} is no node of this leader's machine")
@@ -198,7 +199,7 @@ class LocalNodes:
             del self._children[name]
 
     async def close(self) -> None:
-        """End all of them."""
+        """End the nodes and the server for phones."""
         await asyncio.gather(self.phones.close(), *(self.remove(name) for name in tuple(self._children)))
 
     def _check(self, name: str, taken: Collection[str]) -> None:

@@ -1,4 +1,4 @@
-"""How a leader is to run, or a relay."""
+"""Options of a leader or a relay."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
@@ -15,40 +15,40 @@ from capture_app.trust.trust import Trust
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class PortOptions:
-    """What whoever listens for nodes is given by whoever starts it."""
+    """Options that leaders and relays share."""
 
     host: str = "0.0.0.0"  # noqa: S104 - cameras are other machines
     port: int = DEFAULT_PORT
-    """UDP and TCP; 0 for a free one."""
+    """Port for UDP and TCP; 0 for a free one."""
     followers: Sequence[RigFollower] = ()
-    """Other programs that are told the rig's grid: started and closed with it."""
+    """Other programs that follow the rig's grid, started and closed together with it."""
     trust: Trust = field(default_factory=Trust.of_user)
-    """Whom it lets in, and follows."""
+    """This process's identity and the machines that it accepts and follows."""
     clock: NodeClock = field(default_factory=HostClock)
     news: Log = field(default_factory=Log)
-    """Takes what happens."""
+    """Receives events."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class LeaderOptions(PortOptions):
-    """What a leader is given besides."""
+    """Options of a leader."""
 
     sessions: Path
     or_free_port: bool = False
-    """Another port is taken where that one is in use."""
+    """Whether to use another port if that one is in use."""
     period_ns: int | None = None
-    """From one frame to the next; None: as most cameras have it."""
+    """Frame period; None: that of most cameras."""
     align_row: float | None = None
-    """Fraction of the height of the row whose middle of exposure is aligned; None: the first row's start."""
+    """Row whose middle of exposure is aligned, as a fraction of the height; None: the first row's start."""
     max_delay_ns: int = 0
-    """A burst that is requested for now may be delayed by this to reach the best predicted alignment."""
+    """Maximum delay of a burst that is requested for now, to reach the best predicted alignment."""
     grid_phase_ns: int | None = None
-    """Instants are this much after whole periods of leader time; None: cameras lay the grid."""
+    """Phase of the instants relative to whole periods of leader time; None: set by the cameras."""
     resume: Sequence[Path] | None = None
-    """The interrupted sessions to finish; None for all."""
+    """Interrupted sessions to finish; None for all."""
     continued: Continued | None = None
-    """What is taken over of a leader that is gone; `clock` shows its time then."""
+    """State taken over from a lost leader; `clock` then shows that leader's time."""
     return_ns: int = RETURN_NS
-    """How long nodes have to come back with what they hold of them."""
+    """Time that nodes have to return with images of those sessions."""
     spool: Path | None = None
-    """A folder for the images of nodes on this machine, which operators may have it run then."""
+    """Folder for images of nodes on this machine; operators may start such nodes only if it is given."""

@@ -1,4 +1,4 @@
-"""Whether a rig is ready for a burst, and the one sentence that says what keeps it from that."""
+"""Readiness of a rig for a burst, and the one sentence that names what prevents it."""
 
 import asyncio
 import math
@@ -22,7 +22,7 @@ from capture_app.sync.timekeeping.rates import LEADER, HostOffRate, RateVote
 
 CHECK_EVERY_S = 0.1
 GUESSED_PIXELS_PER_BYTE = 4
-"""What a camera's JPEG is taken to have before any of its images is known."""
+"""Pixels per byte of JPEG that a camera is assumed to have before its first image."""
 MARGIN = 1.1
 _GONE = (NodeState.FAILED, NodeState.LOST)
 _ON_THE_WAY = (
@@ -31,12 +31,12 @@ _ON_THE_WAY = (
     NodeState.ALIGNING,
     NodeState.COARSE,
 )
-"""Where several nodes are not ready, the one that waits longest for a person is spoken of."""
+"""If several nodes are not ready, the sentence names the one that waits longest for a person."""
 _CLOCK_IS_KNOWN = (NodeState.ALIGNING, NodeState.COARSE, NodeState.READY)
 
 
 def shortfall(member: Member, *, why: bool = False) -> str:
-    """Say how a node is not ready: its state, `why` with its own sentence, or how coarse it will be."""
+    """Return why a node is not ready: its state, with its own message if `why`, or its degradation."""
     state, message = member.report.state, member.report.message
     if state is NodeState.COARSE:
         return f"{member.name}: {message}"
@@ -44,12 +44,12 @@ def shortfall(member: Member, *, why: bool = False) -> str:
 
 
 def coarse_nodes(members: Sequence[Member]) -> str:
-    """Say which nodes take their pictures less accurately than was asked for; empty where none does."""
+    """Return the nodes that are synchronized less accurately than requested; empty if none is."""
     return ", ".join(shortfall(member) for member in members if member.report.state is NodeState.COARSE)
 
 
 def why_not_ready(members: Sequence[Member], cameras: int, *, coarse_will_do: bool = False) -> str:
-    """Say what keeps the rig from being ready, of at least so many cameras; empty when it is."""
+    """Return why the rig, of at least `cameras` cameras, is not ready; empty when it is."""
     enough = (NodeState.LOST, NodeState.READY, *([NodeState.COARSE] if coarse_will_do else []))
     late = [shortfall(member) for member in members if member.report.state not in enough]
     there = len(present_cameras(members))
@@ -61,10 +61,10 @@ def why_not_ready(members: Sequence[Member], cameras: int, *, coarse_will_do: bo
 async def reasons_until_ready(
     engine: Leader, clock: NodeClock, timeout_s: float, cameras: int
 ) -> AsyncGenerator[str, None]:
-    """Yield what keeps the rig from being ready until it is, or as ready as it will be.
+    """Yield why the rig is not ready, until it is as ready as it will be.
 
-    Nodes that are only less accurate than asked for do after DEGRADED_WAIT_S, as more time hardly helps them.
-    Raises IncompleteError where others are not ready when the time is over.
+    Nodes that are merely less accurate than requested are accepted after DEGRADED_WAIT_S, as more time hardly
+    helps them. Raises IncompleteError where others are not ready within `timeout_s`.
     """
     loop = asyncio.get_running_loop()
     deadline_s = loop.time() + timeout_s
@@ -88,7 +88,7 @@ async def reasons_until_ready(
 
 
 def expected_image_bytes(members: Sequence[Member], known: Mapping[str, int]) -> dict[str, int]:
-    """The likely size in bytes of an image of each camera that is here, from those that came before."""
+    """Return the expected image size in bytes of each present camera, from earlier images if any."""
     return {
         member.name: known.get(member.name)
         or member.camera.width * member.camera.height // GUESSED_PIXELS_PER_BYTE
@@ -99,9 +99,9 @@ def expected_image_bytes(members: Sequence[Member], known: Mapping[str, int]) ->
 def check_room(
     root: Path, image_bytes: Mapping[str, int], frames: int, spools: Mapping[str, SpoolSpace]
 ) -> dict[str, str]:
-    """Check that a burst fits: `image_bytes` by camera, `frames` of each, `spools` as nodes told them.
+    """Check that a burst fits: `image_bytes` by camera, `frames` of each, `spools` as nodes reported them.
 
-    Return what each camera lacks that is to be left out. Raises DiskFullError where there is no room here.
+    Return the cameras to leave out, with the reason. Raises DiskFullError where there is no room here.
     """
     without: dict[str, str] = {}
     needed = int(MARGIN * frames * sum(image_bytes.values())) + SPARE_BYTES
@@ -123,9 +123,9 @@ def check_room(
 def review_rates(
     vote: RateVote, members: Sequence[Member], leader_slewing_ppm: float | None
 ) -> list[HostOffRate]:
-    """Let the vote judge all clocks by what their nodes report; return what is news."""
+    """Compare the rates of all clocks by their nodes' reports; return changes of the verdict."""
     known = [member for member in members if member.report.state in _CLOCK_IS_KNOWN]
-    # A skew is that of the leader's clock against the node's.
+    # A reported skew is that of the leader's clock relative to the node's.
     rates_ppm = {
         member.name: -member.report.skew_ppm for member in known if member.report.skew_ppm is not None
     }
@@ -143,7 +143,7 @@ def rig_advice(
     now_ns: int,
     off_rate: Mapping[str | None, HostOffRate] | None = None,
 ) -> str:
-    """Return the one sentence; `leader` is where nodes join, `off_rate` are the hosts with odd clocks."""
+    """Return one sentence of advice; `leader` is where nodes join, `off_rate` are hosts with odd clocks."""
     sentence = _of_states(members, _GONE, now_ns)
     if not sentence and off_rate:
         worst = max(off_rate.values(), key=lambda off: (off.certain, abs(off.fast_ppm)))

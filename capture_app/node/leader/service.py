@@ -1,4 +1,4 @@
-"""What a leader does for the streams that nodes and operators open to it."""
+"""Service of a leader for the streams that nodes and operators open."""
 
 import asyncio
 import contextlib
@@ -33,14 +33,14 @@ from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.rig.leader import Leader
 
 WorkingOn = dict[tuple[int, int, str], BurstSession]
-"""By a leader's run, a burst's number and a camera, the session that a stream brings images of."""
+"""Session that a stream delivers images of, by the leader's run, the burst's number and the camera."""
 
 
 STILL_SAVING_EVERY_S = 5.0
 
 
 class ImageAnswers:
-    """Answers to the images of one stream, in their order, while further ones come in."""
+    """Answers to the images of one stream, in order, while further images arrive."""
 
     def __init__(self, channel: Channel[Any]) -> None:
         self._channel = channel
@@ -48,24 +48,24 @@ class ImageAnswers:
         self._telling: asyncio.Task[None] | None = None
 
     def add(self, saving: "asyncio.Future[str]") -> None:
-        """Answer with an image's checksum once it is known, or with what went wrong."""
+        """Answer with an image's checksum once it is known, or with its error."""
         self._waiting.put_nowait(saving)
         if self._telling is None:
             self._telling = asyncio.create_task(self._tell_all())
 
     async def drain(self) -> None:
-        """Wait until all has been answered."""
+        """Wait until everything has been answered."""
         await self._waiting.join()
 
     async def close(self) -> None:
-        """Answer no more; images that have come are saved all the same."""
+        """Stop answering; received images are saved all the same."""
         if self._telling is not None:
             await end(self._telling)
 
     async def _tell_all(self) -> None:
         while True:
             saving = await self._waiting.get()
-            # A stream that has broken off is noticed by whoever reads it.
+            # The reader of a stream notices that it has broken off.
             with contextlib.suppress(NetworkError):
                 while not (await asyncio.wait({saving}, timeout=STILL_SAVING_EVERY_S))[0]:
                     await self._channel.send(messages.ImageAck())
@@ -77,7 +77,7 @@ class ImageAnswers:
 
 
 class LeaderService:
-    """Serves one stream after another, or many at a time, for one leader."""
+    """Handler of a leader's streams, many at a time."""
 
     def __init__(
         self,
@@ -92,18 +92,18 @@ class LeaderService:
     ) -> None:
         """`local` starts nodes on this machine; None if this leader runs none."""
         self.stop_wanted = asyncio.Event()
-        """Set when an operator wants this leader to end."""
+        """Set when an operator orders this leader to end."""
         self._options, self._engine, self._pump = options, engine, pump
         self._rig, self._bursts, self._local, self._viewfinders = rig, bursts, local, viewfinders
         self._enrolment = enrolment
         self._settings = RigSettings(options.sessions, viewfinders, options.news)
         self._departures: dict[str, asyncio.Event] = {}
-        """Nodes that are being removed, by name; set when the roster has lost or removed one."""
+        """Nodes that are being removed, by name; the event is set when the roster has lost or removed one."""
         self._speaking: dict[str, Channel[messages.ToLeader]] = {}
-        """The one stream of each node that brings images."""
+        """The one stream of each node that delivers images."""
 
     async def serve(self, channel: Channel[messages.ToLeader]) -> None:
-        """Answer a stream until its peer closes it; the user's mistakes are told, not raised."""
+        """Answer a stream until its peer closes it; errors of a request are sent as refusals, not raised."""
         working_on: WorkingOn = {}
         principal = ""
         answers = ImageAnswers(channel)
@@ -124,12 +124,12 @@ class LeaderService:
                 except (SimulshotError, OSError) as error:
                     if isinstance(error, NetworkError) and not isinstance(error, UnknownMachineError):
                         raise
-                    # What the network raises is a NetworkError: this is the disk.
+                    # Network errors are NetworkErrors, so this one is the disk's.
                     what = error if isinstance(error, SimulshotError) else DiskError(f"on its disk: {error}")
                     await answers.drain()
                     await channel.send(messages.Refusal.of_error(what))
                 if channel.who.is_stranger:
-                    return  # it has had its answer, and takes no room
+                    return  # it has its answer, and must not occupy the port
         finally:
             self._end_speech(principal, channel)
             await answers.close()
@@ -138,7 +138,7 @@ class LeaderService:
 
     def _begin_speech(self, camera: str, channel: Channel[messages.ToLeader]) -> None:
         if camera in self._speaking:
-            # One that the node has left; and a node that has joined cannot take all room with its streams.
+            # The node has abandoned the earlier stream; and no node may occupy the port with many streams.
             self._speaking[camera].abort()
         self._speaking[camera] = channel
 
@@ -151,8 +151,7 @@ class LeaderService:
     ) -> None:
         """Check that a camera's messages come from the node that joined by its name.
 
-        Raises TryAgainError where that has not joined yet, or not any more, BadInputError where the stream
-        was not opened by it.
+        Raises TryAgainError if that node is not joined, BadInputError if another node opened the stream.
         """
         match message:
             case messages.NodeStream():
@@ -167,7 +166,7 @@ class LeaderService:
     async def _take_image(
         self, channel: Channel[messages.ToLeader], message: messages.ImageUpload, working_on: WorkingOn
     ) -> "asyncio.Future[str]":
-        """Take in an image of what this stream has reported: who may bring it was asked then."""
+        """Receive an image that this stream has reported; permission was checked with the report."""
         session = working_on.get((message.leader, message.burst, message.camera))
         if session is None:
             raise BadInputError(f"this stream does not speak for camera {message.camera!r} in that burst")
@@ -241,10 +240,10 @@ class LeaderService:
             case _:
                 raise NetworkError(f"a {type(message).__name__} was not expected here")
 
-    # What operators ask beside taking bursts
+    # Orders of operators other than bursts
 
     async def carry_out(self, order: orders.Order) -> orders.Done | orders.PhoneInvited:
-        """Do what is asked, and return when it is done. Raises the errors of what is asked."""
+        """Execute an order, and return when it is done. Raises the order's errors."""
         names: tuple[str, ...] = ()
         match order:
             case orders.AddCamera(spec=spec, name=name):
@@ -275,7 +274,7 @@ class LeaderService:
         return self._local
 
     def _taken(self) -> list[str]:
-        """Names of nodes that are here, and of other machines; a lost one may come back under its name."""
+        """Return names of present nodes and of other machines, as a lost one may return under its name."""
         roster, trust = self._engine.roster, self._options.trust
         here = [name for name in roster.members if self._is_here(name)]
         own_pin = "" if trust.is_open else trust.identity.pin
@@ -286,7 +285,7 @@ class LeaderService:
         return member is not None and not member.lost
 
     def note_change(self, change: NodeChanged) -> None:
-        """Take in a change of the roster: a node that is being removed may have departed."""
+        """Note a change of the roster: a node that is being removed may have left."""
         departure = self._departures.get(change.name)
         if departure is not None and not self._is_here(change.name):
             departure.set()

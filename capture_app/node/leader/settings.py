@@ -1,6 +1,6 @@
-"""Exposure, gain, white balance and focus as they were asked for: kept with the rig, given to who joins.
+"""Exposure, gain, white balance and focus as requested: stored with the rig, applied to joining cameras.
 
-A camera that comes back gets what it had itself; one that is new what all others of the rig hold alike.
+A camera that returns gets its own settings back. A new one gets the settings that all others have in common.
 """
 
 from contextlib import suppress
@@ -21,14 +21,14 @@ SETTINGS = "_settings.json"
 
 
 class Setting(Struct, frozen=True):
-    """What one control of a camera is held at, in a unit."""
+    """Value of one control of a camera, in its unit."""
 
     value: float
     unit: str
 
 
 class RigSettings:
-    """Those of one rig, in a file beside its sessions."""
+    """Settings of one rig, in a file beside its sessions."""
 
     def __init__(self, sessions: Path, viewfinders: Viewfinders, log: Log) -> None:
         self._file, self._viewfinders, self._log = sessions / SETTINGS, viewfinders, log
@@ -37,14 +37,14 @@ class RigSettings:
             self._held = msgspec.json.decode(self._file.read_bytes(), type=dict[str, dict[Control, Setting]])
 
     async def ask(self, request: ControlsRequest) -> ControlsAnswer:
-        """Pass a request on to its camera, and keep what that then holds. Raises IncompleteError, OSError."""
+        """Forward a request to its camera, and store the result. Raises IncompleteError, OSError."""
         answer = await self._viewfinders.ask(request, ControlsAnswer)
         held = dict(self._held.get(request.camera, {}))
         for control, asked in request.wanted.items():
             state = answer.state.state(control)
             held.pop(control, None)
             if state is not None and state.value is not None and not state.automatic:
-                # Cameras round what they are asked for, each in its own way.
+                # Cameras round a requested value, each in its own way.
                 held[control] = Setting(state.value if isinstance(asked, str) else asked, state.unit)
         if held != self._held.get(request.camera, {}):
             self._held[request.camera] = held
@@ -53,7 +53,7 @@ class RigSettings:
         return answer
 
     async def give(self, camera: str) -> None:
-        """Set a camera that has just come as it was, or as the others are; what it cannot is said, once."""
+        """Apply stored settings to a camera that has just joined; log once what it cannot do."""
         if not any(self._held.values()):
             return
         with suppress(IncompleteError, OSError):

@@ -1,4 +1,4 @@
-"""What an engine knows of its clients as the status that people and programs see: a tree of nodes."""
+"""Conversion of an engine's roster to the status for people and programs: a tree of nodes."""
 
 from bisect import bisect_right
 from collections import Counter
@@ -27,7 +27,7 @@ def node_statuses(
     spools: Mapping[str, SpoolSpace] | None = None,
     local: Collection[str] = (),
 ) -> tuple[NodeStatus, ...]:
-    """These nodes by name, with their place in the tree of all; `local` are processes of the leader's."""
+    """Return these nodes' statuses, placed in the tree of all; `local` run on the leader's machine."""
     by_name = {member.name: member for member in all_members or members}
     known = spools or {}
     return tuple(
@@ -48,9 +48,9 @@ def node_statuses(
 
 
 def page_of(members: tuple[Member, ...], after: str | None) -> tuple[tuple[Member, ...], int, str]:
-    """Return the nodes of a page, which are after that name, how many follow it, and what those are in words.
+    """Return a page of nodes after that name, the number of further nodes, and a summary of those.
 
-    None for all of them. A page is short enough for a message.
+    With `after` None the page has all nodes. A page is short enough for a message.
     """
     if after is None:
         return members, 0, ""
@@ -63,14 +63,14 @@ def page_of(members: tuple[Member, ...], after: str | None) -> tuple[tuple[Membe
 
 
 def _with_disk(report: Report, space: SpoolSpace | None) -> Report:
-    """A node's report, with what is wrong with its disk where it has nothing else to say."""
+    """Return a node's report, with its disk's problem if it has no other message."""
     if space is None or not space.problem or report.message or report.state is NodeState.LOST:
         return report
     return replace(report, message=space.problem)
 
 
 def present_cameras(members: Sequence[Member]) -> list[Member]:
-    """The nodes that are not lost and can take pictures."""
+    """Return the nodes that are not lost and have a camera."""
     return [
         member
         for member in members

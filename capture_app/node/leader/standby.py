@@ -1,4 +1,4 @@
-"""Several leaders of one rig, of which one leads: this one's turn, and what it does in between."""
+"""Several leaders of one rig, of which one leads: when this one leads, and what it does as standby."""
 
 import asyncio
 import ipaddress
@@ -26,38 +26,39 @@ from capture_app.sync.tree.succession import Succession
 from capture_app.trust.sealed_engines import SealedClient
 
 ASK_EVERY_S = 5.0
-"""Between two looks at whom the one that leads knows."""
+"""Interval between requests for the machines that the current leader knows."""
 
 
 @dataclass(frozen=True, slots=True)
 class ContinuedClock:
-    """A clock that goes on with the time of a leader that is gone, by the map from this machine's own."""
+    """Clock that continues a lost leader's time, by the time map from this machine's own clock."""
 
     own: NodeClock
     time_map: TimeMap
 
     def local_from_true(self, true_ns: int) -> int:
-        """Reading of this clock in ns at a true time in ns."""
+        """Return this clock's reading in ns at a true time in ns."""
         return self.time_map.leader_from_local(self.own.local_from_true(true_ns))
 
     def true_from_local(self, local_ns: int) -> int:
-        """True time in ns of a reading in ns, the inverse of `local_from_true`."""
+        """Return the true time in ns of a reading in ns, the inverse of `local_from_true`."""
         return self.own.true_from_local(self.time_map.local_from_leader(local_ns))
 
     def now_ns(self) -> int:
-        """Reading of this clock now, in ns."""
+        """Return the current reading in ns."""
         return self.time_map.leader_from_local(self.own.now_ns())
 
 
 class RankedLeader:
-    """One of a rig's leaders: `run` leads whenever it is its turn, and follows the one that leads else."""
+    """One of a rig's leaders: `run` leads when no better one does, else follows the current one."""
 
     def __init__(
         self, make_options: Callable[[], LeaderOptions], others: tuple[Address, ...], rank: int
     ) -> None:
-        """`make_options` says how to lead, anew each time; of `others`, in their order, `rank` are better.
+        """`make_options` returns fresh options each time it leads; `rank` is the number of better `others`.
 
-        Raises NetworkError where the port is in use: that shall not be found out only when it is needed.
+        `others` are in order of rank. Raises NetworkError where the port is in use, because that must not
+        surface only when it is needed.
         """
         self._make_options, options = make_options, make_options()
         for bound in bind_port(options.host, options.port):
@@ -76,7 +77,7 @@ class RankedLeader:
         self._followed: tuple[str, int] | None = None
 
     async def run(self, lead: Callable[[LeaderNode], Awaitable[None]], sock: socket.socket) -> None:
-        """Run `lead` while it is this one's turn, until that returns; raise what it does.
+        """Run `lead` whenever this leader is to lead, until `lead` returns or raises.
 
         `sock` is an unbound UDP socket.
         """
@@ -107,7 +108,7 @@ class RankedLeader:
             self._changed.set()
 
     def _taken_over(self) -> LeaderOptions:
-        """Return how to lead now: in the time of the leader that is gone, where that is known."""
+        """Return the options to lead with now, continuing the lost leader's time if that is known."""
         options, continued = self._make_options(), self._engine.continued
         if continued is None:
             return options
@@ -118,7 +119,7 @@ class RankedLeader:
         return replace(options, clock=ContinuedClock(self._clock, continued.time_map), continued=continued)
 
     async def _ask_whom(self) -> None:
-        """Ask the one that leads whom it knows, now and then, with the key that comes with the answer."""
+        """Request the machines that the current leader knows, at intervals; the answer also has the key."""
         while True:
             await asyncio.sleep(ASK_EVERY_S)
             if self._sealed is not None and self._engine.leader is not None:
@@ -136,10 +137,10 @@ async def lead_in_turn(
     leaders: Sequence[Address],
     lead: Callable[[LeaderNode], Awaitable[None]],
 ) -> None:
-    """Run `lead` whenever it is this machine's turn among all `leaders` of a rig, the best first.
+    """Run `lead` whenever this machine is to lead among all `leaders` of a rig, given best first.
 
     Without others it leads at once. Raises BadInputError where this one is not among them, NetworkError where
-    one has no address or the port is in use, and what `lead` raises.
+    one has no address or the port is in use, and the errors of `lead`.
     """
     options = make_options()
     if len(leaders) < 2:

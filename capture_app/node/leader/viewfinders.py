@@ -1,4 +1,4 @@
-"""The streams over which nodes show what they see: previews and details, while somebody looks."""
+"""Streams over which nodes send previews and details to their leader while an operator watches."""
 
 import asyncio
 from collections.abc import Collection, Mapping
@@ -35,35 +35,35 @@ MAX_PREVIEW_BYTES = 4 << 20
 
 @dataclass(slots=True)
 class _Stream:
-    """One node's, as it is open at present."""
+    """A node's current stream."""
 
     channel: Channel[ToLeader]
     vitals: Vitals = UNKNOWN
     wanted: PreviewsWanted = NOTHING
     picture: Preview | None = None
     asked: "dict[type[NodeAnswer], asyncio.Future[Any]]" = field(default_factory=dict)
-    """What is waited for of each kind."""
+    """Pending requests, by type of answer."""
     asking: asyncio.Lock = field(default_factory=asyncio.Lock)
-    """One request at a time: answers do not tell which they are to."""
+    """One request at a time, because answers do not name their request."""
 
     def wants(self, size: int) -> bool:
-        """Whether somebody looks, and a picture of so many bytes can be one: any other is not kept."""
+        """Return whether to read a preview of `size` bytes: an operator watches, and it is not too large."""
         return bool(self.wanted.fps) and size <= MAX_PREVIEW_BYTES
 
 
 @dataclass(slots=True)
 class Viewfinders:
-    """All nodes that have such a stream open, and what operators want of them."""
+    """All nodes with an open viewfinder stream, and the previews that operators request."""
 
     _streams: dict[str, _Stream] = field(default_factory=dict)
     _wishes: dict[object, PreviewsWanted] = field(default_factory=dict)
 
     async def serve(self, channel: Channel[ToLeader], opened: NodeStream) -> None:
-        """Take in what a node sends until it closes its stream."""
+        """Process a node's messages until it closes its stream."""
         name = opened.camera
         channel.allow_silence()
         if name in self._streams:
-            # One that the node has left: nobody may ever close it.
+            # A stream that the node has abandoned; it might never be closed otherwise.
             self._streams[name].channel.abort()
         stream = self._streams[name] = _Stream(channel)
         try:
@@ -83,21 +83,21 @@ class Viewfinders:
                     case _:
                         pass
         finally:
-            # A node that has opened another stream may be noticed before this one's end.
+            # The node's next stream may be noticed before the end of this one.
             if self._streams.get(name) is stream:
                 del self._streams[name]
             for asked in stream.asked.values():
                 if not asked.done():
                     asked.set_exception(_closed(name))
-                    asked.exception()  # whoever asked may have gone
+                    asked.exception()  # its caller may have disconnected
 
     @property
     def vitals(self) -> Mapping[str, Vitals]:
-        """How the cameras run, by name."""
+        """Current health of the cameras, by name."""
         return {name: stream.vitals for name, stream in self._streams.items()}
 
     async def want(self, operator: object, wish: PreviewsWanted | None) -> None:
-        """Note what an operator wants from now on, None for nothing, and ask the nodes for it."""
+        """Store which previews an operator requests, None for none, and request them from the nodes."""
         self._wishes.pop(operator, None)
         if wish is not None and wish.fps > 0:
             self._wishes[operator] = wish
@@ -105,7 +105,7 @@ class Viewfinders:
             await self._ask(name)
 
     def pictures(self, cameras: Collection[str] | None) -> list[Preview]:
-        """Return the newest picture of each of these cameras, None for all, that has one."""
+        """Return the newest preview of each of these cameras, None for all, that has one."""
         return [
             stream.picture
             for name, stream in self._streams.items()
@@ -113,13 +113,13 @@ class Viewfinders:
         ]
 
     async def ask(self, request: NodeRequest, kind: type[A]) -> A:
-        """Pass a request on to its camera's node. Raises IncompleteError where it does not answer."""
+        """Forward a request to its camera's node. Raises IncompleteError where it does not answer."""
         name = request.camera
         stream = self._streams.get(name)
         if stream is None:
             raise _closed(name)
         if isinstance(request, DetailRequest) and kind in stream.asked:
-            return await _answer(stream, name, stream.asked[kind])  # all who look share an answer
+            return await _answer(stream, name, stream.asked[kind])  # all watching operators share an answer
         async with stream.asking:
             answer: asyncio.Future[A] = asyncio.get_running_loop().create_future()
             stream.asked[kind] = answer
@@ -127,14 +127,14 @@ class Viewfinders:
             return await _answer(stream, name, answer)
 
     async def put_off(self, camera: str) -> None:
-        """Have a phone's node end. Raises IncompleteError where that has no stream open."""
+        """End a phone's node. Raises IncompleteError where it has no stream open."""
         stream = self._streams.get(camera)
         if stream is None:
             raise _closed(camera)
         await _send(stream.channel, RemoveCamera(name=camera))
 
     async def _ask(self, name: str) -> None:
-        """Ask a node for what all operators together want of it, where that has changed."""
+        """Send a node the combined requests of all operators, if they have changed."""
         stream = self._streams.get(name)
         if stream is None:
             return
@@ -149,12 +149,12 @@ class Viewfinders:
 
 
 async def _answer(stream: _Stream, name: str, answer: "asyncio.Future[A]") -> A:
-    """Wait for what others may wait for too. Raises IncompleteError where a node does not answer."""
+    """Wait for an answer that others may await too. Raises IncompleteError where a node does not answer."""
     try:
         async with asyncio.timeout(NODE_ANSWER_TIMEOUT_S):
             return await asyncio.shield(answer)
     except TimeoutError as error:
-        # What is still to come would be taken for the answer to the next request.
+        # A late answer would be taken for the answer to the next request.
         stream.channel.abort()
         raise IncompleteError(f"{name} does not answer", hint="it may be busy; try again") from error
 
@@ -163,7 +163,7 @@ async def _send(channel: Channel[ToLeader], message: ToViewfinder) -> None:
     try:
         await channel.send(message)
     except NetworkError:
-        # Its own server notices that it has broken off.
+        # The server of that stream notices that it has broken off.
         channel.abort()
 
 

@@ -1,4 +1,4 @@
-"""The streams of operators that watch a rig: its status whenever it changes, its news, and previews."""
+"""Streams of operators that watch a rig: its status whenever it changes, its events, and previews."""
 
 import asyncio
 from contextlib import suppress
@@ -26,15 +26,15 @@ from capture_app.sync.timekeeping.rates import HostOffRate, RateVote
 
 LOOK_EVERY_NS = 10_000_000_000
 REVIEW_EVERY_NS = 1_000_000_000
-"""Between two looks at which clocks run oddly."""
+"""Interval between checks of the clocks' rates."""
 TICK_S = 0.1
-"""A status is sent at most once in so long."""
+"""Minimum interval between two statuses."""
 KEEPALIVE_S = 3.0
-"""A status is sent at least once in so long: an operator notices a leader that is gone without a word."""
+"""Maximum interval between two statuses, so that an operator notices a leader that was lost silently."""
 
 
 class RigState:
-    """The whole rig as its leader knows it."""
+    """State of the whole rig, as its leader knows it."""
 
     def __init__(
         self,
@@ -45,7 +45,7 @@ class RigState:
         viewfinders: Viewfinders,
         local: LocalNodes | None,
     ) -> None:
-        """`address` is where nodes join; `local` are those of this machine, None where it runs none."""
+        """`address` is where nodes join; `local` are the nodes of this machine, None where it runs none."""
         self._address, self._options, self._engine = address, options, engine
         self._bursts, self._viewfinders = bursts, viewfinders
         self._local = local
@@ -55,7 +55,7 @@ class RigState:
         self._looked_ns = 0
 
     def status(self, after: str | None = None) -> RigStatus:
-        """All of it at this moment; of the nodes a page, those `after` that name, where that is given."""
+        """Return the current status; with `after`, only a page of the nodes after that name."""
         options, engine, bursts = self._options, self._engine, self._bursts
         now_ns = options.clock.now_ns()
         grid, members = engine.grid, engine.roster.by_name()
@@ -85,7 +85,7 @@ class RigState:
         )
 
     def look_at_rates(self, now_ns: int) -> list[HostOffRate]:
-        """Look now and then at which clocks run oddly, this host's among them; return what is news."""
+        """Check at intervals which clocks run oddly, including this host's; return changes."""
         if self._rates_due_ns is not None and now_ns < self._rates_due_ns:
             return []
         self._rates_due_ns = now_ns + REVIEW_EVERY_NS
@@ -93,9 +93,9 @@ class RigState:
         return review_rates(self._rates, members, self._host_rate.slewing_ppm(now_ns))
 
     def _room(self, now_ns: int) -> int | None:
-        """What is free on the sessions' disk, looked up now and then: a status need not follow each byte.
+        """Return the free space of the sessions' disk, read at intervals.
 
-        None where the disk does not answer.
+        None if the disk does not answer. A status need not follow each byte.
         """
         if self._free_bytes is None or now_ns - self._looked_ns >= LOOK_EVERY_NS:
             self._looked_ns, self._free_bytes = now_ns, None
@@ -105,14 +105,14 @@ class RigState:
 
 
 class Watcher:
-    """Tells one operator what changes; costs nothing while nobody watches."""
+    """Sender of a rig's changes to one operator; it costs nothing while no one watches."""
 
     def __init__(
         self, channel: Channel[ToLeader], rig: RigState, news: Log, viewfinders: Viewfinders
     ) -> None:
         self._wish: PreviewsWanted | None = None
         self._on_their_way: set[str] = set()
-        """Cameras whose last preview the operator has not seen yet."""
+        """Cameras whose last preview the operator has not acknowledged yet."""
         self._channel = channel
         self._rig = rig
         self._news = news
@@ -121,7 +121,7 @@ class Watcher:
         self._shown: dict[str, Preview] = {}
 
     async def serve(self) -> None:
-        """Tell what changes until the operator closes the stream."""
+        """Send changes until the operator closes the stream."""
         self._channel.allow_silence()
         telling = asyncio.create_task(self._tell())
         try:
@@ -150,7 +150,7 @@ class Watcher:
                 news_ns = lines[-1].unix_ns
                 await self._channel.send(NewsAnswer(lines=lines))
             await self._send_pictures(began_s)
-            # The next tick counts from here where a slow link has made this one long.
+            # If a slow link has made this tick long, the next one counts from here.
             await asyncio.sleep(max(TICK_S / 2, began_s + TICK_S - loop.time()))
 
     async def _send_pictures(self, now_s: float) -> None:
@@ -172,6 +172,6 @@ class Watcher:
 
 
 def without_times(status: RigStatus) -> RigStatus:
-    """Return a status without what changes by itself: the time, and how long ago nodes were heard."""
+    """Return a status without the fields that change by themselves: the time, and when nodes were heard."""
     nodes = tuple(replace(node, last_seen_ns=0) for node in status.nodes)
     return replace(status, now_ns=0, nodes=nodes)

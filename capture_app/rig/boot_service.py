@@ -1,4 +1,4 @@
-"""A node that runs from the start of its machine on, as a service of systemd."""
+"""A node that starts with its machine, as a systemd service."""
 
 import getpass
 import os
@@ -32,31 +32,31 @@ WantedBy={wanted_by}
 
 @dataclass(frozen=True)
 class BootService:
-    """The service of one node: of this user, or of the machine where root asks for it."""
+    """Service of one node: of this user, or of the machine if root installs it."""
 
     name: str
     arguments: tuple[str, ...]
-    """What comes after `capture-app`."""
+    """Arguments after `capture-app`."""
 
     @property
     def unit(self) -> str:
-        """What systemd calls it."""
+        """Name of the systemd unit."""
         return f"simulshot-{self.name}"
 
     @property
     def path(self) -> Path:
-        """The file that says it."""
+        """Path of the unit file."""
         folder = Path("/etc/systemd/system") if _is_root() else user_config_path("systemd") / "user"
         return folder / f"{self.unit}.service"
 
     @property
     def log_command(self) -> str:
-        """The line that shows what the node says."""
+        """Command that shows the node's log."""
         return f"journalctl {'' if _is_root() else '--user '}-u {self.unit} -f"
 
     def text(self) -> str:
-        """Return the file's text. The program runs as Python runs now, wherever its command is."""
-        # -P: no module of the folder that it starts in is taken for one of ours.
+        """Return the unit file's text; the service uses this Python interpreter, wherever the command is."""
+        # -P: a module in the working directory must not replace one of ours.
         words = (sys.executable, "-P", "-m", "capture_app.cli", *self.arguments)
         return _UNIT.format(
             title=f"camera {self.name}",
@@ -65,7 +65,7 @@ class BootService:
         )
 
     def install(self) -> str:
-        """Write the file, and have systemd run it now and at every start; returns what is left to do, or "".
+        """Write the unit file and enable and start the service; return what is left to do, or "".
 
         Raises:
             NotAvailableError: no systemd serves this user here; nothing is written then.
@@ -91,7 +91,7 @@ class BootService:
         return "" if _is_root() else _linger()
 
     def remove(self) -> None:
-        """Stop the node and remove the file. Raises BadInputError where there is none, NotAvailableError."""
+        """Stop the node and remove the file. Raises BadInputError if there is none, NotAvailableError."""
         if not self.path.exists():
             raise BadInputError(f"{self.name} does not start with this machine", hint=f"no {self.path}")
         _systemctl("disable", "--now", self.unit)
@@ -104,7 +104,7 @@ def _is_root() -> bool:
 
 
 def _quoted(word: str) -> str:
-    """Write a word of ExecStart: systemd.service(5), specifiers and variables escaped."""
+    """Quote one argument of ExecStart, with specifiers and variables escaped: systemd.service(5)."""
     text = word.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%").replace("$", "$$")
     return f'"{text}"' if not text or set(text) & set(" \t'\";\\") else text
 
@@ -120,7 +120,7 @@ def _systemctl(*arguments: str) -> None:
 
 
 def _linger() -> str:
-    """Have this user's services start without a login; returns the line to type where that is not allowed."""
+    """Start this user's services without a login; return the command to type if that is not permitted."""
     user = getpass.getuser()
     if _run(("loginctl", "show-user", user, "--property=Linger")).stdout.strip() == "Linger=yes":
         return ""

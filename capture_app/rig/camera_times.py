@@ -1,4 +1,4 @@
-"""Calibrate camera times: how late each camera's stamps are, or its clock is, by what images show."""
+"""Calibration of camera times from images: the delay of each camera's timestamps, or its clock error."""
 
 import math
 from collections.abc import Collection, Mapping
@@ -21,7 +21,7 @@ from capture_app.sync.clock.likely_line import ASYMMETRY
 
 
 class MeasuredTime(msgspec.Struct, frozen=True, kw_only=True):
-    """What `reconstruct time --json` says: how much later than told its images are, or why not."""
+    """One camera in the output of `reconstruct time --json`: its images' time offset, or the reason."""
 
     offset_ms: float | None = None
     sd_ms: float | None = None
@@ -32,7 +32,7 @@ class MeasuredTime(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MeasuredTimes(msgspec.Struct, frozen=True, kw_only=True):
-    """What it says of a session."""
+    """Output of `reconstruct time --json` for a session."""
 
     reference: str
     cameras: dict[str, MeasuredTime]
@@ -41,10 +41,10 @@ class MeasuredTimes(msgspec.Struct, frozen=True, kw_only=True):
 async def calibrate(
     leader: Address, session: Session, measured: MeasuredTimes | None = None
 ) -> tuple[MeasuredTimes, dict[str, KeepStamp], dict[str, bool]]:
-    """Measure a session's camera times, unless `measured` has them, and let each node keep its camera's.
+    """Measure a session's camera times, unless `measured` has them, and have each node store its camera's.
 
-    Return what was measured, by camera what its node was given, and whether the node could save it. Raises
-    what `measure_session` raises, NetworkError, and the leader's own errors.
+    Return what was measured, what each node was given by camera, and whether the node could save it. Raises
+    the errors of `measure_session`, NetworkError, and the leader's own errors.
     """
     records = {record.name: record for record in session.manifest.cameras}
     if measured is None:
@@ -59,7 +59,7 @@ async def calibrate(
 
 
 def choose_reference(records: Mapping[str, CameraRecord]) -> str | None:
-    """The camera whose own times are known best; None where nothing tells any camera's stamps."""
+    """Return the camera with the smallest time uncertainty; None if no camera's timestamps are calibrated."""
     known = {
         name: math.hypot(record.facts.stamp_accuracy.uncertainty_ns, _clock_error_ns(record))
         for name, record in records.items()
@@ -71,7 +71,8 @@ def choose_reference(records: Mapping[str, CameraRecord]) -> str | None:
 async def measure_session(session: Path, reference: str | None) -> MeasuredTimes:
     """Run `reconstruct time` on a session, at the lowest priority.
 
-    Raises what it ends with: NotAvailableError where it is not installed, BadInputError where it cannot.
+    Raises the error that it ends with: NotAvailableError where it is not installed, BadInputError where it
+    cannot measure.
     """
     arguments = ["reconstruction.cli", "time", str(session), "--json"]
     arguments += [] if reference is None else ["--reference", reference]
@@ -87,10 +88,10 @@ async def measure_session(session: Path, reference: str | None) -> MeasuredTimes
 
 
 def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes) -> dict[str, StampAccuracy]:
-    """How late each camera's stamps are now known to be, of those that were not known better before.
+    """Return the newly measured timestamp accuracy of each camera that was not known better before.
 
-    What was measured is one camera against the reference. Where nothing tells how late the reference's own
-    stamps are, they are taken for what they were, and the others' are right against it only.
+    Each measurement is relative to the reference. If the reference's own timestamp delay is unmeasured, it is
+    taken as assumed before, and the other cameras are accurate relative to the reference only.
     """
     own = records[measured.reference].facts.stamp_accuracy
     is_known = own.source not in UNMEASURED
@@ -114,7 +115,8 @@ def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes
             if before_ns <= error_ns + (0 if alike else common_ns):
                 continue
         found[name] = StampAccuracy(
-            # Light that was later than told had stamps that were less late than was taken off them.
+            # Light later than its timestamp means that the timestamp's delay was smaller than the one
+            # subtracted.
             bias_ns=known.bias_ns - round(time.offset_ms * 1e6),
             uncertainty_ns=error_ns,
             source=StampSource.LIGHT if name in by_light else StampSource.MOTION,
@@ -128,10 +130,10 @@ def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes
 def measured_ways(
     records: Mapping[str, CameraRecord], measured: MeasuredTimes, stamps: Collection[str]
 ) -> dict[str, KnownWay]:
-    """By how much each clock is off where the camera's stamps, which are not among `stamps`, are not.
+    """Return the path asymmetry that explains each camera's clock error, for cameras not in `stamps`.
 
-    Ways that differ put it off, and messages cannot show that. Left out is what is told no better than that
-    two ways usually are alike.
+    Unequal path delays shift a clock, and messages cannot reveal that. Measurements that are no better than
+    the typical symmetry of two paths are left out.
     """
     reference, found = records[measured.reference], {}
     for name, time in measured.cameras.items():

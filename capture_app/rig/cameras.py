@@ -1,4 +1,4 @@
-"""Cameras of this machine, with or without a running rig: list them, ask one for its modes, open one."""
+"""Cameras of this machine, with or without a running rig: list them, query their modes, open one."""
 
 import logging
 from collections.abc import Mapping
@@ -13,7 +13,7 @@ _log = logging.getLogger(__name__)
 
 
 def kinds_of_cameras() -> Mapping[str, CameraDriver]:
-    """Return the driver of each kind, which says how a spec is written, its options and what it needs."""
+    """Return the driver of each kind, which describes its specs, its options and its requirements."""
     return specs.load_drivers()
 
 
@@ -32,7 +32,7 @@ def list_cameras(*, simulated: bool = True) -> list[CameraListing]:
 
 
 def modes_of(spec: str) -> str:
-    """Return what the camera of a spec offers, in its driver's words; empty where it is not listed.
+    """Return the modes of a spec's camera, in its driver's words; empty if it is not listed.
 
     Raises BadInputError for a spec that cannot be read.
     """

@@ -1,4 +1,4 @@
-"""Measure one camera: watch it, start it again and again, and move its phase by known commands."""
+"""Characterization of one camera: watch it, restart it repeatedly, and shift its phase by known commands."""
 
 import asyncio
 from collections import deque
@@ -29,56 +29,56 @@ from capture_app.sync.phase.injection import (
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 
 PLACE_FRAMES = 40
-"""Frames that tell the phase, before and after a move."""
+"""Number of frames that determine the phase before and after a shift."""
 OUTLIER = 4.0
-"""A stamp so many times as far off as others usually are does not count."""
+"""Timestamps with a residual of more than this many times the noise are outliers."""
 LEAST_SHIFTS = 6
 WIDEST_NS = 200_000.0
-"""No sensor's rows take longer."""
+"""Maximum step: no sensor's row time is longer."""
 LEAST_NOISE_NS = 500.0
-"""No stamps are better, and finer steps would take long to tell apart."""
+"""Minimum noise: no timestamps are better, and finer steps would take long to distinguish."""
 FINEST = 2.0
-"""A step is looked for where it is so many times as large as the noise."""
+"""Minimum step, in multiples of the noise."""
 NORMAL = sqrt(2.0 * pi * e)
-"""Normal noise of 1 sd fills as much of a step, in entropy, as so many sd of even noise."""
+"""Width of uniform noise with the same entropy as normal noise of 1 sd, in sd."""
 SURE = log(100.0)
-"""A step must be so much likelier (log) than the likeliest of as many that are none."""
+"""Minimum log-likelihood advantage of a step over the best of as many false candidates."""
 MOVES = 20
 STRETCHES_NS = tuple(37_000 * number + 1_900 * number**2 for number in range(MOVES))
-"""What frames are stretched by beyond the first stretch: no two differences are alike."""
+"""Stretch of each frame beyond the first stretch; no two differences are equal."""
 SETTLING_FRAMES = 40
-"""Frames before anything is counted: a stream that has just begun may stutter."""
+"""Frames before anything is counted, because a stream that has just begun may stutter."""
 AFTER_START_FRAMES = 12
 """Frames watched after each start."""
 GOLDEN = 0.618
-"""Restarts begin at places of the period that are spread evenly, however many there are."""
+"""Restart phases, in multiples of this fraction of the period, cover it evenly for any number of them."""
 
 
 class Moves(Struct, frozen=True, kw_only=True):
-    """What commands did to the phase; times in ns, None where the stream did not show it."""
+    """Effect of commands on the phase; times in ns, None where the stream did not show it."""
 
     commands: int
     effective: int
-    """How many of them moved it."""
+    """Number of commands that shifted the phase."""
     latency_frames: tuple[int, int] | None = None
-    """Fewest and most frames from a command until the phase had moved."""
+    """Minimum and maximum number of frames from a command until the phase had shifted."""
     step_ns: float | None = None
-    """What all shifts are multiples of: a row, times the gain of an injection."""
+    """Common divisor of all shifts: a row time, multiplied by the gain of an injection."""
     row_time_ns: float | None = None
-    """Time of one row, by that step."""
+    """Row time, from that step."""
     injection: InjectionProfile | None = None
     overhead_ns: float | None = None
-    """How much longer than its exposure a frame is, by the injections."""
+    """Frame duration minus exposure, from the injections."""
     reason: str = ""
-    """Why something is not known."""
+    """Why a value is unknown."""
 
 
 class Starts(Struct, frozen=True, kw_only=True):
-    """How long starts took, from the command to the first frame's stamp, in ns."""
+    """Start latencies, from the command to the first frame's timestamp, in ns."""
 
     latencies_ns: tuple[int, ...]
     by_restart: bool
-    """By restarts of the stream; else the camera was closed and opened anew."""
+    """Measured by restarts of the stream; otherwise by closing and reopening the camera."""
 
 
 class Character(Struct, frozen=True, kw_only=True):
@@ -87,36 +87,36 @@ class Character(Struct, frozen=True, kw_only=True):
     spec: str
     camera: CameraFacts
     modes: str
-    """All that it offers, in its driver's words."""
+    """All modes of the camera, in its driver's words."""
     frames: int
     drops: int
     period_ns: float
     rate_error_ppm: float
-    """By how much it is faster than its nominal rate."""
+    """Deviation from the nominal frame rate; positive if faster."""
     stamp_step_ns: float
-    """The step that its stamps come in; 0 where it is too fine to matter."""
+    """Quantization step of the timestamps; 0 if it is too fine to matter."""
     stamp_jitter_ns: float
-    """Standard deviation of a stamp about the line of its stream's."""
+    """Standard deviation of the timestamps about the stream's fitted line."""
     delivery_ns: int
-    """From a frame's stamp to its arrival, in the middle."""
+    """Median delay from a frame's timestamp to its arrival."""
     slowest_delivery_ns: int
     exposures_ns: tuple[int, int] | None = None
-    """The least and the most of the frames that were watched; None where they do not tell."""
+    """Minimum and maximum exposure of the watched frames; None if frames do not report it."""
     starts: Starts | None = None
     moves: Moves | None = None
-    """None for a camera whose phase is moved by restarts, or not at all."""
+    """None for a camera whose phase is shifted by restarts, or not at all."""
     saved: bool = False
-    """It is kept in this machine's profiles, by which nodes move such cameras from their first command on."""
+    """Whether it is stored in this machine's profiles, so that nodes use it from their first command on."""
 
 
 class StreamWatch:
-    """One opened camera, from its start to its stop; times in ns of the clock that it is stamped in."""
+    """One opened camera, from start to stop; times in ns of the clock of its timestamps."""
 
     def __init__(self, camera: Camera, clock: NodeClock) -> None:
         self.camera = camera
         self.phase = PhaseEstimator(period_ns=camera.facts.period_ns)
         self.deliveries_ns: list[int] = []
-        """From each frame's stamp to its arrival here."""
+        """Delay from each frame's timestamp to its arrival here."""
         self.exposure_ns: int | None = None
         """Exposure of the newest frame."""
         self._clock = clock
@@ -125,12 +125,12 @@ class StreamWatch:
         self._stream = -1
         self._first_stamp_ns = 0
         self._stamps: deque[tuple[int, int]] = deque(maxlen=PLACE_FRAMES)
-        """The newest frames' numbers and stamps."""
+        """Numbers and timestamps of the newest frames."""
 
     async def start(self) -> int:
-        """Start the stream; return the time from the command to the first frame's stamp.
+        """Start the stream; return the time from the command to the first frame's timestamp.
 
-        Raises CameraError where the camera cannot start or gives no frames.
+        Raises CameraError where the camera cannot start or delivers no frames.
         """
         begun_ns = self._clock.now_ns()
         await self.camera.start(self._add, self._fail)
@@ -138,16 +138,16 @@ class StreamWatch:
         return self._first_stamp_ns - begun_ns
 
     async def restart(self, delay_ns: int) -> int:
-        """Restart the stream; return the time from the command to its first frame's stamp."""
+        """Restart the stream; return the time from the command to its first frame's timestamp."""
         stream, begun_ns = self._stream, self._clock.now_ns() + delay_ns
         await self.camera.apply(RestartStream(delay_ns))
         await self.until(lambda: self._stream > stream)
         return self._first_stamp_ns - begun_ns
 
     async def shift(self, command: CameraCommand) -> tuple[float, int | None]:
-        """Give a command; return how far it moved the phase, and the frames until it had, None for never.
+        """Apply a command; return the phase shift and the frames until it took effect, None if it never did.
 
-        The phase is known by PLACE_FRAMES before, and as many after: their stamps have been seen before it.
+        The phase is measured over PLACE_FRAMES before the command, already received, and as many after it.
         """
         phase, sequence = self.phase, self._stamps[-1][0]
         before_ns = self._place(sequence)
@@ -159,19 +159,19 @@ class StreamWatch:
         return self._place(sequence) - before_ns, phase.last_latency_frames if moved else None
 
     def _place(self, sequence: int) -> float:
-        """When the frame of that number would have come by the newest frames, outliers aside."""
+        """Return when frame `sequence` would have come by the newest frames, without outliers."""
         period_ns = self.phase.period_ns
         places = [stamp_ns - period_ns * (number - sequence) for number, stamp_ns in self._stamps]
         middle, noise_ns = median(places), max(self.phase.noise_ns, 1_000.0)
         return fmean(place for place in places if abs(place - middle) <= OUTLIER * noise_ns)
 
     async def frames(self, count: int) -> None:
-        """Wait for so many more frames."""
+        """Wait for `count` more frames."""
         wanted = self.phase.frames + count
         await self.until(lambda: self.phase.frames >= wanted)
 
     async def until(self, holds: Callable[[], bool]) -> None:
-        """Wait until something holds that frames bring about. Raises CameraError where none come."""
+        """Wait until `holds`, which frames change. Raises CameraError if none arrive."""
         while not holds():
             self._arrived.clear()
             try:
@@ -197,13 +197,13 @@ class StreamWatch:
 
 
 def common_step(shifts_ns: Sequence[float], noise_ns: float) -> float | None:
-    """The step of which all shifts are most likely whole multiples, but for the noise (1 sd) of each.
+    """Return the step of which all shifts are most likely integer multiples, given the noise (1 sd) of each.
 
-    None where no step is likely enough, as one that is hardly wider than the noise, or for too few shifts.
+    None if no step is likely enough, as one hardly wider than the noise, or if there are too few shifts.
     """
     if len(shifts_ns) < LEAST_SHIFTS:
         return None
-    # Differences to the least are smaller: their multiples are told from fewer candidates.
+    # Differences from the minimum are smaller, so fewer candidates distinguish their multiples.
     least_ns = min(shifts_ns)
     offs = [shift - least_ns for shift in shifts_ns]
     noise_ns = max(noise_ns, LEAST_NOISE_NS)
@@ -223,7 +223,7 @@ def common_step(shifts_ns: Sequence[float], noise_ns: float) -> float | None:
 
 
 def _residuals(offs_ns: Sequence[float], step_ns: float) -> list[float]:
-    """How far each is off the lattice that they lie on best; the least one has noise, too."""
+    """Return residuals from the best-fitting lattice; its offset is fitted, as the minimum has noise, too."""
     first = [off - step_ns * round(off / step_ns) for off in offs_ns]
     middle = fmean(first)
     return [off - middle - step_ns * round((off - middle) / step_ns) for off in offs_ns]
@@ -234,7 +234,7 @@ def _misfit(offs_ns: Sequence[float], step_ns: float) -> float:
 
 
 def _refined(offs_ns: Sequence[float], step_ns: float) -> float:
-    """The step by a line through the shifts, once it is known how many steps each has."""
+    """Return the slope of a line through the shifts, once the number of steps of each is known."""
     counts = [round(off / step_ns) for off in offs_ns]
     middle, mean_ns = fmean(counts), fmean(offs_ns)
     weight = sum((n - middle) ** 2 for n in counts)
@@ -243,9 +243,9 @@ def _refined(offs_ns: Sequence[float], step_ns: float) -> float:
 
 
 async def measure_moves(watch: StreamWatch, facts: CameraFacts, moves: int) -> Moves | None:
-    """Give so many commands, and find what they do; None where this camera has no such command.
+    """Apply up to `moves` commands and measure their effect; return None if the camera has no such command.
 
-    Raises CameraError where the camera refuses one, or gives no frames any more.
+    Raises CameraError where the camera refuses one, or stops delivering frames.
     """
     if facts.phase_control is PhaseControl.INJECTION:
         problem = InjectionActuator(facts).problem
@@ -278,10 +278,10 @@ async def measure_moves(watch: StreamWatch, facts: CameraFacts, moves: int) -> M
 def _command(
     facts: CameraFacts, number: int, stretch_ns: int, history: InjectionHistory
 ) -> tuple[CameraCommand, int]:
-    """A command that lengthens one frame, and the rows that it exposes, or lasts, for."""
+    """Return a command that lengthens one frame, and the number of rows that it is exposed, or lasts, for."""
     wanted_ns = facts.period_ns + FIRST_STRETCH_NS + stretch_ns
     rows = round(wanted_ns / history.row_ns)
-    # Now even and now odd: shifts by even rows alone would look like those of rows twice as long.
+    # Alternate even and odd row counts: even counts alone would look like rows of twice the length.
     rows += (rows + number) % 2
     asked_ns = round((rows + INSIDE_ROW) * history.row_ns)
     if facts.phase_control is PhaseControl.INJECTION:
@@ -290,7 +290,7 @@ def _command(
 
 
 def _with_rows(seen: Moves, facts: CameraFacts, history: InjectionHistory) -> Moves:
-    """The same, with what the step and the injections say of rows."""
+    """Return the result with row times, as derived from the step and the injections."""
     if facts.phase_control is PhaseControl.FRAME_DURATION:
         return replace(seen, row_time_ns=seen.step_ns)
     if not history.moved:
@@ -312,10 +312,10 @@ def _reason(effective: int, step_ns: float | None) -> str:
 async def characterize(
     spec: str, *, seconds: float, starts: int, moves: int, keep: bool, talk: Callable[[str], None]
 ) -> Character:
-    """Measure a camera of this machine, and `keep` what nodes use of it in this user's profiles.
+    """Measure a camera of this machine, and with `keep` save what nodes use to this user's profiles.
 
-    It is watched for so many seconds, started so many times, and told to move so many times. Raises
-    BadInputError for a spec that cannot be used, CameraError where it cannot be opened or gives no frames.
+    It is watched for `seconds`, started `starts` times, and shifted `moves` times. Raises BadInputError for
+    an unusable spec, CameraError where it cannot be opened or delivers no frames.
     """
     clock = HostClock()
 
@@ -339,17 +339,17 @@ async def measure_camera(
     moves: int = MOVES,
     talk: Callable[[str], None] = lambda _: None,
 ) -> Character:
-    """Open the camera of `spec` and measure it; `clock` is that of its stamps, `modes` what it offers.
+    """Open the camera of `spec` and measure it; `clock` is its timestamps' clock, `modes` its modes.
 
-    It is watched for so many seconds, started so many times, and told to move so many times. Raises
-    CameraError where it cannot be opened or gives no frames, and what `open_camera` raises.
+    It is watched for `seconds`, started `starts` times, and shifted `moves` times. Raises CameraError where
+    it cannot be opened or delivers no frames, and the errors of `open_camera`.
     """
     watch = StreamWatch(open_camera(), clock)
     latencies_ns: list[int] = []
     try:
         talk("starting")
         await watch.start()
-        # A driver knows some of it only once it streams.
+        # Some facts are known only once the camera streams.
         facts = watch.camera.facts
         await watch.frames(SETTLING_FRAMES)
         watch.deliveries_ns.clear()
@@ -397,7 +397,7 @@ async def measure_camera(
 
 
 def save(character: Character, profiles: DeviceProfiles) -> Character:
-    """Keep what nodes use of it in this machine's profiles; return it with whether that was possible."""
+    """Save what nodes use to this machine's profiles; return the character with whether that succeeded."""
     saved = False
     moves, starts = character.moves, character.starts
     if moves is not None and moves.injection is not None:

@@ -1,4 +1,4 @@
-"""This machine looked over: its clock, disks and cameras, the ways to leaders, and what repairs them."""
+"""Diagnosis of this machine: its clock, disks and cameras, the paths to leaders, and remedies."""
 
 import asyncio
 import os
@@ -31,17 +31,17 @@ from capture_app.sync.wire.codec import VERSION
 from capture_app.trust.trust import Trust
 
 Grade = Literal["good", "note", "warning", "problem"]
-"""A problem keeps this machine from taking part, a warning makes it worse or less sure."""
+"""A problem prevents this machine from taking part; a warning degrades it or makes it less reliable."""
 SAMPLE_BYTES = 16 << 20
 SLOW_MB_S = 20.0
-"""A disk slower than this holds a burst up: a camera of 1080p at 30 frames/s makes about 15 MB/s of JPEG."""
+"""A slower disk delays bursts: a camera of 1080p at 30 frames/s produces about 15 MB/s of JPEG."""
 LITTLE_BYTES = 1 << 30
 CLOCK_WATCHED_S = 2.2
 LISTEN_S = 1.5
 
 
 class Finding(Struct, frozen=True):
-    """One of them; `remedy` is the line that repairs it, or says what to do."""
+    """Result of one check; `remedy` is the command that fixes it, or says what to do."""
 
     check: str
     grade: Grade
@@ -50,7 +50,7 @@ class Finding(Struct, frozen=True):
 
 
 def version() -> Finding:
-    """Say what runs here."""
+    """Report the software, protocol and platform versions."""
     return Finding(
         "version",
         "good",
@@ -60,7 +60,7 @@ def version() -> Finding:
 
 
 async def clock(rate: HostRate, watched_s: float = CLOCK_WATCHED_S) -> Finding:
-    """Watch this host's clock for a while: an NTP daemon may be slewing it."""
+    """Watch this host's clock for `watched_s`, as an NTP daemon may be slewing it."""
     rate.slewing_ppm(0)
     await asyncio.sleep(watched_s)
     ppm = rate.slewing_ppm(EVERY_NS)
@@ -73,7 +73,7 @@ async def clock(rate: HostRate, watched_s: float = CLOCK_WATCHED_S) -> Finding:
 
 
 def disk(folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES) -> Finding:
-    """Write to a folder for a moment; it `holds` what is named, and `option` chooses another one."""
+    """Test a folder by writing to it; `holds` names its contents, `option` selects another folder."""
     other = f"choose another folder with {option}"
     try:
         while not folder.exists() and folder != folder.parent:
@@ -91,7 +91,7 @@ def disk(folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES
 
 
 def cameras(found: Sequence[CameraListing]) -> Iterator[Finding]:
-    """Say which cameras are here, and why those that cannot be used cannot."""
+    """Report which cameras are here, and why unusable ones are unusable."""
     real = [listing for listing in found if not listing.spec.startswith("sim:")]
     if not real:
         yield Finding(
@@ -106,7 +106,7 @@ def cameras(found: Sequence[CameraListing]) -> Iterator[Finding]:
 
 
 def usb(found: list[UsbCamera]) -> Iterator[Finding]:
-    """Say which cameras share a bus that is too slow for them."""
+    """Report cameras that share a bus that is too slow for them."""
     for sharing in crowded_buses(found):
         nodes = " and ".join(camera.node for camera in sharing)
         yield Finding(
@@ -120,7 +120,7 @@ def usb(found: list[UsbCamera]) -> Iterator[Finding]:
 
 
 def _write_speed(folder: Path, size: int) -> float:
-    """Return how fast a folder's disk takes data in, synced, in MB/s."""
+    """Return the write speed of a folder's disk, including the sync, in MB/s."""
     data = os.urandom(1 << 20)
     with tempfile.TemporaryFile(dir=folder) as file:
         began_s = time.monotonic()
@@ -132,7 +132,7 @@ def _write_speed(folder: Path, size: int) -> float:
 
 
 async def leader(address: Address) -> Finding:
-    """Try the way to a leader."""
+    """Test the connection to a leader."""
     began_s = time.monotonic()
     found = await find_obstacle(address)
     if found is not None:
@@ -142,7 +142,7 @@ async def leader(address: Address) -> Finding:
 
 
 async def own_rig(address: Address) -> Finding:
-    """Say how other machines reach a rig of this machine."""
+    """Report the addresses at which other machines reach a rig of this machine."""
     try:
         status = await ask_status(address)
     except SimulshotError as error:
@@ -161,7 +161,7 @@ async def own_rig(address: Address) -> Finding:
 
 
 async def announced_leaders(listen_s: float = LISTEN_S) -> list[Finding]:
-    """Say which leaders are announced in this network, whether they answer, and their version."""
+    """Report the leaders announced on this network, whether they answer, and their version."""
     async with LeaderBrowser() as browser:
         await asyncio.sleep(listen_s)
         found = browser.found
@@ -193,9 +193,9 @@ async def _announced_leader(found: FoundLeader) -> Finding:
 
 
 def warnings_for_leader(host: str, port: int, root: Path = Path("/")) -> list[str]:
-    """Say what of this machine would keep other machines' cameras from a leader here, or make them worse.
+    """Return what on this machine would block or degrade other machines' cameras of a leader here.
 
-    Nothing for a leader that only this machine can reach. `root`: where the machine's files are.
+    Nothing for a leader that only this machine can reach. `root` is the root of the machine's files.
     """
     if not announced_hosts(host):
         return []
@@ -205,7 +205,7 @@ def warnings_for_leader(host: str, port: int, root: Path = Path("/")) -> list[st
 
 
 def firewalls(active: Sequence[Firewall], ports: Sequence[int]) -> Iterator[Finding]:
-    """Say which firewalls of this machine may be in the way; to `ports` cameras come."""
+    """Report firewalls of this machine that may block connections; cameras connect to `ports`."""
     for firewall in active:
         for port in ports:
             opened = firewall.opens(port)
@@ -214,7 +214,7 @@ def firewalls(active: Sequence[Firewall], ports: Sequence[int]) -> Iterator[Find
                 unseen = " (only root sees whether it does)" if opened is None else ""
                 yield Finding("firewall", "warning", text + unseen, firewall.opening.format(port=port))
         if not firewall.opens(MDNS_PORT) and firewall.name != "ufw":
-            # As it comes, ufw lets mDNS in.
+            # By default, ufw admits mDNS.
             text = f"{firewall.name} is active here: leaders are found by themselves only if it lets mDNS in"
             yield Finding("firewall", "note", text, firewall.opening_udp.format(port=MDNS_PORT))
     if not active:
@@ -222,7 +222,7 @@ def firewalls(active: Sequence[Firewall], ports: Sequence[int]) -> Iterator[Find
 
 
 def trust(own: Trust) -> Finding:
-    """Say what this machine goes by, and how many it knows."""
+    """Report this machine's identity, and the number of machines that it knows."""
     if own.is_open:
         return Finding("trust", "note", "pairing is skipped: any machine is accepted")
     try:
@@ -233,7 +233,7 @@ def trust(own: Trust) -> Finding:
 
 
 def wifi(interfaces: Sequence[str]) -> Iterator[Finding]:
-    """Say which WiFi interfaces save power."""
+    """Report WiFi interfaces that save power."""
     for interface in interfaces:
         match saves_power(interface):
             case True:
@@ -248,10 +248,10 @@ def wifi(interfaces: Sequence[str]) -> Iterator[Finding]:
 async def examine(
     leaders: Sequence[Address], own_rigs: Sequence[tuple[Address, Path]], spool: Path
 ) -> list[Finding]:
-    """Look this machine over, within seconds.
+    """Run all checks on this machine, within seconds.
 
-    `leaders` are those that it is to reach, `own_rigs` run on it and save to their folders; `spool` is where
-    its nodes keep their images.
+    `leaders` are those to reach, `own_rigs` run here and save to their folders; `spool` is where its nodes
+    store their images.
     """
     folders = dict.fromkeys(folder for _, folder in own_rigs)
     disks = [(spool, "the spool", "--spool"), *((folder, "sessions", "--sessions") for folder in folders)]
@@ -261,7 +261,7 @@ async def examine(
         asyncio.gather(*(own_rig(address) for address, _ in own_rigs)),
         asyncio.gather(*map(leader, leaders)),
     )
-    # After the clock: a busy disk would hold its readings up.
+    # After the clock check, whose readings a busy disk would delay.
     written = await asyncio.gather(*(asyncio.to_thread(disk, *one) for one in disks))
     return [
         version(),

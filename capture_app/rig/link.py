@@ -1,7 +1,7 @@
-"""What operators ask of a running leader: once, or over a screen's link, which tells what changes.
+"""Requests of operators to a running leader: single ones, or over a screen's link, which yields changes.
 
-The link is opened again whenever it is lost. Exposure, gain, white balance and focus of a rig's cameras are
-shown, set, and measured on one for all.
+The link is reopened whenever it is lost. Exposure, gain, white balance and focus of a rig's cameras are
+shown, set, and measured on one camera for all.
 """
 
 import asyncio
@@ -36,7 +36,7 @@ RETRY_S = (0.2, 0.5, 1.0, 2.0)
 
 
 async def ask_status(leader: Address) -> RigStatus:
-    """Return the status of the rig of a running leader, with all its nodes. Raises NetworkError."""
+    """Return the status of a running leader's rig, with all its nodes. Raises NetworkError."""
     nodes: list[NodeStatus] = []
     async with await connect(leader, messages.FromLeader) as channel:
         while True:
@@ -48,7 +48,7 @@ async def ask_status(leader: Address) -> RigStatus:
 
 
 async def ask_leader(leader: Address, request: Message, kind: type[A]) -> A:
-    """Return a leader's answer to a request, of that kind. Raises NetworkError, and the leader's errors."""
+    """Return a leader's answer to a request, of type `kind`. Raises NetworkError, and the leader's errors."""
     timeout_s = ORDER_TIMEOUT_S if isinstance(request, orders.Order) else ANSWER_TIMEOUT_S
     async with await connect(leader, messages.FromLeader) as channel:
         return await ask(channel, request, kind, timeout_s)
@@ -57,7 +57,7 @@ async def ask_leader(leader: Address, request: Message, kind: type[A]) -> A:
 async def ask_controls(
     leader: Address, camera: str, wanted: Mapping[Control, ControlValue]
 ) -> CameraControls:
-    """Set what is wanted of a camera's controls, nothing if empty; return them all as they stand then.
+    """Set the `wanted` controls of a camera, none if empty; return the resulting state of all.
 
     Raises NetworkError, and the leader's own errors.
     """
@@ -66,7 +66,7 @@ async def ask_controls(
 
 
 async def give_order(leader: Address, order: orders.Order) -> tuple[str, ...]:
-    """Return when the leader has done it, with the names of cameras that it started.
+    """Give an order; return the names of cameras that it started, once it is carried out.
 
     Raises NetworkError, and the leader's own errors.
     """
@@ -81,7 +81,7 @@ async def ask_burst(leader: Address, request: messages.BurstRequest) -> AsyncIte
     async with await connect(leader, messages.FromLeader) as channel:
         await channel.send(request)
         while True:
-            # The leader tells how far it is once a second at least: silence means that it is gone.
+            # The leader reports progress at least once a second, so silence means that it is lost.
             answer = await receive_answer(channel)
             if isinstance(answer, messages.BurstAnswer):
                 yield answer.burst
@@ -90,18 +90,18 @@ async def ask_burst(leader: Address, request: messages.BurstRequest) -> AsyncIte
 
 
 CamerasControls = dict[str, CameraControls]
-"""By camera of the rig its controls as they stand, with what could not be done of what was asked."""
+"""Current controls of each camera of the rig, with the requests that failed."""
 
 
 async def read_all(leader: Address) -> CamerasControls:
-    """Return the controls of all cameras that are here. Raises NetworkError."""
+    """Return the controls of all present cameras. Raises NetworkError."""
     return await _each(leader, present_cameras(await ask_status(leader)), {})
 
 
 async def set_cameras(
     leader: Address, wanted: Mapping[Control, ControlValue], cameras: Sequence[str] = ()
 ) -> CamerasControls:
-    """Set controls of these cameras, or of all that are here.
+    """Set controls of these cameras, or of all present ones.
 
     Raises BadInputError for a camera that is not here, NetworkError.
     """
@@ -114,10 +114,10 @@ async def set_cameras(
 async def match_cameras(
     leader: Address, source: str, controls: Sequence[Control] = tuple(Control)
 ) -> CamerasControls:
-    """Hold what one camera has chosen, and set it on all others that can; the first is that camera.
+    """Hold the values that one camera has chosen, and set them on all others that can; it comes first.
 
-    A value goes to those whose unit is the same: a gain in steps of one model means nothing to another.
-    Raises BadInputError where that camera is not here, NetworkError.
+    A value applies only to cameras with the same unit, as gain steps differ between models. Raises
+    BadInputError where that camera is not here, NetworkError.
     """
     rig = await ask_status(leader)
     first = (await set_cameras(leader, dict.fromkeys(controls, "hold"), [source]))[source]
@@ -128,7 +128,7 @@ async def match_cameras(
 
 
 def present_cameras(rig: RigStatus) -> list[str]:
-    """The names of the cameras that are here."""
+    """Return the names of the present cameras."""
     return [
         node.name
         for node in rig.nodes
@@ -171,7 +171,7 @@ async def _set_like(
 
 
 async def _set_app_phones(leader: Address, rig: RigStatus, like: CameraControls) -> CamerasControls:
-    """Tell phones with the app, which answer nothing; their gain is an ISO, of which 100 is taken for 1."""
+    """Set phones with the app, which do not answer; their gain is an ISO, where 100 counts as gain 1."""
     phones = [phone.name for phone in rig.app_phones if phone.state != "lost"]
     if not phones:
         return {}
@@ -191,17 +191,17 @@ async def _set_app_phones(leader: Address, rig: RigStatus, like: CameraControls)
 
 
 class LinkLost(Struct, frozen=True):
-    """The connection to the leader is lost, or was never there, and is being tried again."""
+    """The connection to the leader is lost, or was never made, and is being retried."""
 
     reason: str
-    """One sentence, with what to do about it."""
+    """One sentence, with a remedy."""
 
 
 Update = RigStatus | NewsLine | Preview | LinkLost
 
 
 def start_again(rig: RigStatus) -> str:
-    """What to type so that a rig whose leader is gone is led again."""
+    """Return how to restart a rig whose leader is lost."""
     if rig.relay is not None:
         return "is its relay still there?"
     port, folder = parse_address(rig.leader).port, shlex.quote(rig.sessions_folder or "sessions")
@@ -214,23 +214,23 @@ class RigLink:
 
     def __init__(self, leader: Address) -> None:
         self.leader = leader
-        """Where the leader is reached from here; `RigStatus.leader` is what other machines are told."""
+        """The leader's address from here; `RigStatus.leader` is the address for other machines."""
         self._channel: Channel[Any] | None = None
         self._wish: orders.PreviewsWanted | None = None
         self._news_ns = 0
         self._rig: RigStatus | None = None
-        """As it was told last."""
+        """The latest status received."""
 
     def another(self) -> "RigLink":
         """Return a second link to the same leader, for another reader of updates."""
         return RigLink(self.leader)
 
     async def updates(self) -> AsyncGenerator[Update, None]:
-        """Yield what changes, for ever: for one reader at a time.
+        """Yield changes, forever; for one reader at a time.
 
-        At first, and after each `LinkLost`, come the status and the latest news that were not yielded before;
-        then a `RigStatus` whenever it has changed, at most ten a second. A lost connection is opened again
-        and again; the first status after `LinkLost` says that it is back.
+        At first and after each `LinkLost` come the status and the latest log lines that were not yielded
+        before. Then a `RigStatus` follows whenever it has changed, at most ten a second. A lost connection is
+        reopened repeatedly; the first status after `LinkLost` means that it is back.
         """
         failures = 0
         while True:
@@ -255,28 +255,28 @@ class RigLink:
             failures += 1
 
     async def want_previews(self, *, cameras: tuple[str, ...] | None, width: int, fps: float) -> None:
-        """Ask for small pictures of these cameras among the updates: None for all, 0 `fps` for none.
+        """Request previews of these cameras among the updates: None for all, `fps` 0 for none.
 
         At most `fps` a second of each, fewer where the link or the screen is slow, none while a burst is
-        selected or sent. Kept over reconnections; does not wait for an answer.
+        selected or sent. The request persists over reconnections; this does not wait for an answer.
         """
         self._wish = orders.PreviewsWanted(cameras=cameras, width=width, fps=fps)
         if self._channel is not None:
             try:
                 await self._channel.send(self._wish)
             except NetworkError:
-                self._channel.abort()  # whoever reads it opens it again, and tells this wish
+                self._channel.abort()  # the reader of updates reconnects, and sends this request
 
     def burst(self, request: messages.BurstRequest) -> AsyncIterator[BurstStatus]:
         """Take a burst and yield its progress until it is done; leaving it early does not cancel it."""
         return ask_burst(self.leader, request)
 
     async def order(self, order: orders.Order) -> None:
-        """Return when the leader has done it."""
+        """Give an order, and return once it is carried out."""
         await give_order(self.leader, order)
 
     async def ask(self, request: Message, kind: type[A]) -> A:
-        """Return the leader's answer of that kind: once or twice a second, not more."""
+        """Return the leader's answer of type `kind`; call it at most once or twice a second."""
         return await ask_leader(self.leader, request, kind)
 
     async def match_cameras(self, source: str) -> CamerasControls:
@@ -290,7 +290,7 @@ class RigLink:
                 yield message.rig
             case orders.NewsAnswer():
                 for line in message.lines:
-                    # A connection that is opened again tells all of them again.
+                    # A reopened connection sends all of them again.
                     if line.unix_ns > self._news_ns:
                         self._news_ns = line.unix_ns
                         yield line

@@ -1,4 +1,4 @@
-"""Clock errors over a real or a recorded link: trials of the engine's own client, and their figures."""
+"""Clock errors over a real or a recorded link: trials of the engine's own client, and their statistics."""
 
 import asyncio
 import random
@@ -29,7 +29,7 @@ from capture_app.sync.timekeeping.timekeeper import Timekeeper
 
 TRIALS, REPLAYED_TRIALS = 10, 100
 PAUSE_S = 0.25
-"""Time between two trials, in which the link is idle: a link may be slower at first."""
+"""Idle time of the link between two trials, as a link may be slower at first."""
 REPLAYED_SKEW_PPM = 20.0
 """Standard deviation of the simulated clocks' skew on a recorded link; offsets are hours."""
 
@@ -38,9 +38,9 @@ Kind = Literal["simulated", "emulated link", "real"]
 
 @dataclass(frozen=True, slots=True)
 class Synchronization:
-    """What a client knows of its leader's clock once it has enough samples.
+    """A client's estimate of its leader's clock once it has enough samples.
 
-    `time_map` is the engine's own estimate at that moment, `seconds` the time since the client had joined.
+    `time_map` is the engine's own estimate at that moment, `seconds` the time since the client joined.
     """
 
     samples: list[ClockSample]
@@ -50,7 +50,7 @@ class Synchronization:
 
 
 class LinkTrial(Struct, frozen=True, kw_only=True):
-    """The clock at the end of one trial: its error, and what the engine states."""
+    """The clock at the end of one trial: its true error, and the engine's stated bounds."""
 
     error_us: float
     uncertainty_us: float
@@ -58,16 +58,16 @@ class LinkTrial(Struct, frozen=True, kw_only=True):
     seconds: float
     requests: int
     round_trip_us: float
-    """The least of all."""
+    """Minimum round trip of the trial."""
 
 
 class LinkFigures(Struct, frozen=True, kw_only=True):
-    """What the trials on one link show; errors are estimated minus true leader time."""
+    """Statistics of the trials on one link; errors are estimated minus true leader time."""
 
     kind: Kind
     seed: int
     messages: int
-    """Samples of each trial."""
+    """Number of samples in each trial."""
     trials: int
     mean_abs_us: float
     max_us: float
@@ -102,10 +102,10 @@ async def serve(host: str, port: int) -> None:
 
 
 class LinkClient:
-    """A node without a camera, from joining on until it has enough samples; `client` is the engine's own."""
+    """A node without a camera, from joining until it has enough samples; `client` is the engine's own."""
 
     def __init__(self, rng: random.Random, messages: int, pace_ns: int | None = None) -> None:
-        """Without `pace_ns` it asks at the engine's own intervals."""
+        """Without `pace_ns` it sends requests at the engine's own intervals."""
         self.joined = asyncio.Event()
         self.done = asyncio.Event()
         self.problem = ""
@@ -121,7 +121,7 @@ class LinkClient:
         self._joined_s = 0.0
 
     def note_events(self, now_s: float) -> None:
-        """Look at what has happened; `now_s` is any clock that runs evenly. Call it after each step."""
+        """Process the client's events; call it after each step, with `now_s` of any steady clock."""
         while (event := self.client.next_event()) is not None:
             match event:
                 case Joined():
@@ -185,10 +185,10 @@ async def measure(
     trials: int = TRIALS,
     seed: int,
 ) -> AsyncIterator[Synchronization]:
-    """Let a client join anew for each trial, and yield what it knows at the end.
+    """Let a client join again for each trial, and yield its estimate at the end.
 
-    The other end runs `serve`. A client asks every `pace_ns`, or at the engine's own intervals; `clock` is
-    this end's, perhaps simulated. Raises NetworkError.
+    The other end runs `serve`. A client sends a request every `pace_ns`, or at the engine's own intervals;
+    `clock` is this end's, perhaps simulated. Raises NetworkError.
     """
     rng = random.Random(f"{seed} link")
     timeout_s = 10.0 + 5.0 * messages * (PACE_NS if pace_ns is None else pace_ns) / 1e9
@@ -199,9 +199,10 @@ async def measure(
 
 
 def replay(recording: Path, messages: int, *, trials: int = REPLAYED_TRIALS, seed: int) -> list[LinkTrial]:
-    """Let simulated clocks synchronize over a recorded link, each from a random place of it on.
+    """Synchronize simulated clocks over a recorded link, each from a random start in the recording.
 
-    The recording is a CSV as `read_trace` reads it; messages follow at its interval. Raises BadInputError.
+    The recording is a CSV in the format of `read_trace`; messages follow at its interval. Raises
+    BadInputError.
     """
     link = read_trace(recording, random.Random(f"{seed} trace"))
     there, back = link.to_leader, link.to_client
@@ -244,7 +245,7 @@ def judge(reached: Synchronization, clock: NodeClock, true_offset_ns: int = 0) -
 
 
 def sum_up(trials: Sequence[LinkTrial], *, kind: Kind, messages: int, seed: int) -> LinkFigures:
-    """Return the figures of trials of so many messages each."""
+    """Return the statistics of trials of `messages` messages each."""
     errors_us = [trial.error_us for trial in trials]
     return LinkFigures(
         kind=kind,

@@ -1,4 +1,4 @@
-"""How this machine becomes a member of a rig: the leaders it finds, and pairing with them."""
+"""Membership of this machine in a rig: finding leaders, and pairing with them."""
 
 from collections.abc import Callable
 from contextlib import AbstractContextManager
@@ -20,7 +20,7 @@ def accept_any_machine() -> AbstractContextManager[None]:
 
 
 def is_pairing_skipped() -> bool:
-    """Whether any machine is accepted here, by --open or SIMULSHOT_OPEN=1."""
+    """Return whether pairing is skipped here, by --open or SIMULSHOT_OPEN=1."""
     return Trust.of_user().is_open
 
 
@@ -38,8 +38,8 @@ def own_machine() -> Trust:
 async def find_leaders(report: Callable[[str], None]) -> list[FoundLeader]:
     """Wait until leaders of this machine or its network answer, and return them.
 
-    Known leaders come alone where there are any. `report` gets a sentence whenever something new is in the
-    way.
+    If any of them is known, only known leaders are returned. `report` gets a sentence whenever something new
+    prevents a connection.
     """
 
     def own() -> tuple[Address, ...]:
@@ -49,7 +49,7 @@ async def find_leaders(report: Callable[[str], None]) -> list[FoundLeader]:
 
 
 async def needs_pairing(leader: Address) -> bool:
-    """Whether a leader answers that this machine is not paired with yet.
+    """Return whether a leader answers with which this machine is not paired yet.
 
     Raises NetworkError, and UnknownMachineError where pairing is skipped.
     """
@@ -67,7 +67,7 @@ async def needs_pairing(leader: Address) -> bool:
 
 
 async def pair(leader: Address, code: str) -> tuple[Role, ...]:
-    """Pair this machine with a leader by a one-time code, and return what this machine may do there.
+    """Pair this machine with a leader by a one-time code, and return this machine's roles there.
 
     Raises UnknownMachineError for a wrong code or where pairing is skipped, NetworkError, DiskError.
     """

@@ -1,4 +1,4 @@
-"""Tells when something moves in cameras' previews: a trigger for what nobody presses."""
+"""Motion detection in cameras' previews: a trigger that needs no operator."""
 
 from collections.abc import AsyncGenerator
 from dataclasses import dataclass, field
@@ -12,14 +12,14 @@ from capture_app.session.reading.decoding import decode_image
 
 WIDTH_PX, FPS = 160, 10.0
 USUAL = 0.1
-"""The share of a new picture in what is usual there: what stays is no news after some pictures."""
+"""Weight of a new image in the running mean; a change that stays becomes the background after some images."""
 LEARN = 8
-"""Pictures of a camera before it is judged."""
+"""Number of images of a camera before motion is reported."""
 LEAST_LEVELS, CLEAR = 10.0, 6.0
-"""A pixel has changed by so many grey levels, and by so many times what it usually does."""
+"""Minimum change of a pixel, in grey levels and in multiples of its typical difference."""
 Region = tuple[float, float, float, float]
 WHOLE: Region = (0.0, 0.0, 1.0, 1.0)
-"""Left, top, right and bottom, as shares of the picture."""
+"""Left, top, right and bottom, as fractions of the image."""
 
 
 @dataclass(slots=True)
@@ -31,14 +31,14 @@ class _View:
 
 @dataclass(slots=True)
 class MotionWatch:
-    """What is usual in each camera's region; where `least_share` of its pixels change, something moves."""
+    """Background model of each camera's region; motion changes at least `least_share` of its pixels."""
 
     region: Region = WHOLE
     least_share: float = 0.005
     _views: dict[str, _View] = field(default_factory=dict)
 
     def moved(self, camera: str, grey: NDArray[np.uint8]) -> bool:
-        """Whether something moves in a camera's next picture (H x W); light that changes for all does not."""
+        """Return whether something moves in a camera's next image (H x W); a global light change does not."""
         left, top, right, bottom = self.region
         height, width = grey.shape
         rows = slice(int(top * height), max(int(top * height) + 1, round(bottom * height)))
@@ -58,12 +58,12 @@ class MotionWatch:
         return view.seen > LEARN and changed > self.least_share
 
     def forget(self) -> None:
-        """Learn anew what is usual, as after a burst."""
+        """Restart the background models, as after a burst."""
         self._views.clear()
 
 
 async def watch_motion(link: RigLink, watch: MotionWatch) -> AsyncGenerator[Preview, None]:
-    """Yield each preview in which something moves, for ever; pictures of none come while a burst is sent."""
+    """Yield each preview that shows motion, forever; no previews arrive while a burst is sent."""
     await link.want_previews(cameras=None, width=WIDTH_PX, fps=FPS)
     async for update in link.updates():
         if not isinstance(update, Preview):

@@ -1,4 +1,4 @@
-"""Rigs that run on this machine in processes of their own: found, started, and left running."""
+"""Rigs that run on this machine in separate processes: found, started, and left running."""
 
 import asyncio
 import contextlib
@@ -32,19 +32,19 @@ LOGS_KEPT = 10
 
 
 class RunningRig(Struct, frozen=True, kw_only=True):
-    """The record of a leader's process, which it keeps as long as it runs."""
+    """Record of a leader's process, which exists while it runs."""
 
     pid: int
     leader: str
-    """host:port where processes of this machine reach it."""
+    """host:port for processes of this machine."""
     sessions: str
     started_unix_ns: int
     log: str | None = None
-    """What a rig in the background says; None for one that says it on a terminal."""
+    """Log file of a rig in the background; None for one that logs to a terminal."""
 
     @property
     def address(self) -> Address:
-        """Where processes of this machine reach it."""
+        """Address for processes of this machine."""
         return parse_address(self.leader)
 
 
@@ -54,7 +54,7 @@ class AttachedRig:
 
     leader: Address
     sessions: Path
-    """The folder whose sessions are shown: the rig's own where it is of this machine."""
+    """Folder whose sessions are shown: the rig's own if the rig is on this machine."""
     is_local: bool
     """Whether the leader is on this machine."""
     started: bool = False
@@ -62,20 +62,20 @@ class AttachedRig:
 
     @property
     def screen_arguments(self) -> tuple[str, ...]:
-        """The arguments of a command line that shows the same rig."""
+        """Command-line arguments that show the same rig."""
         return ("--leader", str(self.leader), "--sessions", str(self.sessions), *Trust.of_user().options)
 
 
 def rigs_folder() -> Path:
-    """Where the records and logs are kept."""
+    """Return the folder of the records and logs."""
     return user_state_path("simulshot") / "rigs"
 
 
 @contextlib.contextmanager
 def recorded_rig(address: Address, sessions: Path, log: Path | None = None) -> Iterator[None]:
-    """Keep a record of this process while the block runs; without one, the screen cannot find it.
+    """Store a record of this process while the block runs; without it, the screen cannot find the rig.
 
-    A folder that cannot be written only costs that.
+    If the folder cannot be written, that is the only consequence.
     """
     rig = RunningRig(
         pid=os.getpid(),
@@ -96,7 +96,7 @@ def recorded_rig(address: Address, sessions: Path, log: Path | None = None) -> I
 
 
 def list_rigs() -> list[RunningRig]:
-    """Return the rigs of this machine whose processes run, newest first; records of others are removed."""
+    """Return the rigs of this machine whose processes run, newest first; remove stale records."""
     rigs = []
     for path in rigs_folder().glob("*.json"):
         try:
@@ -113,7 +113,7 @@ def list_rigs() -> list[RunningRig]:
 
 
 async def find_rig(*, sessions: Path | None = None, port: int | None = None) -> RunningRig | None:
-    """Return the newest rig of this machine that answers, of that folder and port where they are given."""
+    """Return the newest rig of this machine that answers, with that folder and port if they are given."""
     for rig in list_rigs():
         if not _is_asked_for(rig, sessions, port):
             continue
@@ -129,7 +129,7 @@ async def start_rig(
     """Start a rig in the background and return it when it answers.
 
     It outlives this process unless `is_owned`. Without a `port` it takes the default one, or a free one.
-    Raises NetworkError for a port that is taken or a host that is not this machine's, and the error with
+    Raises NetworkError for a port that is in use or a host that is not this machine's, and the error with
     which the rig's process ended.
     """
     log = _new_log()
@@ -155,9 +155,9 @@ async def attach(
     port: int | None = None,
     cameras: Sequence[str] = (),
 ) -> AttachedRig:
-    """Find the rig that a screen is to show, or start one; that of a given `leader` need not answer yet.
+    """Find the rig that a screen is to show, or start one; a given `leader` need not answer yet.
 
-    Raises what `start_rig` raises.
+    Raises the errors of `start_rig`.
     """
     if leader is not None:
         own = (*own_hosts(socket.AF_INET), *own_hosts(socket.AF_INET6))
@@ -202,7 +202,7 @@ def _spawn(
     with log.open("wb") as output:
         process = subprocess.Popen(  # noqa: S603 - our own program
             [sys.executable, "-m", "capture_app.cli", *arguments, "--log", str(log)],
-            # Closes with this process, however that ends.
+            # The pipe closes with this process, however it ends.
             stdin=subprocess.PIPE if is_owned else subprocess.DEVNULL,
             stdout=output,
             stderr=output,
@@ -213,7 +213,7 @@ def _spawn(
 
 
 def _reap(process: subprocess.Popen[bytes]) -> None:
-    """Wait for a process, which counts as running until then, and close its pipe."""
+    """Wait for a process, which otherwise stays a zombie and counts as running, and close its pipe."""
     process.wait()
     if process.stdin is not None:
         process.stdin.close()
@@ -230,7 +230,7 @@ def _runs(pid: int) -> bool:
 
 
 def _failure(code: int, log: Path) -> SimulshotError:
-    """The error of a rig that ended at once: its own last words."""
+    """Return the error of a rig that ended at once, from the end of its log."""
     lines = [line for line in log.read_text(errors="replace").splitlines() if line.strip()]
     said = next((line.partition(": error: ")[2] for line in reversed(lines) if ": error: " in line), "")
     last = lines[-1] if lines else "it said nothing"

@@ -1,4 +1,4 @@
-"""Finishing interrupted sessions: with what nodes still hold where they can be asked, or as they are."""
+"""Completion of interrupted sessions, with images that nodes still have if they can be reached."""
 
 from collections.abc import Sequence
 from contextlib import closing
@@ -22,11 +22,11 @@ NOT_BROUGHT = "it was not on the leader's disk when the session was repaired, an
 
 
 class RepairResult(Struct, frozen=True, kw_only=True):
-    """What became of one session."""
+    """Result of repairing one session."""
 
     session: str
     ok: bool
-    """It is complete and verified now."""
+    """Whether the session is now complete and verified."""
     changed: bool
     images: int = 0
     missing: int = 0
@@ -34,10 +34,10 @@ class RepairResult(Struct, frozen=True, kw_only=True):
 
 
 async def repair(path: Path, *, wait_s: float, address: Address, news: Log) -> list[RepairResult]:
-    """Finish the session at `path`, or all in that folder, and return what became of each.
+    """Finish the session at `path`, or all in that folder, and return the result of each.
 
-    For `wait_s` a leader listens on the address for nodes that bring what they hold; with 0 it does not.
-    Raises BadInputError where there is no session, NetworkError where the port is taken.
+    For `wait_s` a leader listens on the address for nodes that deliver what they still have; with 0 it does
+    not. Raises BadInputError where there is no session, NetworkError where the port is in use.
     """
     folders = _sessions(path)
     problems = {folder: _problem(folder) for folder in folders}
@@ -88,7 +88,7 @@ def _is_session(folder: Path) -> bool:
 
 
 def _problem(folder: Path) -> str:
-    """What keeps a session from being whole; empty where nothing does."""
+    """Return what is wrong with a session; empty for nothing."""
     if is_being_written(folder):
         return "is still being written by another process"
     try:
@@ -103,7 +103,7 @@ def _problem(folder: Path) -> str:
 def _result(folder: Path, before: str, tried: bool) -> RepairResult:
     problem = _problem(folder) if before else ""
     if problem:
-        # What kept it from being repaired says more than what is still wrong with it.
+        # The error that prevented the repair is more informative than the remaining problem.
         what = before if tried and before != problem else problem
         return RepairResult(session=str(folder), ok=False, changed=False, what=what)
     manifest = Session.open(folder).manifest

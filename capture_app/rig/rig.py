@@ -1,4 +1,4 @@
-"""A rig from Python: cameras are started or a leader is joined, and bursts come back as open sessions."""
+"""Python interface to a rig: starts cameras or joins a leader, and returns bursts as open sessions."""
 
 import asyncio
 import contextlib
@@ -27,11 +27,12 @@ LOOK_EVERY_S = 0.2
 
 
 class AsyncRig:
-    """A rig for asyncio, as long as its `async with` lasts: one that runs already, or one of its own.
+    """A rig for asyncio within its `async with` block: one that runs already, or one of its own.
 
-    `leader`: HOST or HOST:PORT of a rig that runs, here or elsewhere; it runs on in the end. Without one, a
-    rig of this machine is started with `simulated` cameras that look at `scene`, and those of `cameras`
-    (specs as `capture-app cameras list` shows them); it saves in `sessions`, and ends with the block.
+    `leader`: HOST or HOST:PORT of a running rig, here or elsewhere, which keeps running after the block.
+    Without one, a rig of this machine is started with `simulated` cameras that look at `scene`, and with
+    `cameras` (specs as `capture-app cameras list` shows them); it saves to `sessions`, and ends with the
+    block.
     """
 
     def __init__(
@@ -59,7 +60,7 @@ class AsyncRig:
         if self._leader is not None:
             await ask_status(self._leader)
             return self
-        # Simulated cameras are processes of this machine: nobody else need reach them.
+        # Simulated cameras are processes of this machine, so no other machine needs access.
         host = "0.0.0.0" if self._cameras else "127.0.0.1"  # noqa: S104
         rig = await start_rig(sessions=self._sessions, host=host, cameras=self._cameras, is_owned=True)
         self._leader, self._pid = rig.address, rig.pid
@@ -80,19 +81,19 @@ class AsyncRig:
 
     @property
     def address(self) -> Address:
-        """Where the leader is. Raises NotAvailableError outside of the `with` block."""
+        """Address of the leader. Raises NotAvailableError outside of the `with` block."""
         if self._leader is None:
             raise NotAvailableError("the rig is not running", hint="use it in a with block")
         return self._leader
 
     async def status(self) -> RigStatus:
-        """How all nodes stand. Raises NetworkError."""
+        """Return the status of the rig and all its nodes. Raises NetworkError."""
         return await ask_status(self.address)
 
     async def wait_until_ready(self, cameras: int = 1, timeout_s: float = READY_TIMEOUT_S) -> RigStatus:
-        """Wait until at least that many cameras are here and all that are here are ready.
+        """Wait until at least `cameras` cameras are here and all present ones are ready.
 
-        Raises IncompleteError with what to do where that takes longer.
+        Raises IncompleteError, with a remedy, on timeout.
         """
         until_s = time.monotonic() + timeout_s
         while True:
@@ -111,20 +112,20 @@ class AsyncRig:
         return Taking(RigLink(self.address), plan)
 
     async def burst(self, frames: int = 5, *, name: str = "", note: str = "") -> OpenSession:
-        """Take a burst of every camera and return its session when it is saved.
+        """Take a burst with every camera and return its session when it is saved.
 
         Raises NotAvailableError where the leader saved it on another machine, IncompleteError where there is
-        none, and the leader's own errors.
+        no session, and the leader's own errors.
         """
         return (await self.take(TakePlan(frames=frames, name=name, note=note)).result()).open()
 
     async def record(self, seconds: float, *, name: str = "", note: str = "") -> OpenSession:
-        """Take a video of every camera and return its session when it is saved. Raises as `burst`."""
+        """Record a video with every camera and return its session when saved. Raises as `burst` does."""
         plan = TakePlan(seconds=seconds, video=True, name=name, note=note)
         return (await self.take(plan).result()).open()
 
     async def _stop(self) -> None:
-        """End the rig that was started here, and wait until its process is gone."""
+        """End the rig that was started here, and wait until its process has ended."""
         pid, leader = self._pid, self.address
         self._pid = self._leader = None
         assert pid is not None
@@ -137,7 +138,7 @@ class AsyncRig:
 
 
 class Rig:
-    """A rig as long as its `with` lasts, each call returning when it is done; else as `AsyncRig`."""
+    """A rig within its `with` block, whose calls return when they are done; otherwise as `AsyncRig`."""
 
     def __init__(
         self,
@@ -151,7 +152,7 @@ class Rig:
         self._rig = AsyncRig(leader, simulated=simulated, scene=scene, cameras=cameras, sessions=sessions)
 
     def __enter__(self) -> Self:
-        """Find the rig, or start it. Raises as that of `AsyncRig`."""
+        """Find the rig, or start it. Raises as in `AsyncRig`."""
         _run(self._rig.__aenter__())
         return self
 
@@ -163,32 +164,32 @@ class Rig:
 
     @property
     def address(self) -> Address:
-        """Where the leader is. Raises NotAvailableError outside of the `with` block."""
+        """Address of the leader. Raises NotAvailableError outside of the `with` block."""
         return self._rig.address
 
     def status(self) -> RigStatus:
-        """How all nodes stand. Raises NetworkError."""
+        """Return the status of the rig and all its nodes. Raises NetworkError."""
         return _run(self._rig.status())
 
     def wait_until_ready(self, cameras: int = 1, timeout_s: float = READY_TIMEOUT_S) -> RigStatus:
-        """Wait until at least that many cameras are here and all are ready. Raises IncompleteError."""
+        """Wait until at least `cameras` cameras are here and all are ready. Raises IncompleteError."""
         return _run(self._rig.wait_until_ready(cameras, timeout_s))
 
     def take(self, plan: TakePlan) -> Saved:
-        """Take pictures, and return the last take that was saved. Raises the first error of a take."""
+        """Take pictures, and return the last saved take. Raises the first error of a take."""
         return _run(self._rig.take(plan).result())
 
     def burst(self, frames: int = 5, *, name: str = "", note: str = "") -> OpenSession:
-        """Take a burst of every camera and return its session. Raises as that of `AsyncRig`."""
+        """Take a burst with every camera and return its session. Raises as in `AsyncRig`."""
         return _run(self._rig.burst(frames, name=name, note=note))
 
     def record(self, seconds: float, *, name: str = "", note: str = "") -> OpenSession:
-        """Take a video of every camera and return its session. Raises as that of `AsyncRig`."""
+        """Record a video with every camera and return its session. Raises as in `AsyncRig`."""
         return _run(self._rig.record(seconds, name=name, note=note))
 
 
 def _run(work: Coroutine[Any, Any, T]) -> T:
-    """Run to the end, in a notebook too, whose own loop runs already."""
+    """Run a coroutine to its end, also in a notebook, where a loop is already running."""
     try:
         asyncio.get_running_loop()
     except RuntimeError:

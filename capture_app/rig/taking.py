@@ -1,6 +1,6 @@
-"""Taking pictures with a running rig: what a take is to be, and everything that happens until it is saved.
+"""Taking pictures with a running rig: the plan of a take, and its events until it is saved.
 
-Command line, screen and Python take pictures in this one way, and differ only in how they show its events.
+The command line, the screen and Python all use this, and differ only in their display of the events.
 """
 
 import asyncio
@@ -53,7 +53,7 @@ _LIMITS: dict[str, tuple[float, float]] = {
 
 
 class TakePlan(BurstRequest, frozen=True, kw_only=True, tag=False):
-    """One take as the leader is asked for it, or a series of takes; times in seconds.
+    """One take as requested from the leader, or a series of takes; times in seconds.
 
     With `video` or `seconds`, `frames` is not used. Raises BadInputError for values that no leader accepts,
     or that contradict each other.
@@ -64,16 +64,16 @@ class TakePlan(BurstRequest, frozen=True, kw_only=True, tag=False):
     countdown_s: float = 0.0
     """Delay before the first take, and before each take of a series that has no `every_s`."""
     repeat: int = 1
-    """The number of takes."""
+    """Number of takes."""
     every_s: float | None = None
     """Time from one take to the next, whether the last is saved or not; None: as soon as it is saved.
 
     With `on_motion` the minimum time.
     """
     on_motion: tuple[float, float, float, float] | None = None
-    """Take when something moves in this region: left, top, right and bottom as fractions of the picture."""
+    """Take when something moves in this region: left, top, right and bottom as fractions of the image."""
     wait_leader_s: float = 120.0
-    """How long to wait for a leader that is lost during a take."""
+    """Timeout for a leader that is lost during a take."""
 
     def __post_init__(self) -> None:
         """Check the values."""
@@ -92,7 +92,7 @@ class TakePlan(BurstRequest, frozen=True, kw_only=True, tag=False):
                 raise BadInputError(what, hint="LEFT TOP RIGHT BOTTOM, as 0.5 0 1 1 for the right half")
 
     def request(self) -> BurstRequest:
-        """The leader's order of one take; one by its length skips no instants."""
+        """Return the leader's order of one take; a take by its duration skips no instants."""
         fields = {field: getattr(self, field) for field in BurstRequest.__struct_fields__}
         if self.video or self.seconds is not None:
             fields |= {"frames": None, "spare": 0}
@@ -141,7 +141,7 @@ class Saved(TakeEvent, frozen=True):
 
     @property
     def session(self) -> str | None:
-        """The path of the session on the leader's machine; None where phones keep the pictures."""
+        """Path of the session on the leader's machine; None if phones store the images."""
         return self.status.session
 
     def open(self) -> "OpenSession":
@@ -156,14 +156,14 @@ class Saved(TakeEvent, frozen=True):
 
 
 class Failed(TakeEvent, frozen=True):
-    """The take came to nothing, or was lost sight of; `status` is the last one, if it had begun."""
+    """The take failed, or the connection to it was lost; `status` is the last one, if it had begun."""
 
     error: SimulshotError
     status: BurstStatus | None = None
 
 
 def local_session(status: BurstStatus) -> Session | None:
-    """Return the session of a take that is over; None where it is not on this machine. Blocks on the disk.
+    """Return the session of a finished take; None if it is not on this machine. Blocks on the disk.
 
     Raises BadInputError or IncompleteError where the session cannot be read.
     """
@@ -175,10 +175,10 @@ def local_session(status: BurstStatus) -> Session | None:
 
 
 class Taking:
-    """The takes of a plan while they are taken: iterate over the events, once.
+    """The takes of a plan in progress: iterate over the events, once.
 
-    An iteration that is left or cancelled ends everything here, but no burst that has begun at the leader. A
-    take that fails ends the series; at an interval or on motion it goes on, if the first take did not fail.
+    Leaving or cancelling the iteration ends everything here, but no burst that has begun at the leader. A
+    failed take ends the series; with an interval or on motion it continues, unless the first take failed.
     """
 
     def __init__(self, link: RigLink, plan: TakePlan) -> None:
@@ -189,9 +189,9 @@ class Taking:
         self._series: asyncio.Task[None] | None = None
         self._orders: dict[int, tuple[asyncio.Task[None], BurstRequest, asyncio.Event]] = {}
         self._waiting: set[int] = set()
-        """The takes by number for which the leader waits until the rig is ready."""
+        """Numbers of the takes for which the leader waits until the rig is ready."""
         self._active: dict[int, BurstStatus] = {}
-        """The takes by number that have begun and are not saved."""
+        """Status of the takes that have begun and are not saved, by number."""
 
     async def __aiter__(self) -> AsyncGenerator[TakeEvent, None]:
         """Take, and yield each event, until all takes are saved or have failed."""
@@ -205,7 +205,7 @@ class Taking:
             await end(*self._tasks)
 
     async def result(self) -> Saved:
-        """Take, and return the last take that was saved. Raises the first error of a take."""
+        """Take, and return the last saved take. Raises the first error of a take."""
         ended = [event async for event in self if isinstance(event, Saved | Failed)]
         for event in ended:
             if isinstance(event, Failed):
@@ -217,7 +217,7 @@ class Taking:
 
     @property
     def is_open(self) -> bool:
-        """Whether a take has still to begin."""
+        """Whether any take has not begun yet."""
         return bool(self._waiting) or not (self._series is None or self._series.done())
 
     @property
@@ -226,7 +226,7 @@ class Taking:
         return bool(self._waiting)
 
     def take_now(self) -> None:
-        """Wait no longer for the rig to become ready, neither now nor later in the series."""
+        """Stop waiting for the rig to become ready, both now and later in the series."""
         self.plan = replace(self.plan, wait_ready_s=0.0)
         for number in self._waiting:
             task, request, over = self._orders[number]
@@ -249,7 +249,7 @@ class Taking:
             await self._link.order(EndBurst(burst=status.burst))
 
     async def cancel(self) -> None:
-        """Stop, and cancel the takes that have begun; the images that have come are saved."""
+        """Stop, and cancel the takes that have begun; images received so far are saved."""
         self.stop()
         for status in self._active.values():
             await self._link.order(CancelBurst(burst=status.burst))
@@ -268,14 +268,14 @@ class Taking:
             self._events.put_nowait(None)
 
     async def _run_series(self) -> None:
-        """Count down to each take and order it; at an interval, though the last is still being saved."""
+        """Count down to each take and order it; with an interval, even while the last one is being saved."""
         plan, now = self.plan, asyncio.get_running_loop().time
         due_s = now() + plan.countdown_s
         for number in range(1, plan.repeat + 1):
             while (left_s := due_s - now()) > 0:
                 seconds = math.ceil(left_s)
                 self._events.put_nowait(Countdown(number, seconds))
-                # Until the next whole second, so that each number is shown when it is true.
+                # Until the next whole second, so that each number is correct when it is shown.
                 await asyncio.sleep(max(left_s - (seconds - 1), 0.001))
             request = self.plan.request()
             if plan.on_motion is not None:
@@ -294,7 +294,7 @@ class Taking:
                     due_s = max(now(), begun_s + (plan.every_s or 0.0))
 
     async def _next_motion(self, region: tuple[float, float, float, float]) -> "Preview":
-        from capture_app.rig.motion import MotionWatch, watch_motion  # heavy: it decodes pictures
+        from capture_app.rig.motion import MotionWatch, watch_motion  # heavy: it decodes images
 
         async with aclosing(watch_motion(self._link.another(), MotionWatch(region))) as moving:
             return await anext(moving)
@@ -318,7 +318,7 @@ class Taking:
         over.set()
 
     async def _wait_until_over(self, number: int, request: BurstRequest) -> BurstStatus:
-        """Order a take, report how far it is, and return its last status. Raises what the leader raises."""
+        """Order a take, report its progress, and return its last status. Raises the leader's errors."""
         last: BurstStatus | None = None
         try:
             async for last in self._link.burst(request):
@@ -336,7 +336,7 @@ class Taking:
         return last
 
     def _note(self, number: int, status: BurstStatus) -> None:
-        """Report how far a take is that has begun."""
+        """Report the progress of a take that has begun."""
         self._waiting.discard(number)
         if number not in self._active:
             self._events.put_nowait(Begun(number))
@@ -344,9 +344,9 @@ class Taking:
         self._events.put_nowait(Progress(number, status))
 
     async def _find_again(self, number: int, last: BurstStatus, error: NetworkError) -> BurstStatus:
-        """Follow a take whose leader is lost by the status of the rig: it goes on there, or after a restart.
+        """Follow a take whose leader is lost by the rig's status: it may continue, or resume on a restart.
 
-        Raises NetworkError where nothing is heard of it in time.
+        Raises NetworkError on timeout.
         """
         self._note(number, replace(last, message=f"{error.what}; the take may go on there"))
         now, wait_s = asyncio.get_running_loop().time, self.plan.wait_leader_s
@@ -367,7 +367,7 @@ class Taking:
 
 
 def _find(rig: RigStatus, lost: BurstStatus) -> BurstStatus | None:
-    """Return how far a take is that was lost sight of, by the status of the rig; None if that is unknown."""
+    """Return the status of a lost take from the rig's status; None if it is unknown there."""
     if rig.burst is not None and rig.burst.name == lost.name:
         return rig.burst
     path = next((path for path in rig.sessions if PurePath(path).name == lost.name), None)
@@ -377,7 +377,7 @@ def _find(rig: RigStatus, lost: BurstStatus) -> BurstStatus | None:
 
 
 async def _judge(number: int, status: BurstStatus) -> Saved | Failed:
-    """Judge a take that is over, if its session is on this machine."""
+    """Judge a finished take, if its session is on this machine."""
     if status.session is None and status.burst:
         error = IncompleteError(f"{status.name} is incomplete: {status.message}")
         return Failed(number, error, status)
@@ -387,6 +387,6 @@ async def _judge(number: int, status: BurstStatus) -> Saved | Failed:
         session = None
     if session is None:
         return Saved(number, status)
-    # Of a take that was lost sight of, more may have come since.
+    # The session of a lost take may have received more images since.
     whole = replace(status, received=len(session.manifest.images))
     return Saved(number, whole, judge(session.manifest))

@@ -337,7 +337,7 @@ async def connect(
     """Open a stream to a leader; `messages` is the union that may arrive.
 
     `trust` is this end's identity and known machines, by default its user's. With `as_stranger` any leader is
-    accepted and this end does not identify itself, which an unpaired machine has to do. Raises NetworkError,
+    accepted and this end shows no certificate, so that it can only ask to be enrolled. Raises NetworkError,
     UnknownMachineError where either end does not know the other.
     """
     trust = trust or Trust.of_user()

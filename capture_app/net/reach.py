@@ -93,8 +93,7 @@ async def _find_obstacle(
 ) -> Obstacle | None:
     datagrams, streams = asyncio.create_task(_ask(family, address)), asyncio.create_task(_open(address))
     try:
-        # Only an answer is conclusive. A stream that is refused at once is not, as the datagram may still
-        # arrive.
+        # Only an answer is conclusive: after a refused stream, the reply datagram may still arrive.
         await asyncio.wait((datagrams,), timeout=patience_s - LAST_S)
         by_udp, version = datagrams.result() if datagrams.done() else (Answer.SILENCE, None)
         if by_udp is Answer.CAME and version != VERSION:

@@ -21,7 +21,7 @@ from capture_app.sync.clock.likely_line import ASYMMETRY
 
 
 class MeasuredTime(msgspec.Struct, frozen=True, kw_only=True):
-    """One camera in the output of `reconstruct time --json`: its images' time offset, or the reason."""
+    """One camera in the output of `reconstruct time --json`: its time offset, or why that is unknown."""
 
     offset_ms: float | None = None
     sd_ms: float | None = None
@@ -115,8 +115,7 @@ def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes
             if before_ns <= error_ns + (0 if alike else common_ns):
                 continue
         found[name] = StampAccuracy(
-            # Light later than its timestamp means that the timestamp's delay was smaller than the one
-            # subtracted.
+            # Light later than its timestamp means a smaller timestamp delay than the one subtracted.
             bias_ns=known.bias_ns - round(time.offset_ms * 1e6),
             uncertainty_ns=error_ns,
             source=StampSource.LIGHT if name in by_light else StampSource.MOTION,

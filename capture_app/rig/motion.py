@@ -12,7 +12,7 @@ from capture_app.session.reading.decoding import decode_image
 
 WIDTH_PX, FPS = 160, 10.0
 USUAL = 0.1
-"""Weight of a new image in the running mean; a change that stays becomes the background after some images."""
+"""Minimum weight of a new image in the background model, which absorbs a lasting change after some images."""
 LEARN = 8
 """Number of images of a camera before motion is reported."""
 LEAST_LEVELS, CLEAR = 10.0, 6.0
@@ -38,7 +38,7 @@ class MotionWatch:
     _views: dict[str, _View] = field(default_factory=dict)
 
     def moved(self, camera: str, grey: NDArray[np.uint8]) -> bool:
-        """Return whether something moves in a camera's next image (H x W); a global light change does not."""
+        """Return whether a camera's next image (H x W) shows motion; global light changes do not count."""
         left, top, right, bottom = self.region
         height, width = grey.shape
         rows = slice(int(top * height), max(int(top * height) + 1, round(bottom * height)))

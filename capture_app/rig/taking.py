@@ -235,7 +235,7 @@ class Taking:
         self._waiting.clear()
 
     def stop(self) -> None:
-        """Begin no more takes; those that have begun are followed until they are saved."""
+        """Begin no more takes, and follow those in progress until they are saved."""
         if self._series is not None:
             self._series.cancel()
         for number in self._waiting:

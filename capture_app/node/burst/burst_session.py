@@ -131,8 +131,7 @@ class BurstSession:
     def status(self) -> BurstStatus:
         """Progress of the burst; a burst of an earlier run has no number in this one."""
         done = self.finished.is_set()
-        # A recording's length is unknown until it ends: expect of each camera as many as the longest has
-        # sent.
+        # A recording's length is unknown until it ends: expect as many as any camera has sent so far.
         so_far = max((share.instants.end for share in self._shares.values()), default=0)
         instants = so_far if self.burst.video and not done else self.burst.frames
         transfer = tuple(share.transfer(instants) for _, share in sorted(self._shares.items()))
@@ -265,8 +264,7 @@ class BurstSession:
         error = saved.exception()
         if error is None:
             share.instants.add(number)
-            # The node gets its acknowledgement before the session is finished, which takes the disk some
-            # time.
+            # Acknowledged before the session is finished, which takes the disk some time.
             self._background.start(self.finish_if_complete())
         elif isinstance(error, DiskError):
             self._background.start(self.finish_now(_disk_reason(error)))
@@ -290,7 +288,7 @@ class BurstSession:
     async def _save_plan(self, chosen: tuple[int, ...] | None) -> None:
         """Write the cameras' reports and the chosen instants to disk. Raises DiskFullError.
 
-        Changes that arrive during a write are combined in the next one.
+        Returns once they are on disk. Changes that arrive during a write are combined in the next one.
         """
         if self._plan is None:
             return

@@ -31,7 +31,7 @@ class CameraShare:
     """The camera's report, with the instants numbered as ordered."""
     heard_ns: int
     short_timeout: bool = False
-    """It silently delivered nothing of the burst before, so it is awaited for a shorter time."""
+    """The camera was silent in the previous burst, so its timeouts are shorter."""
     instants: InstantSet = field(default_factory=InstantSet)
     """Instants whose images are in the session, by their numbers there."""
     streams: int = 0
@@ -41,7 +41,7 @@ class CameraShare:
     """Number of image bytes already counted as progress."""
     given_up: str = ""
     silent: bool = False
-    """Given up without any word from it: it may still have its images."""
+    """Given up because it was silent: it may still have its images."""
 
     def __post_init__(self) -> None:
         """Count the start of the wait as progress."""

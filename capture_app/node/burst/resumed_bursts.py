@@ -93,8 +93,8 @@ class ResumedBursts:
     async def reopen(self, report: CameraReport, now_ns: int) -> BurstSession:
         """Return the session that a report belongs to, reopened if it was closed.
 
-        Raises BadInputError where there is none, TryAgainError where another process writes it, DiskFullError
-        where it could not be finished again.
+        Raises BadInputError if there is no such session, TryAgainError where another process writes it,
+        DiskFullError where it could not be finished again.
         """
         key = (report.leader, report.burst)
         async with self._opening:

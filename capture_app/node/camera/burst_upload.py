@@ -346,7 +346,7 @@ class BurstUpload:
         self.report = self.report.with_plan(instants=instants, missing=(*plan.missing, *gone))
 
     def commit(self, wanted: Collection[int] | None) -> list[Path]:
-        """Drop all instants but the `wanted` ones, None for all; return the dropped images' files."""
+        """Keep only the `wanted` instants, None for all; return the dropped images' files."""
         first, self.is_committed = not self.is_committed, True
         self.wanted = None if wanted is None else frozenset(wanted)
         if first and not self.streamed:

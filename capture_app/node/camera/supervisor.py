@@ -147,8 +147,8 @@ class ControlKeeper:
         await self._supervisor.camera.set_control(state.control, None)
         return ""
 
-    # The engine does not learn of locks for a burst. An exposure that becomes known shifts the exposure time
-    # that timestamps stand for, and with it the grid, just while a burst is captured.
+    # The engine does not learn of locks for a burst. An exposure that becomes known shifts the moment of
+    # exposure that timestamps are taken for, and with it the grid, just while a burst is captured.
 
     async def _lock(self) -> None:
         for state in await self._look():

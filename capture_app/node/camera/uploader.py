@@ -83,10 +83,11 @@ class BurstSender:
         return answer
 
     async def send_burst(self, burst: BurstUpload) -> Refusal | None:
-        """Send a burst as it is encoded; return once the leader has all it requests, or its final refusal.
+        """Send a burst while it is encoded; return when the leader has all it requests, or its refusal.
 
-        Also returns if a burst that is still being captured has nothing to send while another burst has.
-        Raises PostponedError where the leader may accept it later, NetworkError where the stream breaks off.
+        A returned refusal is final. Also returns if a burst that is still being captured has nothing to send
+        while another burst has. Raises PostponedError where the leader may accept it later, NetworkError
+        where the stream breaks off.
         """
         # A reconnected leader still has what it acknowledged; only the stream's own state is new.
         told: CameraReport | None = None

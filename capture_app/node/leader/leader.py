@@ -104,7 +104,7 @@ class LeaderNode:
         await self.stop()
 
     async def stop(self) -> None:
-        """Sign off from all nodes, end those of this machine and close the port.
+        """Sign off from all nodes, end this machine's nodes and close the port.
 
         Bursts in progress are saved with the images received so far.
         """

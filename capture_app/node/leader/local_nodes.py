@@ -25,7 +25,7 @@ class LocalPhones:
     """Server for phones, started with the first invitation and restarted by the next if it has ended."""
 
     def __init__(self, leader: Address, spool: Path, host: str, news: Log, options: Sequence[str]) -> None:
-        """`host` is this machine's address for phones, `options` are those of each process."""
+        """`host` is this machine's address for phones, `options` apply to each process."""
         self._leader, self._spool, self._host, self._news = leader, spool, host, news
         self._options = options
         self._child: Child | None = None

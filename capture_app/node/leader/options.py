@@ -37,7 +37,7 @@ class LeaderOptions(PortOptions):
     or_free_port: bool = False
     """Whether to use another port if that one is in use."""
     period_ns: int | None = None
-    """Frame period; None: that of most cameras."""
+    """Frame period; None: the period that most cameras have."""
     align_row: float | None = None
     """Row whose middle of exposure is aligned, as a fraction of the height; None: the first row's start."""
     max_delay_ns: int = 0

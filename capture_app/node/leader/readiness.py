@@ -125,7 +125,7 @@ def review_rates(
 ) -> list[HostOffRate]:
     """Compare the rates of all clocks by their nodes' reports; return changes of the verdict."""
     known = [member for member in members if member.report.state in _CLOCK_IS_KNOWN]
-    # A reported skew is that of the leader's clock relative to the node's.
+    # A reported skew is the rate of the leader's clock relative to the node's.
     rates_ppm = {
         member.name: -member.report.skew_ppm for member in known if member.report.skew_ppm is not None
     }

@@ -48,7 +48,7 @@ def node_statuses(
 
 
 def page_of(members: tuple[Member, ...], after: str | None) -> tuple[tuple[Member, ...], int, str]:
-    """Return a page of nodes after that name, the number of further nodes, and a summary of those.
+    """Return a page of nodes after the name `after`, the number of further nodes, and a summary of those.
 
     With `after` None the page has all nodes. A page is short enough for a message.
     """

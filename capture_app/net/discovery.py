@@ -66,7 +66,7 @@ async def announced(
 ) -> AsyncIterator[None]:
     """Announce a leader or relay on `host` and `port` while the block runs, as `name`, else as this machine.
 
-    Its pin is that of `trust`, by default its user's; nodes that know the pin prefer it. `among` are all
+    Its pin comes from `trust`, by default its user's; nodes that know the pin prefer it. `among` are all
     leaders of its rig, best first. A leader reachable only from this machine or only by IPv6 is not
     announced. A network that prevents announcements causes no error.
     """

@@ -1,4 +1,4 @@
-"""Room on the disk: reserving it, noticing that there is none, and errors in words."""
+"""Disk space: reserving it, detecting a full disk, and disk errors as messages."""
 
 import errno
 import os
@@ -10,13 +10,16 @@ from pathlib import Path
 from capture_app.common.errors import BadInputError, DiskError, DiskFullError
 
 LITTLE_BYTES = 1 << 20
-"""With less than this on a disk, a write that failed without a reason failed for want of room."""
+"""Free space below which a write error without a reason counts as a full disk, bytes."""
 SPARE_BYTES = 2 << 20
-"""What is to stay free on a disk beside the images of a burst."""
+"""Free space to leave on a disk besides the images of a burst, bytes."""
 
 
 def make_new_folder(folder: Path) -> None:
-    """Make a folder and its parents; raises BadInputError if it exists or cannot be made; DiskFullError."""
+    """Create a folder and its parents.
+
+    Raises BadInputError if it exists or cannot be created; DiskFullError.
+    """
     try:
         folder.parent.mkdir(parents=True, exist_ok=True)
         folder.mkdir()
@@ -29,21 +32,22 @@ def make_new_folder(folder: Path) -> None:
 
 
 def reserve(path: Path, size: int) -> None:
-    """Reserve `size` bytes of the disk in an empty file. Raises OSError where there is not so much room."""
+    """Reserve `size` bytes of disk space in an empty file. Raises OSError if there is not enough."""
     with path.open("wb") as file:
         try:
             os.posix_fallocate(file.fileno(), 0, size)
         except OSError as error:
             path.unlink()
-            # Some file systems cannot promise room; then a full disk costs the manifest, which repair writes.
+            # Some file systems cannot reserve space; then a full disk costs the manifest, which repair
+            # writes.
             if is_full(error):
                 raise
 
 
 def free_bytes(folder: Path) -> int:
-    """What is free for this user on the disk of a folder, which need not be there yet, in bytes.
+    """Return the disk space available to this user, in bytes; `folder` need not exist yet.
 
-    Raises DiskError where the disk does not answer.
+    Raises DiskError if the disk does not respond.
     """
     try:
         while not folder.exists() and folder != folder.parent:
@@ -54,9 +58,9 @@ def free_bytes(folder: Path) -> int:
 
 
 def is_full(error: OSError, folder: Path | None = None, little_bytes: int = LITTLE_BYTES) -> bool:
-    """Whether an error means that there is no room left, on the disk or in the user's share of it.
+    """Return whether an error means that the disk, or the user's quota, is full.
 
-    With the `folder` that was written to, also if its disk has next to no room: some errors give no reason.
+    Given the `folder` of the write, a nearly full disk counts too: some errors state no reason.
     """
     if error.errno in (errno.ENOSPC, errno.EDQUOT):
         return True
@@ -64,7 +68,7 @@ def is_full(error: OSError, folder: Path | None = None, little_bytes: int = LITT
 
 
 def disk_error(error: OSError, folder: Path) -> DiskError:
-    """An error of the disk in words."""
+    """Convert an OSError of the disk into a message for users."""
     if is_full(error):
         what = f"the disk of {folder} is full"
         return DiskFullError(what, hint="what was saved before is intact; make room, and it can go on")
@@ -74,7 +78,7 @@ def disk_error(error: OSError, folder: Path) -> DiskError:
 
 @contextmanager
 def disk_errors(folder: Path) -> Iterator[None]:
-    """Raise DiskError, or DiskFullError, where what is written in that folder, or read, raises OSError."""
+    """Raise DiskError or DiskFullError when reading or writing in that folder raises OSError."""
     try:
         yield
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Atomic and durable files: written to a temporary name, synced, renamed, and their folder synced."""
+"""Atomic and durable files: write to a temporary name, sync, rename, and sync the folder."""
 
 import ctypes
 import errno
@@ -11,9 +11,9 @@ from itertools import chain, count
 from pathlib import Path
 
 FEW_SYNCS, MOST_SYNCS = 2, 16
-"""How few syncs are made one after the other, and how many at most at the same time."""
+"""Number of syncs up to which they run sequentially, and maximum number of concurrent syncs."""
 PART = ".part"
-"""Ending of a file that is still being written; a reader never looks at one."""
+"""Suffix of a file that is still being written; readers ignore such files."""
 
 
 def sync_folder(folder: Path) -> None:
@@ -22,7 +22,7 @@ def sync_folder(folder: Path) -> None:
 
 
 def sync_tree(folder: Path) -> None:
-    """Make a folder and all that is in it survive a power cut."""
+    """Make a folder and everything in it survive a power cut."""
     for parent, _, files in os.walk(folder):
         for path in (Path(parent) / file for file in files):
             if not path.is_symlink():
@@ -31,9 +31,9 @@ def sync_tree(folder: Path) -> None:
 
 
 def sync_all(paths: Iterable[Path]) -> dict[Path, OSError]:
-    """Make the contents of files, and the names in folders, survive a power cut; return what failed.
+    """Make the contents of files, and the names in folders, survive a power cut; return the errors by path.
 
-    All at once: a file system writes its own journal once for those that wait for it together.
+    The syncs run concurrently: the file system then commits its journal once for all of them.
     """
     errors: dict[Path, OSError] = {}
 
@@ -62,18 +62,18 @@ def _sync(path: Path, kind: int = 0) -> None:
 
 
 def exchange_folders(one: Path, other: Path) -> bool:
-    """Let two folders of one file system change places in a single step; False where the system cannot.
+    """Swap two folders of one file system atomically; return False if the system does not support it.
 
-    Raises OSError. Linux' renameat2(2) with RENAME_EXCHANGE.
+    Raises OSError. Uses Linux' renameat2(2) with RENAME_EXCHANGE.
     """
     return _renameat2(one, other, 2)
 
 
 def move_folder(folder: Path, target: Path) -> None:
-    """Give a folder another name on its file system in a single step, durably, never in place of another.
+    """Rename a folder on its file system atomically and durably, without replacing another.
 
-    Raises FileExistsError where there is something at `target`; OSError. Linux' renameat2(2) with
-    RENAME_NOREPLACE; a system without it can replace an empty folder that is made in the same moment.
+    Raises FileExistsError if `target` exists; OSError. Uses Linux' renameat2(2) with RENAME_NOREPLACE; a
+    system without it can replace an empty folder that is created at the same moment.
     """
     if not _renameat2(folder, target, 1):
         if target.exists():
@@ -97,19 +97,19 @@ def _renameat2(one: Path, other: Path, how: int) -> bool:
 
 
 def free_name(path: Path) -> Path:
-    """The path, or the first of NAME-2, NAME-3 ... that is not there yet."""
+    """Return the path, or the first of NAME-2, NAME-3 ... that does not exist."""
     numbered = (path.with_stem(f"{path.stem}-{number}") for number in count(2))
     return next(free for free in chain((path,), numbered) if not free.exists())
 
 
 def write_atomic(path: Path, data: bytes) -> None:
-    """Write a file so that after a crash it is there in full or not at all; replaces an older one."""
+    """Write a file that after a crash exists in full or not at all; replaces an older one."""
     _write_aside(path, data, synced=True)
     sync_folder(path.parent)
 
 
 def write_unsynced(path: Path, data: bytes) -> None:
-    """Write a file that a reader sees in full or not at all; file and folder are still to be synced."""
+    """Write a file that readers see in full or not at all; the caller syncs the file and its folder."""
     _write_aside(path, data, synced=False)
 
 
@@ -125,14 +125,14 @@ def _write_aside(path: Path, data: bytes, *, synced: bool) -> None:
             os.close(handle)
         aside.replace(path)
     except OSError:
-        # On a full disk the half that was written takes the room that something else could use.
+        # On a full disk the partial file would occupy space that other files need.
         with suppress(OSError):
             aside.unlink()
         raise
 
 
 def link_or_copy(source: str, target: str) -> None:
-    """Let a second name point to a file's bytes; copy it where the file system has no links."""
+    """Create a hard link to a file; copy it if the file system does not support links."""
     try:
         os.link(source, target, follow_symlinks=False)
     except OSError:
@@ -140,13 +140,13 @@ def link_or_copy(source: str, target: str) -> None:
 
 
 def make_folders(folder: Path, inside: Path) -> None:
-    """Make `folder` and its parents below `inside`, each one synced into its parent."""
+    """Create `folder` and its parents below `inside`, each synced into its parent."""
     for parent in make_folders_unsynced(folder, inside):
         sync_folder(parent)
 
 
 def make_folders_unsynced(folder: Path, inside: Path) -> tuple[Path, ...]:
-    """Do the same but for the syncs; return the folders that have new ones in them, the outermost first."""
+    """Create `folder` and its parents without syncs; return the folders with new entries, outermost first."""
     if folder == inside or folder.is_dir():
         return ()
     changed = make_folders_unsynced(folder.parent, inside)
@@ -162,7 +162,7 @@ def write_all(handle: int, data: bytes) -> None:
 
 
 class AppendOnlyFile:
-    """A file of lines that only ever grows; a crash can tear its last lines and no other."""
+    """An append-only file of lines; a crash can only tear the lines being appended."""
 
     def __init__(self, path: Path) -> None:
         self._path = path
@@ -171,21 +171,21 @@ class AppendOnlyFile:
         self._open = True
 
     def append(self, *lines: bytes, durable: bool) -> None:
-        """Add lines (without their newlines), all or none; `durable` waits until they are on the disk."""
+        """Append lines (without newlines), all or none; with `durable`, wait until they are on disk."""
         data = b"".join(line + b"\n" for line in lines)
         try:
             write_all(self._handle, data)
             if durable:
                 os.fdatasync(self._handle)
         except OSError as error:
-            # What is appended next must not continue half a line.
+            # Later lines must not continue a partial one.
             with suppress(OSError):
                 os.ftruncate(self._handle, self._length)
             raise OSError(error.errno, error.strerror, str(self._path)) from error
         self._length += len(data)
 
     def close(self) -> None:
-        """Close, whatever the disk says: what must be on it was synced before. Twice is harmless."""
+        """Close the file and ignore disk errors: durable lines are synced already. May be called twice."""
         if self._open:
             self._open = False
             with suppress(OSError):

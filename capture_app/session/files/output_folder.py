@@ -1,14 +1,14 @@
-"""Output folders that appear whole under their name or not at all; an earlier result stays until then.
+"""Atomic output folders: a result appears complete or not at all, and an earlier one stays until then.
 
 A run works in the hidden folder `.NAME.part` beside its target, on the same file system:
 
     lock      held by the run with flock, so that the system releases it when the run is killed
-    new       the new result; it takes the target's place at the end
+    new       the new result; it replaces the target at the end
     earlier   the earlier result, briefly, if the file system cannot exchange two folders atomically
 
-The next run to the same target restores or removes what a killed run left there, with a warning. A second
-run to a target in use is refused at once, since one of the two results would be lost. Only a caller that can
-use the other's result, such as a batch, waits for it.
+The next run to the same target restores or removes what a killed run left there, with a warning. A second run
+to a target in use is refused at once, since one of the two results would be lost. Only a caller that can use
+the other's result, such as a batch, waits for it.
 """
 
 import errno
@@ -35,15 +35,15 @@ from capture_app.session.files.locks import lock_file
 
 _LOCK, _NEW, _EARLIER = "lock", "new", "earlier"
 _INNER = f".{_NEW}{PART}"
-"""Workplace of an output whose target is another's working folder: in a batch's unit, that of multiview."""
+"""Working folder of an output inside another's working folder, such as multiview's in a batch's unit."""
 _log = logging.getLogger(__name__)
 
 Check = Callable[[Path], None]
-"""Raises BadInputError where a folder that is not empty must not be replaced."""
+"""Raises BadInputError if a non-empty folder must not be replaced."""
 
 
 def replaces_only(names: Collection[str]) -> Check:
-    """A check that lets an earlier result be replaced, but no folder with other files than `names`."""
+    """Return a check that allows replacing an earlier result, but no folder with files other than `names`."""
 
     def check(target: Path) -> None:
         foreign = sorted({path.name for path in target.iterdir()} - set(names))
@@ -56,20 +56,21 @@ def replaces_only(names: Collection[str]) -> Check:
 
 
 def replaces_nothing(target: Path) -> None:
-    """A check that lets no folder with anything in it be replaced."""
+    """Refuse to replace any non-empty folder."""
     raise BadInputError(f"{target} exists already and has something in it", hint="choose another name")
 
 
 class OutputFolder:
-    """A `folder` to work in, which takes the place of `target` when its context ends without an error."""
+    """A working `folder` that replaces `target` when its context ends without an error."""
 
     def __init__(self, target: Path, check: Check, *, reuse: str = "", wait: bool = False) -> None:
-        """`reuse` names a folder of the earlier result that the new one begins with; its files are shared.
+        """Check that `target` may be written.
 
-        `wait`: wait for another run to the same target instead of being refused.
+        `reuse` names a folder of the earlier result that is carried over; its files are shared. `wait`: wait
+        for another run to the same target instead of being refused.
 
         Raises:
-            BadInputError: `target` is a file, a mount point or, by `check`, somebody else's folder.
+            BadInputError: `target` is a file, a mount point or, by `check`, not an earlier result.
         """
         self.target = Path(os.path.realpath(target))
         self._check = check
@@ -86,7 +87,7 @@ class OutputFolder:
             raise self._explain(error) from error
 
     def __enter__(self) -> Self:
-        """Lock the target, mend what a killed run left of it, and make the working folder.
+        """Lock the target, clean up after a killed run, and create the working folder.
 
         Raises:
             TryAgainError: another run is writing to the target.
@@ -115,7 +116,7 @@ class OutputFolder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Put the folder in its place; after an error remove it, and leave what was there before.
+        """Move the folder to its target; after an error, delete it and keep the target unchanged.
 
         Raises:
             DiskFullError: the disk is full.
@@ -135,7 +136,7 @@ class OutputFolder:
             raise explained from error
 
     def discard(self) -> None:
-        """Leave the target as it is, without an error."""
+        """Leave the target unchanged, without an error."""
         self._discarded = True
 
     def _check_target(self) -> None:
@@ -160,7 +161,7 @@ class OutputFolder:
         return not self.target.exists() or not any(self.target.iterdir())
 
     def _clear_leftovers(self) -> None:
-        """Restore or remove what a killed run left, and warn of it."""
+        """Restore or remove what a killed run left, and log a warning."""
         left = self.folder.exists() or self._earlier.exists()
         self._restore()
         for unfinished in (self.folder, self._workplace / _INNER):
@@ -170,7 +171,7 @@ class OutputFolder:
             _log.warning("removed what a run that was killed had left in %s", self._workplace)
 
     def _restore(self) -> None:
-        """Restore an earlier result that was set aside; remove it where the new one took its place."""
+        """Restore an earlier result that was set aside; remove it if the new one replaced it."""
         if not self._earlier.exists():
             return
         if not self.target.exists():
@@ -178,7 +179,7 @@ class OutputFolder:
             sync_folder(self.target.parent)
             _log.warning("restored the earlier result in %s", self.target)
         elif self.folder.exists():
-            # Somebody made another folder of that name before the new result could take it.
+            # Another program created a folder of that name before the new result could be moved there.
             kept = free_name(self.target.with_name(f"{self.target.name}-earlier"))
             self._earlier.rename(kept)
             _log.warning("the earlier result of %s is now in %s", self.target, kept)
@@ -190,7 +191,7 @@ class OutputFolder:
         sync_folder(self._workplace)
         self._check_target()
         if self._is_free():
-            # Replaces an empty folder, and refuses one that has become full meanwhile.
+            # Replaces an empty folder, but fails if it is no longer empty.
             self.folder.rename(self.target)
         elif not exchange_folders(self.folder, self.target):
             self.target.rename(self._earlier)
@@ -200,7 +201,7 @@ class OutputFolder:
         sync_folder(self._workplace)
 
     def _release(self) -> None:
-        """Remove the workplace and give the lock back; warn of what cannot be removed."""
+        """Remove the working folder and release the lock; log what cannot be removed."""
         try:
             self._restore()
             shutil.rmtree(self.folder, ignore_errors=True)
@@ -217,7 +218,7 @@ class OutputFolder:
         try:
             self._workplace.rmdir()
         except OSError as error:
-            # Another run may have begun to work in it, or have removed it.
+            # Another run may use it by now, or have removed it.
             if error.errno not in (errno.ENOTEMPTY, errno.ENOENT, errno.ENOTDIR):
                 self._warn_left(error)
 
@@ -236,14 +237,14 @@ class OutputFolder:
 
 
 def unfinished_outputs(parent: Path) -> list[Path]:
-    """The output folders in `parent` that runs are making, or that killed runs have left unfinished."""
+    """Return the output folders in `parent` that runs are writing, or that killed runs left unfinished."""
     return [parent / lock.parent.name[1 : -len(PART)] for lock in sorted(parent.glob(f".*{PART}/{_LOCK}"))]
 
 
 def clear_leftovers(parent: Path) -> None:
-    """Mend what killed runs left of any output folder in `parent`, but not what is being worked on."""
+    """Clean up after killed runs in `parent`, except in folders that are in use."""
     for workplace in parent.glob(f".*{PART}"):
-        # A run that was killed just before it had the lock, or after it gave it back, left an empty one.
+        # A run killed just before it took the lock, or after it released it, leaves an empty folder.
         with suppress(OSError):
             workplace.rmdir()
     for target in unfinished_outputs(parent):

@@ -1,6 +1,6 @@
-"""Files that may be anybody's: regular ones of bounded size, as a pipe keeps a reader waiting for ever.
+"""Untrusted files: only regular files of bounded size are read, since a pipe could block a reader for ever.
 
-Their JSON fits a struct, as what is written must.
+Their JSON is checked against a struct, and so is JSON that is written.
 """
 
 import errno
@@ -23,11 +23,11 @@ if TYPE_CHECKING:
 
 _T = TypeVar("_T")
 MOST_BYTES = 1 << 30
-"""The most that all arrays of a file may have, unpacked."""
+"""Maximum unpacked size of all arrays of a file, bytes."""
 
 
 def read_regular(path: Path) -> bytes:
-    """Return the bytes of a regular file, at a link's end too. Raises OSError for anything else."""
+    """Return the bytes of a regular file; links are followed. Raises OSError for anything else."""
     handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
     with os.fdopen(handle, "rb") as file:
         if not stat.S_ISREG(os.fstat(handle).st_mode):
@@ -36,7 +36,7 @@ def read_regular(path: Path) -> bytes:
 
 
 def read_text(path: Path, *, encoding: str = "utf-8") -> str:
-    """The text of a file. Raises BadInputError where it cannot be read or is none."""
+    """Return the text of a file. Raises BadInputError if it cannot be read or is not text."""
     try:
         return read_regular(path).decode(encoding)
     except OSError as error:
@@ -46,8 +46,8 @@ def read_text(path: Path, *, encoding: str = "utf-8") -> str:
 
 
 def read_arrays(path: Path) -> "dict[str, NDArray[np.generic]]":
-    """The arrays of a .npz file, by name. Raises BadInputError for a file that cannot be read as one."""
-    import numpy as np  # slow to import, and this module is in every command's way
+    """Return the arrays of a .npz file by name. Raises BadInputError if it cannot be read as one."""
+    import numpy as np  # slow to import, and every command imports this module
 
     try:
         data = io.BytesIO(read_regular(path))
@@ -65,10 +65,10 @@ def read_arrays(path: Path) -> "dict[str, NDArray[np.generic]]":
 
 
 def read_struct(path: Path, kind: type[_T], newest: int | None = None) -> _T:
-    """Read a JSON file into a struct; `newest` is the highest schema_version that is understood.
+    """Read a JSON file into a struct; `newest` is the highest supported schema_version.
 
-    Raises BadInputError where the file cannot be read, is no JSON, is of a newer version, or does not
-    fit the struct; the message says where.
+    Raises BadInputError if the file cannot be read, is not JSON, has a newer version, or does not fit the
+    struct; the message gives the place.
     """
     with reading(path):
         data = read_regular(path)
@@ -76,7 +76,7 @@ def read_struct(path: Path, kind: type[_T], newest: int | None = None) -> _T:
 
 
 def decode_struct(path: Path, data: bytes, kind: type[_T], newest: int | None = None) -> _T:
-    """Decode JSON as `read_struct` does; `path` is where it is from."""
+    """Decode JSON as `read_struct` does; `path` is its source."""
     try:
         if newest is not None:
             fields = msgspec.json.decode(data, type=dict[str, msgspec.Raw])
@@ -94,7 +94,7 @@ def decode_struct(path: Path, data: bytes, kind: type[_T], newest: int | None = 
 
 
 def encode_checked(value: msgspec.Struct) -> bytes:
-    """Encode a struct. Raises BadInputError where its values break its schema: constructors check nothing."""
+    """Encode a struct. Raises BadInputError if its values violate its schema: constructors check nothing."""
     data = msgspec.json.encode(value)
     try:
         msgspec.json.decode(data, type=type(value))
@@ -109,7 +109,7 @@ def indented(data: bytes) -> bytes:
 
 
 def _line_of(data: bytes, message: str) -> str:
-    """Line and column of msgspec's `(byte N)`, as editors count them."""
+    """Return line and column of msgspec's `(byte N)`, as editors count them."""
     found = re.search(r"\(byte (\d+)\)", message)
     if found is None:
         return ""

@@ -1,4 +1,4 @@
-"""Changes to a finished session other than its images and times, and the place of results made from it.
+"""Edits of a finished session (name and note), and the location of its reconstruction results.
 
     ROOT/_results/<session>/<kind>        a result of `reconstruct`
     ROOT/_results/<session>/<kind>.log    its log
@@ -31,15 +31,15 @@ from capture_app.session.reading.reader import Session
 
 RESULTS = "_results"
 MAX_NOTE = 1000
-"""The most characters of a note."""
+"""Maximum length of a note, characters."""
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")
 
 
 def results_folder(session: Path, root: Path | None = None) -> Path:
-    """The folder for the results made from a session.
+    """Return the folder for the results made from a session.
 
-    `root` is the folder of sessions that is worked in: a session from elsewhere, such as a bundled sample,
-    has its results there too, since its own place may be read-only or another program's.
+    `root` is the user's folder of sessions. Results of a session from elsewhere, such as a bundled sample, go
+    there too, since its own folder may be read-only or belong to another program.
     """
     root = session.parent if root is None else root
     if session.parent.resolve() == root.resolve():
@@ -48,7 +48,7 @@ def results_folder(session: Path, root: Path | None = None) -> Path:
 
 
 def move_result_folder(folder: Path, target: Path) -> None:
-    """Move a folder of results in place of what is left of another's; stays where it is on an error."""
+    """Move a folder of results to `target`, replacing leftovers there; it stays in place on an error."""
     if not folder.is_dir():
         return
     with suppress(OSError):
@@ -61,9 +61,9 @@ def move_result_folder(folder: Path, target: Path) -> None:
 def rename_session(folder: Path, name: str) -> Path:
     """Rename a session: its folder, and its name in the manifest and the plan; return the new folder.
 
-    A crash leaves it whole under one of the two names, and the same call then finishes the work.
-    Raises BadInputError for an invalid name, one in use, or a session that is damaged or not to be
-    changed; IncompleteError; TryAgainError where another process writes it.
+    A crash leaves it complete under one of the two names, and the same call then finishes the work. Raises
+    BadInputError for an invalid name, one in use, or a session that is damaged or cannot be changed;
+    IncompleteError; TryAgainError if another process is writing it.
     """
     check_name(name, "session")
     folder = folder.absolute()
@@ -85,8 +85,8 @@ def rename_session(folder: Path, name: str) -> Path:
 def set_note(folder: Path, note: str) -> None:
     """Replace the note of a session: one line of text, which may be empty.
 
-    Raises BadInputError for a note of several lines or more than `MAX_NOTE` characters, or a session that
-    is damaged; IncompleteError; TryAgainError where another process writes it.
+    Raises BadInputError for a note of several lines or more than `MAX_NOTE` characters, or a session that is
+    damaged; IncompleteError; TryAgainError if another process is writing it.
     """
     if _CONTROL.search(note):
         raise BadInputError("a note is one line without control characters", hint="leave out line ends")
@@ -98,7 +98,7 @@ def set_note(folder: Path, note: str) -> None:
 
 @contextmanager
 def _changeable(folder: Path, **changed: str) -> Iterator[None]:
-    """Lock a session, replace it by one with these fields of its manifest in one step, and keep the lock.
+    """Lock a session, atomically replace it by one with these manifest fields, and hold the lock.
 
     The new folder shares the files of the old one, so that manifest, plan and checksums change together.
     """
@@ -128,7 +128,7 @@ def _changeable(folder: Path, **changed: str) -> Iterator[None]:
 
 
 def _write_changed(folder: Path, manifest: Manifest) -> None:
-    """Write manifest and plan, and their lines of the checksums; other lines stay as they are."""
+    """Write manifest and plan, and their lines of the checksums; other lines stay unchanged."""
     written = {MANIFEST: indented(msgspec.json.encode(manifest))}
     if (folder / PLAN).is_file():
         plan = structs.replace(read_plan(folder), name=manifest.name, note=manifest.note)

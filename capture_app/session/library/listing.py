@@ -1,4 +1,4 @@
-"""A quick list of many sessions: only what a list shows, read again only where a manifest has changed."""
+"""Fast listing of many sessions: it reads only what a list shows, and only manifests that changed."""
 
 import os
 from collections.abc import Iterator
@@ -27,54 +27,54 @@ SessionState = Literal["complete", "being saved", "interrupted", "unreadable"]
 
 
 class SessionCard(Struct, frozen=True, kw_only=True):
-    """What a list shows of a session; times in ns, None where they are not known."""
+    """A session's entry in a list; times in ns, None if unknown."""
 
     folder: Path
     state: SessionState = "complete"
     created: str = ""
-    """RFC 3339, UTC; of one that is not complete, when it was last changed."""
+    """RFC 3339, UTC; for an incomplete session, the time of its last change."""
     origin: str = ""
     cameras: tuple[str, ...] = ()
     instants: int = 0
     images: int = 0
     missing: int = 0
     spread_ns: int | None = None
-    """The worst over the instants; None where no instant has two images, or there is no common clock."""
+    """Largest peak-to-peak time of any instant; None without a common clock, or without two images."""
     unsynchronized: bool = False
-    """The offsets between its cameras' times are not known."""
+    """Whether the offsets between the cameras' times are unknown."""
     uncertainty_ns: int | None = None
-    """95 % error of the worst image's time."""
+    """95 % uncertainty of the worst image's time."""
     late: int = 0
     note: str = ""
     first_images: tuple[Path, ...] = ()
     """The first image of each camera that has one, or its video, in the cameras' order."""
     problem: str = ""
-    """Why it cannot be used."""
+    """Why the session cannot be used."""
     remedy: str = ""
-    """What to do then."""
+    """What the user can do about the problem."""
 
     @property
     def name(self) -> str:
-        """The name of its folder, by which commands know it."""
+        """Name of its folder, which identifies it in commands."""
         return self.folder.name
 
     @property
     def worst_ns(self) -> int | None:
-        """How far apart images of an instant are at most, errors of both times included (95 %)."""
+        """Upper limit (95 %) of the time between images of an instant, including the errors of both."""
         if self.spread_ns is None or self.uncertainty_ns is None:
             return None
         return self.spread_ns + 2 * self.uncertainty_ns
 
 
 class SessionListing:
-    """The sessions in a folder; `read` may be called from any one thread at a time."""
+    """The sessions in a folder; `read` may be called from one thread at a time."""
 
     def __init__(self, root: Path) -> None:
         self.root = root
         self._known: dict[str, tuple[tuple[int, int, int], SessionCard]] = {}
 
     def read(self) -> list[SessionCard]:
-        """All sessions that are there now, by name; a folder that does not exist holds none."""
+        """Return all current sessions, by name; a folder that does not exist has none."""
         before, cards = self._known, []
         self._known = {}
         for folder, stamp in sorted(self._folders(), key=lambda one: one[0]):
@@ -88,7 +88,7 @@ class SessionListing:
         return cards
 
     def _folders(self) -> Iterator[tuple[str, tuple[int, int, int] | None]]:
-        """Yield each session's folder, with what tells whether its manifest is another than before."""
+        """Yield each session's folder, with a key that changes whenever its manifest does."""
         try:
             entries = list(os.scandir(self.root))
         except OSError:
@@ -107,16 +107,16 @@ class SessionListing:
 
 
 def best_synchronized(cards: list[SessionCard]) -> SessionCard | None:
-    """The session whose images of an instant are surely the least apart; None of fewer than two known."""
+    """Return the best synchronized session, errors included; None if fewer than two are known."""
     known = [card for card in cards if card.worst_ns is not None and card.state == "complete"]
     return min(known, key=lambda card: card.worst_ns or 0) if len(known) > 1 else None
 
 
 def read_card(folder: Path) -> SessionCard:
-    """Read what a list shows of a session that has a manifest."""
+    """Read the list entry of a session that has a manifest."""
     try:
         manifest = read_struct(folder / MANIFEST, Manifest, SCHEMA_VERSION)
-        # All others are checked where it is opened: a list reads thousands.
+        # Other numbers are checked when the session is opened: a list reads thousands.
         check_numbers(folder / MANIFEST, manifest.sync)
         files = {video.camera: video.path for video in manifest.videos if video.frames}
         files |= {image.camera: image.path for image in reversed(manifest.images)}
@@ -167,7 +167,7 @@ def _card_without_manifest(folder: Path) -> SessionCard:
 
 
 def list_sessions(root: Path) -> list[SessionCard]:
-    """All sessions in a folder, oldest first. Raises BadInputError where the folder does not exist."""
+    """Return all sessions in a folder, oldest first. Raises BadInputError if the folder does not exist."""
     if not root.is_dir():
         raise BadInputError(f"no folder {root}", hint="sessions appear there once a burst is taken")
     return sorted(SessionListing(root).read(), key=lambda card: (card.created, card.name))

@@ -1,4 +1,4 @@
-"""Small pictures of images on disk, kept in a cache folder: decoding a camera's image takes far longer."""
+"""Thumbnails of images on disk, cached in a folder: decoding a full image takes much longer."""
 
 import hashlib
 import os
@@ -14,17 +14,17 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 WIDTH_PX = 160
-"""Width of the small pictures."""
+"""Width of the thumbnails."""
 MOST_BYTES = 1 << 26
-"""The most that is read of an image, or of a video for its first frame."""
+"""Number of bytes read of an image, or of a video for its first frame."""
 MOST_FILES = 4000
-"""The most pictures that are kept, about 20 MB; beyond that the oldest half is removed."""
+"""Maximum number of cached thumbnails, about 20 MB; above it the oldest half is removed."""
 
 
 def load_thumbnail(folder: Path, image: Path) -> "NDArray[np.uint8] | None":
-    """An image file `WIDTH_PX` wide, height x width x BGR, kept in a folder; None where it cannot be read.
+    """Return a thumbnail (height x width x BGR, `WIDTH_PX` wide), cached in `folder`; None if unreadable.
 
-    May be called from any thread, blocks on the disk.
+    May be called from any thread. Blocks on the disk.
     """
     try:
         stat = image.stat()
@@ -40,15 +40,15 @@ def load_thumbnail(folder: Path, image: Path) -> "NDArray[np.uint8] | None":
 
 
 def _keep(path: Path, small: "NDArray[np.uint8]") -> "NDArray[np.uint8]":
-    """Keep it, and return it as it will be read again: coded with loss."""
+    """Cache a thumbnail, and return it as it will be read back after lossy coding."""
     coded = encode_image(small, quality=85)
-    # A cache that cannot be written costs time only.
+    # A cache that cannot be written only costs time.
     with suppress(OSError):
         path.parent.mkdir(parents=True, exist_ok=True)
         aside = path.with_suffix(f".{os.getpid()}.part")
         aside.write_bytes(coded)
         aside.replace(path)
-        # One in 256 looks whether there are too many.
+        # Only one write in 256 checks whether there are too many.
         files = [] if int(path.name[:2], 16) else list(path.parent.glob("*.jpg"))
         files.sort(key=lambda file: file.stat().st_mtime_ns)
         for file in files[: len(files) // 2] if len(files) > MOST_FILES else ():
@@ -60,7 +60,7 @@ def _keep(path: Path, small: "NDArray[np.uint8]") -> "NDArray[np.uint8]":
 def _decode(path: Path) -> "NDArray[np.uint8] | None":
     try:
         with path.open("rb") as file:
-            # Of a video the first frame, which is a whole JPEG.
+            # The first frame of a video is a complete JPEG.
             return decode_image(file.read(MOST_BYTES), colour=True, at_least=WIDTH_PX)
     except OSError:
         return None

@@ -1,7 +1,7 @@
-"""The trash of a folder of sessions: what is deleted can be restored until the trash is emptied.
+"""The trash of a folder of sessions: a deleted session can be restored until the trash is emptied.
 
-ROOT/.trash/<id>/trashed.json    where it came from, on disk before the session is moved
-ROOT/.trash/<id>/session         the session, as it was
+ROOT/.trash/<id>/trashed.json    its original location, on disk before the session is moved
+ROOT/.trash/<id>/session         the session, unchanged
 ROOT/.trash/<id>/results         the results made from it, if any
 """
 
@@ -32,17 +32,17 @@ class TrashedSession(Struct, frozen=True, kw_only=True):
     """One session in the trash."""
 
     id: str
-    """The name of the session's folder in the trash, by which it is restored."""
+    """Name of the session's folder in the trash, which identifies it when it is restored."""
     name: str
-    """The name of its folder before."""
+    """Name of its folder before it was deleted."""
     trashed: str
-    """When it was moved there; RFC 3339, UTC."""
+    """When it was deleted; RFC 3339, UTC."""
 
 
 def trash_session(folder: Path) -> TrashedSession:
-    """Move a session, whole, interrupted or damaged, and its results into the trash beside it.
+    """Move a complete, interrupted or damaged session and its results into the trash beside it.
 
-    Raises BadInputError where it is no session or cannot be moved, TryAgainError where it is being written.
+    Raises BadInputError if it is not a session or cannot be moved, TryAgainError if it is being written.
     """
     folder = folder.absolute()
     if not any((folder / name).is_file() for name in (MANIFEST, JOURNAL, PLAN)):
@@ -55,7 +55,7 @@ def trash_session(folder: Path) -> TrashedSession:
         entry.mkdir()
         now = datetime.now(UTC).isoformat().replace("+00:00", "Z")
         trashed = TrashedSession(id=entry.name, name=folder.name, trashed=now)
-        # First where it came from: a crash in between leaves the session where it was.
+        # The original location is stored first: a crash in between leaves the session in place.
         write_atomic(entry / _RECORD, indented(encode_checked(trashed)))
         sync_folder(trash)
         move_folder(folder, entry / _SESSION)
@@ -68,11 +68,11 @@ def trash_session(folder: Path) -> TrashedSession:
 
 
 def trashed_sessions(root: Path) -> list[TrashedSession]:
-    """What is in the trash of a folder of sessions, the latest last."""
+    """Return the contents of the trash of a folder of sessions, the latest last."""
     found = []
     for session in sorted((root / TRASH).glob(f"*/{_SESSION}/")):
         entry = session.parent
-        # A record that is lost costs the time only: the entry is named after the session.
+        # A lost record costs the deletion time only: the entry is named after the session.
         trashed = TrashedSession(id=entry.name, name=entry.name, trashed="")
         with suppress(BadInputError):
             trashed = msgspec.structs.replace(read_struct(entry / _RECORD, TrashedSession), id=entry.name)
@@ -81,10 +81,10 @@ def trashed_sessions(root: Path) -> list[TrashedSession]:
 
 
 def restore_session(root: Path, which: str = "", *, name: str = "") -> Path:
-    """Move a session from the trash back to where it was, and return its folder.
+    """Move a session from the trash back to its original place, and return its folder.
 
-    `which` is its id or name there, else the latest one; `name` a new folder name for it. Raises
-    BadInputError where there is none such, or the name is in use now.
+    `which` is its id or name there, by default the latest one; `name` is a new folder name for it. Raises
+    BadInputError if there is no such session, or the name is in use.
     """
     found = [one for one in trashed_sessions(root) if not which or which in (one.id, one.name)]
     if not found:
@@ -102,14 +102,14 @@ def restore_session(root: Path, which: str = "", *, name: str = "") -> Path:
     move_result_folder(entry / _RESULTS, results_folder(target))
     shutil.rmtree(entry, ignore_errors=True)
     if name:
-        # One that is interrupted or damaged keeps the name that it has inside.
+        # An interrupted or damaged session keeps its internal name.
         with suppress(BadInputError, IncompleteError):
             rename_session(target, name)
     return target
 
 
 def empty_trash(root: Path) -> int:
-    """Delete what is in the trash for good, and return how many sessions that were. Raises SimulshotError."""
+    """Delete everything in the trash for good, and return the number of sessions. Raises SimulshotError."""
     sessions = len(trashed_sessions(root))
     with disk_errors(root / TRASH), suppress(FileNotFoundError):
         shutil.rmtree(root / TRASH)

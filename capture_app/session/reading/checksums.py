@@ -1,6 +1,6 @@
-"""`checksums.sha256`: checksums of the files that the manifest does not cover, itself included.
+"""`checksums.sha256`: checksums of the manifest and of the files that it does not cover.
 
-Lines as `sha256sum` prints them, so that `sha256sum --check checksums.sha256` reads them too.
+The lines have the format of `sha256sum`, so `sha256sum --check checksums.sha256` verifies them.
 """
 
 import hashlib
@@ -19,9 +19,9 @@ COVERED = (MANIFEST, JOURNAL, EVENTS, PLAN, CALIBRATION, TIMES, TRUE_TIMES_JOURN
 
 
 def write_checksums(folder: Path, manifest: bytes) -> Path:
-    """Write the checksums of a session's files and of the manifest that is written next.
+    """Write the checksums of a session's files and of `manifest`, which is written next.
 
-    Returns their file, which is still to be synced, as its folder.
+    Returns the path of the checksum file. The caller syncs it and its folder.
     """
     sums = {MANIFEST: hashlib.sha256(manifest).hexdigest()}
     videos = sorted(folder.glob(f"{VIDEOS}/*/*{FRAMES_SUFFIX}"))
@@ -34,7 +34,7 @@ def write_checksums(folder: Path, manifest: bytes) -> Path:
 
 
 def changed_files(folder: Path) -> Iterator[tuple[str, str]]:
-    """Yield the path and what is wrong for each file that is not as it was when the session was finished."""
+    """Yield the path of each file that changed since the session was finished, and what is wrong with it."""
     try:
         stored = read_regular(folder / CHECKSUMS)
     except OSError:

@@ -1,4 +1,4 @@
-"""Decodes and encodes image files."""
+"""Image decoding and encoding with OpenCV."""
 
 from typing import TYPE_CHECKING, Any
 
@@ -10,24 +10,24 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MOST_PIXELS = 1 << 28
-"""The largest image that is decoded: more than any camera takes."""
+"""Largest image that is decoded, px; no camera takes a larger one."""
 JPEG_QUALITY = 95
 
 
 def decode_image(
     data: bytes, *, colour: bool = False, at_least: int = 0, upright: bool = False
 ) -> "NDArray[np.uint8] | None":
-    """Decode an image file's bytes in full; None where they are not an image.
+    """Decode an image file's bytes; return None if they are not an image or if it exceeds MOST_PIXELS.
 
-    Nor are those of more than MOST_PIXELS, which a small file can tell of.
-    `colour`: height x width x BGR of 8 bits, whatever the file has; with `at_least` a half, a quarter or an
-    eighth of its size where that is still so wide, which takes far less time. `upright`: of 8 bits and turned
-    as its EXIF says, which no other image is.
+    A small file can claim a huge size, so the size in the header is checked first. `colour`: return height x
+    width x BGR of 8 bits, whatever the file contains; with `at_least`, decode at a half, a quarter or an
+    eighth of the size as long as the width stays at least that, which is much faster. `upright`: 8 bits,
+    rotated by the EXIF orientation; otherwise the orientation is ignored.
     """
     told = size_of(data)
     if told is not None and told[0] * told[1] > MOST_PIXELS:
         return None
-    import cv2  # heavy: only where images are looked at
+    import cv2  # heavy: imported only when an image is decoded
     import numpy as np
 
     flags = cv2.IMREAD_ANYCOLOR if upright else cv2.IMREAD_UNCHANGED
@@ -47,13 +47,13 @@ def decode_image(
 
 
 def image_size(data: bytes) -> tuple[int, int] | None:
-    """Width and height in pixels of an image file's bytes, decoded in full; None if they are not an image."""
+    """Decode an image file's bytes and return width and height in px; None if they are not an image."""
     image = decode_image(data)
     return None if image is None else (image.shape[1], image.shape[0])
 
 
 def encode_image(image: "NDArray[np.uint8]", suffix: str = ".jpg", quality: int = JPEG_QUALITY) -> bytes:
-    """The bytes of an image's file, as the suffix says; `quality` of a JPEG. Raises BadInputError."""
+    """Encode an image in the format of `suffix`; `quality` applies to JPEG. Raises BadInputError."""
     import cv2
 
     options = [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix == ".jpg" else []
@@ -64,7 +64,7 @@ def encode_image(image: "NDArray[np.uint8]", suffix: str = ".jpg", quality: int 
 
 
 def open_capture(source: str | int) -> Any:
-    """OpenCV's reader of a video's path or a webcam's number, perhaps not open; it says nothing itself."""
+    """Return OpenCV's reader for a video path or a webcam number; it may not be open. Logs nothing."""
     import cv2
 
     before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)

@@ -1,4 +1,4 @@
-"""What a picture's file tells before a pixel is decoded: its size, and a JPEG's EXIF (CIPA DC-008)."""
+"""Image file headers, read without decoding pixels: the size, and a JPEG's EXIF (CIPA DC-008)."""
 
 import struct
 from collections.abc import Callable
@@ -11,26 +11,26 @@ MOST_ENTRIES = 4096
 UPRIGHT = 1
 
 MOST_BYTES = 1 << 28
-"""Bytes of a file that are looked at: a TIFF's own size may stand at its end."""
+"""Number of bytes read from a file; large because a TIFF may store its size at the end."""
 MAX_HEADER_BYTES = 1 << 20
-"""The most that a JPEG's profiles and thumbnails before its first frame may have."""
+"""Limit on the profiles and thumbnails before a JPEG's first frame header, bytes."""
 
 
 @dataclass(frozen=True)
 class Exif:
-    """Empty or None where it does not say."""
+    """EXIF fields of a JPEG; a field that the file lacks is empty or None."""
 
     date: str = ""
-    """DateTimeOriginal, and SubSecTimeOriginal."""
+    """DateTimeOriginal; `part_of_second` is SubSecTimeOriginal."""
     part_of_second: str = ""
     focal_35mm: int | None = None
-    """Focal length in mm of a lens that sees as wide a diagonal on 35 mm film."""
+    """35 mm equivalent focal length, mm: same diagonal field of view."""
     orientation: int = UPRIGHT
-    """How the picture is to be turned to be seen upright: 1 (not at all) to 8."""
+    """EXIF orientation, 1 (already upright) to 8: the transform that shows the image upright."""
 
 
 def read_exif(data: bytes) -> Exif:
-    """The EXIF in a JPEG's bytes. Raises ValueError where it is broken."""
+    """Return the EXIF fields in a JPEG's bytes. Raises ValueError if the EXIF is malformed."""
     try:
         place = 2
         while data[place : place + 1] == b"\xff" and data[place + 1] != 0xDA:
@@ -60,7 +60,7 @@ def _read_tiff(tiff: bytes) -> Exif:
 
 
 def _entries(tiff: bytes, order: str, place: int, *, big: bool = False) -> dict[int, tuple[int, int, bytes]]:
-    """By tag: type and count of the values, and the bytes that hold them or where they are."""
+    """Return a TIFF directory by tag: value type, value count, and the values' bytes or their offset."""
     number, entry = ("Q", struct.Struct(f"{order}HHQ8s")) if big else ("H", struct.Struct(f"{order}HHI4s"))
     begin = place + struct.calcsize(number)
     count = min(struct.unpack_from(f"{order}{number}", tiff, place)[0], MOST_ENTRIES)
@@ -78,11 +78,11 @@ def _text(tiff: bytes, order: str, entry: tuple[int, int, bytes] | None) -> str:
 
 
 Size = tuple[int, int]
-"""Width and height, px; of a JPEG before its EXIF orientation is applied."""
+"""Width and height, px; for a JPEG, before its EXIF orientation is applied."""
 
 
 def picture_size(path: Path) -> Size | None:
-    """Width and height of a JPEG, PNG, TIFF, BMP or WebP file; None for anything else.
+    """Return width and height of a JPEG, PNG, TIFF, BMP or WebP file; None for any other file.
 
     Raises:
         OSError: the file cannot be read.
@@ -92,7 +92,7 @@ def picture_size(path: Path) -> Size | None:
 
 
 def size_of(data: bytes) -> Size | None:
-    """Width and height that a file's bytes tell, as `picture_size` does."""
+    """Return width and height from a file's bytes, as `picture_size` does."""
     start = bytes(data[:16])
     read = next((read for magic, read in _READERS if start.startswith(magic)), None)
     try:
@@ -112,7 +112,7 @@ def _jpeg(data: bytes) -> Size | None:
         while data[at] == 0xFF:
             at += 1
         marker, at = data[at], at + 1
-        # A frame of any kind; the three others in this span are tables.
+        # Start of frame of any type; the three other markers in this range are tables.
         if 0xC0 <= marker <= 0xCF and marker not in (0xC4, 0xC8, 0xCC):
             height, width = struct.unpack_from(">3xHH", data, at)
             return width, height
@@ -129,7 +129,7 @@ def _bmp(data: bytes) -> Size:
 def _tiff(data: bytes) -> Size | None:
     order = "<" if data[:2] == b"II" else ">"
     (version,) = struct.unpack_from(f"{order}H", data, 2)
-    # BigTIFF, version 43, has 64-bit offsets and counts.
+    # BigTIFF (version 43) has 64-bit offsets and counts.
     place = {42: ("I", 4), 43: ("Q", 8)}.get(version)
     if place is None:
         return None

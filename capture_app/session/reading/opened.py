@@ -1,4 +1,4 @@
-"""A session as Python code reads it: each frame as an array, decoded when it is asked for and not before."""
+"""Python interface to a session: frames as arrays, decoded on request."""
 
 from dataclasses import dataclass, field
 from functools import cached_property
@@ -25,66 +25,66 @@ TimeName = Literal[
     "exposure_ns",
     "true_ns",
 ]
-"""What can be asked of all frames at once: fields of `ImageRecord`, and the truth of simulated sessions."""
+"""Times that `OpenSession.times` returns: fields of `ImageRecord`, and the simulated true time."""
 Pixels = npt.NDArray[np.uint8]
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Frame:
-    """One camera's frame at one instant; its picture is decoded whenever it is asked for.
+    """One camera's frame at one instant; each request for its image decodes the file.
 
-    Of one that is missing everything but `camera`, `instant` and `missing` raises IncompleteError.
+    If the frame is missing, every attribute except `camera`, `instant` and `missing` raises IncompleteError.
     """
 
     camera: str
     instant: int
-    """The instant's number in the burst, from 0."""
+    """Index of the instant in the burst, from 0."""
     missing: str
-    """Why there is no such frame; empty for one that is there."""
+    """Reason why the frame is missing; empty if it exists."""
     _record: ImageRecord | None = field(repr=False)
     _session: "OpenSession" = field(repr=False)
 
     @property
     def record(self) -> ImageRecord:
-        """All that the manifest says of it."""
+        """The frame's record in the manifest."""
         if self._record is None:
             raise IncompleteError(f"{self.camera} has no frame of instant {self.instant}: {self.missing}")
         return self._record
 
     @property
     def leader_ns(self) -> int:
-        """When it was taken, ns in the leader's clock."""
+        """Capture time, ns in the leader's clock."""
         return self.record.leader_ns
 
     @property
     def uncertainty_ns(self) -> int | None:
-        """95 % error of that time, ns; None where nobody knows it."""
+        """95 % uncertainty of the capture time, ns; None if unknown."""
         return self.record.uncertainty_ns
 
     @property
     def hard_bound_ns(self) -> int | None:
-        """The most that the time can be wrong, ns; None where nothing bounds it."""
+        """Guaranteed bound on the error of the capture time, ns; None if there is no bound."""
         return self.record.hard_bound_ns
 
     @property
     def exposure_ns(self) -> int | None:
-        """How long each row was exposed, ns; None where the camera does not tell."""
+        """Exposure time of each row, ns; None if the camera does not report it."""
         return self.record.exposure_ns
 
     @property
     def is_substitute(self) -> bool:
-        """Whether the camera dropped the frame nearest to the instant, and this is the next best."""
+        """Whether the camera dropped the frame nearest to the instant and this one replaces it."""
         return self.record.substitute
 
     @property
     def true_ns(self) -> int | None:
-        """When a simulated frame was truly taken, ns; by the leader's clock where that is the host's."""
+        """True capture time of a simulated frame, ns; in the leader's clock if that is the host's clock."""
         return self._session.all_true_ns.get((self.camera, self.record.instant))
 
     def bgr(self) -> Pixels:
-        """The picture, uint8 height x width x 3 in OpenCV's order; of a grey camera three equal channels.
+        """Decode the image: uint8 height x width x 3 in OpenCV's BGR order; grey cameras get equal channels.
 
-        Raises BadInputError where it cannot be read, or is no picture.
+        Raises BadInputError if the file cannot be read or is not an image.
         """
         with reading(self.record.path):
             picture = decode_image(self._session.image_bytes(self.record), colour=True)
@@ -94,28 +94,29 @@ class Frame:
         return picture
 
     def rgb(self) -> Pixels:
-        """The picture, uint8 height x width x 3 with red first. Raises BadInputError as `bgr`."""
+        """Decode the image: uint8 height x width x 3 in RGB order. Raises BadInputError as `bgr` does."""
         return np.ascontiguousarray(self.bgr()[..., ::-1])
 
     def truth(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]] | None:
-        """True depth (m along the camera's axis, 0 = none) and what moves, of a simulated frame, or None."""
+        """Return true depth (m along the optical axis, 0 = none) and moving regions, or None if not
+        simulated."""
         return self._session.read_ground_truth(self.camera, self.record.instant)
 
 
 @dataclass(frozen=True)
 class InstantFrames:
-    """One instant of the burst: the frames of all cameras, those that are missing among them."""
+    """One instant of the burst: the frames of all cameras, including missing ones."""
 
     number: int
     leader_ns: int
-    """The instant that all frames were meant for, ns in the leader's clock."""
+    """Target time of all frames of this instant, ns in the leader's clock."""
     frames: dict[str, Frame]
-    """Each camera's frame, in the session's order."""
+    """Each camera's frame, in the session's order of cameras."""
 
     def bgr(self) -> Pixels:
-        """All pictures, uint8 cameras x height x width x 3 in OpenCV's order.
+        """Decode all images: uint8 cameras x height x width x 3 in OpenCV's BGR order.
 
-        Raises IncompleteError where one is missing, BadInputError where their sizes differ.
+        Raises IncompleteError if one is missing, BadInputError if their sizes differ.
         """
         pictures = [frame.bgr() for frame in self.frames.values()]
         if len({picture.shape for picture in pictures}) > 1:
@@ -125,42 +126,43 @@ class InstantFrames:
         return np.stack(pictures)
 
     def rgb(self) -> Pixels:
-        """All pictures, uint8 cameras x height x width x 3 with red first. Raises as `bgr`."""
+        """Decode all images: uint8 cameras x height x width x 3 in RGB order. Raises as `bgr` does."""
         return np.ascontiguousarray(self.bgr()[..., ::-1])
 
 
 @dataclass(frozen=True)
 class CameraMatrices:
-    """A calibrated camera as OpenCV has it: x right, y down, z forward, the first pixel's centre at 0, 0."""
+    """Calibration of a camera as in OpenCV: x right, y down, z forward, the first pixel's centre at (0,
+    0)."""
 
     camera_matrix: npt.NDArray[np.float64]
-    """3 x 3, px of the pictures as they are saved."""
+    """3 x 3, in px of the stored images."""
     distortion: npt.NDArray[np.float64]
     """k1, k2, p1, p2, k3."""
     cam_from_rig: npt.NDArray[np.float64]
-    """4 x 4: takes a point of the rig's frame to the camera's, in `unit`s."""
+    """4 x 4: transforms a point from the rig's frame to the camera's, in `unit`."""
     unit: str
     """m, or arbitrary."""
 
 
 @dataclass(frozen=True)
 class CameraFrames:
-    """One camera of a session: its frames of all instants, those that are missing among them."""
+    """One camera of a session: its frames of all instants, including missing ones."""
 
     name: str
     record: CameraRecord
-    """What the camera is, and how its clock and phase stood."""
+    """The camera's properties, and the state of its clock and phase."""
     frames: tuple[Frame, ...]
-    """One frame for each instant, in their order."""
+    """One frame for each instant, in order."""
     calibration: CameraMatrices | None
 
 
 class OpenSession(Session):
-    """A session, by `instants` and by `cameras`; `open_session` makes it."""
+    """A session with its frames by instant and by camera; created by `open_session`."""
 
     @cached_property
     def instants(self) -> tuple[InstantFrames, ...]:
-        """All instants in their order."""
+        """All instants, in order."""
         records = {(image.camera, image.instant): image for image in self.manifest.images}
         reasons = {(gone.camera, gone.instant): gone.reason for gone in self.manifest.missing}
 
@@ -176,7 +178,7 @@ class OpenSession(Session):
 
     @cached_property
     def cameras(self) -> dict[str, CameraFrames]:
-        """All cameras by name, in the session's order. Raises BadInputError for a broken calibration."""
+        """All cameras by name, in the session's order. Raises BadInputError for a malformed calibration."""
         return {
             name: CameraFrames(
                 name, record, tuple(instant.frames[name] for instant in self.instants), self._matrices(record)
@@ -186,11 +188,11 @@ class OpenSession(Session):
 
     @property
     def verdict(self) -> Verdict:
-        """What the take is good for, in words and numbers."""
+        """Synchronization quality of the burst, as text and numbers."""
         return judge(self.manifest)
 
     def times(self, name: TimeName = "leader_ns") -> "np.ma.MaskedArray[tuple[int, int], np.dtype[np.int64]]":
-        """One time of every frame, int64 ns, cameras x instants; masked where it is missing or not known."""
+        """Return one time of every frame: int64 ns, cameras x instants; masked where missing or unknown."""
         rows = [camera.frames for camera in self.cameras.values()]
         told = [
             [None if one.missing else getattr(one if name == "true_ns" else one.record, name) for one in row]
@@ -201,7 +203,7 @@ class OpenSession(Session):
 
     @cached_property
     def all_true_ns(self) -> dict[tuple[str, int], int]:
-        """The true times of a simulated session's frames, by camera and instant; empty for any other."""
+        """True times of a simulated session's frames, ns, by camera and instant; empty for other sessions."""
         truth = self.true_times()
         return {} if truth is None else {(one.camera, one.instant): one.true_ns for one in truth.images}
 
@@ -217,8 +219,8 @@ class OpenSession(Session):
 
 
 def open_session(path: str | PathLike[str]) -> OpenSession:
-    """Open a session's folder; pictures are read when they are asked for.
+    """Open a session's folder; images are read on request.
 
-    Raises BadInputError where it is no session, IncompleteError where its capture never finished.
+    Raises BadInputError if it is not a session, IncompleteError if its capture never finished.
     """
     return OpenSession.open(Path(path))

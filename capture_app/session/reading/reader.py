@@ -1,4 +1,4 @@
-"""Reads sessions, which may come from anywhere: a manifest is checked before it is used."""
+"""Session reader; sessions are untrusted input, so the manifest is checked before it is used."""
 
 import fcntl
 import os
@@ -36,10 +36,10 @@ if TYPE_CHECKING:
 
 
 class Session:
-    """A complete session: its manifest and its files. Made by `Session.open`."""
+    """A complete session: its manifest and its files. Created by `Session.open`."""
 
     def __init__(self, folder: Path, manifest: Manifest) -> None:
-        """`manifest` is as it is on the disk."""
+        """Take a checked `manifest`, as stored on disk."""
         self.folder = folder
         self.stored_manifest = manifest
         self._files: dict[str, Path] = {}
@@ -49,8 +49,8 @@ class Session:
     def open(cls, path: Path) -> Self:
         """Open a session's folder.
 
-        Raises BadInputError where it is no session or its manifest cannot be trusted, and
-        IncompleteError where the capture never finished or is still running.
+        Raises BadInputError if it is not a session or its manifest is invalid, and IncompleteError if the
+        capture never finished or is still running.
         """
         folder = Path(path)
         if not folder.is_dir():
@@ -70,7 +70,7 @@ class Session:
 
     @cached_property
     def manifest(self) -> Manifest:
-        """The manifest, the frames of videos among the images. Raises BadInputError where they are broken."""
+        """The manifest, with the frames of videos as images. Raises BadInputError if they are malformed."""
         stored, instants_ns = self.stored_manifest, self.stored_manifest.burst.instants_ns
         frames = [
             frame_of_line(video, frame, instants_ns[frame.instant])
@@ -83,11 +83,11 @@ class Session:
 
     @property
     def name(self) -> str:
-        """The name the session was taken under; its folder may have been renamed since."""
+        """Name given to the session when it was captured; its folder may have been renamed since."""
         return self.stored_manifest.name
 
     def camera(self, name: str) -> CameraRecord:
-        """The record of a camera. Raises BadInputError where the session has no such camera."""
+        """Return the record of a camera. Raises BadInputError if the session has no such camera."""
         try:
             return self._cameras[name]
         except KeyError:
@@ -95,20 +95,22 @@ class Session:
             raise BadInputError(f"{self.folder} has no camera {name!r}", hint=f"it has {known}") from None
 
     def image_file(self, record: ImageRecord) -> Path:
-        """The file that an image is in, which is a video for a frame of one: `image_bytes` has its bytes.
+        """Return the file that contains an image, which is the video for a frame of one; see `image_bytes`.
 
-        Raises BadInputError where its path leads out of the session.
+        Raises BadInputError if its path is outside the session.
         """
         if record.path not in self._files:
             self._files[record.path] = inside(self.folder, record.path)
         return self._files[record.path]
 
     def image_place(self, record: ImageRecord) -> tuple[Path, int]:
-        """The file that an image is in, and where it begins there. Raises BadInputError as `image_file`."""
+        """Return the file that contains an image, and the image's byte offset. Raises as `image_file`
+        does."""
         return self.image_file(record), record.offset if isinstance(record, FrameRecord) else 0
 
     def image_bytes(self, record: ImageRecord) -> bytes:
-        """An image's bytes, as a file of its own has them. Raises OSError, BadInputError as `image_file`."""
+        """Return an image as the bytes of an image file. Raises OSError, and BadInputError as `image_file`
+        does."""
         path, offset = self.image_place(record)
         if not isinstance(record, FrameRecord):
             return read_regular(path)
@@ -117,7 +119,7 @@ class Session:
             return video.read(record.bytes)
 
     def video_frames(self, video: VideoRecord) -> list[FrameRecord]:
-        """The lines of a video's frames, in their order. Raises BadInputError where their file is broken."""
+        """Return the records of a video's frames, in order. Raises BadInputError for a malformed file."""
         path = inside(self.folder, frames_path(video.path))
         try:
             return msgspec.json.Decoder(FrameRecord).decode_lines(read_regular(path))
@@ -127,19 +129,19 @@ class Session:
             raise BadInputError(f"{path} does not hold the frames of a video: {error}") from error
 
     def images_by_instant(self) -> list[dict[str, ImageRecord]]:
-        """For each instant in order, the images by camera name; a missing image has no entry."""
+        """Return the images of each instant in order, by camera name; a missing image has no entry."""
         instants: list[dict[str, ImageRecord]] = [{} for _ in self.manifest.burst.instants_ns]
         for record in self.manifest.images:
             instants[record.instant][record.camera] = record
         return instants
 
     def calibration(self) -> Calibration | None:
-        """The rig's calibration, or None. Raises BadInputError where the file is broken."""
+        """Return the rig's calibration, or None. Raises BadInputError if the file is malformed."""
         path = self.folder / CALIBRATION
         return read_struct(path, Calibration, 1) if path.exists() else None
 
     def ground_truth(self, camera: str, instant: int) -> Path | None:
-        """The .npz with an image's true depth and masks, or None."""
+        """Return the .npz with an image's true depth and masks, or None."""
         if not is_name(camera):
             return None
         path = self.folder / ground_truth_path(camera, instant)
@@ -148,14 +150,14 @@ class Session:
     def read_ground_truth(
         self, camera: str, instant: int
     ) -> "tuple[NDArray[np.float32], NDArray[np.bool_]] | None":
-        """True depth (m, 0 = unknown) and movers of a simulated image, or None.
+        """Return true depth (m, 0 = unknown) and moving regions of a simulated image, or None.
 
-        Raises BadInputError where the file is broken.
+        Raises BadInputError if the file is malformed.
         """
         path = self.ground_truth(camera, instant)
         if path is None:
             return None
-        import numpy as np  # slow to import, and this module is in every command's way
+        import numpy as np  # slow to import, and every command imports this module
 
         try:
             data = read_arrays(path)
@@ -165,7 +167,8 @@ class Session:
         return np.where(np.isfinite(depth), depth, np.float32(0)), movers > 0
 
     def true_times(self) -> TrueTimes | None:
-        """The true times of a simulated session, or None. Raises BadInputError where they are broken."""
+        """Return the true times of a simulated session, or None. Raises BadInputError for a malformed
+        file."""
         path = self.folder / TIMES
         times = read_struct(path, TrueTimes) if path.exists() else TrueTimes()
         frames = [
@@ -180,7 +183,7 @@ class Session:
 
 
 def is_being_written(folder: Path) -> bool:
-    """Whether a writer holds the session's lock right now."""
+    """Return whether a writer currently holds the session's lock."""
     handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     try:
         fcntl.flock(handle, fcntl.LOCK_SH | fcntl.LOCK_NB)

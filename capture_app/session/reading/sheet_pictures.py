@@ -1,4 +1,4 @@
-"""A take as a picture to show around: its contact sheet, and the wiggle through its cameras."""
+"""Shareable pictures of a take: its contact sheet, and a wiggle animation through its cameras."""
 
 from collections.abc import Callable
 from typing import TYPE_CHECKING
@@ -22,9 +22,9 @@ MOST_PIXELS = 100_000_000
 def contact_sheet(
     sheet: TakeSheet, width: int, progress: Callable[[int, int], None] = lambda done, total: None
 ) -> "Picture":
-    """Cameras across, instants down, each picture `width` pixels wide: height x width x BGR.
+    """Draw a contact sheet: a column per camera, a row per instant, each image `width` px wide; returns BGR.
 
-    Raises BadInputError where that would be larger than 100 megapixels.
+    Raises BadInputError if the sheet would exceed 100 megapixels.
     """
     import cv2
     import numpy as np
@@ -61,9 +61,9 @@ def contact_sheet(
 
 
 def wiggle_frames(sheet: TakeSheet, instant: int, width: int) -> "list[Picture]":
-    """The pictures of an instant along the cameras' arc, of one size; cameras without one are left out.
+    """Return the images of an instant in the order of the cameras' arc, in one size; skip missing ones.
 
-    Raises BadInputError where the take has no such instant, or fewer than two pictures of it that are whole.
+    Raises BadInputError if the take has no such instant, or fewer than two intact images of it.
     """
     import numpy as np
 
@@ -84,9 +84,9 @@ def wiggle_frames(sheet: TakeSheet, instant: int, width: int) -> "list[Picture]"
 
 
 def encode_animation(frames: "list[Picture]", suffix: str, step_ms: int, rest_ms: int) -> bytes:
-    """There and back through the frames, for ever, as .gif or .webp; the first and the last are shown longer.
+    """Encode an endless back-and-forth animation as .gif or .webp; the first and last frame last `rest_ms`.
 
-    Raises NotAvailableError where this OpenCV cannot write it.
+    Raises NotAvailableError if this build of OpenCV cannot write the format.
     """
     import cv2
 
@@ -95,7 +95,8 @@ def encode_animation(frames: "list[Picture]", suffix: str, step_ms: int, rest_ms
     ends = 0, len(frames) - 1
     animation.durations = [rest_ms if k in ends else step_ms for k in range(len(animation.frames))]
     animation.loop_count = 0
-    # On a sample these give 30.5 dB as GIF (by OpenCV's defaults 21.4), 31.6 dB as WebP in half the bytes.
+    # On a sample these settings give 30.5 dB as GIF (OpenCV's defaults: 21.4), and 31.6 dB as WebP in half
+    # the bytes.
     options = {
         ".gif": [cv2.IMWRITE_GIF_DITHER, 3, cv2.IMWRITE_GIF_QUALITY, 8],
         ".webp": [cv2.IMWRITE_WEBP_QUALITY, 80],
@@ -107,7 +108,7 @@ def encode_animation(frames: "list[Picture]", suffix: str, step_ms: int, rest_ms
 
 
 def fit(image: "Picture", width: int, height: int) -> "Picture":
-    """The picture as large as it fits into so many pixels."""
+    """Scale the image to the largest size that fits into `width` x `height` px."""
     import cv2
     import numpy as np
 
@@ -119,7 +120,7 @@ def fit(image: "Picture", width: int, height: int) -> "Picture":
 def _write(
     whole: "Picture", text: str, at: tuple[int, int], colour: tuple[int, int, int], *, room: int
 ) -> None:
-    """Write as much of a text as there is room for, in OpenCV's font, which knows ASCII only."""
+    """Draw as much of the text as fits, in OpenCV's font, which only has ASCII."""
     import cv2
 
     font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.45

@@ -1,4 +1,4 @@
-"""What is said of how late cameras' stamps are, to who looks at a rig or at a session."""
+"""Text for operators about the delay of cameras' timestamps."""
 
 from collections.abc import Mapping
 
@@ -7,7 +7,7 @@ from capture_app.common.text import count, duration
 
 UNMEASURED = (StampSource.ASSUMED, StampSource.PROFILE)
 REMEDY = "capture-app cameras calibrate-time"
-"""What measures it."""
+"""Command that measures the timestamp delay."""
 _SOURCES = {
     StampSource.CONSTRUCTION: "by construction",
     StampSource.DRIVER: "by its driver",
@@ -19,7 +19,7 @@ _SOURCES = {
 
 
 def describe_stamp(stamp: StampAccuracy) -> str:
-    """Say how late a camera's stamps are: 21 ms ±21 ms late, assumed."""
+    """Describe the delay of a camera's timestamps: 21 ms ±21 ms late, assumed."""
     if stamp.is_exact and not stamp.bias_ns:
         return f"exact, {_SOURCES[stamp.source]}"
     late = f"{duration(abs(stamp.bias_ns))} ±{duration(stamp.uncertainty_ns)}"
@@ -28,13 +28,16 @@ def describe_stamp(stamp: StampAccuracy) -> str:
 
 
 def unmeasured_stamps(cameras: Mapping[str, CameraFacts]) -> str:
-    """Say whose stamps nobody has measured, or not against all others', and what does; empty for nobody's."""
+    """Name the cameras whose timestamp delay is not measured, or not against all others; empty for none.
+
+    The text also names the command that measures it.
+    """
     unsure = {
         name: camera.stamp_accuracy.uncertainty_ns
         for name, camera in cameras.items()
         if camera.stamp_accuracy.source in UNMEASURED
     }
-    # What was measured, though against other cameras than the rest, is left to be said where all were.
+    # Delays measured against different reference cameras are reported only if every camera has a measurement.
     against = {name: error_ns for name, error_ns in unshared_uncertainties_ns(cameras).items() if error_ns}
     unsure = unsure or against
     if not unsure:

@@ -1,4 +1,4 @@
-"""A take as a sheet: cameras across in the order of their arc, instants down, and what each picture is."""
+"""A take as a table: cameras across in the order of their arc, instants down, a note on each image."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -16,37 +16,37 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 PARALLEL = 1e-3
-"""Optical axes with a smaller mean squared sine of the angle to any one direction are parallel."""
+"""Mean squared sine of the optical axes' angles to a common direction below which they count as parallel."""
 
 
 def arc_order(session: Session) -> tuple[str, ...]:
-    """Cameras as one passes them going round what they look at, from the end of the arc; else by name.
+    """Return the camera names in the order of their arc around the subject; sorted by name without poses.
 
-    Raises BadInputError where the session's calibration is broken.
+    Raises BadInputError if the session's calibration is malformed.
     """
     names = sorted((camera.name for camera in session.manifest.cameras), key=natural_order)
     calibration = session.calibration()
     if calibration is None or len(names) < 3 or not all(name in calibration.cameras for name in names):
         return tuple(names)
-    import numpy as np  # heavy: only where there are poses
+    import numpy as np  # heavy: imported only if there are poses
 
     poses = [calibration.cameras[name] for name in names]
     rotations = np.array([pose.rotation for pose in poses])
     centres = -np.einsum("nij,ni->nj", rotations, np.array([pose.translation for pose in poses]))
     angles = _angles(centres, rotations[:, 2])
     order = np.argsort(angles)
-    # The arc begins after its widest gap.
+    # The arc starts after its widest gap.
     gaps = np.diff(np.r_[angles[order], angles[order[0]] + 2 * np.pi])
     order = np.roll(order, -int(gaps.argmax()) - 1)
     found = tuple(names[index] for index in order)
-    # Of the two directions the one that begins with the earlier name.
+    # Of the two directions, choose the one that starts with the earlier name.
     return found if natural_order(found[0]) <= natural_order(found[-1]) else found[::-1]
 
 
 def _angles(centres: "NDArray[np.float64]", directions: "NDArray[np.float64]") -> "NDArray[np.float64]":
-    """Angles of the cameras around the point they look at, in the plane in which they stand and look.
+    """Return the angles of the cameras around the point that they look at, in the plane of cameras and axes.
 
-    The point is the one nearest to all optical axes; for parallel ones it lies far ahead.
+    The point is the one nearest to all optical axes; for parallel axes it is far in front of the cameras.
     """
     import numpy as np
 
@@ -66,7 +66,7 @@ class TakeSheet:
     """A session's images by camera and instant."""
 
     def __init__(self, session: Session) -> None:
-        """Raises BadInputError where the session's calibration is broken."""
+        """Read the camera order of a session. Raises BadInputError if its calibration is malformed."""
         self.session, self.verdict = session, judge(session.manifest)
         self.cameras = arc_order(session)
         self._images = {(image.camera, image.instant): image for image in session.manifest.images}
@@ -79,16 +79,17 @@ class TakeSheet:
 
     @property
     def instants(self) -> int:
-        """How many instants it has."""
+        """Number of instants."""
         return len(self.session.manifest.burst.instants_ns)
 
     @property
     def aspect(self) -> float:
-        """Height over width of the tallest camera's images."""
+        """Height divided by width of the tallest camera's images."""
         return max(one.facts.height / one.facts.width for one in self.session.manifest.cameras)
 
     def image(self, camera: str, instant: int) -> ImageRecord | None:
-        """The image at a place, if there is one. Raises BadInputError where the take has no such place."""
+        """Return a camera's image of an instant, or None. Raises BadInputError if the take has no such
+        place."""
         if camera not in self.cameras or not 0 <= instant < self.instants:
             raise BadInputError(
                 f"{self.session.folder} has no camera {camera!r} at instant {instant}",
@@ -97,7 +98,7 @@ class TakeSheet:
         return self._images.get((camera, instant))
 
     def remark(self, camera: str, instant: int) -> str:
-        """A few words on the image at a place, or why there is none; empty where all is well."""
+        """Return a short note on an image, or the reason why it is missing; empty if nothing is wrong."""
         image = self.image(camera, instant)
         if image is None:
             return self._missing.get((camera, instant), "missing")
@@ -106,20 +107,20 @@ class TakeSheet:
         return "frame beside it" if image.substitute else ""
 
     def since_start_ns(self, instant: int) -> int:
-        """Time of an instant after the first one, in ns."""
+        """Return the time of an instant since the first one, ns."""
         instants_ns = self.session.manifest.burst.instants_ns
         return instants_ns[instant] - instants_ns[0]
 
     def spread_ns(self, instant: int) -> int | None:
-        """From the first to the last image of an instant; None for fewer than two."""
+        """Return the time from the first to the last image of an instant, ns; None for fewer than two."""
         images = (self.image(camera, instant) for camera in self.cameras)
         times = [image.leader_ns for image in images if image is not None]
         return max(times) - min(times) if len(times) > 1 else None
 
     def load(self, camera: str, instant: int, width: int = 0) -> "NDArray[np.uint8] | None":
-        """Decode a picture (height x width x BGR), at least `width` pixels wide if it has them; 0: in full.
+        """Decode an image (height x width x BGR), at least `width` px wide if possible; 0 for full size.
 
-        None where it is missing or cannot be read. Blocks on the disk.
+        Returns None if it is missing or unreadable. Blocks on the disk.
         """
         image = self.image(camera, instant)
         if image is None:

@@ -1,4 +1,4 @@
-"""How well a burst is synchronized and what it is good for: the one judgement that is shown everywhere."""
+"""Verdict on a burst: its synchronization quality and the motion it tolerates; every view shows this one."""
 
 from collections import Counter
 from collections.abc import Iterator, Sequence
@@ -17,14 +17,14 @@ from capture_app.session.format.manifest import (
 from capture_app.session.reading.stamp_words import unmeasured_stamps
 
 PX_PER_S = 1000.0
-"""The motion assumed in verdicts, in pixels a second: a person running through the picture in one or two."""
+"""Motion assumed in verdicts, px/s: a person who runs through the image in one or two seconds."""
 
 
 Grade = Literal["excellent", "good", "fair", "poor", "unknown"]
-"""How far something of `PX_PER_S` is displaced between the cameras, the error of their times included.
+"""Displacement between cameras of an object at `PX_PER_S`, including the uncertainty of the image times.
 
-Excellent, good and fair are less than a tenth of a pixel, a pixel and ten pixels; unknown: there are no two
-images of one instant, or the error of their times is not known.
+Excellent, good and fair are below 0.1, 1 and 10 px. Unknown: no instant has two images, or the uncertainty of
+their times is unknown.
 """
 
 
@@ -36,35 +36,35 @@ _LIMITS_PX: tuple[tuple[float, Grade], ...] = ((0.1, "excellent"), (1.0, "good")
 GRADE_LIMITS = "spread and error together: " + ", ".join(
     f"{grade} below {duration(limit / PX_PER_S * 1e9)}" for limit, grade in _LIMITS_PX
 )
-"""What the words mean, as times."""
+"""The grades' limits as times."""
 
 
 class Verdict(Struct, frozen=True, kw_only=True):
-    """The judgement of a take; times in ns, None where they are not known."""
+    """The verdict on a take; times in ns, None if unknown."""
 
     grade: Grade
     headline: str
-    """The grade and what it is good for, in one short sentence."""
+    """The grade and the motion it allows, in one short sentence."""
     sentence: str
-    """What the times mean for something that moves."""
+    """Effect of the time differences on a moving object, in one sentence."""
     spread_ns: int | None = None
-    """The time from the first to the last image of the worst instant."""
+    """Peak-to-peak time of the worst instant: from its first to its last image."""
     spread_error_ns: int | None = None
-    """The spread is surer than this, 95 %: twice the error of the worst image's time."""
+    """95 % uncertainty of the spread: twice the uncertainty of the worst image's time."""
     motion_px_per_s: float | None = None
-    """Something slower than this is displaced by less than a pixel, the error of the times included."""
+    """Speed below which an object is displaced by less than 1 px, including the uncertainty of the times."""
     images: int = 0
     expected: int = 0
     dropped: int = 0
-    """How many of the missing images a camera dropped."""
+    """Number of missing images that a camera dropped."""
     substituted: int = 0
     late: int = 0
     stamps: str = ""
-    """Whose stamps nobody has measured, and what does; empty where that is no part of the error."""
+    """Cameras with unmeasured timestamp delay and the command that measures it; empty if irrelevant here."""
 
     @property
     def spread(self) -> str:
-        """The spread with its error bar: 63 µs ±18 µs."""
+        """The spread with its uncertainty: 63 µs ±18 µs."""
         if self.spread_ns is None:
             return duration(None)
         error = "" if self.spread_error_ns is None else f" ±{duration(self.spread_error_ns)}"
@@ -72,18 +72,18 @@ class Verdict(Struct, frozen=True, kw_only=True):
 
 
 def judge(manifest: Manifest) -> Verdict:
-    """Judge a take by its spread, its error bars, and what is missing."""
+    """Judge a take by its spread, its uncertainty and its missing images."""
     sync, times = find_sync_record(manifest), manifest.burst.common_times
     unknown = times is not None and times.unknown
     images = [0] * len(manifest.burst.instants_ns)
     for image in manifest.images:
         images[image.instant] += 1
     spreads = [spread for spread, number in zip(sync.spread_ns, images, strict=True) if number > 1]
-    # Times that have no common clock have no spread.
+    # Times without a common clock have no spread.
     spread_ns = None if unknown else max(spreads, default=None)
     error_ns = None if sync.uncertainty_ns is None else 2 * sync.uncertainty_ns
     grade, motion = grade_of(spread_ns, error_ns)
-    # What was recorded before anybody asked, or elsewhere, has no error bar that its stamps could be part of.
+    # Old recordings and imports carry no timestamp uncertainty, so it cannot be part of their error.
     stamped = {camera.name: camera.facts for camera in manifest.cameras if camera.facts.stamp is not None}
     purpose, sentence = _purpose(grade, motion, spread_ns), "there are no two images of one instant"
     if unknown:
@@ -107,7 +107,7 @@ def judge(manifest: Manifest) -> Verdict:
 
 
 def find_sync_record(manifest: Manifest) -> SyncRecord:
-    """The manifest's record of its synchronization; where it lacks one of its instants, their images tell."""
+    """Return the manifest's synchronization record; an instant that it lacks is computed from its images."""
     sync = manifest.sync
     if sync is not None and len(sync.spread_ns) == len(manifest.burst.instants_ns):
         return sync
@@ -115,7 +115,7 @@ def find_sync_record(manifest: Manifest) -> SyncRecord:
 
 
 def describe_displacement(sync: SyncRecord, px_per_s: float = PX_PER_S) -> str:
-    """Say in one sentence how far something that moves that fast is displaced between the cameras."""
+    """Describe in one sentence the displacement between cameras of an object at this speed."""
     worst_ns = max(sync.spread_ns, default=0)
     cost = (
         f"an object moving at {px_per_s:g} px/s is displaced by {pixels(worst_ns, px_per_s)} between cameras"
@@ -130,13 +130,13 @@ def describe_displacement(sync: SyncRecord, px_per_s: float = PX_PER_S) -> str:
 
 
 def pixels(time_ns: int, px_per_s: float = PX_PER_S) -> str:
-    """How far something of that speed moves in a time of `time_ns`, in words."""
+    """Describe the distance that an object at this speed moves in `time_ns`."""
     distance = px_per_s * time_ns * 1e-9
     return f"{distance:.2f} px" if distance < 9.995 else f"{distance:,.0f} px"
 
 
 def grade_of(spread_ns: int | None, error_ns: int | None) -> tuple[Grade, float | None]:
-    """The grade of a spread with its error, and the motion in px/s that it is good for to within a pixel."""
+    """Return the grade of a spread with its error, and the motion in px/s displaced by less than 1 px."""
     if spread_ns is None or error_ns is None:
         return "unknown", None
     sure_ns = max(1, spread_ns + error_ns)
@@ -168,7 +168,7 @@ def _completeness(manifest: Manifest, sync: SyncRecord) -> str:
 
 
 def skipped_text(skipped: Sequence[SkippedInstant]) -> str:
-    """How many instants were skipped and why: "1 instant skipped: cam03 dropped 1 frame"; empty for none."""
+    """Describe the skipped instants and why: "1 instant skipped: cam03 dropped 1 frame"; empty for none."""
     if not skipped:
         return ""
     gaps = [gap for instant in skipped for gap in instant.missing]

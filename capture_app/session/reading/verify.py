@@ -1,4 +1,4 @@
-"""Verify a session: every image against the manifest, the clock records and the journal."""
+"""Session verification: every image is checked against the manifest, the clock records and the journal."""
 
 import hashlib
 from collections import Counter
@@ -32,16 +32,16 @@ from capture_app.session.reading.reader import Session
 
 _ROUNDING_NS = 1_000
 _ONE_MAP_NS, _WANDER = 2_000_000_000, 20e-6
-"""Frames of a longer burst are timed by the newest map of a clock, whose rate may be another by so much."""
+"""Frames of a burst longer than this use the newest clock map, whose rate may differ by up to `_WANDER`."""
 DECODED_EACH = 30
-"""Every so many instants a frame of a video is decoded in full; of all others the head is read."""
+"""Interval, in instants, between fully decoded frames of a video; of the others only headers are read."""
 
 
 ProblemKind = Literal["missing", "changed", "unreadable", "contradictory", "unexpected"]
 
 
 class Problem(msgspec.Struct, frozen=True):
-    """One thing that is wrong, and the path inside the session where it is."""
+    """One defect, with the path inside the session where it is."""
 
     kind: ProblemKind
     where: str
@@ -55,7 +55,7 @@ _contradiction = partial(Problem, "contradictory")
 
 
 def verify(session: Session) -> list[Problem]:
-    """Check every file and every number of a session; an empty list means that all agree."""
+    """Check every file and every number of a session; return the defects, none if all agree."""
     return [
         *_burst(session),
         *_order(session),
@@ -92,7 +92,7 @@ def _burst(session: Session) -> Iterator[Problem]:
 
 
 def _order(session: Session) -> Iterator[Problem]:
-    """Check that the times of each camera's images increase, by its own clock and by the leader's."""
+    """Check that the times of each camera's images increase, in its own clock and in the leader's."""
     images = sorted(session.manifest.images, key=lambda image: (image.camera, image.instant))
     for last, record in pairwise(images):
         if record.camera != last.camera or record.instant == last.instant:
@@ -119,7 +119,7 @@ def _image(session: Session, record: ImageRecord) -> Iterator[Problem]:
     try:
         data = session.image_bytes(record)
     except FileNotFoundError:
-        # Of a video that is gone one thing is said, by `_videos`, and not one of each of its frames.
+        # `_videos` reports a missing video once; here it would be reported once a frame.
         if not isinstance(record, FrameRecord):
             yield Problem("missing", record.path, "the image is missing")
         return
@@ -130,14 +130,14 @@ def _image(session: Session, record: ImageRecord) -> Iterator[Problem]:
         yield Problem("changed", record.path, f"{len(data)} bytes long, not {record.bytes}")
     elif hashlib.sha256(data).hexdigest() != record.sha256:
         yield Problem("changed", record.path, "its bytes have changed: the sha256 differs")
-    # Ten minutes of a video are 18,000 pictures: decoding one in 30 finds an encoder that went wrong.
+    # Ten minutes of video are 18,000 images: decoding one in 30 still detects a broken encoder.
     in_full = not isinstance(record, FrameRecord) or record.instant % DECODED_EACH == 0
     yield from _picture(record.path, data, session.camera(record.camera), in_full=in_full)
 
 
 def _picture(path: str, data: bytes, camera: CameraRecord, *, in_full: bool) -> Iterator[Problem]:
     told, own = size_of(data), (camera.facts.width, camera.facts.height)
-    # What is of another size need not be decoded, and might not fit into memory.
+    # An image of a different size need not be decoded, and might not fit into memory.
     size = told if told is not None and (told != own or not in_full) else image_size(data)
     if size is None:
         yield Problem("unreadable", path, "not an image that can be decoded")
@@ -146,7 +146,7 @@ def _picture(path: str, data: bytes, camera: CameraRecord, *, in_full: bool) -> 
 
 
 def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
-    """Check an image's times against its instant, its camera's clock, and what is known of its stamps."""
+    """Check an image's times against its instant, its camera's clock, and the timestamp delay."""
     burst, camera = session.manifest.burst, session.camera(record.camera)
     residual_ns = record.leader_ns - burst.instants_ns[record.instant]
     stamped_ns = record.leader_ns - record.alignment_offset_ns
@@ -190,13 +190,13 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
 def _clock_error(
     session: Session, record: ImageRecord, camera: CameraRecord, stamp_ns: int
 ) -> tuple[int, int]:
-    """How far an image's leader time is from its local one converted, and how far it may be, in ns."""
+    """Return how much an image's leader time differs from its converted local time, and the limit, in ns."""
     clock, instants_ns = camera.clock, session.manifest.burst.instants_ns
     if clock is None or record.local_ns is None:
         return 0, 0
     allowed_ns = clock.uncertainty_ns + _ROUNDING_NS
     if record.uncertainty_ns is not None:
-        # How late the stamps are is another matter than how clocks are converted.
+        # The timestamp delay does not affect clock conversion, so its uncertainty is subtracted.
         allowed_ns = max(0, record.uncertainty_ns - stamp_ns) + _ROUNDING_NS
     if instants_ns[-1] - instants_ns[0] > _ONE_MAP_NS:
         allowed_ns += clock.uncertainty_ns + round(_WANDER * abs(record.leader_ns - instants_ns[0]))
@@ -262,7 +262,7 @@ def _ground_truth(session: Session) -> Iterator[Problem]:
 
 
 def _videos(session: Session) -> Iterator[Problem]:
-    """Check that each video is as long as its record says, and its frames one behind the other."""
+    """Check that each video has the length in its record, and that its frames are contiguous."""
     for video in session.stored_manifest.videos:
         frames, path = session.video_frames(video), session.folder / video.path
         if frames and not path.exists():

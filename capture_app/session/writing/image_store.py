@@ -1,4 +1,4 @@
-"""The images of a session being written: each a file, then a line of the journal, and their truth."""
+"""Images of a session being written: each is a file, then a journal line, plus its ground truth."""
 
 import hashlib
 from collections.abc import Sequence, Set
@@ -30,28 +30,28 @@ from capture_app.session.format.manifest import JOURNAL, ImageRecord, check_imag
 from capture_app.session.writing.recovery import recover_images, recover_true_times
 
 Key = tuple[str, int]
-"""A camera and an instant."""
+"""Camera name and instant."""
 
 
 @dataclass(frozen=True, slots=True)
 class StoredImage:
-    """An image, or a frame of a video, that is to be saved, with what the simulator knows of it."""
+    """An image or a video frame to be saved, with its ground truth if simulated."""
 
     record: ImageRecord
     source: Path | bytes
-    """Its bytes, or the file on the session's disk that holds them."""
+    """The image's bytes, or a file on the session's disk that contains them."""
     truth: bytes = b""
-    """The .npz of a simulated image; empty for none."""
+    """Bytes of a simulated image's ground truth .npz; empty for none."""
     true_ns: int | None = None
-    """True start of the first row's exposure, of a simulated image, in the host's clock."""
+    """True start of the first row's exposure of a simulated image, ns in the host's clock."""
 
     @property
     def key(self) -> Key:
-        """What tells it from the others."""
+        """The image's unique key."""
         return self.record.camera, self.record.instant
 
     def journal_line(self) -> bytes:
-        """The record as the journal has it. Raises BadInputError for one that no session can hold."""
+        """Encode the record as a journal line. Raises BadInputError if no session can contain it."""
         record = self.record
         check_name(record.camera, "camera")
         check_image_path(record)
@@ -59,39 +59,39 @@ class StoredImage:
 
 
 class ImageStore:
-    """The images of one session being written, with their truth; its writer calls one method at a time."""
+    """Images of one session being written, with their ground truth; the writer serializes all calls."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
         self._records: dict[Key, ImageRecord] = {}
         self._journal: AppendOnlyFile
         self.damaged: tuple[Key, ...] = ()
-        """Images of a resumed session that were saved and are damaged now."""
+        """Images of a resumed session that were saved and are now damaged."""
         self.is_crash_safe = False
-        """Whether true times are kept as they come; else they are written with the manifest only."""
+        """Whether each true time is journaled on arrival; otherwise they are written with the manifest."""
         self.true_times: dict[Key, TrueTime] = {}
-        """By image, what the simulator knows of when it was taken."""
+        """True capture times of simulated images, by image."""
         self.clocks: dict[str, SimulatedClock] = {}
-        """Simulated cameras' clocks as they really are."""
+        """True clocks of the simulated cameras."""
         self._true_journal: AppendOnlyFile | None = None
         self._new_folders: frozenset[Path] = frozenset()
-        """Folders that have new ones in them and are not known to be on the disk."""
+        """Folders with new entries that are not synced yet."""
 
     @property
     def records(self) -> tuple[ImageRecord, ...]:
-        """The records of all images that are saved, by instant and camera."""
+        """Return the records of all saved images, by instant and camera."""
         return tuple(sorted(self._records.values(), key=lambda image: (image.instant, image.camera)))
 
     def get(self, camera: str, instant: int) -> ImageRecord | None:
-        """The record of an image that is saved."""
+        """Return the record of a saved image."""
         return self._records.get((camera, instant))
 
     def instants(self, camera: str) -> set[int]:
-        """The instants of which a camera's image is saved."""
+        """Return the instants for which a camera's image is saved."""
         return {instant for of, instant in self._records if of == camera}
 
     def open(self, *, recover: bool) -> None:
-        """Open the journal; with `recover`, first find the images that an interrupted writer has left.
+        """Open the journal; with `recover`, first find the images that an interrupted writer left.
 
         Raises OSError.
         """
@@ -103,10 +103,10 @@ class ImageStore:
         self._journal = AppendOnlyFile(self._folder / JOURNAL)
 
     def save(self, images: Sequence[StoredImage]) -> list[SimulshotError | None]:
-        """Put images with their truth on the disk, and then their lines into the journal.
+        """Write images and their ground truth to disk, then append their lines to the journal.
 
-        The disk is synced once for all of them. Returns what went wrong with each; that one is not in the
-        session then.
+        All of them share one sync. Returns the error of each image; an image with an error is not in the
+        session.
         """
         errors: list[SimulshotError | None] = [None] * len(images)
         begun: dict[int, list[Path]] = {}
@@ -132,13 +132,13 @@ class ImageStore:
         return errors
 
     def close(self) -> None:
-        """Close the journals: all that is saved is in them already."""
+        """Close the journals, which already contain all saved images."""
         self._journal.close()
         if self._true_journal is not None:
             self._true_journal.close()
 
     def write_truth(self) -> tuple[Path, ...]:
-        """Write times.json, unless no true time and no clock is known; return what is still to be synced.
+        """Write times.json, unless no true time and no clock is known; return the paths still to be synced.
 
         Raises OSError.
         """
@@ -157,7 +157,7 @@ class ImageStore:
             raise BadInputError(f"there is an image of {image.key[0]} at instant {image.key[1]} already")
 
     def _put(self, image: StoredImage) -> list[Path]:
-        """Give an image's file its name, and keep its truth; return what is still to be synced."""
+        """Move an image's file to its final name and store its truth; return the paths still to be synced."""
         path = self._folder / image.record.path
         changed = [] if image.true_ns is None else self._put_truth(*image.key, image.true_ns, image.truth)
         self._make(path.parent)
@@ -168,7 +168,7 @@ class ImageStore:
         return [*changed, path, path.parent]
 
     def _put_truth(self, camera: str, instant: int, true_ns: int, data: bytes) -> list[Path]:
-        """Keep an image's true first-row time in ns of the host's clock, and its .npz where there is one."""
+        """Store an image's true first-row time (ns, host's clock), and its .npz if there is one."""
         changed, sha256 = [], hashlib.sha256(data).hexdigest() if data else None
         if data:
             path = self._folder / ground_truth_path(camera, instant)
@@ -190,9 +190,9 @@ class ImageStore:
         self._new_folders |= set(make_folders_unsynced(folder, self._folder))
 
     def _sync(self, paths: list[Path]) -> dict[Path, OSError]:
-        """Wait until these files and folders, and the new ones, are on the disk; return what failed.
+        """Sync these files and folders, and the new folders; return the errors by path.
 
-        Where a new folder did, none of `paths` is safe.
+        If a new folder fails, every path counts as failed.
         """
         failed = sync_all((*paths, *self._new_folders))
         self._new_folders &= failed.keys()
@@ -203,7 +203,7 @@ class ImageStore:
     def _note(
         self, images: Sequence[StoredImage], good: Sequence[int], errors: list[SimulshotError | None]
     ) -> None:
-        """Add the lines of images that are on the disk to the journal."""
+        """Append journal lines for images that are on disk."""
         try:
             self._journal.append(*(images[place].journal_line() for place in good), durable=bool(good))
         except OSError as error:

@@ -1,4 +1,4 @@
-"""Recovers a session after a crash: finds the images that are safe and moves all others aside."""
+"""Session recovery after a crash: find the intact images and move all others aside."""
 
 import hashlib
 import shutil
@@ -28,21 +28,21 @@ SET_ASIDE = "set_aside"
 INCOMING = "incoming"
 """Folder for images whose transfer is not complete."""
 RESERVE = f"reserve{PART}"
-"""Room that is kept for the manifest, so that a session can be finished on a full disk."""
+"""File that reserves disk space for the manifest, so that a session can be finished on a full disk."""
 
 
 def recover_images(folder: Path) -> tuple[list[ImageRecord], list[ImageRecord]]:
-    """Return the images that the journal lists, safe and damaged; the journal then lists the safe ones only.
+    """Return the intact and the damaged images of the journal; afterwards it lists the intact ones only.
 
-    Files that it does not list, and those whose bytes have changed, are moved into `set_aside`.
-    Needs the session's lock. Raises OSError.
+    Files that it does not list, or whose bytes changed, are moved into `set_aside`. Requires the session's
+    lock. Raises OSError.
     """
     data = read_regular(folder / JOURNAL) if (folder / JOURNAL).exists() else b""
     records: dict[tuple[str, int], ImageRecord] = {}
     for line in lines_of_file(data):
         if (listed := record_of_line(line, ImageRecord)) is not None:
             records.setdefault((listed.camera, listed.instant), listed)
-    # An undamaged manifest is believed before the journal, which may be damaged.
+    # An undamaged manifest takes precedence over the journal, which may be damaged.
     records |= {(record.camera, record.instant): record for record in _images_of_intact_manifest(folder)}
     safe = [record for record in records.values() if is_intact(folder, record)]
     (folder / RESERVE).unlink(missing_ok=True)
@@ -63,7 +63,7 @@ def _images_of_intact_manifest(folder: Path) -> tuple[ImageRecord, ...]:
 
 
 def is_intact(folder: Path, record: ImageRecord) -> bool:
-    """Whether an image's file is in its place and has the size and checksum of its record."""
+    """Return whether an image's file exists with the size and checksum of its record."""
     suffix = Path(record.path).suffix
     if record.path != image_path(record.camera, record.instant, suffix):
         return False
@@ -73,7 +73,7 @@ def is_intact(folder: Path, record: ImageRecord) -> bool:
 
 
 def recover_true_times(folder: Path, images: Iterable[ImageRecord]) -> dict[tuple[str, int], TrueTime]:
-    """Return the true times of these images, as far as they are known."""
+    """Return the known true times of these images."""
     path = folder / TRUE_TIMES_JOURNAL
     if not path.exists():
         return {}
@@ -109,6 +109,6 @@ def _set_aside_all_but(folder: Path, kept: set[str]) -> None:
 
 
 def remove_leftovers(folder: Path) -> None:
-    """Delete what a finished session does not need: the reserve and transfers that never ended."""
+    """Delete what a finished session does not need: the reserve and incomplete transfers."""
     (folder / RESERVE).unlink(missing_ok=True)
     shutil.rmtree(folder / INCOMING, ignore_errors=True)

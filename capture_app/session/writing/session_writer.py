@@ -1,4 +1,4 @@
-"""Writes a session so that a crash at any moment loses at most the images being written."""
+"""Session writer; a crash at any moment loses at most the images being written."""
 
 import hashlib
 import heapq
@@ -51,13 +51,13 @@ from capture_app.session.writing.video_store import VideoStore
 
 RESERVED_BYTES = 1 << 16
 RESERVED_BYTES_PER_IMAGE = 1500
-"""What the manifest and the checksums may need."""
+"""Disk space reserved for the manifest and the checksums."""
 RESERVED_BYTES_PER_INSTANT, MOST_RESERVED_INSTANTS = 60, 400_000
-"""Reserved for a recording, of which nobody knows how long it will be."""
+"""Reserved for a recording, whose length is unknown in advance."""
 
 
 def reserve_room(folder: Path, plan: BurstPlan) -> None:
-    """Keep room on the disk for the manifest of a burst. Raises OSError where there is none."""
+    """Reserve disk space for the manifest of a burst. Raises OSError if there is not enough."""
     instants = len(plan.instants_ns)
     if plan.streamed is not None and plan.streamed.video:
         needed = RESERVED_BYTES_PER_INSTANT * min(instants, MOST_RESERVED_INSTANTS)
@@ -67,9 +67,9 @@ def reserve_room(folder: Path, plan: BurstPlan) -> None:
 
 
 def encode_manifest(folder: Path, manifest: Manifest, frames: Iterable[ImageRecord] = ()) -> bytes:
-    """Add the sync record and encode; `frames` are those of its videos, in the order of their instants.
+    """Add the sync record and encode the manifest; `frames` are its videos' frames, in the order of instants.
 
-    Raises BadInputError where the records contradict each other.
+    Raises BadInputError if the records contradict each other.
     """
     encode_checked(manifest)
     check_references(folder / MANIFEST, manifest)
@@ -79,7 +79,7 @@ def encode_manifest(folder: Path, manifest: Manifest, frames: Iterable[ImageReco
 
 
 def earlier_note(folder: Path) -> str:
-    """The note of a manifest that is replaced: somebody may have written it since."""
+    """Return the note of the manifest to be replaced: the operator may have written it since."""
     try:
         return Session.open(folder).stored_manifest.note
     except (BadInputError, IncompleteError):
@@ -89,7 +89,7 @@ def earlier_note(folder: Path) -> str:
 def write_manifest(folder: Path, data: bytes, before: Iterable[Path]) -> None:
     """Write the checksums and then the manifest, which makes the session complete. Raises OSError.
 
-    The files and folders `before` it are synced first, all at once.
+    The files and folders in `before` are synced first, all at once.
     """
     checksums = write_checksums(folder, data)
     for error in sync_all((*before, checksums, folder)).values():
@@ -98,7 +98,7 @@ def write_manifest(folder: Path, data: bytes, before: Iterable[Path]) -> None:
 
 
 class SessionWriter:
-    """One session being written. Methods may be called from any thread; each blocks on the disk."""
+    """Writer of one session. Methods may be called from any thread; each blocks on the disk."""
 
     def __init__(self, folder: Path, name: str, created: str = "", software: str = "") -> None:
         self.folder = folder
@@ -108,11 +108,11 @@ class SessionWriter:
         self.software = software or f"simulshot {__version__}"
         self._mutex = threading.RLock()
         self.images = ImageStore(folder)
-        """The images that are files of their own, and the truth of all."""
+        """Images stored as separate files, and the ground truth of all images."""
         self.videos = VideoStore(folder)
-        """The videos of a recording, whose frames are no files of their own."""
+        """Videos of a recording, which contain its frames."""
         self.plan: BurstPlan | None = None
-        """The plan of the burst, where `set_plan` was called or an interrupted session had one."""
+        """The burst's plan, from `set_plan` or from the interrupted session."""
         self._open = True
         self._lock = lock_folder(folder)
         try:
@@ -126,10 +126,10 @@ class SessionWriter:
 
     @classmethod
     def create(cls, root: Path, name: str, *, created: str = "") -> "SessionWriter":
-        """Begin the session root/name, locked against other writers until it is finished or aborted.
+        """Create the session root/name, locked against other writers until it is finished or aborted.
 
-        `created` (RFC 3339, UTC) defaults to now.
-        Raises BadInputError where the name is unsafe, taken, or the folder cannot be made.
+        `created` (RFC 3339, UTC) defaults to now. Raises BadInputError if the name is unsafe or in use, or if
+        the folder cannot be created.
         """
         check_name(name, "session")
         folder = Path(root) / name
@@ -144,17 +144,17 @@ class SessionWriter:
 
     @classmethod
     def resume(cls, folder: Path) -> "SessionWriter":
-        """Reopen a session that a crash interrupted, or that lacks images, with the images that are safe.
+        """Reopen an interrupted or incomplete session with its intact images.
 
-        Raises BadInputError where another process writes it, or it has no plan to go by.
+        Raises BadInputError if another process is writing it, or if it has no plan.
         """
         plan = read_plan(folder)
         return cls(folder, plan.name, plan.created, plan.software)
 
     def set_plan(self, plan: BurstPlan) -> None:
-        """Save the plan of the burst durably; after a crash the session can be resumed from then on.
+        """Save the plan of the burst durably; from then on the session can be resumed after a crash.
 
-        Raises DiskFullError where not even the manifest will find room.
+        Raises DiskFullError if there is no space even for the manifest.
         """
         with self._writing():
             write_atomic(self.folder / PLAN, indented(encode_checked(plan)))
@@ -174,11 +174,11 @@ class SessionWriter:
         true_ns: int | None = None,
         **further: Any,
     ) -> ImageRecord:
-        """Save one image's file bytes as they are; once this returns no crash can lose it.
+        """Save one image's file bytes unchanged; once this returns, no crash can lose it.
 
-        `truth` and `true_ns` are those of `StoredImage`, `further` what is known of its ImageRecord. Raises
-        BadInputError for an unsafe camera name, an unknown kind of file, an empty image, or one that is there
-        already.
+        `truth` and `true_ns` are fields of `StoredImage`; `further` are further fields of the ImageRecord.
+        Raises BadInputError for an unsafe camera name, an unknown file type, an empty image, or one that
+        already exists.
         """
         if suffix not in IMAGE_SUFFIXES:
             raise BadInputError(
@@ -201,10 +201,10 @@ class SessionWriter:
         return record
 
     def save(self, images: Sequence[StoredImage], *, in_videos: bool = False) -> list[SimulshotError | None]:
-        """Add images, as files, or `in_videos` as frames to the videos of their cameras.
+        """Add images, as files or, with `in_videos`, as frames of their cameras' videos.
 
-        The disk is synced once for all of them, or once for each video; once this returns no crash can lose
-        one, unless it has an error in the answer. A frame that its video has already is left out.
+        Each call syncs the disk once, or once for each video. After it returns, no crash can lose an image
+        whose entry in the result is not an error. Frames that a video already contains are skipped.
         """
         try:
             with self._writing():
@@ -213,15 +213,15 @@ class SessionWriter:
             return [error] * len(images)
 
     def image(self, camera: str, instant: int) -> ImageRecord | None:
-        """The record of an image that is saved already; None where it is not."""
+        """Return the record of a saved image, or None."""
         return self.images.get(camera, instant) or self.videos.frame(camera, instant)
 
     def instants_of(self, camera: str) -> InstantSet:
-        """The instants of which a camera's image is saved."""
+        """Return the instants for which a camera's image is saved."""
         return InstantSet([*self.images.instants(camera), *self.videos.instants(camera)])
 
     def add_event(self, *events: Mapping[str, Any]) -> None:
-        """Append what the engine saw or did to events.ndjson."""
+        """Append engine events to events.ndjson."""
         with self._writing():
             self._events.append(*(msgspec.json.encode(event) for event in events), durable=False)
 
@@ -231,7 +231,7 @@ class SessionWriter:
         return bool(self.images.true_times) or self.videos.knows_true_times
 
     def set_calibration(self, calibration: Calibration) -> None:
-        """Save the rig's calibration. Raises BadInputError where it holds what JSON cannot (NaN)."""
+        """Save the rig's calibration. Raises BadInputError if a value cannot be stored as JSON (NaN)."""
         with self._writing():
             write_atomic(self.folder / CALIBRATION, indented(encode_checked(calibration)))
 
@@ -245,11 +245,11 @@ class SessionWriter:
     ) -> Session:
         """Write the manifest, which makes the session complete, and open the session.
 
-        `origin` is captured, simulated or imported; of `missing`, what is there is left out. Raises
-        BadInputError where the records contradict each other; the session is then left as it was.
+        `origin` is captured, simulated or imported; entries of `missing` that exist are dropped. Raises
+        BadInputError if the records contradict each other; the session is then unchanged.
         """
         with self._writing():
-            # Not of a video's frame what it is, which would be read from the disk: only whether it is there.
+            # For a video's frame check only whether it exists: its record would be read from disk.
             gone = (
                 gap
                 for gap in missing
@@ -281,7 +281,7 @@ class SessionWriter:
         self.abort()
 
     def abort(self) -> None:
-        """Stop without a manifest; what is saved stays. Harmless after `finish` or another abort."""
+        """Stop without a manifest; saved images stay. No effect after `finish` or another abort."""
         with self._mutex:
             if self._open:
                 self._close()
@@ -302,7 +302,7 @@ class SessionWriter:
             self.videos.recover()
 
     def _know_plan(self, plan: BurstPlan) -> None:
-        # A crash is mended by the plan, and then the true times are wanted, too.
+        # The plan allows recovery after a crash, which then needs the true times, too.
         self.plan, self.images.is_crash_safe = plan, True
 
     @contextmanager

@@ -1,4 +1,4 @@
-"""The videos of a session being written: a frame's bytes first, then its line; a kill loses neither."""
+"""Videos of a session being written: a frame's bytes precede its line, so that a kill loses neither."""
 
 import heapq
 import os
@@ -38,25 +38,25 @@ from capture_app.session.writing.recovery import SET_ASIDE
 
 @dataclass(slots=True)
 class _Video:
-    """One camera's video; of a frame no more is in memory than where its line is."""
+    """One camera's video; memory holds only the offset of each frame's line."""
 
     handle: int
     lines: AppendOnlyFile
     record: VideoRecord
     instants: "array[int]" = field(default_factory=lambda: array("Q"))
-    """The instants that it has, in their order."""
+    """Instants of its frames, in order."""
     starts: "array[int]" = field(default_factory=lambda: array("Q"))
-    """Where the line of each begins, in bytes."""
+    """Byte offset of each frame's line."""
     length: int = 0
-    """The length of all lines, in bytes."""
+    """Total length of all lines, bytes."""
 
     def find(self, instant: int) -> int | None:
-        """The place of an instant among those that it has."""
+        """Return the index of an instant's frame, or None."""
         place = bisect_left(self.instants, instant)
         return place if place < len(self.instants) and self.instants[place] == instant else None
 
     def note(self, instant: int, line_bytes: int, frame_end: int) -> None:
-        """Take note of a frame's line, and of where the frame ends."""
+        """Record a frame's line, and the end of the frame."""
         if instant != NO_INSTANT and self.find(instant) is None:
             place = bisect_left(self.instants, instant)
             self.instants.insert(place, instant)
@@ -67,7 +67,7 @@ class _Video:
 
 
 class VideoStore:
-    """The videos of one session; methods may raise OSError, and may be called from any thread."""
+    """Videos of one session; methods may raise OSError, and may be called from any thread."""
 
     def __init__(self, folder: Path) -> None:
         self._folder = folder
@@ -77,21 +77,21 @@ class VideoStore:
         """Whether any frame came with its true time."""
 
     def recover(self) -> None:
-        """Take on the videos that an interrupted writer has left.
+        """Adopt the videos that an interrupted writer left.
 
-        A torn line is dropped, and bytes behind the last frame that has a line are set aside.
+        A torn line is dropped, and bytes after the last frame with a line are set aside.
         """
         for lines in sorted((self._folder / VIDEOS).glob(f"*/*{FRAMES_SUFFIX}")):
             self._recover(lines.name.removesuffix(FRAMES_SUFFIX), lines)
 
     def has(self, camera: str, instant: int) -> bool:
-        """Whether a camera's video has the frame of an instant."""
+        """Return whether a camera's video has the frame of an instant."""
         with self._mutex:
             video = self._videos.get(camera)
             return video is not None and video.find(instant) is not None
 
     def frame(self, camera: str, instant: int) -> FrameRecord | None:
-        """The record of a frame that is there, its residual left out; None where it is not."""
+        """Return the record of a saved frame without its residual, or None."""
         with self._mutex:
             video = self._videos.get(camera)
             place = None if video is None else video.find(instant)
@@ -104,7 +104,7 @@ class VideoStore:
         return frame_of_line(record, frame, frame.leader_ns)
 
     def instants(self, camera: str) -> "array[int]":
-        """The instants of which a camera's video has a frame, in their order."""
+        """Return the instants for which a camera's video has a frame, in order."""
         with self._mutex:
             video = self._videos.get(camera)
             return array("Q") if video is None else video.instants[:]
@@ -115,9 +115,9 @@ class VideoStore:
         return heapq.merge(*cameras, key=lambda record: record.instant)
 
     def save(self, frames: Sequence[StoredImage]) -> list[SimulshotError | None]:
-        """Add frames; return what went wrong with each. All of one camera's are in its video, or none is.
+        """Add frames; return the error of each. A camera's frames are added all together or not at all.
 
-        Frames of instants that the video has already are left out.
+        Frames of instants that the video already contains are skipped.
         """
         errors: dict[str, SimulshotError | None] = {}
         for camera in dict.fromkeys(frame.record.camera for frame in frames):
@@ -132,12 +132,12 @@ class VideoStore:
         return [errors[frame.record.camera] for frame in frames]
 
     def records(self) -> tuple[VideoRecord, ...]:
-        """What the manifest says of the videos."""
+        """Return the manifest's records of the videos."""
         with self._mutex:
             return tuple(self._videos[camera].record for camera in sorted(self._videos))
 
     def close(self) -> None:
-        """Close all files: what is in them is on the disk. Calling it twice is harmless."""
+        """Close all files, whose contents are on disk already. May be called twice."""
         with self._mutex:
             for video in self._videos.values():
                 if video.handle >= 0:
@@ -211,7 +211,7 @@ class VideoStore:
             video.note(instant, line_bytes, frame_end)
 
     def _set_aside_from(self, path: Path, end: int) -> None:
-        """Move the bytes of a video from `end` on to a file of their own."""
+        """Move the bytes of a video from offset `end` on to a separate file."""
         aside = self._folder / SET_ASIDE / path.relative_to(self._folder)
         make_folders(aside.parent, self._folder)
         with path.open("rb") as video, free_name(aside).open("wb") as rest:
@@ -224,11 +224,11 @@ class VideoStore:
 
 
 def _whole_frames(lines: Path, size: int) -> Iterator[tuple[bytes, FrameRecord]]:
-    """Yield the whole lines, and their frames, which follow each other in a video of `size` bytes."""
+    """Yield the complete lines, and their contiguous frames, in a video of `size` bytes."""
     end = 0
     with lines.open("rb") as file:
         for line in file:
-            # A line that a crash has torn has no end.
+            # A line torn by a crash has no newline.
             frame = record_of_line(line, FrameRecord) if line.endswith(b"\n") else None
             if frame is not None and end <= frame.offset and frame.offset + frame.bytes <= size:
                 end = frame.offset + frame.bytes

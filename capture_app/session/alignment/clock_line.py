@@ -1,4 +1,4 @@
-"""Offset and rate of a camera's times against another's, directly or through others, from common"""
+"""Offset and rate of a camera's clock against another's, fitted to common events, directly or via others."""
 
 import math
 from collections.abc import Callable, Sequence
@@ -11,7 +11,7 @@ from capture_app.session.format.common_times import REFERENCE, CameraTimes
 Array = NDArray[np.float64]
 
 CRYSTAL_PPM = 50.0
-"""How far clocks of cameras are off their rate, before it is measured; one standard deviation."""
+"""Prior on the rate error of camera clocks, ppm; one standard deviation."""
 STEPS = 30
 SIGMAS = 1.96
 
@@ -19,16 +19,17 @@ SIGMAS = 1.96
 def fit_clock_line(
     camera_s: Array, reference_s: Array, sd_s: Array, source: str, *, systematic_s: float = 0.0
 ) -> CameraTimes:
-    """The offset and rate that most moments agree on: robust least squares (Cauchy weights), 95 % errors.
+    """Fit offset and rate to moments that both cameras recorded: robust least squares, Cauchy weights.
 
-    Moments (n,) by the own times of two cameras that recorded them, and the error (sd) of each pair, s.
+    The moments (n,) are in s, by each camera's own times; `sd_s` is the standard deviation of each pair. The
+    uncertainties returned are 95 %.
 
-    A short recording hardly tells the rate: what is known of crystals stands in for what it does not.
-    `systematic_s` (95 %) is what all moments share, and no number of them averages out.
+    A short recording hardly determines the rate, so CRYSTAL_PPM serves as its prior. `systematic_s` (95 %) is
+    an error common to all moments, which averaging does not reduce.
     """
     late = reference_s - camera_s
     offset, scale = float(np.median(late)), 1.0
-    # Before the rate is known, it moves moments far apart by more than their own error.
+    # Until the rate is fitted, it shifts distant moments by more than their own error.
     rate, weights = 0.0, np.ones(len(late))
     epoch = float(np.average(camera_s, weights=1 / sd_s**2))
     away = camera_s - epoch
@@ -57,9 +58,10 @@ def fit_clock_line(
 
 
 def chain_cameras(names: Sequence[str], against: Callable[[str, str], CameraTimes]) -> dict[str, CameraTimes]:
-    """Each camera's times against the first's; `against` measures a pair, the second against the first.
+    """Return each camera's times against the first's; `against` measures the second of a pair against the
+    first.
 
-    Each goes the way with the least error: directly, or through others; errors then add up.
+    Each camera uses the chain of pairs with the smallest uncertainty; the uncertainties of a chain add up.
     """
     last = names[0]
     known = {last: CameraTimes(offset_ns=0, uncertainty_ns=0, rate_uncertainty_ppm=0.0, source=REFERENCE)}
@@ -71,7 +73,7 @@ def chain_cameras(names: Sequence[str], against: Callable[[str, str], CameraTime
 
     while True:
         for name in names:
-            # What is known nearly as well already is not measured again: that takes long.
+            # A pair takes long to measure, and a nearly as good measurement needs no improvement.
             if name in known or (name in waiting and error_ns(name) <= 2 * (known[last].uncertainty_ns or 0)):
                 continue
             found = against(last, name)
@@ -88,7 +90,7 @@ def chain_cameras(names: Sequence[str], against: Callable[[str, str], CameraTime
 
 
 def compose(outer: CameraTimes, inner: CameraTimes) -> CameraTimes:
-    """The times of a camera against the reference, from those against another camera and that one's."""
+    """Chain two alignments: a camera's against another (`inner`), and that other's against the reference."""
     epoch = inner.epoch_local_ns
     middle_ns = inner.leader_from_local(epoch)
     outer_error = outer.uncertainty_at_ns(middle_ns) or 0

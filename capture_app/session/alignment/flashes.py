@@ -1,8 +1,8 @@
-"""Cameras aligned by flashes that both saw, or a lamp that went on or off, on the rows exposed just then.
+"""Alignment of cameras by flashes that both saw, or a lamp switched on or off, using rolling-shutter rows.
 
-Where those rows begin and end tells when, far finer than a frame. How long a camera exposes and reads its
-rows is not known of a video. Where on its frames flashes begin and end allows some of both, and with each of
-those an offset: the answer is all that, not the likeliest.
+The lit rows' edges give the time much more precisely than the frame interval. A video does not state its
+exposure and readout times. The observed edges restrict both to a range, and each combination in that range to
+a range of offsets. The result is the whole set of possible offsets, not the likeliest one.
 """
 
 from collections.abc import Sequence
@@ -18,47 +18,56 @@ from capture_app.session.alignment.tracks import read_container
 from capture_app.session.format.common_times import CameraTimes
 
 BANDS = 120
-"""Rows are taken together to so many bands at most."""
+"""Maximum number of bands that the rows are averaged to."""
 COLUMNS = 16
 AROUND = 4
-"""A frame's brightness is compared with so many to either side, but those beside it: they may show it too."""
+"""Number of frames on either side that a frame's brightness is compared with, skipping its neighbours.
+
+The neighbours may show the same flash.
+"""
 EDGE_ROWS = 0.05
-"""What begins so near to a frame's first or last row may as well have begun before or after it."""
+"""Part of the frame's height near its first or last row where an edge may belong to the next frame."""
 LEAST_RISE = 0.12
-"""A flash makes at least one row of twenty this much brighter."""
+"""Minimum relative rise in brightness by a flash, in at least one row of twenty."""
 CLEAR = 8.0
-"""A flash changes brightness by so many times what it otherwise changes by."""
+"""Minimum change in brightness by a flash, relative to the typical change."""
 LONGEST_FRAMES = 2.5
-"""What lights up longer is no flash."""
+"""Maximum duration of a flash, in frames."""
 LEAST_STEP = 0.25
-"""A lamp that goes on or off makes the whole picture this much brighter or darker, within three frames."""
+"""Minimum relative change of the whole image's brightness by a lamp, within three frames."""
 STEADY = 0.2
-"""Before and after, brightness varies by no more than this share of the change."""
+"""Maximum variation of brightness before and after a lamp's change, relative to that change."""
 SOFT = 0.2
-"""How far half the brightness may be from half the exposure, as a share of it: pixels are not linear."""
+"""Maximum difference between half brightness and half exposure, relative to the exposure.
+
+They differ because pixels are not linear.
+"""
 NEAR_FRAMES = 0.9
-"""Flashes that an offset brings this close together are the same, before it is known better."""
+"""Maximum distance, in frames, between flashes that a rough offset matches."""
 LEAST = 3
-"""How many must agree where both saw as many: two may fit by chance, each missing some between its frames."""
+"""Minimum number of matching flashes, if both cameras saw that many: two can match by chance.
+
+Each camera misses some flashes between its frames.
+"""
 CANDIDATES = 6
-"""How many offsets are tried."""
+"""Maximum number of candidate offsets."""
 MOST = 30
-"""The most flashes that are fitted: further ones tell hardly more."""
+"""Maximum number of flashes that are fitted; more add hardly any information."""
 EDGE_S = 2.5e-4
-"""The most that an edge that is seen is off, what the flash itself lasts included."""
+"""Maximum error of an observed edge, including the duration of the flash."""
 LEAST_BAR_S = 4e-4
-"""Where all edges leave less, some contradict each other: they are then trusted less."""
+"""Minimum half width of the possible offsets: below it edges contradict each other, and tolerance grows."""
 READOUTS, EXPOSURES = 100, 3
-"""How many ways are tried that a camera may read its rows, and expose them."""
+"""Grid sizes for the unknown readout time and exposure time."""
 MAX_DRIFT_PPM = 3 * CRYSTAL_PPM
 
 
 @dataclass(frozen=True)
 class Edge:
-    """Where rows begin or end to be lit: how far down the frame (0..1), or `hidden` before or after it.
+    """Position in the frame (0..1, top to bottom) where rows begin or stop being lit.
 
-    `at_s` is the frame's own time; of a hidden edge the middle between two frames, which `gap_s` are apart.
-    `soft`: how far down the frame it may be wrong by.
+    A `hidden` edge is before or after the frame. `at_s` is the frame's own time; for a hidden edge, the
+    middle between two frames that are `gap_s` apart. `soft`: uncertainty of the position, in frame heights.
     """
 
     at_s: float
@@ -70,33 +79,33 @@ class Edge:
 
 @dataclass(frozen=True)
 class Flash:
-    """A flash in one camera's own times: the rows that it lit; or a lamp's change, one edge as both."""
+    """A flash in one camera's own times: the rows that it lit. A lamp's change has one edge as both."""
 
     start: Edge
     end: Edge
     step: int = 0
-    """1 for a lamp that goes on, -1 for one that goes off."""
+    """1 for a lamp switched on, -1 for one switched off, 0 for a flash."""
 
     @property
     def rough_s(self) -> float:
-        """About when it was."""
+        """Approximate time of the flash, s."""
         return (self.start.at_s + self.end.at_s) / 2
 
 
 @dataclass(frozen=True, eq=False)
 class Lights:
-    """Brightness (n, bands) of a video's frames and their own times (n,), s."""
+    """Brightness (n, bands) of a video's frames, and their own times (n,), s."""
 
     times_s: Array
     bands: Array
 
     @property
     def period_s(self) -> float:
-        """The usual time from frame to frame."""
+        """Typical frame interval, s."""
         return float(np.median(np.diff(self.times_s)))
 
     def flashes(self) -> list[Flash]:
-        """All flashes and changes of lamps, in order."""
+        """Return all flashes and lamp changes, in order."""
         if len(self.times_s) < 2 * AROUND + 3:
             return []
         lamps = self._lamps()
@@ -111,7 +120,8 @@ class Lights:
         return sorted([*flashes, *(self._lamp(frame) for frame in lamps)], key=lambda one: one.rough_s)
 
     def _lamps(self) -> list[int]:
-        """The frames in which a lamp goes on or off: steady before, steady after, and no longer the same."""
+        """Return the frames where a lamp is switched on or off: steady before and after, at different
+        levels."""
         means = self.bands.mean(1)
         windows = np.lib.stride_tricks.sliding_window_view(means, AROUND)
         frames = np.arange(AROUND + 1, len(means) - AROUND - 1)
@@ -127,7 +137,8 @@ class Lights:
         return [int(max(group, key=lambda at: abs(means[at + 1] - means[at - 1]))) for group in groups]
 
     def _lamp(self, frame: int) -> Flash:
-        """The change of a lamp at a frame: the row, of it and those beside it, that had half of the light."""
+        """Return a lamp's change at a frame: the row, here or in a neighbouring frame, with half of the
+        light."""
         before = np.median(self.bands[frame - 1 - AROUND : frame - 1], 0)
         change = np.median(self.bands[frame + 2 : frame + 2 + AROUND], 0) - before
         size, first = len(before), frame - 1
@@ -147,7 +158,7 @@ class Lights:
         return Flash(edge, edge, 1 if change.mean() > 0 else -1)
 
     def _rises(self) -> Array:
-        """By what share bands are brighter than in the frames around, those beside them left out."""
+        """Return the relative rise of each band over the surrounding frames, except the direct neighbours."""
         padded = np.pad(self.bands, ((AROUND, AROUND), (0, 0)), mode="edge")
         count = len(self.bands)
         steps = [k for k in range(2 * AROUND + 1) if abs(k - AROUND) > 1]
@@ -162,7 +173,7 @@ class Lights:
         rows = rises[first : last + 1].ravel()
         level = float(np.median(rows[rows > 0.4 * rows.max()]))
         lit = rows > level / 2
-        # Narrow dark or bright things are no edges.
+        # Narrow dark or bright objects are not edges.
         width = max(1, size // 40)
         kernel = np.ones(2 * width + 1) / (2 * width + 1)
         smooth = np.convolve(np.pad(lit.astype(float), width, mode="edge"), kernel, mode="valid") > 0.5
@@ -200,7 +211,7 @@ class Lights:
 
 
 def read_lights(path: Path) -> Lights | str:
-    """The brightness of a video's frames, as the sensor read them; else why there is none."""
+    """Return the brightness of a video's frames as the sensor read them, or the reason why there is none."""
     found: list[tuple[float, Array]] = []
     why = read_container(path, lambda _, container: _read(container, found))
     if not found:
@@ -210,7 +221,7 @@ def read_lights(path: Path) -> Lights | str:
 
 
 def _read(container: Any, into: list[tuple[float, Array]]) -> None:
-    """Add each frame's own time and bands: those before a fault of the video are kept."""
+    """Add each frame's own time and bands; frames before a decoding error are retained."""
     for stream in container.streams.video[:1]:
         stream.thread_type = "AUTO"
     for frame in container.decode(video=0) if container.streams.video else ():
@@ -227,7 +238,7 @@ Range = tuple[float, float]
 
 
 def match_flashes(reference: Lights, camera: Lights) -> CameraTimes:
-    """The camera's times against the reference's; without an offset, why there is none."""
+    """Return the camera's times against the reference's; without an offset, the reason."""
     seen = reference.flashes(), camera.flashes()
     for name, of in zip(("the reference", "it"), seen, strict=True):
         if not of:
@@ -248,7 +259,7 @@ def match_flashes(reference: Lights, camera: Lights) -> CameraTimes:
 
 
 def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -> list[list[Pair]]:
-    """The flashes that both saw, by each offset that brings enough of them together, most of them first."""
+    """Return the flashes that both saw, for each offset that matches enough of them, best offset first."""
     near_s = NEAR_FRAMES * period_s
     least = min(LEAST, len(seen), len(others))
     groups: list[tuple[float, list[Pair]]] = []
@@ -258,7 +269,7 @@ def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -
             pairs = []
             for flash in others:
                 nearest = min(seen, key=lambda of: abs(of.rough_s - flash.rough_s - offset_s))
-                # Clocks that run apart move flashes far from this one by more.
+                # Clock drift shifts flashes that are far from this one by more.
                 slack_s = near_s + MAX_DRIFT_PPM * 1e-6 * abs(flash.rough_s - other.rough_s)
                 near = abs(nearest.rough_s - flash.rough_s - offset_s) < slack_s
                 if near and nearest.step == flash.step:
@@ -274,7 +285,7 @@ def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -
 
 
 def _fit_most(pairs: list[Pair], periods: tuple[float, float]) -> CameraTimes:
-    """The fit of all these pairs, or of all but one: that may be two flashes that ran into each other."""
+    """Fit all pairs, or all but one: that pair may be two flashes that merged."""
     choices = [pairs]
     if len(pairs) > LEAST:
         choices += [pairs[:k] + pairs[k + 1 :] for k in range(len(pairs))]
@@ -283,7 +294,7 @@ def _fit_most(pairs: list[Pair], periods: tuple[float, float]) -> CameraTimes:
 
 
 def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float) -> CameraTimes:
-    """The middle of all offsets and rates that the edges allow, with their reach; empty where none fits."""
+    """Return the centre and half width of all offsets and rates that the edges allow; empty if none fits."""
     if len(pairs) > MOST:
         pairs = [pairs[round(k)] for k in np.linspace(0, len(pairs) - 1, MOST)]
     epoch = float(np.mean([other.rough_s for _, other in pairs]))
@@ -293,7 +304,7 @@ def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float) -> CameraTi
         theirs = _moments([other for _, other in pairs], camera_s, tolerance)
         if not len(ours) or not len(theirs):
             continue
-        # Of every way that either camera may expose and read its rows: the least and the most offset.
+        # Minimum and maximum offset for every combination of both cameras' readout and exposure times.
         least = (ours[:, None, :, 0] - theirs[None, :, :, 1]).reshape(-1, len(pairs))
         most = (ours[:, None, :, 1] - theirs[None, :, :, 0]).reshape(-1, len(pairs))
         offsets, rates = _lines(at, least, most)
@@ -311,17 +322,18 @@ def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float) -> CameraTi
 
 
 def _moments(flashes: Sequence[Flash], period_s: float, tolerance_s: float) -> Array:
-    """Own times (ways, flashes, 2) between which each flash was, for all readouts and exposures that fit.
+    """Return the own times (combinations, flashes, 2) between which each flash happened.
 
-    With the readout R, the exposure E and a frame's time t in the middle of its middle row's exposure, a
-    flash at T lights the rows from t + R (down - 1/2) = T - E/2 to T + E/2.
+    The combinations are all readout and exposure times that fit. With the readout R, the exposure E and a
+    frame's time t in the middle of its middle row's exposure, a flash at T lights the rows from t + R (down -
+    1/2) = T - E/2 to T + E/2.
     """
     readout = np.linspace(0, 1, READOUTS)[:, None] * period_s
     starts, ends = (
         np.stack([_range(getattr(of, side), readout[:, 0], tolerance_s) for of in flashes], axis=1)
         for side in ("start", "end")
     )
-    # The edge of a lamp is where half of an exposure had its light, however long that is.
+    # A lamp's edge is at the row with light during half of its exposure, whatever the exposure time.
     lasting = np.array([not of.step for of in flashes])
     shortest = (ends[..., 0] - starts[..., 1]).max(1, where=lasting, initial=0.0)
     longest = (ends[..., 1] - starts[..., 0]).min(1, where=lasting, initial=period_s)
@@ -336,7 +348,7 @@ def _moments(flashes: Sequence[Flash], period_s: float, tolerance_s: float) -> A
 
 
 def _range(edge: Edge, readout_s: Array, tolerance_s: float) -> Array:
-    """Between which own times (n, 2) the edge's row has the middle of its exposure, for readouts (n,)."""
+    """Return min and max own time (n, 2) of the mid-exposure of the edge's row, for readouts (n,)."""
     reach = tolerance_s + edge.soft * readout_s
     place = edge.at_s + (0 if edge.hidden else readout_s * (edge.down - 0.5))
     if edge.hidden:
@@ -345,7 +357,8 @@ def _range(edge: Edge, readout_s: Array, tolerance_s: float) -> Array:
 
 
 def _lines(at: Array, least: Array, most: Array) -> tuple[Range, Range] | tuple[None, None]:
-    """The least and most offset (at 0) and rate of lines between `least` and `most` (ways, n) at (n,)."""
+    """Return the ranges of offset (at 0) and rate of lines between `least` and `most` (combinations, n) at
+    `at`."""
     away = np.abs(at) * MAX_DRIFT_PPM * 1e-6
     low, high = (least - away).max(1), (most + away).min(1)
     slow, fast = np.full(len(least), -MAX_DRIFT_PPM * 1e-6), np.full(len(least), MAX_DRIFT_PPM * 1e-6)

@@ -1,17 +1,17 @@
-"""Time of day from a GoPro's GPS receiver, read from the `gpmd` track (GPMF) of its videos.
+"""UTC from a GoPro's GPS receiver, read from the `gpmd` track (GPMF) of its videos.
 
-A fix has the satellites' time, but the camera notes its arrival, and nothing published says how late that
-is:
+A fix carries the satellites' time, but the camera records its arrival, and no published source states the
+delay:
 
-- GPS5 has one UTC a payload (about a second), and nothing says which of its fixes is meant. Videos laid over
-  each other by it were "always off by up to a second" (gpmf-parser issue 89); in issues 146 and 162 it jumps
-  by 2.2 s between payloads, stands still, or is no time at all.
+- GPS5 has one UTC a payload (about a second), without saying to which fix it belongs. Videos aligned by it
+  were "always off by up to a second" (gpmf-parser issue 89); in issues 146 and 162 it jumps by 2.2 s between
+  payloads, stands still, or is not a time at all.
 - GPS9 (HERO11 on) has a UTC in ms for each fix, ten a second. GoPro says of clocks set by GPS that they are
   "typically within a frame or two", in limited testing (GoPro Labs, GPS time synchronization).
-- STMP is when the first sample of a payload arrived; of images, when the frame began (issue 189).
+- STMP is the arrival time of a payload's first sample; for images, the start of the frame (issue 189).
 
-GPMF, as the README of gpmf-parser describes it: nested items of key, type, size, repeat and data,
-big-endian, padded to 32 bits; type 0 is a nest. The lengths that a file states are checked against its size.
+GPMF, as the README of gpmf-parser describes it: nested items of key, type, size, repeat and data, big-endian,
+padded to 32 bits; type 0 is a nest. Lengths in a file are checked against its size.
 """
 
 import importlib
@@ -32,9 +32,9 @@ from capture_app.session.alignment.tracks import read_container
 from capture_app.session.format.common_times import CameraTimes
 
 EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
-"""The zero of GPS9's days, and of all UTC seconds here."""
+"""Epoch of GPS9's days, and of all UTC seconds in this module."""
 DEPTH = 4
-"""DEVC holds STRM holds items; whatever is nested deeper than this is not looked at."""
+"""Maximum nesting depth that is read: DEVC contains STRM contains items."""
 _HEADER = struct.Struct(">4sBBH")
 _NUMBERS = {
     "b": "b", "B": "B", "s": "h", "S": "H", "l": "i", "L": "I", "j": "q", "J": "Q", "f": "f", "d": "d"
@@ -43,32 +43,32 @@ _LONGEST_TYPE = 64
 GPS9_FIELDS = 9
 """Latitude, longitude, height, two speeds, days, seconds of the day, dilution of precision, fix."""
 WORST_DILUTION = 5.0
-"""Dilution of precision; better is good, says the format's README."""
+"""Maximum dilution of precision; the format's README calls lower values good."""
 FEWEST = 3
-"""Fixes that a camera's time can rest on."""
+"""Minimum number of fixes for an alignment."""
 PAYLOAD_BYTES = 4_000_000
-"""The largest payload that is read; a second of all that a GoPro measures is some 100 kB."""
+"""Maximum payload size that is read; a second of all GoPro sensors is some 100 kB."""
 PAYLOADS = 100_000
 JUMP_S = 0.5
-"""Fixes whose lateness spreads wider than this were not recorded at the video's pace: a time lapse."""
+"""Maximum scatter of the fixes' delays; above it the video is a time lapse, not in real time."""
 STAMP_REACH_S = 2.0
-"""How far from its payload the first fix of it may have arrived."""
+"""Maximum distance between a payload and the arrival of its first fix."""
 LATE_S = {"GPS9": 0.2 / math.sqrt(2), "GPS5": 1.0 / math.sqrt(2)}
-"""By kind of stream, the better first: how much later than the fix its UTC may have been noted (95 %).
+"""Delay of the recorded UTC after the fix, 95 %, by kind of stream, the better one first.
 
-The same for the whole recording: two receivers together are as far apart as was published of GPS5 (1 s), and
-two periods of GPS9 (0.2 s).
+It is constant over a recording. It is derived from the published difference between two receivers: 1 s for
+GPS5, two periods (0.2 s) for GPS9.
 """
 WANDER_S = {"GPS9": 0.05, "GPS5": 0.25}
-"""How much that may change from the beginning of a recording to its end (sd)."""
+"""Change of that delay over a recording, s; standard deviation."""
 
 
 class GpsStream(NamedTuple):
     """The fixes of one payload's GPS stream.
 
-    `utc_s` (since 2000) of each that is good: by its number in the payload. `number`: how many there are,
-    good or not. `after_s`: how long after the payload's first frame was exposed the first of them arrived
-    (STMP of both); 0 where the camera does not say.
+    `utc_s` (since 2000) has the good fixes by their index in the payload. `number` counts all fixes, good or
+    not. `after_s` is the time from the first frame's exposure in the payload to the first fix's arrival (STMP
+    of both); 0 if the camera does not record it.
     """
 
     key: str
@@ -85,7 +85,8 @@ class _Item:
     data: bytes
 
     def numbers(self, kinds: str = "") -> list[tuple[float, ...]]:
-        """Each sample's numbers, of its own kind, or of `kinds` where it is complex; [] if they are none."""
+        """Return each sample's numbers, of its own type or, if complex, of type `kinds`; [] if not
+        numeric."""
         if self.kind == "?":
             layout = ">" + "".join(_NUMBERS.get(kind, "?") for kind in kinds)
         else:
@@ -97,13 +98,13 @@ class _Item:
         return list(struct.iter_unpack(layout, self.data[:whole]))
 
     def first(self) -> float | None:
-        """The first number of the first sample; None where there is none."""
+        """Return the first number of the first sample, or None."""
         found = self.numbers()
         return found[0][0] if found and found[0] and math.isfinite(found[0][0]) else None
 
 
 def parse_payload(data: bytes) -> list[GpsStream]:
-    """The GPS streams of a payload with their 3D fixes of a good dilution of precision; never raises."""
+    """Return a payload's GPS streams with their good fixes: 3D, low dilution of precision. Never raises."""
     found: list[tuple[GpsStream, float | None]] = []
     frame_stamp_us: float | None = None
     for items in _streams(data, DEPTH):
@@ -126,7 +127,7 @@ def _after_s(stamp_us: float | None, frame_stamp_us: float | None) -> float:
 
 
 def _items(data: bytes) -> Iterator[_Item]:
-    """The items of a nest, up to the first whose length cannot be."""
+    """Yield the items of a nest, up to the first with an impossible length."""
     at = 0
     while at + _HEADER.size <= len(data):
         key, kind, size, repeat = _HEADER.unpack_from(data, at)
@@ -138,7 +139,7 @@ def _items(data: bytes) -> Iterator[_Item]:
 
 
 def _streams(data: bytes, depth: int) -> Iterator[list[_Item]]:
-    """The items of each STRM, however its devices are nested."""
+    """Yield the items of each STRM, at any nesting of its devices."""
     for item in _items(data):
         if item.kind != "\0" or depth == 0:
             continue
@@ -149,7 +150,7 @@ def _streams(data: bytes, depth: int) -> Iterator[list[_Item]]:
 
 
 def _gps9(named: dict[str, _Item]) -> tuple[int, dict[int, float]]:
-    """How many fixes there are, and the UTC of the good ones: each has one in ms, and says how good it is."""
+    """Return the number of fixes, and the UTC of the good ones; each has its own UTC in ms and quality."""
     kinds = named["TYPE"].data.decode("latin-1").rstrip("\0") if "TYPE" in named else ""
     rows = named["GPS9"].numbers(kinds[:_LONGEST_TYPE])
     scale = [row[0] for row in named["SCAL"].numbers()] if "SCAL" in named else []
@@ -165,7 +166,7 @@ def _gps9(named: dict[str, _Item]) -> tuple[int, dict[int, float]]:
 
 
 def _gps5(named: dict[str, _Item]) -> tuple[int, dict[int, float]]:
-    """As `_gps9`, where one UTC is for all fixes (GPSU): that of the first, as far as anything says."""
+    """Return the same as `_gps9`, from one UTC for all fixes (GPSU), taken as the first fix's."""
     count = len(named["GPS5"].numbers())
     fix, dilution = (named[key].first() if key in named else None for key in ("GPSF", "GPSP"))
     utc_s = parse_utc(named["GPSU"].data) if "GPSU" in named else None
@@ -174,7 +175,7 @@ def _gps5(named: dict[str, _Item]) -> tuple[int, dict[int, float]]:
 
 
 def parse_utc(text: bytes) -> float | None:
-    """Seconds since 2000 of `yymmddhhmmss.sss`; None of anything else, which cameras do write."""
+    """Parse `yymmddhhmmss.sss` to seconds since 2000; None for anything else, which some cameras write."""
     word = text[:16].decode("latin-1")
     digits = word[:12] + word[13:]
     if len(word) != 16 or word[12] != "." or not (digits.isascii() and digits.isdigit()):
@@ -191,9 +192,9 @@ Array = NDArray[np.float64]
 
 @dataclass(frozen=True, eq=False)
 class GpsClock:
-    """Fixes (n,) of one recording: the video's time and UTC (since 2000) of each, s, by one kind of stream.
+    """Fixes (n,) of one recording from one kind of stream: video time and UTC (since 2000) of each, s.
 
-    `end_s`: when the recording ended, by the video's time; it began at 0.
+    `end_s` is the end of the recording in video time; it starts at 0.
     """
 
     key: str
@@ -203,12 +204,12 @@ class GpsClock:
 
     @property
     def began_utc_s(self) -> float:
-        """When the recording began, to its error."""
+        """Return the UTC at the start of the recording, s, without correcting the delay."""
         return float(np.median(self.utc_s - self.video_s))
 
 
 def read_gps_clock(path: Path) -> GpsClock | str:
-    """What a video's GPS says of UTC; else why it says nothing."""
+    """Return a video's GPS clock, or the reason why it has none."""
     timed = read_container(path, lambda _, container: list(islice(_payloads(container), PAYLOADS)))
     if isinstance(timed, str):
         return timed
@@ -218,8 +219,8 @@ def read_gps_clock(path: Path) -> GpsClock | str:
 
 
 def _payloads(container: Any) -> Iterator[tuple[float, float, list[GpsStream]]]:
-    """When each payload with a GPS stream begins, how long it is, both s of the video, and what it tells."""
-    # Only what is data is read from the disk, where PyAV can.
+    """Yield start and duration of each payload with a GPS stream, both s of the video, and its streams."""
+    # Skip all other streams when reading from disk, if this PyAV can.
     skip: Any = getattr(importlib.import_module("av.stream"), "Discard", None)
     for stream in container.streams if skip is not None else ():
         stream.discard = skip.default if stream.type == "data" else skip.all
@@ -234,7 +235,7 @@ def _payloads(container: Any) -> Iterator[tuple[float, float, list[GpsStream]]]:
 
 
 def match_gps_clocks(reference: GpsClock, camera: GpsClock) -> CameraTimes:
-    """The camera's times against the reference's, each by UTC; without an offset, why there is none."""
+    """Return the camera's times against the reference's, both via UTC; without an offset, the reason."""
     later_s = camera.began_utc_s - reference.began_utc_s
     apart_s = max(later_s - reference.end_s, -later_s - camera.end_s)
     if apart_s > LATE_S[reference.key] + LATE_S[camera.key]:
@@ -245,16 +246,17 @@ def match_gps_clocks(reference: GpsClock, camera: GpsClock) -> CameraTimes:
 
 
 def _line(clock: GpsClock, zero_s: float, *, of_utc: bool) -> CameraTimes:
-    """A camera's times against UTC since `zero_s`; or UTC's against the camera's."""
+    """Fit a camera's times against UTC since `zero_s`, or UTC against the camera's times."""
     utc_s = clock.utc_s - zero_s
-    # What wanders slowly is no less for many fixes; so wide, evenly spread ones tell no better rate.
+    # A slow drift does not average out: scaled like this, evenly spaced fixes improve neither offset nor
+    # rate.
     sd_s = np.full(len(utc_s), WANDER_S[clock.key] * math.sqrt(len(utc_s) / 12))
     pair = (utc_s, clock.video_s) if of_utc else (clock.video_s, utc_s)
     return fit_clock_line(*pair, sd_s, "gopro", systematic_s=LATE_S[clock.key])
 
 
 def _clock(key: str, timed: list[tuple[float, float, list[GpsStream]]]) -> GpsClock | str:
-    """The good fixes of one kind, less those that others contradict; else why there are too few."""
+    """Return the good fixes of one kind, without outliers; otherwise the reason why there are too few."""
     fixes: list[tuple[float, float]] = []
     seen, before_s = False, -math.inf
     for begin_s, long_s, streams in timed:
@@ -264,7 +266,7 @@ def _clock(key: str, timed: list[tuple[float, float, list[GpsStream]]]) -> GpsCl
             seen = True
             first_s = begin_s + stream.after_s
             for number, utc_s in stream.utc_s.items():
-                # A receiver that has nothing new says the last time again.
+                # A receiver without a new fix repeats the last time.
                 if utc_s != before_s:
                     fixes.append((first_s + long_s * number / stream.number, utc_s))
                 before_s = utc_s

@@ -1,8 +1,8 @@
-"""What videos hold beside pictures: sound, laid one over the other, and the timecode of their first frame.
+"""Alignment by other tracks of videos: cross-correlated sound, and the timecode of the first frame.
 
-Sound is matched roughly first, by where each becomes louder (which a clap and speech do), over the whole
-length; then by the waveforms in short windows (generalized cross-correlation with phase transform, Knapp and
-Carter 1976). A timecode is that of SMPTE ST 12-1.
+Sound is matched roughly first, by its rises in loudness (as of a clap or speech) over the whole length. Short
+windows of the waveforms then refine the offset (generalized cross-correlation with phase transform, Knapp and
+Carter 1976). Timecodes follow SMPTE ST 12-1.
 """
 
 import importlib
@@ -23,16 +23,16 @@ from capture_app.session.format.common_times import CameraTimes
 Found = TypeVar("Found")
 RATE_HZ = 16_000
 BIN_S = 0.004
-"""The length of a bin of loudness."""
+"""Length of a loudness bin, s."""
 WINDOW_S = 1.0
 WINDOWS = 80
-"""The most windows, spread over the time that both recorded, where it is loudest."""
+"""Maximum number of windows; they are the loudest ones, distributed over the common recording time."""
 REACH_S = 0.08
-"""What the rough offset may be wrong by, clocks that run apart included."""
+"""Maximum error of the rough offset, including clock drift."""
 DISTINCT = 1.4
-"""The best rough offset must fit so many times as well as any other."""
+"""Minimum ratio of the best rough correlation to the second best."""
 PROMINENT = 8.0
-"""An offset must fit so many standard deviations better than chance, in each window too."""
+"""Minimum height of a correlation peak in standard deviations of chance, also in each window."""
 WINDOW_SD_S = 5e-5
 SOUND_M_PER_S = 343.0
 _TIMECODE = re.compile(r"(\d{2}):(\d{2}):(\d{2})([:;.])(\d{2,3})")
@@ -40,7 +40,7 @@ DAY_S = 86_400
 
 
 def read_container(path: Path, read: Callable[[Any, Any], Found]) -> Found | str:
-    """What `read` finds with PyAV in the opened video; else why there is nothing."""
+    """Open the video with PyAV and return what `read` finds in it, or the reason why it finds nothing."""
     try:
         av: Any = importlib.import_module("av")
     except ImportError:
@@ -57,14 +57,14 @@ Samples = NDArray[np.float32]
 
 @dataclass(frozen=True, eq=False)
 class Sound:
-    """A sound track at `RATE_HZ`, one channel; `start_s` is when it begins by the video's own times."""
+    """A mono sound track at `RATE_HZ`; `start_s` is its beginning in the video's own times."""
 
     samples: Samples
     start_s: float
 
 
 def read_sound(path: Path) -> Sound | str:
-    """The sound of a video; else why there is none."""
+    """Return the sound of a video, or the reason why there is none."""
     return read_container(path, _read_sound)
 
 
@@ -79,7 +79,7 @@ def _read_sound(av: Any, container: Any) -> Sound | str:
         at_s = float(frame.pts * frame.time_base) if timed else start_s + length / RATE_HZ
         if not parts:
             start_s = at_s
-        # A gap in the track stays one.
+        # A gap in the track is filled with silence, so that later sound keeps its time.
         gap = round((at_s - start_s) * RATE_HZ) - length
         if gap > 0.02 * RATE_HZ:
             parts.append(np.zeros(gap, np.float32))
@@ -92,9 +92,9 @@ def _read_sound(av: Any, container: Any) -> Sound | str:
 
 
 def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes:
-    """The camera's times against the reference's; without an offset, why there is none.
+    """Return the camera's times against the reference's; without an offset, the reason.
 
-    `error_s` (95 %): what the sounds of two cameras' pictures may be apart though they were one.
+    `error_s` (95 %): possible difference between the cameras' delays from sound to image.
     """
     rough_s = _rough_offset(reference, camera)
     if isinstance(rough_s, str):
@@ -117,7 +117,7 @@ def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes
 
 
 def _rough_offset(reference: Sound, camera: Sound) -> float | str:
-    """What is added to the camera's times to get the reference's, s; else why that is not known."""
+    """Return the rough offset to add to the camera's times, s, or the reason why it is unknown."""
     a, b = (_onsets(sound.samples) for sound in (reference, camera))
     if min(len(a), len(b)) < 2 / BIN_S or not a.any() or not b.any():
         return "a sound track is too short or silent"
@@ -134,7 +134,7 @@ def _rough_offset(reference: Sound, camera: Sound) -> float | str:
 
 
 def _onsets(samples: Samples) -> NDArray[np.float64]:
-    """How much louder each bin is than the one before, in the logarithm; low tones count for less."""
+    """Return the rise of each bin's log loudness over the previous bin, with low tones weighted less."""
     size = round(BIN_S * RATE_HZ)
     bright = np.diff(samples, prepend=samples[:1])
     energy = (bright[: len(bright) // size * size].reshape(-1, size) ** 2).mean(1).astype(np.float64)
@@ -144,7 +144,7 @@ def _onsets(samples: Samples) -> NDArray[np.float64]:
 
 
 def _loud_windows(samples: Samples, size: int) -> list[int]:
-    """Where the windows begin: the loudest in each of many equal parts."""
+    """Return the starts of the windows: the loudest one in each of many equal parts."""
     starts = np.arange(0, max(1, len(samples) - size + 1), size // 2)
     bright = np.diff(samples, prepend=samples[:1]).astype(np.float64)
     sums = np.concatenate([[0.0], np.cumsum(bright**2)])
@@ -154,12 +154,12 @@ def _loud_windows(samples: Samples, size: int) -> list[int]:
 
 
 def _lag(reference: Samples, camera: Samples) -> float | None:
-    """How many samples later the reference has it, to a fraction; None where they are not alike."""
+    """Return the delay of the reference in samples, with a fraction; None if the two do not correlate."""
     size = 2 * len(reference)
     taper = np.hanning(len(reference))
     spectrum = np.fft.rfft(reference * taper, size) * np.conj(np.fft.rfft(camera * taper, size))
     strength = np.abs(spectrum)
-    # Tones that hardly sound have a phase of noise.
+    # The phase of very weak frequencies is noise.
     weight = np.where(strength > 1e-3 * strength.max(), 1 / np.maximum(strength, 1e-20) ** 0.8, 0.0)
     fits = np.fft.fftshift(np.fft.irfft(spectrum * weight, size))
     middle, reach = size // 2, round(REACH_S * RATE_HZ)
@@ -174,9 +174,10 @@ def _lag(reference: Samples, camera: Samples) -> float | None:
 
 @dataclass(frozen=True)
 class Timecode:
-    """When a video's first frame was taken by its timecode, s since midnight, and the time it is shown at, s.
+    """Timecode of a video's first frame, s since midnight, and its presentation time, s.
 
-    `wall_clock`: it keeps to the day; a timecode of a broken rate that drops no numbers runs slow.
+    `wall_clock`: it follows the time of day. At a fractional frame rate without drop-frame counting it runs
+    slow.
     """
 
     day_s: float
@@ -186,12 +187,12 @@ class Timecode:
 
 
 def match_timecodes(reference: Timecode, camera: Timecode) -> CameraTimes:
-    """The camera's times against the reference's; without an offset, why there is none."""
+    """Return the camera's times against the reference's; without an offset, the reason."""
     alike = abs(camera.period_s - reference.period_s) < 1e-9 and camera.wall_clock == reference.wall_clock
     if not alike and not (camera.wall_clock and reference.wall_clock):
         return CameraTimes(reason="their timecodes count at different rates")
     apart_s = (camera.day_s - reference.day_s + DAY_S / 2) % DAY_S - DAY_S / 2
-    # A timecode names a frame: within it, the exposures of two cameras lie anywhere.
+    # A timecode identifies a frame; the exposures of two cameras are anywhere within it.
     return CameraTimes(
         offset_ns=round((apart_s + reference.first_s - camera.first_s) * 1e9),
         uncertainty_ns=round(max(reference.period_s, camera.period_s) * 1e9),
@@ -202,7 +203,7 @@ def match_timecodes(reference: Timecode, camera: Timecode) -> CameraTimes:
 
 
 def read_timecode(path: Path, first_s: float) -> Timecode | str:
-    """The timecode of a video whose first frame is shown at `first_s`; else why there is none."""
+    """Return the timecode of a video with its first frame at `first_s`, or the reason why there is none."""
 
     def read(_: Any, container: Any) -> Timecode | str:
         streams = container.streams
@@ -216,13 +217,13 @@ def read_timecode(path: Path, first_s: float) -> Timecode | str:
 
 
 def parse_timecode(text: str, rate: Fraction, first_s: float = 0.0) -> Timecode | None:
-    """A timecode at a frame rate; `;` or `.` before the frames drops numbers. None for anything else."""
+    """Parse a timecode at a frame rate; `;` or `.` before the frames means drop-frame. None if invalid."""
     found = _TIMECODE.fullmatch(text.strip())
     if found is None:
         return None
     hours, minutes, seconds, frames = (int(found[k]) for k in (1, 2, 3, 5))
     nominal = round(rate)
-    # Rates such as 29.97 are those of NTSC; a phone's average rate is only near one.
+    # Rates such as 29.97 are NTSC's; a phone's average rate is only close to one.
     exact = (
         Fraction(nominal * 1000, 1001) if abs(rate - Fraction(nominal * 1000, 1001)) < rate / 3000 else None
     )

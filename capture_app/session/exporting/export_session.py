@@ -1,6 +1,6 @@
-"""Exports a session in one of the formats, into a folder that appears whole or not at all.
+"""Session export to one of the formats, into a folder that appears complete or not at all.
 
-What an export needs is decided here alone, by what its `Exporter` states.
+Only this module checks an export's requirements, which its `Exporter` declares.
 """
 
 from dataclasses import fields
@@ -29,7 +29,7 @@ from capture_app.session.reading.reader import Session
 
 
 class ExportReport(msgspec.Struct, frozen=True, kw_only=True):
-    """The result of an export: its folder, the number of images in the session, and notes for the user."""
+    """Result of an export: its folder, the number of images in the session, and notes for the user."""
 
     folder: str
     format: str
@@ -44,11 +44,11 @@ def export_session(
     progress: Progress = lambda done, total: None,
     **options: Any,
 ) -> ExportReport:
-    """Export a session to the folder `out`, which must not exist or be empty.
+    """Export a session to the folder `out`, which must be empty or not exist.
 
-    `options` are those of `ExportOptions` and of the format. Raises BadInputError for an unknown format or
-    option, a folder with content, or a session that cannot be exported so; IncompleteError where an image is
-    missing; NotAvailableError where a package is.
+    `options` are the fields of `ExportOptions` and of the format. Raises BadInputError for an unknown format
+    or option, a folder with content, or a session that the format cannot hold; IncompleteError for a missing
+    image; NotAvailableError for a missing package.
     """
     exporter = load_exporter(name)
     if out.is_symlink() or (out.exists() and not out.is_dir()):
@@ -88,7 +88,7 @@ def _make_options(name: str, exporter: Exporter, given: dict[str, Any]) -> Expor
 
 
 def _check_needs(exporter: Exporter, burst: ExportedBurst, given: dict[str, Any]) -> None:
-    """Give the burst its calibration. Raises BadInputError or NotAvailableError for what is missing."""
+    """Load the burst's calibration. Raises BadInputError or NotAvailableError if a requirement is missing."""
     own = own_options(exporter)
     instead = (own[one][1].packages for one in given if one in own)
     for module, extra in next(filter(None, instead), exporter.packages).items():
@@ -113,7 +113,7 @@ def _check_needs(exporter: Exporter, burst: ExportedBurst, given: dict[str, Any]
 
 
 def _check_calibration(exporter: Exporter, burst: ExportedBurst, calibration: Calibration) -> None:
-    """Check that all cameras are calibrated for their images; the user is told where it is in no length."""
+    """Check that all cameras are calibrated at their image size; add a note if the unit is not a length."""
     for camera in burst.cameras:
         where = f"{burst.session.folder / CALIBRATION}: {camera}"
         if camera not in calibration.cameras:

@@ -1,4 +1,5 @@
-"""A burst being exported: its images in order, each checked against its record, and where each one went."""
+"""A burst being exported: its images in order, checked against their records, and their places in the
+export."""
 
 import hashlib
 from collections.abc import Callable
@@ -18,18 +19,18 @@ from capture_app.session.reading.reader import Session
 
 Picture = NDArray[np.uint8]
 Redraw = Callable[[Picture], Picture]
-"""Makes of a camera's picture what another lens had taken."""
+"""Function that redraws a camera's image as seen by another lens."""
 Progress = Callable[[int, int], None]
-"""Called with the number of images written so far and of all."""
+"""Called with the number of images written so far and the total."""
 
 _VERIFY = "capture-app sessions verify shows all that is wrong"
 
 
 @dataclass(frozen=True, slots=True)
 class Frame:
-    """One place in an export: `file` inside the export and the number of its frame there, from 0.
+    """One place in an export: `file` inside the export, and the index of the frame in that file, from 0.
 
-    `image` is None for a blank frame; without `file` the camera and instant are not in the export.
+    `image` is None for a blank frame; `file` is empty if the camera and instant are not in the export.
     """
 
     camera: str
@@ -40,29 +41,30 @@ class Frame:
 
 
 class ExportedBurst:
-    """The images of a session, by camera and instant. Cameras without any image are left out.
+    """The images of a session, by camera and instant. Cameras without images are left out.
 
-    Raises BadInputError where the manifest contradicts itself: images doubled, or times that go backwards.
+    Raises BadInputError if the manifest contradicts itself: duplicate images, or times that decrease.
     """
 
     calibration: Calibration | None = None
-    """The calibration of all cameras, for an exporter that reads it; never None where it requires one."""
+    """Calibration of all cameras, if the exporter reads it; never None if it requires one."""
 
     def __init__(
         self, session: Session, options: ExportOptions, progress: Progress, instant: int | None = None
     ) -> None:
-        """`instant`: export this one only. Raises BadInputError where it has no image."""
+        """Take the images of a session, or of one `instant` only. Raises BadInputError if that has no
+        image."""
         manifest = session.manifest
         self.session, self.options = session, options
         self.name = session.name
         self.instants_ns = manifest.burst.instants_ns
         self.period_ns = manifest.burst.period_ns
         self.recorded = self.images = _images_by_place(session)
-        """The session's images, and those of them that may be exported."""
+        """The session's images (`recorded`), and the ones to export (`images`)."""
         self.frames: list[Frame] = []
-        """Where the images are in the export."""
+        """Places of the images in the export."""
         self.drawn: dict[str, CameraCalibration] = {}
-        """Cameras whose pictures are exported as another lens would have taken them, and that lens."""
+        """Cameras whose images are redrawn for another lens, with that lens."""
         if instant is not None:
             self.images = {place: image for place, image in self.images.items() if place[1] == instant}
             if not self.images:
@@ -79,15 +81,16 @@ class ExportedBurst:
         ]
         _check_times(self)
         self.origin_ns = min(image.leader_ns for image in self.images.values())
-        """Leader time of the earliest image: the zero of every time that an export counts from its start."""
+        """Leader time of the earliest image, which is zero in exports with relative times."""
         self._progress, self._done = progress, 0
 
     def put(self, image: ImageRecord, file: str, frame: int = 0) -> None:
-        """Note where an image is in the export."""
+        """Record the place of an image in the export."""
         self.frames.append(Frame(image.camera, image.instant, file, frame, image))
 
     def images_of(self, camera: str) -> list[ImageRecord]:
-        """A camera's images in order, each frame once: not again as a substitute for a dropped one."""
+        """Return a camera's images in order, each frame once, even if it also substitutes for a dropped
+        one."""
         kept: list[ImageRecord] = []
         for image in self._in_order(camera):
             if not kept or image.leader_ns > kept[-1].leader_ns:
@@ -97,12 +100,13 @@ class ExportedBurst:
         return kept
 
     def image_at(self, camera: str, instant: int) -> ImageRecord | None:
-        """The image that belongs to an instant, or None: a dropped frame's substitute is of another."""
+        """Return the image that was taken at an instant; None if missing or a substitute from another
+        time."""
         image = self.images.get((camera, instant))
         return None if image is None or image.substitute else image
 
     def complete_instants(self) -> list[int]:
-        """The instants of which every camera has its image."""
+        """Return the instants for which every camera has an image."""
         return [
             instant
             for instant in range(len(self.instants_ns))
@@ -110,20 +114,21 @@ class ExportedBurst:
         ]
 
     def size(self, camera: str) -> tuple[int, int]:
-        """Width and height in pixels of a camera's images."""
+        """Return width and height in px of a camera's images."""
         facts = self.session.camera(camera).facts
         return facts.width, facts.height
 
     def pixels(self, image: ImageRecord, redraw: Redraw | None = None) -> Picture:
-        """An image's pixels, redrawn if need be; see `load`."""
+        """Return an image's pixels, redrawn if requested; see `load`."""
         pixels = self.load(image)[1]
         return redraw(pixels) if redraw else pixels
 
     def load(self, image: ImageRecord) -> tuple[bytes, Picture]:
-        """An image's file bytes and its pixels, height x width x BGR of 8 bits, not turned by EXIF.
+        """Return an image's file bytes and its pixels: height x width x BGR of 8 bits, EXIF rotation not
+        applied.
 
-        Raises IncompleteError where the file is missing, BadInputError where it is not what was saved, cannot
-        be decoded, or is not of its camera's size.
+        Raises IncompleteError if the file is missing; BadInputError if it differs from what was saved, cannot
+        be decoded, or has a different size than its camera.
         """
         path = self.session.image_file(image)
         try:

@@ -1,4 +1,4 @@
-"""A session's image files and masks of movers in another program's folders, byte for byte where it allows."""
+"""Image files and masks of moving objects for other programs, copied unchanged where the format allows."""
 
 import os
 from pathlib import Path
@@ -14,7 +14,7 @@ _SAME = {".jpeg": ".jpg", ".mjpeg": ".jpg", ".tif": ".tiff"}
 
 
 def suffix_for(burst: ExportedBurst, images: list[ImageRecord]) -> str:
-    """The one file name ending for all of these images: their own, or .png where they differ."""
+    """Return the file suffix for all of these images: their own, or .png if they differ."""
     endings = {_ending(burst, image) for image in images}
     return endings.pop() if len(endings) == 1 else ".png"
 
@@ -22,10 +22,10 @@ def suffix_for(burst: ExportedBurst, images: list[ImageRecord]) -> str:
 def place(
     burst: ExportedBurst, image: ImageRecord, folder: Path, file: str, redraw: Redraw | None = None
 ) -> None:
-    """Put an image into a folder: its own bytes, or the same pixels as PNG where the ending says so.
+    """Write an image into a folder: its own bytes, or its pixels as PNG if the suffix requires it.
 
-    A changed picture is JPEG of quality 98, or PNG. Raises as `ExportedBurst.load` does, for a file that is
-    not the image that was saved.
+    A redrawn image is JPEG of quality 98, or PNG. Raises as `ExportedBurst.load` does if the file is not the
+    image that was saved.
     """
     data, pixels = burst.load(image)
     target = folder / file
@@ -41,7 +41,7 @@ def place(
 
 
 def jpeg_or_png(burst: ExportedBurst, image: ImageRecord) -> tuple[bytes, str]:
-    """An image's own bytes if they are JPEG or PNG, else its pixels as PNG; and `jpeg` or `png`.
+    """Return an image's own bytes if they are JPEG or PNG, otherwise its pixels as PNG; and `jpeg` or `png`.
 
     Raises as `ExportedBurst.load` does.
     """
@@ -56,7 +56,7 @@ def _ending(burst: ExportedBurst, image: ImageRecord) -> str:
 
 
 def mask_path(folder: Path, camera: str, instant: int) -> Path:
-    """Where an image's mask lies in a folder of masks."""
+    """Return the path of an image's mask in a folder of masks."""
     return folder / camera / f"{instant:06d}.png"
 
 
@@ -69,9 +69,10 @@ def write_mask(
     movers: int,
     redraw: Redraw | None = None,
 ) -> None:
-    """Write an image's mask of the folder `masks`, if given, with `movers`, 0 or 255, where something moves.
+    """Write an image's mask from the folder `masks`, if given; moving regions have the value `movers`, 0 or
+    255.
 
-    Raises IncompleteError where the folder lacks it, BadInputError where it is not of the image's size.
+    Raises IncompleteError if the folder lacks it, BadInputError if its size differs from the image's.
     """
     import cv2
 

@@ -1,4 +1,4 @@
-"""OpenCV's lens model: its nearest form without k3, images redrawn for a lens, other conventions."""
+"""OpenCV's lens model: the closest fit without k3, images redrawn for another lens, other conventions."""
 
 import msgspec
 import numpy as np
@@ -15,33 +15,33 @@ _GRID = 60
 
 
 def rotation_of(camera: CameraCalibration) -> Array:
-    """Rotation of `cam_from_rig`, 3x3."""
+    """Return the rotation of `cam_from_rig`, 3x3."""
     return np.array(camera.rotation, np.float64)
 
 
 def translation_of(camera: CameraCalibration) -> Array:
-    """Translation of `cam_from_rig`, (3,), in the calibration's unit."""
+    """Return the translation of `cam_from_rig`, (3,), in the calibration's unit."""
     return np.array(camera.translation, np.float64)
 
 
 def centre_of(camera: CameraCalibration) -> Array:
-    """Position of the camera in the rig's coordinates, (3,), in the calibration's unit."""
+    """Return the camera's position in rig coordinates, (3,), in the calibration's unit."""
     return np.asarray(-rotation_of(camera).T @ translation_of(camera))
 
 
 def matrix_of(camera: CameraCalibration) -> Array:
-    """OpenCV's camera matrix, 3x3, in pixels; the first pixel's centre is (0, 0)."""
+    """Return OpenCV's camera matrix, 3x3, in px; the first pixel's centre is (0, 0)."""
     return np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]], np.float64)
 
 
 def distortion_of(camera: CameraCalibration) -> Array:
-    """OpenCV's k1, k2, p1, p2, k3."""
+    """Return OpenCV's k1, k2, p1, p2, k3."""
     given = camera.distortion[:5]
     return np.array([*given, *[0.0] * (5 - len(given))], np.float64)
 
 
 def quaternion(rotation: Array) -> tuple[float, float, float, float]:
-    """Unit quaternion (w, x, y, z), w >= 0, of a rotation matrix (Horn 1987, section 4)."""
+    """Return the unit quaternion (w, x, y, z), w >= 0, of a rotation matrix (Horn 1987, section 4)."""
     (xx, xy, xz), (yx, yy, yz), (zx, zy, zz) = rotation
     symmetric = np.array(
         [
@@ -56,7 +56,7 @@ def quaternion(rotation: Array) -> tuple[float, float, float, float]:
 
 
 def rodrigues(rotation: Array) -> tuple[float, float, float]:
-    """Rotation vector in radians of a rotation matrix."""
+    """Return the rotation vector in radians of a rotation matrix."""
     import cv2
 
     x, y, z = cv2.Rodrigues(rotation)[0].ravel().tolist()
@@ -64,12 +64,12 @@ def rodrigues(rotation: Array) -> tuple[float, float, float]:
 
 
 def project_rays(camera: CameraCalibration, rays: Array) -> Array:
-    """Pixels (n, 2) of rays (n, 2), which are x/z and y/z in the camera; OpenCV's k1, k2, p1, p2, k3."""
+    """Project rays (n, 2), x/z and y/z in the camera, to pixels (n, 2) with OpenCV's k1, k2, p1, p2, k3."""
     return _project(camera, rays)[0]
 
 
 def rays_of(camera: CameraCalibration, pixels: Array) -> Array:
-    """Rays (n, 2) of pixels (n, 2), by Newton's method; NaN where the lens has none there."""
+    """Return the rays (n, 2) of pixels (n, 2), by Newton's method; NaN where the lens model has none."""
     focal = np.array([camera.fx, camera.fy])
     rays = (pixels - [camera.cx, camera.cy]) / focal
     with np.errstate(all="ignore"):
@@ -83,16 +83,16 @@ def rays_of(camera: CameraCalibration, pixels: Array) -> Array:
             rays = rays - step / (a * d - b * c)[:, None]
         seen, slopes, _ = _project(camera, rays)
         far = np.abs(seen - pixels).max(axis=1)
-        # Past its turning point a polynomial shows the same pixel again, seen from outside the picture.
+        # Past its turning point the polynomial maps rays from outside the image to the same pixel.
         turned = np.minimum(slopes[:, 0, 0], slopes[:, 1, 1]) <= 0
     rays[~(far < _FOUND_PX) | turned] = np.nan
     return np.asarray(rays)
 
 
 def picture_rays(camera: CameraCalibration) -> Array:
-    """Rays (n, 2) of a grid over the whole picture, from edge to edge, of those pixels that have one.
+    """Return the rays (n, 2) of a grid over the whole image, edge to edge, for pixels that have one.
 
-    Raises BadInputError where hardly any has: no lens does that.
+    Raises BadInputError if hardly any pixel has one, which no real lens does.
     """
     columns, rows = np.meshgrid(
         np.linspace(-0.5, camera.width - 0.5, _GRID), np.linspace(-0.5, camera.height - 0.5, _GRID)
@@ -108,10 +108,10 @@ def picture_rays(camera: CameraCalibration) -> Array:
 
 
 def without_k3(camera: CameraCalibration) -> tuple[CameraCalibration, float]:
-    """The lens with k1, k2, p1 and p2 only that comes nearest in the whole picture.
+    """Fit the closest lens with only k1, k2, p1 and p2 over the whole image.
 
     Returns it, with its own focal lengths and principal point, and the largest distance in px between the
-    pixels that both give a ray of the picture (least squares over a grid, Gauss-Newton).
+    pixels to which both lenses map the same ray (least squares over a grid, Gauss-Newton).
     """
     if not distortion_of(camera)[4]:
         return camera, 0.0
@@ -135,16 +135,16 @@ def without_k3(camera: CameraCalibration) -> tuple[CameraCalibration, float]:
             break
     worst = float(np.linalg.norm(seen - project_rays(fitted, rays), axis=1).max())
     if not worst < max(camera.width, camera.height) or min(fitted.fx, fitted.fy) <= 0:
-        # Nothing like it: then the pictures are as well drawn without any distortion.
+        # The fit failed: then images are redrawn without any distortion instead.
         fitted = msgspec.structs.replace(camera, distortion=(0.0,) * 5)
         worst = float(np.linalg.norm(seen - project_rays(fitted, rays), axis=1).max())
     return fitted, worst
 
 
 def redrawing(camera: CameraCalibration, wanted: CameraCalibration) -> Redraw | None:
-    """Makes of a camera's pictures those that the lens `wanted` had taken from there; None if it is the same.
+    """Return a function that redraws a camera's images for the lens `wanted`; None if the lenses are equal.
 
-    Pixels are interpolated (bilinear); what the camera did not see is black.
+    The pose stays the same. Pixels are interpolated bilinearly; what the camera did not see is black.
     """
     import cv2
 
@@ -164,18 +164,19 @@ def redrawing(camera: CameraCalibration, wanted: CameraCalibration) -> Redraw | 
         )
         across = (np.arange(wanted.width) - wanted.cx) / wanted.fx
         down = (np.arange(wanted.height) - wanted.cy) / wanted.fy
-        # Far outside its picture a lens's polynomial may turn back into it.
+        # Far outside the image, the lens's polynomial may map rays back into it.
         unseen = (
             np.hypot(across[None], down[:, None]) > 1.01 * np.linalg.norm(picture_rays(camera), axis=1).max()
         )
         maps[0][unseen] = -10
     for axis, length in zip(maps, (camera.width, camera.height), strict=True):
-        # Half a pixel around the outermost centres still belongs to the picture.
+        # The image extends half a pixel beyond its outermost pixel centres.
         inside = (axis >= -0.51) & (axis <= length - 0.49)
         np.clip(axis, 0, length - 1, out=axis, where=inside)
 
     def redraw(picture: Picture) -> Picture:
-        # OpenCV's bicubic kernel (a = -0.75) does not keep a ramp: it moves a smooth dot by up to 0.06 px.
+        # OpenCV's bicubic kernel (a = -0.75) does not preserve a ramp: it shifts a smooth dot by up to 0.06
+        # px.
         return np.asarray(cv2.remap(picture, *maps, cv2.INTER_LINEAR), np.uint8)
 
     return redraw
@@ -187,8 +188,10 @@ def _parameters(camera: CameraCalibration) -> tuple[float, ...]:
 
 
 def _project(camera: CameraCalibration, rays: Array) -> tuple[Array, Array, Array]:
-    """Pixels (n, 2) of rays, their derivatives (n, 2, 2) by x and y of the ray, and those of all pixels,
-    flattened, by fx, fy, cx, cy, k1, k2, p1 and p2 (2n, 8)."""
+    """Return pixels (n, 2) of rays and their derivatives by the ray and by the lens parameters.
+
+    By x and y of the ray: (n, 2, 2). By fx, fy, cx, cy, k1, k2, p1 and p2, for all pixels flattened: (2n, 8).
+    """
     import cv2
 
     points, none = np.column_stack([rays, np.ones(len(rays))]), np.zeros(3)

@@ -1,4 +1,4 @@
-"""Point clouds as PLY: read as COLMAP and Open3D write them, written as Gaussian splatting reads them."""
+"""Point clouds as PLY: read from COLMAP and Open3D, written for Gaussian splatting."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -20,13 +20,13 @@ _GREY = 128
 
 @dataclass(frozen=True, slots=True)
 class PointCloud:
-    """Points (n, 3) in the rig's coordinates and the calibration's unit, and their colours (n, 3), RGB."""
+    """Points (n, 3) in rig coordinates and the calibration's unit, with their colours (n, 3), RGB."""
 
     points: Array
     colours: NDArray[np.uint8]
 
     def thinned(self, most: int) -> "PointCloud":
-        """At most so many of the points, drawn at random but the same ones every time."""
+        """Return at most `most` points, drawn at random with a fixed seed."""
         if len(self.points) <= most:
             return self
         kept = np.sort(np.random.default_rng(0).choice(len(self.points), most, replace=False))
@@ -34,9 +34,9 @@ class PointCloud:
 
 
 def read_ply(path: Path) -> PointCloud:
-    """The vertices of a PLY file; grey where it has no colours.
+    """Read the vertices of a PLY file; they are grey if the file has no colours.
 
-    Raises IncompleteError where it is missing, BadInputError where it is no PLY of points.
+    Raises IncompleteError if it is missing, BadInputError if it is not a PLY of points.
     """
     try:
         data = path.read_bytes()
@@ -60,7 +60,8 @@ def read_ply(path: Path) -> PointCloud:
 
 
 def write_ply(path: Path, cloud: PointCloud, *, normals: bool = False) -> None:
-    """Write points and colours, binary and little-endian; with `normals` of 0 for programs that want some."""
+    """Write points and colours as binary little-endian; `normals` adds zero normals for programs that need
+    them."""
     zeros = [("normal", "<f4", 3)] if normals else []
     rows = np.zeros(len(cloud.points), [("at", "<f4", 3), *zeros, ("colour", "u1", 3)])
     rows["at"], rows["colour"] = cloud.points, cloud.colours

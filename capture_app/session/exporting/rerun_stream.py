@@ -1,4 +1,4 @@
-"""Cameras and times in a recording stream of Rerun's; the caller has imported rerun-sdk."""
+"""Cameras and times in a Rerun recording stream; the caller has imported rerun-sdk."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -12,7 +12,7 @@ _HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])  # Rerun's first p
 
 
 def log_cameras(rerun: Any, stream: Any, cameras: Mapping[str, CameraCalibration]) -> None:
-    """Log where the cameras are, and how wide they look."""
+    """Log the cameras' poses and pinhole models."""
     for name, camera in cameras.items():
         pose = rerun.Transform3D(translation=centre_of(camera), mat3x3=rotation_of(camera).T)
         pinhole = rerun.Pinhole(
@@ -24,6 +24,6 @@ def log_cameras(rerun: Any, stream: Any, cameras: Mapping[str, CameraCalibration
 
 
 def set_times(stream: Any, leader_ns: int, instant: int) -> None:
-    """What is logged from now on is of this moment on both timelines."""
+    """Set the time of everything logged from now on, on both timelines."""
     stream.set_time("leader", duration=np.timedelta64(leader_ns, "ns"))
     stream.set_time("instant", sequence=instant)

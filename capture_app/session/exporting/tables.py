@@ -1,4 +1,4 @@
-"""Small text files beside an export: exact times as CSV, calibrated cameras as TOML and in OpenCV's YAML."""
+"""Text files of an export: exact times as CSV, and calibrated cameras as TOML and in OpenCV's YAML."""
 
 import csv
 import io
@@ -23,7 +23,7 @@ from capture_app.session.format.manifest import ImageRecord
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")
 _RESERVED = ("metadata", "capture_volume", "charuco", "checkerboard")
-"""Tables of these programs' calibrations that are no cameras."""
+"""Tables in these programs' calibrations that are not cameras."""
 
 _TIMES = ("leader_ns", "residual_ns", "uncertainty_ns", "hard_bound_ns")
 
@@ -46,9 +46,9 @@ def write_frames(burst: ExportedBurst, folder: Path) -> None:
 
 
 def paired_names(cameras: Iterable[str]) -> dict[str, str]:
-    """For each camera the name of its video and of its table, in the order in which programs pair them.
+    """Return for each camera the name of its video and its table, in the order in which programs pair them.
 
-    It is the camera's own, unless sorting by letters and by numbers disagree or a name means something else.
+    It is the camera's own name, unless alphabetical and numerical order differ or the name is reserved.
     """
     by_letters = sorted(cameras)
     by_numbers = sorted(by_letters, key=natural_order)
@@ -58,16 +58,16 @@ def paired_names(cameras: Iterable[str]) -> dict[str, str]:
 
 
 def renaming_notes(names: Mapping[str, str]) -> list[str]:
-    """For the user: which cameras have another name in the export."""
+    """Return notes for the user on cameras that have a different name in the export."""
     return [f"{name} is {camera}" for camera, name in names.items() if name != camera]
 
 
 def camera_tables(
     calibration: Calibration, names: Mapping[str, str], unit: str, *, numbered: bool = False
 ) -> str:
-    """Anipose's TOML, which FreeMoCap and Pose2Sim read: a table a camera, rotations by Rodrigues.
+    """Return Anipose's TOML, which FreeMoCap and Pose2Sim read: a table a camera, with Rodrigues vectors.
 
-    `names` are `paired_names`; translations are written in `unit` where the calibration's is a length.
+    `names` are `paired_names`; translations are written in `unit` if the calibration's unit is a length.
     `numbered` adds the id and the index by which FreeMoCap 2 finds a camera.
     """
     factor = METRES[calibration.unit] / METRES[unit] if calibration.unit in METRES else 1.0
@@ -89,7 +89,7 @@ def camera_tables(
 
 
 def toml_table(name: Sequence[str], values: Mapping[str, object]) -> str:
-    """The TOML table at the path `name`, of numbers, booleans, strings and lists, as JSON writes them."""
+    """Return the TOML table at the path `name`: numbers, booleans, strings and lists, written as in JSON."""
     lines = (f"{key} = {json.dumps(value)}\n" for key, value in values.items())
     title = ".".join(part if _BARE.fullmatch(part) else json.dumps(part) for part in name)
     return f"[{title}]\n{''.join(lines)}\n"
@@ -106,7 +106,7 @@ def _content(frame: Frame, image: ImageRecord | None) -> str:
 
 
 def yaml_names(cameras: Iterable[str]) -> dict[str, str]:
-    """For each camera a name that FileStorage allows in a key: `paired_names`, without dots."""
+    """Return for each camera a name that is valid in a FileStorage key: `paired_names`, without dots."""
     names = {camera: name.replace(".", "_") for camera, name in paired_names(cameras).items()}
     if len(set(names.values())) == len(names):
         return names
@@ -114,9 +114,9 @@ def yaml_names(cameras: Iterable[str]) -> dict[str, str]:
 
 
 def write_cameras(folder: Path, calibration: Calibration, names: Mapping[str, str], centre: float) -> None:
-    """Write intri.yml and extri.yml, in metres where the calibration's unit is a length.
+    """Write intri.yml and extri.yml, in metres if the calibration's unit is a length.
 
-    `centre` is where the reader has the first pixel's centre: 0 after OpenCV, or 0.5.
+    `centre` is the reader's coordinate of the first pixel's centre: 0 in OpenCV, or 0.5.
     """
     metres = METRES.get(calibration.unit, 1.0)
     head = "%YAML:1.0\n---\nnames:\n" + "".join(f'  - "{name}"\n' for name in names.values())

@@ -1,4 +1,4 @@
-"""Videos of a burst: H.264 in MP4, every frame at its own time, counted in microseconds."""
+"""Videos of a burst: H.264 in MP4, each frame with its own time in microseconds."""
 
 import math
 from collections.abc import Iterable, Mapping, Sequence
@@ -26,10 +26,10 @@ def write_video(
     *,
     lossless: bool = False,
 ) -> None:
-    """Encode frames, each with its time in ns since the file's zero, to 1 us; `size` is (width, height).
+    """Encode frames, each with its time in ns since the video's start, to 1 us; `size` is (width, height).
 
-    `period_ns` is how long the last frame stands. Odd sizes keep their size by unreduced colour. Lossless
-    is H.264 of the very RGB values. The caller has checked that PyAV is installed. Raises BadInputError where
+    `period_ns` is the duration of the last frame. Odd sizes are preserved by not subsampling colour. Lossless
+    is H.264 of the exact RGB values. The caller has checked that PyAV is installed. Raises BadInputError if
     two frames share a microsecond.
     """
     import av
@@ -37,7 +37,7 @@ def write_video(
     width, height = size
     last_us = -math.inf
     scaler = av.video.reformatter.Interpolation
-    # Without accurate rounding every picture comes out darker by half a level.
+    # Without accurate rounding every image is darker by half a level.
     rounding = scaler.BICUBIC | scaler.ACCURATE_RND | scaler.FULL_CHR_H_INP
     try:
         # In milliseconds, MP4's default, the time before the first frame would lose its microseconds.
@@ -70,16 +70,17 @@ def write_video(
 
 
 Shown = tuple[int, int, ImageRecord | None]
-"""A frame of a video: its instant, its time in ns since the video's zero, and its image; None for black."""
+"""A video frame: its instant, its time in ns since the video's start, and its image; None for black."""
 
 
 def at_own_times(burst: ExportedBurst, camera: str) -> list[Shown]:
-    """A camera's frames at the images' own times since the burst's first, none where an image is missing."""
+    """Return a camera's frames at their own times since the burst's first image; missing images are
+    skipped."""
     return [(one.instant, one.leader_ns - burst.origin_ns, one) for one in burst.images_of(camera)]
 
 
 def at_instants(burst: ExportedBurst, camera: str, instants: Sequence[int]) -> list[Shown]:
-    """One frame for each of these instants, at the instant's time since the first of them."""
+    """Return one frame for each of these instants, at the instant's time since the first of them."""
     times_ns = burst.instants_ns
     return [(n, times_ns[n] - times_ns[instants[0]], burst.image_at(camera, n)) for n in instants]
 
@@ -94,7 +95,7 @@ def write_camera(
     size: tuple[int, int] | None = None,
     file: str = "",
 ) -> None:
-    """Write a camera's video; `redraw` changes its pictures, to `size`; `file` is its name in the export."""
+    """Write a camera's video named `file` in the export; `redraw` changes its images to `size`."""
     width, height = size or burst.size(camera)
     black = np.zeros((height, width, 3), np.uint8)
     frames = (
@@ -111,9 +112,10 @@ def write_paired_videos(
     files: Mapping[str, str],
     redraws: Mapping[str, Redraw | None] | None = None,
 ) -> None:
-    """Write for each camera the file inside `folder`, a frame for each instant; black where it has none.
+    """Write each camera's video in `folder`, one frame for each instant, black if its image is missing.
 
-    For programs that take frame n of all videos for one moment. Notes black frames and uneven spacing.
+    For programs that take frame n of all videos as simultaneous. Adds notes on black frames and uneven
+    spacing.
     """
     instants = range(len(burst.instants_ns))
     for camera, file in files.items():
@@ -128,7 +130,7 @@ def write_paired_videos(
 
 
 def spacing_notes(times_ns: Iterable[int], period_ns: int) -> list[str]:
-    """A note where a program that counts frames at a constant rate would be misled by these times."""
+    """Return a note if these times would mislead a program that assumes a constant frame rate."""
     gaps = np.diff(np.array(list(times_ns), np.int64))
     if len(gaps) == 0 or np.ptp(gaps) <= period_ns // 20:
         return []

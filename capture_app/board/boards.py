@@ -1,4 +1,4 @@
-"""The two boards, ChArUco and plain checkerboard: their squares, their markers and their inner corners."""
+"""Calibration boards, ChArUco and plain checkerboard: their squares, markers and inner corners."""
 
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -13,24 +13,24 @@ if TYPE_CHECKING:
 DICTIONARIES = {"ARUCO_ORIGINAL": 1024} | {
     f"{side}X{side}_{words}": words for side in (4, 5, 6, 7) for words in (50, 100, 250, 1000)
 }
-"""How many markers each of OpenCV's dictionaries has."""
+"""Number of markers in each of OpenCV's dictionaries."""
 
 MIN_CORNERS = 6
-"""Pictures with fewer corners of the board do not count."""
+"""Minimum number of detected corners for an image to count."""
 PLAIN = "none"
-"""What is typed for the markers' dictionary of a board that has none."""
+"""Value of the dictionary option for a board without markers."""
 
 
 @dataclass(frozen=True)
 class Squares:
-    """Squares across and down, and their length in m."""
+    """Number of squares across and down, and their side length in m."""
 
     across: int
     down: int
     square_m: float
 
     def __post_init__(self) -> None:
-        """Raise BadInputError for squares that no print has."""
+        """Raise BadInputError for impossible squares."""
         if not 0 < self.square_m < 10:
             raise BadInputError(f"squares of {1000 * self.square_m:g} mm", hint="as measured on the print")
 
@@ -41,19 +41,19 @@ class Squares:
 
     @property
     def corners(self) -> int:
-        """Inner corners, which are what is measured."""
+        """Number of inner corners, which are the points that are detected."""
         return (self.across - 1) * (self.down - 1)
 
 
 @dataclass(frozen=True)
 class CharucoBoard(Squares):
-    """A board with the markers' length in m, and the name of their dictionary (as `4X4_50`)."""
+    """A ChArUco board: the markers' side length in m, and the name of their dictionary (such as `4X4_50`)."""
 
     marker_m: float
     dictionary: str
 
     def __post_init__(self) -> None:
-        """Raise BadInputError for an unknown dictionary or a shape that cannot be detected."""
+        """Raise BadInputError for an unknown dictionary or an undetectable shape."""
         words = DICTIONARIES.get(self.dictionary.upper())
         if words is None:
             raise BadInputError(f"unknown dictionary {self.dictionary!r}", hint="such as 4X4_50 or 6X6_250")
@@ -75,31 +75,31 @@ class CharucoBoard(Squares):
 
     @property
     def markers(self) -> int:
-        """Markers: one in each white square."""
+        """Number of markers: one in each white square."""
         return self.across * self.down // 2
 
     @property
     def places(self) -> "NDArray[np.float32]":
-        """The inner corners on the board by their number, (n, 3) in m, z = 0; x right, y down."""
+        """Return the positions of the inner corners by number, (n, 3) in m, z = 0; x right, y down."""
         import numpy as np
 
         return np.asarray(self.to_opencv().getChessboardCorners(), np.float32)
 
     def to_opencv(self) -> "cv2.aruco.CharucoBoard":
-        """OpenCV's board."""
+        """Return OpenCV's object for this board."""
         import cv2
 
         size = (self.across, self.down)
         return cv2.aruco.CharucoBoard(size, self.square_m, self.marker_m, self.words_of_markers())
 
     def words_of_markers(self) -> "cv2.aruco.Dictionary":
-        """OpenCV's dictionary of the markers."""
+        """Return OpenCV's dictionary of the markers."""
         import cv2
 
         return cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{self.dictionary.upper()}"))
 
     def picture(self, square_px: int) -> "NDArray[np.uint8]":
-        """The board without a margin, uint8 grey, each square so many pixels."""
+        """Draw the board without a margin, uint8 grey, with squares of `square_px`."""
         import numpy as np
 
         size = (self.across * square_px, self.down * square_px)
@@ -107,11 +107,11 @@ class CharucoBoard(Squares):
 
 
 DEFAULT_BOARD = CharucoBoard(7, 5, 0.035, 0.026, "4X4_50")
-"""What is printed and expected unless something else is asked for: it fits A4 and Letter."""
+"""Default board for printing and detection; fits A4 and Letter."""
 
 
 class Checkerboard(Squares):
-    """A board of squares alone."""
+    """A plain checkerboard without markers."""
 
     def __post_init__(self) -> None:
         """Raise BadInputError for a shape whose corners cannot be numbered."""
@@ -126,12 +126,12 @@ class Checkerboard(Squares):
 
     @property
     def is_ambiguous(self) -> bool:
-        """Whether it looks the same when it is turned by 180 degrees: its outer squares have one colour."""
+        """Whether it looks the same after a rotation by 180 degrees, as its outer squares have one colour."""
         return (self.across + self.down) % 2 == 0
 
     @property
     def places(self) -> "NDArray[np.float32]":
-        """The inner corners on the board by their number, (n, 3) in m, z = 0; x right, y down."""
+        """Return the positions of the inner corners by number, (n, 3) in m, z = 0; x right, y down."""
         import numpy as np
 
         rows, columns = np.mgrid[1 : self.down, 1 : self.across]
@@ -139,7 +139,7 @@ class Checkerboard(Squares):
         return (flat * self.square_m).astype(np.float32)
 
     def picture(self, square_px: int) -> "NDArray[np.uint8]":
-        """The board with a white margin of one square, uint8 grey, each square so many pixels."""
+        """Draw the board with a white margin of one square, uint8 grey, with squares of `square_px`."""
         import numpy as np
 
         rows, columns = np.mgrid[: self.down, : self.across]
@@ -148,10 +148,10 @@ class Checkerboard(Squares):
         return np.kron(whole, np.ones((square_px, square_px), np.uint8))
 
     def detect(self, grey: "NDArray[Any]") -> "dict[int, NDArray[Any]]":
-        """Pixels of all inner corners by their number in a picture (uint8), or none.
+        """Detect all inner corners in an image (uint8); return their px by number, or none.
 
-        By OpenCV's sector based detector (Duda and Frese 2018). The first corner is the one beside a dark
-        outer square; where that does not tell, the one that makes the rows run from left to right.
+        Uses OpenCV's sector based detector (Duda and Frese 2018). The first corner is the one beside a dark
+        outer square. If that is ambiguous, it is the one that makes the rows run from left to right.
         """
         import cv2
         import numpy as np
@@ -175,7 +175,10 @@ class Checkerboard(Squares):
 
 
 def _level(grey: "NDArray[Any]", corners: "NDArray[Any]") -> float:
-    """How light the square between four corners (2, 2, 2) is: as the outer square beside it."""
+    """Return the brightness of the square between four corners (2, 2, 2).
+
+    The outer square at the board's corner beside it has the same colour.
+    """
     import numpy as np
 
     middle = corners.mean((0, 1))

@@ -1,7 +1,7 @@
-"""What a board has covered while it was held before a rig's cameras, and what is still missing.
+"""Coverage of a rig's images by a calibration board held in front of the cameras, and what is missing.
 
-A view counts when the board stands differently from every view that counted before, so that a board that is
-held still counts once.
+A view counts only if the board's pose differs from every view counted before, so a board held still counts
+once.
 """
 
 from collections.abc import Mapping
@@ -18,51 +18,51 @@ from capture_app.board.boards import MIN_CORNERS
 from capture_app.board.detector import Board, BoardDetector, Corners
 
 MIN_VIEWS = 10
-"""Different views of the board that a camera's lens needs; OpenCV's own advice."""
+"""Minimum number of different views for calibrating a camera's lens, as OpenCV recommends."""
 MIN_SHARED = 6
-"""Different views that two neighbours need to see together."""
+"""Minimum number of different views that two neighbouring cameras share."""
 GRID = (8, 6)
-"""Cells across and down of which `covered` is the share that a corner fell into."""
+"""Cells across and down; `covered` is the fraction of cells with a corner in them."""
 MIN_COVERED = 0.6
 TILT_DEG = 15.0
-"""A board that is turned less than this counts as face on."""
+"""Minimum tilt for a view to count as tilted, degrees."""
 MIN_TILTED = 2
-"""Views tilted each way: left or right, and up or down."""
+"""Minimum number of views tilted left or right, and of views tilted up or down."""
 NEW_PLACE = 0.06
-"""A view is another one when its corners moved by this share of the picture's diagonal ..."""
+"""A view is new if its corners moved by this fraction of the image diagonal ..."""
 NEW_TILT_DEG = 8.0
-"""... or it is turned by this much."""
+"""... or if its tilt changed by this angle, degrees."""
 NAMES = (
     ("upper left", "top", "upper right"),
     ("left", "middle", "right"),
     ("lower left", "bottom", "lower right"),
 )
 MOMENT_NS = 300_000_000
-"""Previews that are less apart than this are of one moment: the board is moved by hand."""
+"""Maximum time between previews of one moment; the board is moved by hand."""
 
 
 class CameraCoverage(Struct, frozen=True, kw_only=True):
-    """What one camera has seen of the board."""
+    """The board's coverage of one camera's images."""
 
     views: int
     covered: float
-    """Share of the picture where corners were."""
+    """Fraction of the image with corners."""
     empty: tuple[str, ...]
-    """Ninths of the picture where hardly any corner was, in words."""
+    """Names of the ninths of the image with hardly any corners."""
     tilted_across: int
-    """Views turned to the left or right, and up or down."""
+    """Number of views tilted left or right; `tilted_along` counts the views tilted up or down."""
     tilted_along: int
 
 
 class SharedViews(Struct, frozen=True, kw_only=True):
-    """How many different views two cameras have seen together."""
+    """Number of different views that two cameras share."""
 
     cameras: tuple[str, str]
     views: int
 
 
 class BoardCoverage(Struct, frozen=True, kw_only=True):
-    """What a board has covered so far; `missing` is what to do next, the most urgent first."""
+    """Coverage so far; `missing` is what to do next, most urgent first."""
 
     cameras: dict[str, CameraCoverage]
     shared: tuple[SharedViews, ...]
@@ -76,7 +76,7 @@ class BoardCoverage(Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True)
 class _View:
-    """A board as it stood in a picture: its four outer corners in shares of the diagonal, and its normal."""
+    """A board's pose in an image: its four outer corners as fractions of the diagonal, and its normal."""
 
     outline: NDArray[Any]
     normal: NDArray[Any]
@@ -88,7 +88,7 @@ class _View:
 
 
 class _CameraCount:
-    """The views of one camera."""
+    """Views of one camera."""
 
     def __init__(self) -> None:
         self.views: list[_View] = []
@@ -96,7 +96,7 @@ class _CameraCount:
         self.ninths = np.zeros((3, 3), int)
 
     def add(self, view: _View, at: NDArray[Any]) -> bool:
-        """Whether it is another view; `at`: its corners (n, 2) in shares of width and height."""
+        """Add a view if it is new, and return whether it is; `at`: its corners (n, 2), 0..1 of the image."""
         inside = at.clip(0, 1 - 1e-9)
         for counted in (self.corners, self.ninths):
             columns, rows = np.floor(inside * counted.shape[::-1]).astype(int).T
@@ -120,10 +120,10 @@ class _CameraCount:
 
 
 class CoverageCount:
-    """Counts what the board covers, moment by moment."""
+    """Counter of a board's coverage, one moment at a time."""
 
     def __init__(self, board: Board, sizes: Mapping[str, tuple[int, int]]) -> None:
-        """`sizes`: width and height of each camera's pictures, px."""
+        """Start without views; `sizes` are width and height of each camera's images, px."""
         self._places = np.asarray(board.places, np.float64)[:, :2]
         ends = self._places.min(0), self._places.max(0)
         self._outline = np.array([[ends[i][0], ends[j][1]] for i, j in ((0, 0), (1, 0), (1, 1), (0, 1))])
@@ -132,9 +132,9 @@ class CoverageCount:
         self._shared = dict.fromkeys(combinations(sizes, 2), 0)
 
     def add(self, moment: Mapping[str, Corners], earlier: Mapping[str, Corners] | None = None) -> None:
-        """Count what the cameras saw at one moment; those that did not see the board may be left out.
+        """Count what the cameras saw at one moment; cameras that did not see the board may be omitted.
 
-        `earlier`: what others saw of the same moment that was counted for itself before.
+        `earlier`: other cameras' corners of the same moment that were counted before.
         """
         new = set()
         for name, corners in moment.items():
@@ -147,7 +147,7 @@ class CoverageCount:
                 self._shared[pair] += 1
 
     def coverage(self) -> BoardCoverage:
-        """What is covered so far."""
+        """Return the coverage so far."""
         cameras = {name: counted.coverage() for name, counted in self._cameras.items()}
         shared = tuple(SharedViews(cameras=pair, views=n) for pair, n in self._shared.items() if n)
         missing = [*_unjoined(cameras, self._shared), *_missing_views(cameras)]
@@ -167,7 +167,7 @@ class CoverageCount:
 
 
 def _normal(matrix: NDArray[Any], width: int, height: int) -> NDArray[Any]:
-    """The board's normal (3,) in the camera's frame, as a lens of usual width sees it."""
+    """Return the board's normal (3,) in the camera's frame, assuming a lens with a typical field of view."""
     focal = float(max(width, height))
     lens = np.array([[focal, 0, (width - 1) / 2], [0, focal, (height - 1) / 2], [0, 0, 1.0]])
     axes = np.linalg.inv(lens) @ matrix
@@ -195,7 +195,7 @@ def _missing_views(cameras: Mapping[str, CameraCoverage]) -> list[str]:
 
 
 def _unjoined(cameras: Mapping[str, CameraCoverage], shared: Mapping[tuple[str, str], int]) -> list[str]:
-    """What joins the rig: each group of cameras with the one that it shares most with."""
+    """Return what connects the rig: each group of cameras with the group that it shares most views with."""
     groups = [{name} for name in cameras]
     for (a, b), views in sorted(shared.items(), key=lambda item: -item[1]):
         if views < MIN_SHARED:
@@ -218,7 +218,7 @@ def _unjoined(cameras: Mapping[str, CameraCoverage], shared: Mapping[tuple[str, 
 
 
 def coverage_table(found: BoardCoverage) -> tuple[tuple[str, ...], list[tuple[str, ...]]]:
-    """Head and rows of a table: each camera, and with whom it shares views."""
+    """Return head and rows of a table: each camera, and the cameras that it shares views with."""
     rows: list[tuple[str, ...]] = []
     for name, seen in found.cameras.items():
         with_others = [
@@ -240,17 +240,17 @@ def coverage_table(found: BoardCoverage) -> tuple[tuple[str, ...], list[tuple[st
 
 
 class PreviewCount:
-    """The coverage of a rig by its previews, whatever their size."""
+    """Coverage of a rig from its previews, at any preview size."""
 
     def __init__(self, board: Board, sizes: Mapping[str, tuple[int, int]]) -> None:
-        """`sizes`: width and height of each camera's full pictures, px."""
+        """Start without views; `sizes` are width and height of each camera's full images, px."""
         self._sizes = dict(sizes)
         self._count = CoverageCount(board, sizes)
         self._detectors = {name: BoardDetector(board) for name in sizes}
         self._latest: dict[str, tuple[int, Corners]] = {}
 
     def add(self, camera: str, leader_ns: int | None, jpeg: bytes) -> BoardCoverage:
-        """Count one preview and return what is covered; `leader_ns`: its time, None where it is not known."""
+        """Count one preview and return the coverage; `leader_ns` is its time, None if unknown."""
         grey = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
         if grey is not None and camera in self._sizes:
             scale = np.array(self._sizes[camera]) / grey.shape[::-1]

@@ -1,4 +1,4 @@
-"""Detects a board in pictures: one with markers printed light or dark, from its front or its back."""
+"""Board detection in images; a board with markers may be printed light or dark, and seen from either side."""
 
 from collections.abc import Callable
 from functools import partial
@@ -12,16 +12,19 @@ from capture_app.board.boards import MIN_CORNERS, CharucoBoard, Checkerboard
 
 Board = CharucoBoard | Checkerboard
 Corners = dict[int, NDArray[Any]]
-"""Pixels (2,) of the board's corners by their number."""
+"""Positions (2,) in px of the board's corners, by number."""
 MAX_BEND_SHARE = 0.03
-"""Corners further from a flat board than this share of its size were misread; a lens bends it less."""
+"""Maximum deviation of a corner from a flat board, relative to its size; more is a misdetection.
+
+A lens bends the board less than that.
+"""
 
 
 class BoardDetector:
-    """Detects a board; the appearance that one with markers had last time is tried first.
+    """Detector of a board; for one with markers it first tries the appearance that it had last time.
 
-    It may be dark, printed white on black; and seen from the back of a print on both sides or on glass, as
-    cameras on two sides of it need.
+    The board may be dark, printed white on black. It may be seen from the back, if printed on both sides or
+    on glass, as cameras on two sides of it require.
     """
 
     def __init__(self, board: Board) -> None:
@@ -34,7 +37,7 @@ class BoardDetector:
             self._appearances = [(dark, back) for dark in (False, True) for back in (False, True)]
 
     def detect(self, grey: NDArray[Any]) -> Corners:
-        """Pixels of the board's corners by their number in a picture (uint8); none = it is not there."""
+        """Detect the board's corners in an image (uint8); return their px by number, none without a board."""
         for dark, back in self._appearances:
             seen = 255 - grey if dark else grey
             found = self._find(np.ascontiguousarray(seen[:, ::-1]) if back else seen)
@@ -53,14 +56,14 @@ def _find_marked(detector: cv2.aruco.CharucoDetector, grey: NDArray[Any]) -> Cor
 
 
 def is_flat_board(places: NDArray[Any], pixels: NDArray[Any]) -> bool:
-    """Whether pixels (n, 2) are those of corners at these places (n, 2; m) of a flat board, not mirrored."""
+    """Return whether pixels (n, 2) match corners at `places` (n, 2; m) of a flat board, not mirrored."""
     if np.linalg.matrix_rank(places - places.mean(0)) < 2:
         return False
     matrix, _ = cv2.findHomography(places, pixels)
     if matrix is None:
         return False
     seen = np.column_stack([places, np.ones(len(places))]) @ matrix.T
-    # The board's x and y are to the right and down, as the picture's are: else it is read mirrored.
+    # The board's x and y point right and down, as the image's do: otherwise it was read mirrored.
     turned = np.linalg.det(matrix) * seen[:, 2]
     if turned.min() <= 0:
         return False

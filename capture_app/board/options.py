@@ -1,4 +1,4 @@
-"""The options of commands that say which board is meant."""
+"""Command-line options that specify the board."""
 
 import re
 from collections.abc import Callable
@@ -13,7 +13,7 @@ _SIDE = click.FloatRange(min=0, min_open=True, max=10_000)
 
 
 def board_options(command: Callable[..., Any]) -> Callable[..., Any]:
-    """Add the options --board, --square-mm, --marker-mm and --dictionary; the command gets `board`."""
+    """Add the options --board, --square-mm, --marker-mm and --dictionary; the command receives `board`."""
 
     @wraps(command)
     def with_board(

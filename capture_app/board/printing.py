@@ -1,7 +1,7 @@
-"""A page to print at true size, as SVG or PDF, with a bar to check the printer's scale by; a board on one.
+"""Pages to print at true size as SVG or PDF, with a bar to check the printer's scale; a page with a board.
 
 Lengths are in millimetres from the page's upper left corner. Everything is drawn as rectangles and text, so
-that both formats hold the same.
+that both formats have the same content.
 """
 
 import html
@@ -14,11 +14,11 @@ from capture_app.board.boards import DEFAULT_BOARD, CharucoBoard
 from capture_app.common.errors import BadInputError
 
 PAGES = {"a4": (297.0, 210.0), "a3": (420.0, 297.0), "letter": (279.4, 215.9)}
-"""Widths and heights of pages that lie on their side, mm."""
+"""Widths and heights of landscape pages, mm."""
 MARGIN_MM = 9.0
-"""White around what is drawn, which markers need, and what printers leave empty."""
+"""White margin that markers need and printers leave empty, mm."""
 FOOT_MM = 24.0
-"""Room below what is drawn, for the bar and the text."""
+"""Space below the drawing for the bar and the text, mm."""
 BAR_MM = 100.0
 POINTS_PER_MM = 72 / 25.4
 TEXT_MM = 3.2
@@ -27,12 +27,12 @@ Rectangle = tuple[float, float, float, float]
 
 
 class Page:
-    """A page with room for one thing in its middle; `black`, then `white` rectangles, then `lines`."""
+    """A page with one centred drawing: `black`, then `white` rectangles, then `lines`."""
 
     def __init__(self, paper: str, size: tuple[float, float], what: str, *, smaller: str) -> None:
-        """`size` of the thing, mm; `what` it is and what makes it `smaller`, in words.
+        """Reserve the centre for a drawing of `size`, mm; `what` names it, `smaller` says how to shrink it.
 
-        Raises BadInputError where it does not fit the page either way.
+        Raises BadInputError if it does not fit the page in either orientation.
         """
         needed = size[0] + 2 * MARGIN_MM, size[1] + MARGIN_MM + FOOT_MM
         turned = PAGES[paper], PAGES[paper][::-1]
@@ -48,15 +48,15 @@ class Page:
         self.black: list[Rectangle] = []
         self.white: list[Rectangle] = []
         self.lines: list[tuple[float, float, str]] = []
-        """The left end and the baseline of each line of text, which is TEXT_MM high."""
+        """Left end and baseline of each line of text, which is TEXT_MM high, and the text."""
         self._foot = self.top + size[1] + 5.0
 
     def add_foot(self, *texts: str) -> None:
-        """Draw the bar below the thing, and lines of text below that."""
+        """Draw the bar below the drawing, and lines of text below the bar."""
         top = self._foot
         self.black.append((self.left, top + 3.0, BAR_MM, 1.0))
         for number in range(int(BAR_MM / 10) + 1):
-            # Ticks lie inside the bar's ends, so that it is 100 mm from edge to edge.
+            # Ticks are inside the bar's ends, so that it is 100 mm from edge to edge.
             at = min(max(self.left + 10 * number - 0.1, self.left), self.left + BAR_MM - 0.2)
             self.black.append((at, top, 0.2, 4.0))
         bar = f"this bar is {BAR_MM:g} mm long: measure it"
@@ -66,7 +66,7 @@ class Page:
 
 
 def to_svg(page: Page) -> bytes:
-    """The page as an SVG of its true size."""
+    """Encode the page as an SVG at true size."""
     paths = [
         f'<path fill="{colour}" d="{"".join(_svg_path(rectangles))}"/>'
         for colour, rectangles in (("#000", page.black), ("#fff", page.white))
@@ -91,7 +91,7 @@ def _svg_path(rectangles: list[Rectangle]) -> Iterator[str]:
 
 
 def to_pdf(page: Page) -> bytes:
-    """The page as a PDF of its true size (PDF 1.4, ISO 32000; one page, Helvetica)."""
+    """Encode the page as a PDF at true size (PDF 1.4, ISO 32000; one page, Helvetica)."""
     scale = POINTS_PER_MM
     drawn = [f"{scale:.6f} 0 0 {-scale:.6f} 0 {page.height * scale:.4f} cm"]
     for level, rectangles in ((0, page.black), (1, page.white)):
@@ -101,7 +101,7 @@ def to_pdf(page: Page) -> bytes:
     drawn.append("0 g")
     for left, baseline, text in page.lines:
         escaped = text.replace("\\", "\\\\").replace("(", "\\(").replace(")", "\\)")
-        # The page's y runs down; the text's own runs up.
+        # The page's y axis points down, the text's own points up.
         at = f"1 0 0 -1 {left:.4f} {baseline:.4f} Tm"
         drawn.append(f"BT /F {TEXT_MM:g} Tf {at} ({escaped}) Tj ET")
     stream = "\n".join(drawn).encode("latin-1", "replace")
@@ -125,7 +125,7 @@ def to_pdf(page: Page) -> bytes:
 
 
 def board_page(board: CharucoBoard, paper: str = "a4") -> Page:
-    """A board in the middle of a page. Raises BadInputError where it does not fit."""
+    """Draw a board in the centre of a page. Raises BadInputError if it does not fit."""
     square, marker = 1000 * board.square_m, 1000 * board.marker_m
     page = Page(paper, (board.across * square, board.down * square), "a board", smaller="smaller --square-mm")
     words = board.words_of_markers()
@@ -154,7 +154,7 @@ def board_page(board: CharucoBoard, paper: str = "a4") -> Page:
 
 
 def calibrate_options(board: CharucoBoard) -> list[str]:
-    """The options that tell a command of this board, none for the default one."""
+    """Return the command-line options for this board, none for the default one."""
     if board == DEFAULT_BOARD:
         return []
     return [

@@ -1,4 +1,4 @@
-"""`capture-app cameras calibrate-time` and `characterize`: what a user's own cameras are measured to be."""
+"""`capture-app cameras calibrate-time` and `characterize`: measurements of the user's own cameras."""
 
 import asyncio
 from collections.abc import Iterator, Mapping

@@ -1,4 +1,4 @@
-"""`capture-app cameras`: those of this machine and of a running rig, and the rig's controls."""
+"""`capture-app cameras`: cameras of this machine and of a running rig, and the rig's controls."""
 
 import asyncio
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""`capture-app coverage`: what a calibration board has covered while it is held before a running rig."""
+"""`capture-app coverage`: coverage of the images by a calibration board in front of a running rig."""
 
 import asyncio
 import functools
@@ -85,7 +85,7 @@ async def _count(
     try:
         async with asyncio.timeout(for_s):
             async for update in link.updates():
-                # The link is opened again by itself, and asks for the previews again.
+                # The link reconnects by itself, and requests the previews again.
                 if isinstance(update, LinkLost):
                     talk(f"{update.reason}; trying again, and what is counted so far stays")
                     lost = True

@@ -1,4 +1,4 @@
-"""`capture-app demo`: simulated cameras in processes of their own, a burst, and its comparison."""
+"""`capture-app demo`: simulated cameras in separate processes, a burst, and its comparison."""
 
 import textwrap
 import time

@@ -1,4 +1,4 @@
-"""`capture-app doctor`: look this machine over, and say what repairs what is found."""
+"""`capture-app doctor`: check this machine, and report repairs for the problems found."""
 
 import asyncio
 import subprocess

@@ -1,4 +1,4 @@
-"""Which leader a machine joins, and how the two become known to each other; phones by a page."""
+"""Selection of the leader that a machine joins, and pairing of the two; phones use a page."""
 
 import asyncio
 import contextlib
@@ -58,7 +58,7 @@ def make_known(leaders: Sequence[Address], pin: str | None, code: str | None) ->
     if pin is not None:
         membership.own_machine().known.add(pin, Role.LEADER)
     if code is None and not sys.stdin.isatty():
-        # Nobody is here to ask: the node says what to do, and asks by itself.
+        # Without a terminal the node requests to join by itself and prints the instructions.
         return
     for leader in leaders:
         try:

@@ -220,7 +220,7 @@ def _offer_codes(node: "LeaderNode", host: str, *, on_terminal: bool) -> None:
 
 def _show_code(node: "LeaderNode") -> None:
     handle = sys.stdin.fileno()
-    # Whoever is in the background must not read: the terminal would stop it.
+    # A background process must not read: the terminal would stop it.
     if os.tcgetpgrp(handle) != os.getpgrp() or not os.read(handle, 4096):
         asyncio.get_running_loop().remove_reader(handle)
         return

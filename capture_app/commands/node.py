@@ -163,7 +163,7 @@ def _typed_options(*but: str) -> list[str]:
         name = option.name or ""
         if name in but or context.get_parameter_source(name) is not ParameterSource.COMMANDLINE:
             continue
-        value = context.params.get(name, True)  # a flag that acts by itself, such as --open
+        value = context.params.get(name, True)  # a flag with an effect of its own, such as --open
         for one in value if isinstance(value, tuple) else (value,):
             words.append(option.secondary_opts[0] if one is False else option.opts[0])
             if not isinstance(one, bool):

@@ -1,4 +1,4 @@
-"""Options that several commands share, and how a command runs until it is stopped."""
+"""Options that several commands share, and running a command until it is stopped."""
 
 import asyncio
 import contextlib

@@ -1,4 +1,4 @@
-"""`capture-app panel`: show the time to cameras, read it from their pictures, build a panel of LEDs."""
+"""`capture-app panel`: show the time to cameras, read it from their images, build a panel of LEDs."""
 
 import asyncio
 import socket

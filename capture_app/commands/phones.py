@@ -1,4 +1,4 @@
-"""`capture-app phones`: a page by which phones are cameras of a rig, and the QR code that opens it."""
+"""`capture-app phones`: a page that makes phones cameras of a rig, and the QR code that opens it."""
 
 import asyncio
 import re
@@ -109,7 +109,7 @@ async def _run(
     gateway = PhoneGateway(admission, nodes.add, size)
 
     async def invitation() -> PhoneInvited:
-        # The secret is read first: it may be a new one, whose time begins then.
+        # Read the secret first: it may be a new one, whose validity starts then.
         url = f"https://{where}/#{admission.secret}"
         return PhoneInvited(url=url, fingerprint=certificate.fingerprint, good_for_s=admission.good_for_s)
 

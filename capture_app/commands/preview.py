@@ -1,4 +1,4 @@
-"""`capture-app preview`: what a camera of a rig sees at this moment, as a small picture."""
+"""`capture-app preview`: a small live image of a camera of a rig."""
 
 import asyncio
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`capture-app rig`: rigs in the background, as the terminal UI starts and leaves them."""
+"""`capture-app rig`: rigs in the background, as started and left running by the terminal UI."""
 
 import asyncio
 from pathlib import Path

@@ -1,4 +1,4 @@
-"""`capture-app sessions` import and export: recordings of other programs, and sessions in their formats."""
+"""`capture-app sessions` import and export: other programs' recordings, and sessions in their formats."""
 
 import subprocess
 import sys
@@ -214,7 +214,7 @@ def _say_next(session: Session) -> None:
     if len(session.manifest.cameras) < 2:
         step = f"capture-app sessions sheet {session.folder}"
     elif times is not None and times.doubt(session.manifest.burst.period_ns):
-        # Of a calibrated one that was tried just now.
+        # Alignment of a calibrated session was tried just now.
         tried = session.calibration() is not None
         step = f"{'capture-app sessions show' if tried else 'reconstruct time --apply'} {session.folder}"
     elif session.calibration() is None:

@@ -1,4 +1,4 @@
-"""Sessions in plain words, for people."""
+"""Sessions as text for people."""
 
 from collections import defaultdict
 from collections.abc import Iterator, Sequence
@@ -136,7 +136,7 @@ def _true_spreads(session: Session) -> list[int]:
     if truth is None or not {camera.name for camera in session.manifest.cameras} <= {
         image.camera for image in truth.images
     }:
-        # Of a rig of simulated and of real cameras it is not known how far apart they are.
+        # The offset between simulated and real cameras of one rig is unknown.
         return []
     times_ns = defaultdict[int, list[int]](list)
     for image in truth.images:

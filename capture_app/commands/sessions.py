@@ -1,4 +1,4 @@
-"""`capture-app sessions`: list, show and verify; the other files hold the rest."""
+"""`capture-app sessions`: list, show and verify; other modules have its other subcommands."""
 
 from pathlib import Path
 from typing import Any

@@ -59,7 +59,7 @@ async def _watch(leader: Address, rig: "RigStatus", as_json: bool) -> None:
                 elif update.advice != advice:
                     print_line(f"{_clock_time(time.time_ns())} {update.advice}")
                 advice = update.advice
-            # What is older is told by a connection that begins.
+            # A new connection first receives older events.
             case NewsLine() if update.unix_ns >= began_ns:
                 if as_json:
                     print_json_line({"event": "news", **to_builtins(update)})
@@ -87,7 +87,7 @@ def _lines(rig: "RigStatus") -> Iterator[str]:
     yield from filter(None, dict.fromkeys((rig.message, rig.advice)))
     if rig.nodes:
         rows = [_node_row(node) for node in in_tree_order(rig.nodes)]
-        # What no node of a rig has is no column.
+        # Hide columns that are empty for every node.
         shown = [one for one in rows[0] if one != _STAMPS or any(row[one] != NO_TIME for row in rows)]
         yield table(shown, [[row[name] for name in shown] for row in rows])
     if rig.app_phones:

@@ -75,7 +75,7 @@ async def _reported(taking: "Taking", leader: Address) -> "AsyncGenerator[TakeEv
                 event.error.hint = f"start one with: capture-app node --leader {leader} --camera SPEC"
             if isinstance(event, Progress):
                 message, is_running = event.status.message, not event.status.done
-            # A figure that changes a little while the rig becomes ready is not worth a line.
+            # A small change of a figure while the rig becomes ready is not worth a line.
             gist = _FIGURE.sub("", line) if isinstance(event, Waiting) else line
             last, last_message, at_s = reported.get(event.number, ("", "", 0.0))
             too_soon = is_running and message == last_message and time.monotonic() < at_s + REPORT_EVERY_S

@@ -1,4 +1,4 @@
-"""`capture-app trust`: the machines that this one knows, and how others become known."""
+"""`capture-app trust`: the machines that this one trusts, and pairing with others."""
 
 import asyncio
 import sys

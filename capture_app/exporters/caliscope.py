@@ -12,11 +12,12 @@ from capture_app.session.format.calibration import METRES, Calibration
 
 
 def write(burst: ExportedBurst, folder: Path) -> None:
-    """Write recordings/<session>/cam_N.mp4 and timestamps.csv, and camera_array.toml where calibrated.
+    """Write recordings/<session>/cam_N.mp4 and timestamps.csv, and camera_array.toml if calibrated.
 
-    Cameras keep the numbers of names such as cam_3, else they are numbered in the session's order from 0;
-    frame_time is in seconds since the earliest image.
-    Caliscope matches frames by frame_time; sync_index, the session's instant, is there for others.
+    Cameras keep the numbers of names such as cam_3, otherwise they are numbered in the session's order from
+    0; frame_time is in seconds since the earliest image.
+
+    Caliscope matches frames by frame_time; sync_index, the session's instant, is for other programs.
     """
     recording = folder / "recordings" / burst.name
     recording.mkdir(parents=True)
@@ -35,7 +36,7 @@ def write(burst: ExportedBurst, folder: Path) -> None:
 
 
 def camera_numbers(cameras: tuple[str, ...]) -> dict[str, int]:
-    """Caliscope's number of each camera: that of its name where all have one, else its place."""
+    """Return Caliscope's number of each camera: from its name if every name has one, otherwise its index."""
     found = [re.fullmatch(r"cam_?([0-9]{1,6})", name) for name in cameras]
     given = [int(match[1]) for match in found if match]
     if len(set(given)) == len(cameras):

@@ -26,10 +26,10 @@ _SPARSE = "sparse/0"
 
 
 def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
-    """Write images/rig1/<camera>/<instant>, rig_config.json, and sparse/0 where the session is calibrated.
+    """Write images/rig1/<camera>/<instant>, rig_config.json, and sparse/0 if the session is calibrated.
 
-    The first camera is the rig's reference sensor; the model's world is the calibration's rig. An image that
-    stands in for a dropped frame is of another moment than its frame of the rig, and is left out.
+    The first camera is the rig's reference sensor; the model's world is the calibration's rig. A substitute
+    for a dropped frame was taken at a different time than its rig frame, and is left out.
     """
     kept = [
         image
@@ -47,7 +47,7 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
     for image in kept:
         name = names[image.camera, image.instant]
         place(burst, image, folder, f"images/{name}")
-        # COLMAP finds no features where a mask is black.
+        # COLMAP detects no features where a mask is black.
         write_mask(burst, options.masks, image, folder / "masks" / f"{name}.png", movers=0)
         burst.put(image, f"images/{name}")
     config = json.dumps(_rig_config(burst.cameras, burst.calibration), indent=1)
@@ -81,7 +81,7 @@ def _write_model(
     cloud: PointCloud | None,
     folder: Path,
 ) -> None:
-    """Write the model of these images, by camera and instant, and its points, which no image has seen."""
+    """Write the model of these images, by camera and instant, and its points, which have no observations."""
     numbers = {name: number for number, name in enumerate(burst.cameras, 1)}
     lenses = {name: calibration.cameras[name] for name in numbers}
     reference = lenses[burst.cameras[0]]
@@ -116,7 +116,7 @@ def _write_model(
 
 
 def _model(camera: CameraCalibration) -> tuple[str, list[float]]:
-    """COLMAP's camera model that holds the distortion, and its parameters in COLMAP's order."""
+    """Return COLMAP's camera model with this distortion, and its parameters in COLMAP's order."""
     k1, k2, p1, p2, k3 = (float(value) for value in distortion_of(camera))
     pinhole = [camera.fx, camera.fy, camera.cx + _HALF_PIXEL, camera.cy + _HALF_PIXEL]
     if k3:
@@ -127,7 +127,7 @@ def _model(camera: CameraCalibration) -> tuple[str, list[float]]:
 
 
 def _from_reference(reference: CameraCalibration, camera: CameraCalibration) -> tuple[Array, Array]:
-    """Rotation and translation from the reference camera's coordinates to a camera's."""
+    """Return rotation and translation from the reference camera's coordinates to a camera's."""
     rotation = rotation_of(camera) @ rotation_of(reference).T
     return rotation, translation_of(camera) - rotation @ translation_of(reference)
 

@@ -9,7 +9,7 @@ from capture_app.session.exporting.videos import write_paired_videos
 
 
 def write(burst: ExportedBurst, folder: Path) -> None:
-    """Write the videos, as many frames each, and the cameras in metres; its pixels are OpenCV's."""
+    """Write videos with equal numbers of frames, and the cameras in metres; pixels are as in OpenCV."""
     assert burst.calibration is not None
     names = yaml_names(burst.cameras)
     files = {camera: f"videos/{name}.mp4" for camera, name in names.items()}

@@ -23,9 +23,8 @@ _HALF_PIXEL = 0.5  # EasyVolcap's rays leave the first pixel at (0.5, 0.5)
 def write(burst: ExportedBurst, folder: Path, options: ImageOptions) -> None:
     """Write the instants that every camera has, counted from 0, the cameras in metres, and masks if given.
 
-    EasyVolcap undoes a distortion with the first pixel at (0, 0) and sends its rays from (0.5, 0.5): with
-    either principal point a distorted camera is wrong by half a pixel. So the pictures of one are redrawn
-    without its distortion.
+    EasyVolcap undistorts with the first pixel at (0, 0), but casts its rays from (0.5, 0.5). With either
+    principal point a distorted camera is wrong by half a pixel, so its images are undistorted here.
     """
     calibration, together = burst.calibration, burst.complete_instants()
     assert calibration is not None
@@ -55,7 +54,7 @@ def write(burst: ExportedBurst, folder: Path, options: ImageOptions) -> None:
 
 
 def _straight(camera: CameraCalibration) -> CameraCalibration:
-    """The camera without distortion, with the widest view that its picture fills."""
+    """Return the camera without distortion, with the widest view that its image fills."""
     import cv2
 
     if not distortion_of(camera).any():

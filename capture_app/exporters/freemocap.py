@@ -1,4 +1,4 @@
-"""FreeMoCap: a recording folder of synchronized videos, and the calibration as its Anipose writes it."""
+"""FreeMoCap: a recording folder of synchronized videos, and the calibration in its Anipose format."""
 
 from pathlib import Path
 
@@ -11,15 +11,15 @@ from capture_app.session.exporting.tables import camera_tables, paired_names, re
 from capture_app.session.exporting.videos import write_paired_videos
 
 _EXACT_PX = 0.01
-"""A lens that is fitted better than this needs no redrawn pictures."""
+"""Maximum error of a fitted lens for which images need not be redrawn."""
 
 
 def write(burst: ExportedBurst, folder: Path) -> None:
-    """Write synchronized_videos/<session>.id-<camera>.idx-N.mp4, as many frames each, and the calibration.
+    """Write synchronized_videos/<session>.id-<camera>.idx-N.mp4, equally long, and the calibration.
 
-    FreeMoCap 2 finds a camera by the id in its video's name, FreeMoCap 1 by the order of the names; both
-    count in millimetres. FreeMoCap 2 reads k1, k2, p1 and p2 and takes k3 for 0: a lens with k3 becomes the
-    nearest without, and where that is not the same the pictures are redrawn for it.
+    FreeMoCap 2 finds a camera by the id in its video's name, FreeMoCap 1 by the order of the names; both use
+    millimetres. FreeMoCap 2 reads k1, k2, p1 and p2 and assumes k3 = 0: a lens with k3 is replaced by the
+    closest one without, and the images are redrawn if the two differ.
     """
     ids = camera_ids(burst.cameras, burst.name)
     files = {
@@ -47,7 +47,7 @@ def write(burst: ExportedBurst, folder: Path) -> None:
 
 
 def camera_ids(cameras: tuple[str, ...], recording: str) -> dict[str, str]:
-    """For each camera the id in its video's name: no dots, and files and ids in the same order."""
+    """Return the id in each camera's video name: without dots, and in the same order as the files."""
     ids = {camera: name.replace(".", "_") for camera, name in paired_names(cameras).items()}
     by_id = sorted(ids.values())
     by_file = sorted(by_id, key=lambda found: _stem(recording, found, by_id.index(found)))

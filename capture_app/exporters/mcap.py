@@ -1,8 +1,8 @@
-"""MCAP: compressed images, calibrations and transforms as Foxglove's messages, or as a bag of ROS 2.
+"""MCAP: compressed images, calibrations and transforms as Foxglove messages, or as a ROS 2 bag.
 
-Foxglove's are protobuf, one chunk for each set of frames. The bag, written by `rosbags` as CDR, has the
-topics of ROS's image_transport: <camera>/image_raw/compressed beside <camera>/camera_info, and where cameras
-are in /tf_static; frames look along z, as REP 103 has it of optical frames.
+Foxglove's are protobuf, with one chunk for each set of frames. The bag, written by `rosbags` as CDR, has the
+topics of ROS's image_transport: <camera>/image_raw/compressed beside <camera>/camera_info, and the cameras'
+poses in /tf_static; frames look along z, as REP 103 defines for optical frames.
 """
 
 import re
@@ -32,7 +32,7 @@ from capture_app.session.format.export_record import with_images_listed
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
 from capture_app.session.format.message_types import foxglove_message, ros_messages
 
-_CHUNK = 1 << 62  # a chunk ends where a set of frames does, never by its size
+_CHUNK = 1 << 62  # a chunk ends with a set of frames, never because of its size
 _IMAGE, _INFO, _TF = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"
 
 
@@ -44,9 +44,9 @@ class _Options(ExportOptions):
 def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
     """Write <session>.mcap with the topics /<camera>/image, and /<camera>/calibration and /tf if calibrated.
 
-    log_time and publish_time are an image's leader_ns. Images are the session's own bytes, others than JPEG
-    and PNG as PNG. The manifest and the calibration are attached. With `ros` it is <session>/, a bag that
-    `ros2 bag play` takes.
+    log_time and publish_time are an image's leader_ns. JPEG and PNG images are the session's own bytes,
+    others are converted to PNG. The manifest and the calibration are attached. With `ros` it is <session>/, a
+    bag for `ros2 bag play`.
     """
     (_write_bag if options.ros else _write_foxglove)(burst, folder, burst.calibration)
 
@@ -82,7 +82,7 @@ def _write_foxglove(burst: ExportedBurst, folder: Path, calibration: Calibration
 
 
 class _FoxgloveMessages:
-    """Messages into an MCAP; `zero_ns` is the leader time that log_time, which has no sign, counts from."""
+    """Writer of messages to an MCAP; `zero_ns` is the leader time of log_time 0, which is unsigned."""
 
     def __init__(self, writer: Any, zero_ns: int) -> None:
         self._writer = writer
@@ -100,7 +100,7 @@ class _FoxgloveMessages:
         self.add("/tf", "FrameTransform", image, translation=place, rotation=turn, **frames)
 
     def add(self, topic: str, name: str, image: ImageRecord, **fields: Any) -> None:
-        """Add a message of an image's time and instant."""
+        """Add a message with an image's time and instant."""
         kind = foxglove_message(name)
         if topic not in self._channels:
             from mcap_protobuf.schema import register_schema
@@ -114,7 +114,7 @@ class _FoxgloveMessages:
 
 
 def _write_bag(burst: ExportedBurst, folder: Path, calibration: Calibration | None) -> None:
-    """Write <session>/; stamps, and when messages came, are leader_ns."""
+    """Write the bag <session>/; stamps and arrival times are leader_ns."""
     from rosbags import rosbag2
 
     origin_ns, topics = min(0, burst.origin_ns), ros_topics(burst.cameras)
@@ -141,14 +141,14 @@ def _write_bag(burst: ExportedBurst, folder: Path, calibration: Calibration | No
 
 
 class _RosMessages:
-    """Messages into a bag; `origin_ns` is the leader time that its stamps count from."""
+    """Writer of messages to a bag; `origin_ns` is the leader time of stamp 0."""
 
     def __init__(self, writer: Any, origin_ns: int) -> None:
         self._writer, self._store, self._origin_ns = writer, ros_messages(), origin_ns
         self._connections: dict[str, Any] = {}
 
     def place(self, leader_ns: int, camera: str, calibration: Calibration) -> Any:
-        """The transform from a camera to the rig."""
+        """Return the transform from a camera to the rig."""
         at, turn = _pose(calibration.cameras[camera], calibration)
         vector, quarter = (f"geometry_msgs/msg/{name}" for name in ("Vector3", "Quaternion"))
         pose = self.make("geometry_msgs/msg/Transform", self.make(vector, **at), self.make(quarter, **turn))
@@ -156,16 +156,16 @@ class _RosMessages:
         return self.make("geometry_msgs/msg/TransformStamped", header, camera, pose)
 
     def make(self, kind: str, *values: Any, **fields: Any) -> Any:
-        """A message, or a part of one."""
+        """Create a message, or a part of one."""
         return self._store.types[kind](*values, **fields)
 
     def header(self, leader_ns: int, frame_id: str) -> Any:
-        """The header of what was so at that time."""
+        """Create a header with this time."""
         stamp = self.make("builtin_interfaces/msg/Time", *divmod(leader_ns - self._origin_ns, 1_000_000_000))
         return self.make("std_msgs/msg/Header", stamp, frame_id)
 
     def add(self, topic: str, kind: str, leader_ns: int, **fields: Any) -> None:
-        """Add a message that came at that time."""
+        """Add a message with this arrival time."""
         if topic not in self._connections:
             self._connections[topic] = self._writer.add_connection(topic, kind, typestore=self._store)
         data = self._store.serialize_cdr(self.make(kind, **fields), kind)
@@ -173,10 +173,10 @@ class _RosMessages:
 
 
 def ros_topics(cameras: Iterable[str]) -> dict[str, str]:
-    """Each camera's own topic as ROS takes it: letters, digits and _, no digit first."""
+    """Return each camera's topic name, valid in ROS: letters, digits and _, no digit first."""
     wished = {camera: re.sub(r"^(?=\d)", "cam", re.sub(r"\W", "_", camera)) for camera in cameras}
     topics: dict[str, str] = {}
-    # A name that ROS takes as it is stays as it is.
+    # A name that is valid in ROS stays unchanged.
     for camera, own in sorted(wished.items(), key=lambda one: one[0] != one[1]):
         numbered = chain((own,), (f"{own}_{number}" for number in count(2)))
         topics[camera] = next(topic for name in numbered if (topic := f"/{name}") not in topics.values())
@@ -184,14 +184,14 @@ def ros_topics(cameras: Iterable[str]) -> dict[str, str]:
 
 
 def _lens(camera: CameraCalibration) -> dict[str, Array]:
-    """The numbers of a ROS camera_info; Foxglove has the same names in capital letters."""
+    """Return the numbers of a ROS camera_info; Foxglove has the same names in capital letters."""
     matrix = matrix_of(camera)
     projection = np.column_stack([matrix, np.zeros(3)]).ravel()
     return {"d": distortion_of(camera), "k": matrix.ravel(), "r": np.eye(3).ravel(), "p": projection}
 
 
 def _pose(camera: CameraCalibration, calibration: Calibration) -> tuple[dict[str, float], dict[str, float]]:
-    """A camera's place in the rig, in metres, and how it is turned there."""
+    """Return a camera's position in the rig, in metres, and its orientation."""
     centre = centre_of(camera) * METRES.get(calibration.unit, 1.0)
     turn = dict(zip("wxyz", quaternion(rotation_of(camera).T), strict=True))
     return dict(zip("xyz", centre.tolist(), strict=True)), turn

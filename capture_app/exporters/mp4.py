@@ -1,4 +1,4 @@
-"""MP4: a video of each camera, its frames at the leader's times to a microsecond."""
+"""MP4: a video of each camera, with frames at the leader's times to a microsecond."""
 
 from pathlib import Path
 
@@ -8,7 +8,7 @@ from capture_app.session.exporting.videos import at_own_times, write_camera
 
 
 def write(burst: ExportedBurst, folder: Path) -> None:
-    """Write <camera>.mp4 for each camera; all count from the burst's earliest image."""
+    """Write <camera>.mp4 for each camera; all start at the burst's earliest image."""
     for camera in burst.cameras:
         write_camera(burst, folder / f"{camera}.mp4", at_own_times(burst, camera), camera)
 

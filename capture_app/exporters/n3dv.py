@@ -27,16 +27,16 @@ from capture_app.session.exporting.videos import at_instants, spacing_notes, wri
 from capture_app.session.format.calibration import CameraCalibration
 
 WIDTH, HEIGHT = 2704, 2028
-"""The size of Neural 3D Video's own films; its loaders take every film for one of these and scale by that."""
+"""Size of Neural 3D Video's own videos; its loaders assume this size for every video and scale by it."""
 POINTS = "points3D_downsample2.ply"
-"""What 4DGaussians' loader calls the points that it starts from."""
+"""File name of the initial points in 4DGaussians' loader."""
 
 _MOST_POINTS = 40_000
 _MOST_FRAMES = 300
 _NEAR, _FAR = 0.2, 5.0
-"""Guessed bounds as shares of the distance at which the cameras' axes meet."""
+"""Guessed bounds, relative to the distance at which the cameras' axes meet."""
 _NARROWER = 0.99
-"""The step by which a field of view is tried."""
+"""Step factor in the search for a field of view."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -50,10 +50,10 @@ class _Options(ExportOptions):
 
 
 def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
-    """Write the videos of the instants that every camera has, and a row of 17 numbers a camera.
+    """Write the videos of the instants that every camera has, and a row of 17 numbers for each camera.
 
-    The format's loaders know one focal length, no distortion, a principal point in the middle, and films of
-    2704x2028 pixels: the images are redrawn to that, cut to what all cameras can fill, or whole.
+    The format's loaders assume one focal length, no distortion, a centred principal point, and videos of
+    2704x2028 px. The images are redrawn to that, cropped to what all cameras can fill, or uncropped.
     """
     calibration, together = burst.calibration, burst.complete_instants()
     assert calibration is not None
@@ -79,7 +79,7 @@ def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
 
 
 def film_camera(camera: CameraCalibration, focal: float) -> CameraCalibration:
-    """A camera in the same place as a film of Neural 3D Video shows it: `focal` px, nothing distorted."""
+    """Return a camera at the same pose with a Neural 3D Video lens: `focal` px, no distortion."""
     return msgspec.structs.replace(
         camera,
         width=WIDTH,
@@ -93,9 +93,9 @@ def film_camera(camera: CameraCalibration, focal: float) -> CameraCalibration:
 
 
 def focus_depths(cameras: Mapping[str, CameraCalibration]) -> dict[str, float]:
-    """For each camera the depth, in the calibration's unit, of the point nearest to all optical axes.
+    """Return for each camera the depth, in the calibration's unit, of the point nearest to all optical axes.
 
-    Where the axes do not meet in front of the cameras, ten times the widest distance between two.
+    If the axes do not meet in front of the cameras, it is ten times the largest distance between two cameras.
     """
     centres = np.array([centre_of(camera) for camera in cameras.values()])
     axes = np.array([rotation_of(camera)[2] for camera in cameras.values()])
@@ -111,12 +111,12 @@ def focus_depths(cameras: Mapping[str, CameraCalibration]) -> dict[str, float]:
 
 
 def _whole_focal(camera: CameraCalibration) -> float:
-    """The longest focal length, px, with which a film shows the camera's whole picture."""
+    """Return the longest focal length, px, at which a video shows the camera's whole image."""
     return float((np.array([WIDTH / 2, HEIGHT / 2]) / np.abs(picture_rays(camera)).max(axis=0)).min())
 
 
 def _least_focal(camera: CameraCalibration) -> float:
-    """The shortest focal length, px, with which the camera's picture still fills a film to its edges."""
+    """Return the shortest focal length, px, at which the camera's image still fills the video."""
     across, down = np.linspace(-0.5, WIDTH - 0.5, 41), np.linspace(-0.5, HEIGHT - 0.5, 41)
     edge = [(x, y) for x in across for y in (down[0], down[-1])]
     edge += [(x, y) for y in down for x in (across[0], across[-1])]
@@ -129,7 +129,7 @@ def _least_focal(camera: CameraCalibration) -> float:
         low, high = -0.5 - margin, np.array([camera.width, camera.height]) - 0.5 + margin
         return bool(((seen >= low) & (seen <= high)).all())
 
-    # From a narrow view outwards: far outside its picture a lens's polynomial may turn back into it.
+    # Search from a narrow view outwards: far outside its image a lens's polynomial may map rays back into it.
     focal = 100 * max(WIDTH / camera.width, HEIGHT / camera.height) * max(camera.fx, camera.fy)
     if not fills(focal):
         raise BadInputError(
@@ -153,7 +153,7 @@ def _bounds(options: _Options, depth: float) -> tuple[float, float]:
 
 
 def _pose(camera: CameraCalibration) -> Array:
-    """LLFF's 3x5: the camera's down, right and back axes, its centre, and (height, width, focal length)."""
+    """Return LLFF's 3x5: the camera's down, right and back axes, its centre, and (height, width, focal)."""
     right, down, forward = rotation_of(camera)
     intrinsics = np.array([camera.height, camera.width, camera.fx], np.float64)
     return np.stack([down, right, -forward, centre_of(camera), intrinsics], axis=1)
@@ -162,7 +162,7 @@ def _pose(camera: CameraCalibration) -> Array:
 def _scattered(
     cameras: Mapping[str, CameraCalibration], bounds: Mapping[str, tuple[float, float]]
 ) -> PointCloud:
-    """Grey points strewn evenly through what the cameras see between near and far, where none are known."""
+    """Return grey points, uniform in the cameras' views between near and far, for scenes without points."""
     random = np.random.default_rng(0)
     share = _MOST_POINTS // len(cameras)
     points = []
@@ -177,14 +177,14 @@ def _scattered(
 
 
 def _kept(camera: CameraCalibration, film: CameraCalibration) -> float:
-    """The share of a camera's picture that its film shows."""
+    """Return the fraction of a camera's image that its video shows."""
     seen = project_rays(film, picture_rays(camera))
     inside = ((seen > -0.51) & (seen < [WIDTH - 0.49, HEIGHT - 0.49])).all(axis=1)
     return float(inside.mean())
 
 
 def _add_notes(burst: ExportedBurst, options: _Options, together: list[int], least: float) -> None:
-    """Say what the films lack: `together` are their instants, `least` the smallest share of a picture."""
+    """Add notes on what the videos lack; `together`: their instants, `least`: smallest fraction shown."""
     burst.notes += renaming_notes({camera: f"cam{number:02d}" for number, camera in enumerate(burst.cameras)})
     left_out = len(burst.instants_ns) - len(together)
     told = (

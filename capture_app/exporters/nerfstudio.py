@@ -27,7 +27,7 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
     assert calibration is not None
     images = [image for camera in burst.cameras for image in burst.images_of(camera)]
     if options.masks:
-        # Of a dropped frame's substitute nobody makes a mask, and nerfstudio wants all or none.
+        # Substitutes for dropped frames have no masks, and nerfstudio requires all or none.
         images = [image for image in images if not image.substitute]
     suffix = suffix_for(burst, images)
     span_ns = max(image.leader_ns for image in images) - burst.origin_ns
@@ -39,7 +39,7 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
         time = (image.leader_ns - burst.origin_ns) / span_ns if several else 0.0
         entry = _entry(file, image, calibration.cameras[image.camera], time)
         if options.masks:
-            # Black is what nerfstudio leaves out of its losses.
+            # nerfstudio excludes black areas from its losses.
             entry["mask_path"] = f"masks/{image.camera}/{image.instant:06d}.png"
             write_mask(burst, options.masks, image, folder / str(entry["mask_path"]), movers=0)
         entries.append(entry)
@@ -64,7 +64,7 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
 
 def _entry(file: str, image: ImageRecord, camera: CameraCalibration, time: float) -> dict[str, object]:
     pose = np.eye(4)
-    # Columns are the camera's right, up and back: OpenCV's y and z turned round.
+    # Columns are the camera's right, up and back: OpenCV's y and z negated.
     pose[:3, :3] = rotation_of(camera).T * [1.0, -1.0, -1.0]
     pose[:3, 3] = centre_of(camera)
     k1, k2, p1, p2, k3 = map(float, distortion_of(camera))

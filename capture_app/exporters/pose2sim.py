@@ -9,7 +9,7 @@ from capture_app.session.exporting.videos import write_paired_videos
 
 
 def write(burst: ExportedBurst, folder: Path) -> None:
-    """Write videos/<camera>.mp4, as many frames each, and calibration/Calib.toml in metres.
+    """Write videos/<camera>.mp4 with equal numbers of frames, and calibration/Calib.toml in metres.
 
     Pose2Sim pairs videos and cameras by the order of their names.
     """

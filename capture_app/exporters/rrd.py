@@ -1,4 +1,4 @@
-"""Rerun's own .rrd: images and cameras on a timeline of the leader's clock. Needs rerun-sdk."""
+"""Rerun's .rrd: images and cameras on a timeline of the leader's clock. Needs rerun-sdk."""
 
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from capture_app.session.exporting.rerun_stream import log_cameras, set_times
 def write(burst: ExportedBurst, folder: Path) -> None:
     """Write <session>.rrd: entities rig/<camera>, timelines `leader` (exact to the ns) and `instant`.
 
-    A camera's distortion has no place in it.
+    The format cannot hold lens distortion.
     """
     import rerun
 

@@ -1,6 +1,6 @@
-"""Caliscope: a recording with its table of times, a workspace of such, and camera arrays.
+"""Caliscope: recordings with a table of times, workspaces of recordings, and camera arrays.
 
-Anipose's calibrations are of the same form.
+Anipose's calibrations have the same format.
 """
 
 import tomllib
@@ -15,11 +15,11 @@ from capture_app.session.importing.views import View, Views, numbers, rotation_o
 
 _TABLE, _ARRAY, _RECORDINGS = "timestamps.csv", "camera_array.toml", "recordings"
 _UP = 3
-"""How many folders above a recording the workspace may be, with the recording's own."""
+"""Number of parent folders searched for the workspace, including the recording's own."""
 
 
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
-    """A recording's folder or a workspace. Raises BadInputError for a workspace of several recordings."""
+    """Open a recording's folder or a workspace. Raises BadInputError if the workspace has several."""
     if (path / _TABLE).is_file() and videos_in(path):
         arrays = (parent / _ARRAY for parent in (path, *path.resolve().parents[: _UP - 1]))
         return Layout(
@@ -42,7 +42,7 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
 
 
 def recordings_in(folder: Path) -> list[str]:
-    """The names of the recordings in a workspace; else none."""
+    """Return the names of the recordings in a workspace; none for other folders."""
     inner = (folder / _RECORDINGS).glob("*") if (folder / _ARRAY).is_file() else ()
     return sorted(path.name for path in inner if (path / _TABLE).is_file() and videos_in(path))
 
@@ -50,7 +50,7 @@ def recordings_in(folder: Path) -> list[str]:
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
     """Read the cameras of a Caliscope or Anipose TOML; a rotation is a matrix or a Rodrigues vector.
 
-    Raises BadInputError, with the camera, for what is broken or not yet calibrated.
+    Raises BadInputError, with the camera, if the file is malformed or not calibrated yet.
     """
     path = paths[0][1]
     if path.suffix.lower() != ".toml":

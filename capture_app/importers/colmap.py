@@ -1,8 +1,8 @@
 """COLMAP's calibrations: a sparse model, text or binary, or a `rig_config.json` of its sensors.
 
-By colmap.github.io/format.html, cameras.html and rigs.html, and COLMAP 4's
-src/colmap/scene/reconstruction_io_{text,binary}.cc: cam_from_world as quaternion (w, x, y, z) and
-translation, camera axes as OpenCV's, the first pixel's centre at (0.5, 0.5). A model has no scale of its own.
+Sources: colmap.github.io/format.html, cameras.html and rigs.html, and COLMAP 4's
+src/colmap/scene/reconstruction_io_{text,binary}.cc. cam_from_world is a quaternion (w, x, y, z) and a
+translation, camera axes are OpenCV's, the first pixel's centre is (0.5, 0.5). A model has no absolute scale.
 Binary files are little-endian.
 """
 
@@ -29,9 +29,9 @@ from capture_app.session.importing.views import (
 )
 
 MODELS = ("SIMPLE_PINHOLE", "PINHOLE", "SIMPLE_RADIAL", "RADIAL", "OPENCV", "OPENCV_FISHEYE", "FULL_OPENCV")
-"""Camera models by their number in binary files, as far as any is supported."""
+"""Supported camera models; the index is the number in binary files."""
 COUNTS = dict(enumerate((3, 4, 4, 5, 8, 8, 12, 5, 4, 5, 12, 16, 4, 5, 3, 4, 6, 2)))
-"""How many parameters each of COLMAP's models has, by its number."""
+"""Number of parameters of each of COLMAP's models, by its number."""
 _CAMERA = "CAMERA"
 _PLACES = (".", "sparse/0", "sparse", "0")
 _HALF_PIXEL = 0.5
@@ -45,7 +45,7 @@ _LENSES: dict[str, Callable[..., tuple[float, ...]]] = {
     "OPENCV": lambda *all_: all_,
     "FULL_OPENCV": lambda *all_: all_,
 }
-"""Makes fx, fy, cx, cy and OpenCV's distortion of a model's parameters."""
+"""Converts a model's parameters to fx, fy, cx, cy and OpenCV's distortion."""
 _HERE = (1.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 Pose = tuple[float, ...]
@@ -55,13 +55,13 @@ Rig = dict[int, Pose]
 
 
 Lens = tuple[str, tuple[float, ...], tuple[int, int]]
-"""A lens: model, parameters in COLMAP's order, and the pictures' width and height in pixels."""
+"""A lens: model, parameters in COLMAP's order, and image width and height in px."""
 Image = tuple[str, int, Pose]
 """An image: path, the number of its camera, and its pose in the world."""
 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
-    """Read a model's folder, or a rig_config.json. Raises BadInputError for what is broken or moves."""
+    """Read a model's folder, or a rig_config.json. Raises BadInputError if malformed, or if cameras move."""
     path = paths[0][1]
     content = read_json(path)
     rigs = content if isinstance(content, list) else []
@@ -72,16 +72,17 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
 
 
 def find_model(path: Path) -> Path | None:
-    """The folder of a model: the path itself, or its `sparse/0` or `sparse`; None where there is none."""
+    """Return a model's folder: the path itself, or its `sparse/0` or `sparse`; None if there is none."""
     folders = (path / place for place in _PLACES)
     return next((one for one in folders if _file(one, "cameras") is not None), None)
 
 
 def read_colmap(folder: Path, cameras: Sequence[str]) -> Views:
-    """The cameras of a model, in its world; an image is of the camera that its path names.
+    """Return the cameras of a model, in its world; an image's path names its camera.
 
-    Where a rig's images have several poses, it is the rig's sensors that stand still against each other: then
-    the first sensor is the origin. Raises BadInputError for what is broken, not perspective, or moves.
+    If a rig's images have several poses, only the rig's sensors are fixed relative to each other; then the
+    first sensor is the origin. Raises BadInputError if the model is malformed, not perspective, or if cameras
+    move.
     """
     lenses: dict[int, Lens] = dict(_read(folder, "cameras"))
     images: list[Image] = _read(folder, "images")
@@ -111,9 +112,9 @@ def read_colmap(folder: Path, cameras: Sequence[str]) -> Views:
 
 
 def views_of_rig_config(path: Path, content: Sequence[Any]) -> Views:
-    """The cameras of a decoded rig_config.json; a camera's name is the last folder of its image_prefix.
+    """Return the cameras of a decoded rig_config.json; a camera's name is its image_prefix's last folder.
 
-    Raises BadInputError where a sensor has no pose or no lens, or where it describes several rigs.
+    Raises BadInputError if a sensor has no pose or no lens, or if the file describes several rigs.
     """
     if len(content) != 1:
         raise BadInputError(f"{path} describes {len(content)} rigs", hint="keep the one of the recording")
@@ -157,12 +158,12 @@ def _view(
 
 
 def _file(folder: Path, name: str) -> Path | None:
-    """A file of a model, which is binary or text."""
+    """Return a file of a model, binary or text, or None."""
     return next((path for end in ("bin", "txt") if (path := folder / f"{name}.{end}").is_file()), None)
 
 
 def _read(folder: Path, name: str) -> list[Any]:
-    """What a file of a model holds. Raises BadInputError, with the file, for one that is broken or lacks."""
+    """Read a file of a model. Raises BadInputError, with the file, if it is malformed or missing."""
     path = _file(folder, name) or folder / f"{name}.txt"
     try:
         data = path.read_bytes()

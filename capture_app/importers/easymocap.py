@@ -1,8 +1,8 @@
 """EasyMocap: a sequence with its calibration, intri.yml and extri.yml.
 
-Keys and conventions are those of its easymocap/mytools/camera_utils.py (read_camera, write_camera): `names`
-lists the cameras; K_NAME and dist_NAME (older: D_NAME) are OpenCV's, R_NAME a Rodrigues vector and T_NAME the
-translation of x_cam = R x_world + T, H_NAME and W_NAME the images' size where it was known.
+Keys and conventions follow its easymocap/mytools/camera_utils.py (read_camera, write_camera): `names` lists
+the cameras; K_NAME and dist_NAME (older: D_NAME) are OpenCV's, R_NAME is a Rodrigues vector and T_NAME the
+translation of x_cam = R x_world + T; H_NAME and W_NAME are the image size if it was known.
 """
 
 from collections.abc import Sequence
@@ -22,7 +22,7 @@ _LONGEST_SIDE_PX = 1e6
 
 
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
-    """A sequence with its calibration; to EasyMocap, frames of equal number are one instant."""
+    """Open a sequence with its calibration; EasyMocap treats frames of equal number as one instant."""
     if not all((path / name).is_file() for name in (INTRINSICS, EXTRINSICS)):
         return None
     place = next((path / name for name in ("videos", "images") if (path / name).is_dir()), path)
@@ -31,14 +31,14 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
 
 
 def _is_easymocap(path: Path) -> bool:
-    """Whether a path is a folder with both files, or one of them."""
+    """Return whether a path is a folder with both files, or one of the files."""
     folder = path if path.is_dir() else path.parent
     named = path.is_dir() or path.name in (INTRINSICS, EXTRINSICS)
     return named and any((folder / name).is_file() for name in (INTRINSICS, EXTRINSICS))
 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
-    """Read both files of a folder, or of the folder of one of them. Raises BadInputError for what lacks."""
+    """Read both files of a folder, given it or one of them. Raises BadInputError if something is missing."""
     path = paths[0][1]
     if not _is_easymocap(path):
         return None

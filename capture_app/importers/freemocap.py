@@ -1,9 +1,9 @@
-"""FreeMoCap, 1 and 2: a recording of videos with as many frames each.
+"""FreeMoCap, 1 and 2: a recording of videos with equal numbers of frames.
 
-By its docs ("Recording folder structure") and its system/default_paths.py the videos are in
-`synchronized_videos` or, in version 2, `videos/synchronized`; by skellycam's parse_video_filename.py and
-recording_info.py they are named RECORDING.id-CAMERA.idx-N.mp4, and each has a table in
-`timestamps/camera_timestamps/RECORDING.cameraCAMERA.timestamps.csv` with a row a frame, whose
+According to its docs ("Recording folder structure") and its system/default_paths.py, the videos are in
+`synchronized_videos` or, in version 2, `videos/synchronized`. According to skellycam's
+parse_video_filename.py and recording_info.py they are named RECORDING.id-CAMERA.idx-N.mp4. Each has a table
+in `timestamps/camera_timestamps/RECORDING.cameraCAMERA.timestamps.csv` with a row for each frame; its
 `timestamp.perf_counter_ns.ns` is one computer's clock for all cameras. Lengths are in mm; the calibration is
 Anipose's.
 """
@@ -32,7 +32,7 @@ _TIME, _FRAME = "timestamp.perf_counter_ns.ns", "recording_frame_number"
 
 
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
-    """The recording in a folder. Raises BadInputError for tables of times that contradict themselves."""
+    """Open the recording in a folder. Raises BadInputError if its tables of times contradict themselves."""
     videos = next((path / name for name in _VIDEOS if videos_in(path / name)), None)
     if videos is None:
         return None
@@ -52,7 +52,7 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
 
 
 def _tables(videos: Path, named: dict[str, Path]) -> dict[str, Path]:
-    """The table of each camera; none unless every camera has one."""
+    """Return the table of each camera; none unless every camera has one."""
     folder = videos / "timestamps" / "camera_timestamps"
     tables = {
         name: folder / f"{video.stem.partition('.id-')[0]}.camera{name}.timestamps.csv"
@@ -62,7 +62,7 @@ def _tables(videos: Path, named: dict[str, Path]) -> dict[str, Path]:
 
 
 def _timeline(tables: dict[str, Path]) -> Timeline:
-    """Frames of the same number are one instant, each at its own time."""
+    """Match frames of equal number to one instant, each with its own time."""
     cameras = {name: _read(path) for name, path in tables.items()}
     by_number: dict[int, dict[str, TimedFrame]] = {}
     for name, frames in cameras.items():

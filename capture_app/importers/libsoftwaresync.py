@@ -1,7 +1,7 @@
 """libsoftwaresync: the shots of a phone, by the leader's clock.
 
-It writes for each shot sync_metadata_TIME.txt (leader_sensor_timestamp_ns and local_sensor_timestamp_ns), and
-beside it img_TIME.jpg or img_TIME.nv21 with nv21_metadata_TIME.txt, in a folder for each shot.
+For each shot it writes a folder with sync_metadata_TIME.txt (leader_sensor_timestamp_ns and
+local_sensor_timestamp_ns), and img_TIME.jpg or img_TIME.nv21 with nv21_metadata_TIME.txt.
 """
 
 import re
@@ -19,16 +19,16 @@ _METADATA = "sync_metadata_"
 _LEADER, _LOCAL = "leader_sensor_timestamp_ns", "local_sensor_timestamp_ns"
 
 _Shot = tuple[Path, int, int | None]
-"""An image, and when it was taken by the leader's clock and by the phone's, ns."""
+"""An image, and its capture time by the leader's clock and by the phone's, ns."""
 
 
 def is_camera(path: Path) -> bool:
-    """Whether a path is a folder with one phone's shots."""
+    """Return whether a path is a folder with one phone's shots."""
     return path.is_dir() and next(_metadata_in(path), None) is not None
 
 
 def open_camera(name: str, path: Path, *, png: bool, recording: str | None) -> Images:
-    """The shots of one phone; JPEG bytes are kept as they are. Raises BadInputError where there are none."""
+    """Open one phone's shots; JPEG bytes stay unchanged. Raises BadInputError if there are none."""
     shots = [shot for file in _metadata_in(path) if (shot := _shot(file)) is not None]
     if not shots:
         raise BadInputError(f"no image in {path} belongs to its sync_metadata files")
@@ -45,7 +45,7 @@ def _read_shot(file: Path) -> bytes:
 
 
 def _metadata_in(folder: Path) -> Iterator[Path]:
-    """The metadata of all shots, in the folder or in one folder a shot."""
+    """Yield the metadata of all shots, in the folder or in one folder for each shot."""
     yield from sorted(folder.glob(f"{_METADATA}*.txt"))
     yield from sorted(folder.glob(f"*/{_METADATA}*.txt"))
 
@@ -62,13 +62,13 @@ def _shot(metadata: Path) -> _Shot | None:
 
 
 def _values(path: Path) -> dict[str, int]:
-    """Numbers of `name: number` lines."""
+    """Return the numbers of `name: number` lines."""
     found = re.findall(r"^(\w+):\s*(-?\d+)\s*$", read_text(path), re.MULTILINE)
     return {key: int(value) for key, value in found}
 
 
 def _from_nv21(file: Path) -> bytes:
-    """Raw NV21 (a plane of brightness, then interleaved V and U at half the size) as JPEG."""
+    """Convert raw NV21 (a luma plane, then interleaved V and U at half the size) to JPEG."""
     import cv2
     import numpy as np
 

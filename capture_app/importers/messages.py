@@ -1,4 +1,4 @@
-"""ROS's bags, and .mcap files of ROS's or Foxglove's messages: each topic of images is a camera."""
+"""ROS bags, and .mcap files of ROS or Foxglove messages: each topic of images is a camera."""
 
 from pathlib import Path
 
@@ -9,7 +9,7 @@ from capture_app.session.importing.sources import Layout
 
 
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
-    """The cameras of a recording of messages, by its own stamps."""
+    """Open the cameras of a recording of messages, timed by its own stamps."""
     if not is_bag(path):
         return None
     bag = read_bag(path)

@@ -1,9 +1,10 @@
 """nerfstudio's transforms.json as a calibration: a pose for every image, in OpenGL's camera axes.
 
-By docs.nerf.studio ("Nerfstudio dataset format") and nerfstudio/data/dataparsers/nerfstudio_dataparser.py:
-fl_x, fl_y, cx, cy, w, h and the distortion k1, k2, k3, p1, p2 stand in each frame or once for all;
-`transform_matrix` is the camera's place in the world, x right, y up, z backwards; the first pixel's centre is
-(0.5, 0.5). Older files give camera_angle_x, the horizontal field of view in radians, instead of fl_x.
+Sources: docs.nerf.studio ("Nerfstudio dataset format") and
+nerfstudio/data/dataparsers/nerfstudio_dataparser.py. fl_x, fl_y, cx, cy, w, h and the distortion k1, k2, k3,
+p1, p2 are given for each frame or once for all. `transform_matrix` is the camera's pose in the world: x
+right, y up, z backwards. The first pixel's centre is (0.5, 0.5). Older files give camera_angle_x, the
+horizontal field of view in radians, instead of fl_x.
 """
 
 import math
@@ -32,10 +33,10 @@ _OPENCV_FROM_OPENGL = np.array([1.0, -1.0, -1.0])
 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
-    """Read the cameras of a transforms.json or of its folder; an image is of the camera that its path names.
+    """Read the cameras of a transforms.json or of its folder; an image's path names its camera.
 
     The unit is arbitrary unless the file has `unit`, as our own exports do. Raises BadInputError, with the
-    image, for what is missing, for fisheye lenses and for cameras that move.
+    image, for missing values, fisheye lenses and cameras that move.
     """
     path = paths[0][1]
     path = path / _TRANSFORMS if (path / _TRANSFORMS).is_file() else path

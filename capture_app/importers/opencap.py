@@ -1,10 +1,10 @@
 """OpenCap: a session of trials, and the calibrations of its phones.
 
-By opencap-api's zipsession.py a download has `Videos/CamN/InputMedia/TRIAL/TRIAL.mov`, as the phone took it,
-beside it `TRIAL_sync.mp4` where OpenCap aligned it to the others by their motion, and
-`Videos/CamN/cameraIntrinsicsExtrinsics.pickle`, by opencap-core's utilsChecker.py: imageSize is (height,
-width), the board's squares are in mm. A pickle can hold anything, also programs: arrays and numbers are
-taken, all else is refused.
+According to opencap-api's zipsession.py, a download has the phone's original video as
+`Videos/CamN/InputMedia/TRIAL/TRIAL.mov`. Beside it is `TRIAL_sync.mp4` if OpenCap aligned it to the others by
+their motion. The calibration is `Videos/CamN/cameraIntrinsicsExtrinsics.pickle`; according to opencap-core's
+utilsChecker.py, imageSize is (height, width), and the board's squares are in mm. A pickle can run arbitrary
+code, so only arrays and numbers are accepted.
 """
 
 import io
@@ -32,7 +32,7 @@ _ALLOWED = {
 
 
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
-    """A trial of a session. Raises BadInputError where it has several and `recording` names none of them."""
+    """Open a trial of a session. Raises BadInputError if it has several and `recording` names none."""
     cameras = _cameras(path)
     if not cameras:
         return None
@@ -65,7 +65,7 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
 
 
 def _video(folder: Path, stem: str) -> Path | None:
-    """The trial's video of a name; of the original also what it was named by its number on OpenCap's side."""
+    """Return the trial's video with this stem; an original may also be named by OpenCap's trial id."""
     found = videos_in(folder)
     named = [path for path in found if path.stem == stem]
     if not named and not stem.endswith(_SYNCHRONIZED):
@@ -74,7 +74,7 @@ def _video(folder: Path, stem: str) -> Path | None:
 
 
 def recordings_in(folder: Path) -> list[str]:
-    """The names of the trials in a session; else none."""
+    """Return the names of the trials in a session; none for other folders."""
     trials = {trial.name for camera in _cameras(folder) for trial in camera.iterdir() if videos_in(trial)}
     return sorted(trials)
 
@@ -92,14 +92,14 @@ class _ArraysOnly(pickle.Unpickler):
 
 
 def _is_calibration(path: Path) -> bool:
-    """Whether a path is such a pickle, or a folder of cameras that have one each."""
+    """Return whether a path is such a pickle, or a folder of cameras that have one each."""
     return any(path.glob(f"*/{_PARAMETERS}")) if path.is_dir() else path.suffix in (".pickle", ".pkl")
 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
-    """Read pickles, each with the camera it is of (or '': that of its folder), or a folder of cameras.
+    """Read pickles, each with its camera's name (or '' for its folder's name), or a folder of cameras.
 
-    Raises BadInputError, with the file, for what is broken or not yet calibrated.
+    Raises BadInputError, with the file, if it is malformed or not calibrated yet.
     """
     if not _is_calibration(paths[0][1]):
         return None
@@ -115,7 +115,7 @@ def _view(file: Path) -> View:
         content = _ArraysOnly(io.BytesIO(file.read_bytes())).load()
     except OSError as error:
         raise BadInputError(f"cannot read {file}: {error.strerror}") from error
-    except Exception as error:  # a broken pickle may raise anything
+    except Exception as error:  # a malformed pickle may raise anything
         raise BadInputError(f"cannot read the calibration {file}: {error}") from error
     if not isinstance(content, dict):
         raise BadInputError(f"{file} does not hold OpenCap's camera parameters")

@@ -1,4 +1,4 @@
-"""Calibrations as OpenCV's users save them: .npz, or YAML and XML of cv2.FileStorage."""
+"""Calibrations as OpenCV users save them: .npz, or YAML and XML of cv2.FileStorage."""
 
 import re
 from collections.abc import Mapping, Sequence
@@ -23,12 +23,12 @@ _IDENTITY: Content = {"r": np.eye(3), "t": np.zeros(3)}
 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
-    """Read OpenCV calibration files, each with the camera it is of, or '' for the file of the pair.
+    """Read OpenCV calibration files, each with its camera's name, or '' for the file of the pair.
 
-    A camera's file has its matrix (mtx, K, camera_matrix, ...) and distortion, and may have its pose
-    (R or rvec, T or tvec; x_cam = R x_rig + T). The pair's file has the R and T of cv2.stereoCalibrate,
-    x_second = R x_first + T, and may have the matrices too (K1 D1 K2 D2). A folder is searched for files
-    whose names begin with the cameras'. Raises BadInputError for what is missing or broken.
+    A camera's file has its matrix (mtx, K, camera_matrix, ...) and distortion, and may have its pose (R or
+    rvec, T or tvec; x_cam = R x_rig + T). The pair's file has the R and T of cv2.stereoCalibrate, x_second =
+    R x_first + T, and may have the matrices too (K1 D1 K2 D2). A folder is searched for files whose names
+    begin with the cameras'. Raises BadInputError for missing or malformed files.
     """
     first = paths[0][1]
     if not first.is_dir() and first.suffix.lower() not in _SUFFIXES:
@@ -78,7 +78,7 @@ def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list
     own: dict[str, Path] = {}
     for name in cameras:
         start = re.escape(name)
-        # The whole word first, so that cam1 does not take cam10's file; then L takes left.npz.
+        # Whole words first, so that cam1 does not match cam10's file; then L matches left.npz.
         for pattern in (rf"{start}(?![A-Za-z0-9])", start):
             alike = [file for file in files if re.match(pattern, file.stem, re.IGNORECASE)]
             if len(alike) == 1:
@@ -94,7 +94,7 @@ def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list
 
 
 def _load(path: Path) -> Content:
-    """The numbers that a file has, by names in small letters."""
+    """Return the numbers in a file, by lower-case name."""
     if path.suffix.lower() not in _SUFFIXES:
         hint = (
             "known: OpenCV .npz .yml .yaml .xml, Caliscope .toml, Qualisys .qca.txt, COLMAP, nerfstudio, ..."

@@ -1,7 +1,7 @@
 """Qualisys's calibrations, .qca.txt.
 
-Its cameras look along -z with y up, and `transform` holds the camera's axes as rows (r11 r12 r13 is the
-camera's x axis in the room) and its position. Pixels are in 64ths; the distortion, OpenCV's, is not.
+Its cameras look along -z with y up. `transform` holds the camera's axes as rows (r11 r12 r13 is the camera's
+x axis in the room) and its position. Lens values are in 1/64 px, except for OpenCV's distortion.
 """
 
 import xml.etree.ElementTree as ET
@@ -19,7 +19,7 @@ _OPENCV_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])
 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
-    """Read the cameras of a .qca.txt by their serials. Raises BadInputError, with the camera, if broken."""
+    """Read the cameras of a .qca.txt by serial. Raises BadInputError, with the camera, if malformed."""
     path = paths[0][1]
     if not _is_qualisys(path):
         return None

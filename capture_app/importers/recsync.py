@@ -1,10 +1,10 @@
-"""RecSync and RecSyncNG: a video of each phone, its frames by the leader's clock.
+"""RecSync and RecSyncNG: a video of each phone, with frames timed by the leader's clock.
 
 RecSync (MobileRoboticsSkoltech/RecSync-android, MainActivity.java and CSVLogger.java) writes on each phone
-RecSync/VID/VID_TIME.mp4 and RecSync/TIME.csv: a line a frame, its time by the leader's clock in ns. RecSyncNG
-(DFKI-SignLanguage/RecSync-android) writes RecSync/VID/PREFIX_TIME.mp4 and RecSync/PREFIX_TIME.csv there; its
-file_server.py collects both in PREFIX/CLIENT/, and its PostProcessVideos.py makes of them CLIENT.mp4 and
-CLIENT.csv, whose second column tells frames that were put in (black) where the phone dropped one.
+RecSync/VID/VID_TIME.mp4 and RecSync/TIME.csv, which has a line for each frame with its leader time in ns.
+RecSyncNG (DFKI-SignLanguage/RecSync-android) writes RecSync/VID/PREFIX_TIME.mp4 and RecSync/PREFIX_TIME.csv.
+Its file_server.py collects both in PREFIX/CLIENT/. Its PostProcessVideos.py converts them to CLIENT.mp4 and
+CLIENT.csv, whose second column marks black frames inserted where the phone dropped one.
 """
 
 import re
@@ -22,7 +22,7 @@ _VIDEOS, _HEADING = "VID", "timestamp"
 
 
 class PhoneVideo(Video):
-    """A video of one phone with RecSync; its table gives each frame's leader time."""
+    """A video of one phone with RecSync; its table has each frame's leader time."""
 
     kind = "RecSync"
 
@@ -34,7 +34,7 @@ class PhoneVideo(Video):
         self._table, self._rows = table, _rows(table)
 
     def embedded_times(self) -> Sequence[TimedFrame]:
-        """When each frame was taken; if table and video differ in length, as many as the shorter has."""
+        """Return each frame's time; if table and video differ in length, only up to the shorter one's end."""
         rows = self._rows[: len(self.numbers)]
         if len(self._rows) != len(self.numbers):
             of = f"{len(self._rows)} times for {len(self.numbers)} frames"
@@ -48,14 +48,14 @@ class PhoneVideo(Video):
 
 
 def is_camera(path: Path) -> bool:
-    """Whether a path is one phone's folder, or a video with its table of times."""
+    """Return whether a path is one phone's folder, or a video with its table of times."""
     if path.is_dir():
         return bool(_pairs_in(path))
     return path.suffix.lower() not in IMAGE_SUFFIXES and table_of(path) is not None
 
 
 def open_camera(name: str, path: Path, *, png: bool, recording: str | None) -> Source:
-    """The video of a phone. Raises BadInputError where `recording` does not tell one of several."""
+    """Open a phone's video. Raises BadInputError if there are several and `recording` names none."""
     if not path.is_dir():
         return PhoneVideo(name, path, png=png)
     pairs = _pairs_in(path)
@@ -71,12 +71,12 @@ def open_camera(name: str, path: Path, *, png: bool, recording: str | None) -> S
 
 
 def table_of(video: Path) -> Path | None:
-    """RecSync's table of a video's times, beside it or beside the folder VID that it is in."""
+    """Return RecSync's table of a video's times, beside the video or beside its folder VID."""
     folders = (video.parent, video.parent.parent) if video.parent.name == _VIDEOS else (video.parent,)
     for folder in folders:
         for stem in (video.stem, video.stem.removeprefix("VID_")):
             table = folder / f"{stem}.csv"
-            # It begins with a time in ns, or with RecSyncNG's heading, or has nothing in it.
+            # The table begins with a time in ns or with RecSyncNG's heading, or is empty.
             if table.is_file() and re.match(rf"(-?\d{{1,19}}\s*|{_HEADING}.*|)$", _first_line(table)):
                 return table
     return None
@@ -89,7 +89,7 @@ def _first_line(table: Path) -> str:
 
 
 def _pairs_in(folder: Path) -> list[Path]:
-    """The videos with a table of one phone; those of RecSyncNG's postprocessing are a camera each."""
+    """Return one phone's videos that have a table; RecSyncNG's postprocessed videos are separate cameras."""
     places = (folder, folder / _VIDEOS, folder / "RecSync" / _VIDEOS, folder / "TMP_MROB" / _VIDEOS)
     videos = [path for place in places for path in sorted(place.glob("*.mp4"))]
     tables = {path: table for path in videos if (table := table_of(path)) is not None}
@@ -97,7 +97,7 @@ def _pairs_in(folder: Path) -> list[Path]:
 
 
 def _rows(table: Path) -> list[tuple[int, bool]]:
-    """The time in ns of every frame, and whether it was put in where the phone dropped one."""
+    """Return each frame's time in ns, and whether it was inserted for a dropped one."""
     rows: list[tuple[int, bool]] = []
     for number, line in enumerate(read_text(table).splitlines(), 1):
         text, _, made = (part.strip() for part in line.partition(","))

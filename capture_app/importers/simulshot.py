@@ -1,7 +1,7 @@
-"""simulshot: an export is the session again that it was made of; a session's calibration is one for others.
+"""simulshot's own files: an export is read as its original session, and a session as a calibration.
 
-An export has `frames.csv` and `simulshot.json`, an MCAP of ours the session's manifest and calibration
-attached.
+An export has `frames.csv` and `simulshot.json`; in our MCAP files the session's manifest and calibration are
+attachments.
 """
 
 import csv
@@ -33,7 +33,7 @@ from capture_app.session.importing.sources import VIDEO_SUFFIXES, Images, Layout
 from capture_app.session.importing.views import View, Views, pinhole, read_json
 
 Place = tuple[str, int]
-"""A camera and an instant of the session that was exported."""
+"""Camera and instant in the exported session."""
 
 _OF_THE_FRAME = (
     "uncertainty_ns", "hard_bound_ns", "exposure_start_ns", "exposure_ns", "gain", "white_balance",
@@ -43,7 +43,7 @@ _LEFT_OUT = "the export does not have it"
 
 
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
-    """An export, or an MCAP of one. Raises BadInputError where what it says of itself is broken."""
+    """Open an export, folder or MCAP. Raises BadInputError if its records are malformed."""
     if path.suffix.lower() == MCAP and path.is_file():
         attached = attachments(path)
         if MANIFEST not in attached:
@@ -84,7 +84,7 @@ def _open_export(folder: Path, png: bool) -> Layout:
 
 
 def _in_order(rows: Mapping[Place, tuple[Path, int]]) -> dict[Place, int]:
-    """Which frame of its camera each place is, where the frames of all are numbered together."""
+    """Return the frame index of each place in its camera, if all cameras share frame numbers."""
     seen: Counter[str] = Counter()
     places = {}
     for at in sorted(rows, key=lambda at: rows[at][1]):
@@ -96,7 +96,7 @@ def _in_order(rows: Mapping[Place, tuple[Path, int]]) -> dict[Place, int]:
 def _layout(
     path: Path, record: ExportRecord, sources: Sequence[Source], places: Mapping[Place, int]
 ) -> Layout:
-    """The layout of what was exported; `places` says which frame of its source is of which place."""
+    """Return the layout of an export; `places` has the source's frame index of each place."""
     order = [camera.name for camera in record.manifest.cameras]
     sources = sorted((one for one in sources if one.name in order), key=lambda one: order.index(one.name))
     return Layout(
@@ -109,7 +109,7 @@ def _layout(
 
 
 def _rows(folder: Path) -> dict[Place, tuple[Path, int]]:
-    """The file, and the number of its frame, of every place that the export has."""
+    """Return the file, and the frame number in it, of every place in the export."""
     path = folder / FRAMES
     try:
         return {
@@ -123,7 +123,7 @@ def _rows(folder: Path) -> dict[Place, tuple[Path, int]]:
 
 def _timeline(manifest: Manifest, places: Mapping[Place, int], cameras: set[str]) -> Timeline:
     recorded = {(image.camera, image.instant): image for image in manifest.images}
-    # A frame that stands for two instants is in an export once.
+    # A frame that serves two instants is in an export once.
     by_content = {(at[0], recorded[at].sha256): index for at, index in places.items() if at in recorded}
     why = {(gone.camera, gone.instant): gone.reason for gone in manifest.missing}
     instants = []
@@ -156,7 +156,7 @@ def _record(path: Path, attached: Mapping[str, bytes]) -> ExportRecord:
 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
-    """Read a calibration.json, or that of a session's folder. Raises BadInputError where it is broken."""
+    """Read a calibration.json, or a session folder's. Raises BadInputError if it is malformed."""
     path = paths[0][1]
     path = path / CALIBRATION if (path / CALIBRATION).is_file() else path
     content = read_json(path)

@@ -120,8 +120,7 @@ class Lights:
         return sorted([*flashes, *(self._lamp(frame) for frame in lamps)], key=lambda one: one.rough_s)
 
     def _lamps(self) -> list[int]:
-        """Return the frames where a lamp is switched on or off: steady before and after, at different
-        levels."""
+        """Return the frames where a lamp is switched: brightness steady before and after, at two levels."""
         means = self.bands.mean(1)
         windows = np.lib.stride_tricks.sliding_window_view(means, AROUND)
         frames = np.arange(AROUND + 1, len(means) - AROUND - 1)
@@ -137,8 +136,7 @@ class Lights:
         return [int(max(group, key=lambda at: abs(means[at + 1] - means[at - 1]))) for group in groups]
 
     def _lamp(self, frame: int) -> Flash:
-        """Return a lamp's change at a frame: the row, here or in a neighbouring frame, with half of the
-        light."""
+        """Return a lamp's change near a frame, at the row that received half of the light."""
         before = np.median(self.bands[frame - 1 - AROUND : frame - 1], 0)
         change = np.median(self.bands[frame + 2 : frame + 2 + AROUND], 0) - before
         size, first = len(before), frame - 1
@@ -357,8 +355,7 @@ def _range(edge: Edge, readout_s: Array, tolerance_s: float) -> Array:
 
 
 def _lines(at: Array, least: Array, most: Array) -> tuple[Range, Range] | tuple[None, None]:
-    """Return the ranges of offset (at 0) and rate of lines between `least` and `most` (combinations, n) at
-    `at`."""
+    """Return the ranges of offset (at 0) and rate of lines from `least` to `most` (combinations, n)."""
     away = np.abs(at) * MAX_DRIFT_PPM * 1e-6
     low, high = (least - away).max(1), (most + away).min(1)
     slow, fast = np.full(len(least), -MAX_DRIFT_PPM * 1e-6), np.full(len(least), MAX_DRIFT_PPM * 1e-6)

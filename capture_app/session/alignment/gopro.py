@@ -85,8 +85,7 @@ class _Item:
     data: bytes
 
     def numbers(self, kinds: str = "") -> list[tuple[float, ...]]:
-        """Return each sample's numbers, of its own type or, if complex, of type `kinds`; [] if not
-        numeric."""
+        """Return each sample's numbers, of its own type or, if complex, of `kinds`; [] if not numeric."""
         if self.kind == "?":
             layout = ">" + "".join(_NUMBERS.get(kind, "?") for kind in kinds)
         else:

@@ -94,7 +94,7 @@ def _read_sound(av: Any, container: Any) -> Sound | str:
 def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes:
     """Return the camera's times against the reference's; without an offset, the reason.
 
-    `error_s` (95 %): possible difference between the cameras' delays from sound to image.
+    `error_s` (95 %): possible offset between the cameras' sounds while their images are simultaneous.
     """
     rough_s = _rough_offset(reference, camera)
     if isinstance(rough_s, str):

@@ -1,5 +1,4 @@
-"""A burst being exported: its images in order, checked against their records, and their places in the
-export."""
+"""A burst being exported: its ordered and checked images, and their places in the export."""
 
 import hashlib
 from collections.abc import Callable
@@ -52,8 +51,7 @@ class ExportedBurst:
     def __init__(
         self, session: Session, options: ExportOptions, progress: Progress, instant: int | None = None
     ) -> None:
-        """Take the images of a session, or of one `instant` only. Raises BadInputError if that has no
-        image."""
+        """Take a session's images, or one `instant` only. Raises BadInputError if that has no image."""
         manifest = session.manifest
         self.session, self.options = session, options
         self.name = session.name
@@ -89,8 +87,7 @@ class ExportedBurst:
         self.frames.append(Frame(image.camera, image.instant, file, frame, image))
 
     def images_of(self, camera: str) -> list[ImageRecord]:
-        """Return a camera's images in order, each frame once, even if it also substitutes for a dropped
-        one."""
+        """Return a camera's images in order, each once even if it also substitutes for a dropped frame."""
         kept: list[ImageRecord] = []
         for image in self._in_order(camera):
             if not kept or image.leader_ns > kept[-1].leader_ns:
@@ -100,8 +97,7 @@ class ExportedBurst:
         return kept
 
     def image_at(self, camera: str, instant: int) -> ImageRecord | None:
-        """Return the image that was taken at an instant; None if missing or a substitute from another
-        time."""
+        """Return the image that was taken at an instant, or None if it is missing or a substitute."""
         image = self.images.get((camera, instant))
         return None if image is None or image.substitute else image
 
@@ -124,8 +120,7 @@ class ExportedBurst:
         return redraw(pixels) if redraw else pixels
 
     def load(self, image: ImageRecord) -> tuple[bytes, Picture]:
-        """Return an image's file bytes and its pixels: height x width x BGR of 8 bits, EXIF rotation not
-        applied.
+        """Return an image's file bytes and its pixels: height x width x BGR of 8 bits, EXIF not applied.
 
         Raises IncompleteError if the file is missing; BadInputError if it differs from what was saved, cannot
         be decoded, or has a different size than its camera.

@@ -1,7 +1,7 @@
-"""Exporter interface: an entry point of the group `simulshot.exporters` names an `Exporter`, built-in ones
-too.
+"""Exporter interface: each entry point of the group `simulshot.exporters` names an `Exporter`.
 
-It declares everything about its format, so the command, the screen and `export_session` need no table.
+Built-in formats are entry points, too. An exporter declares everything about its format, so the command, the
+screen and `export_session` need no table.
 """
 
 from collections.abc import Callable, Mapping
@@ -84,8 +84,7 @@ class Exporter:
 
 
 def load_exporter(name: str) -> Exporter:
-    """Import one exporter. Raises BadInputError for an unknown name, NotAvailableError if it fails to
-    import."""
+    """Import one exporter. Raises BadInputError if it is unknown, NotAvailableError if its import fails."""
     exporter: Exporter = load_plugin(GROUP, name, *_STATED)
     return exporter
 

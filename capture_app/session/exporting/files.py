@@ -69,8 +69,7 @@ def write_mask(
     movers: int,
     redraw: Redraw | None = None,
 ) -> None:
-    """Write an image's mask from the folder `masks`, if given; moving regions have the value `movers`, 0 or
-    255.
+    """Write an image's mask from the folder `masks`, if given; `movers` (0 or 255) marks moving regions.
 
     Raises IncompleteError if the folder lacks it, BadInputError if its size differs from the image's.
     """

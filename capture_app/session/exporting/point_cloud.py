@@ -60,8 +60,10 @@ def read_ply(path: Path) -> PointCloud:
 
 
 def write_ply(path: Path, cloud: PointCloud, *, normals: bool = False) -> None:
-    """Write points and colours as binary little-endian; `normals` adds zero normals for programs that need
-    them."""
+    """Write points and colours as binary little-endian; `normals` adds zero normals.
+
+    Some programs require normals.
+    """
     zeros = [("normal", "<f4", 3)] if normals else []
     rows = np.zeros(len(cloud.points), [("at", "<f4", 3), *zeros, ("colour", "u1", 3)])
     rows["at"], rows["colour"] = cloud.points, cloud.colours

@@ -74,8 +74,7 @@ Shown = tuple[int, int, ImageRecord | None]
 
 
 def at_own_times(burst: ExportedBurst, camera: str) -> list[Shown]:
-    """Return a camera's frames at their own times since the burst's first image; missing images are
-    skipped."""
+    """Return a camera's frames at their own times since the burst's first image, without missing images."""
     return [(one.instant, one.leader_ns - burst.origin_ns, one) for one in burst.images_of(camera)]
 
 

@@ -1,1 +1,1 @@
-"""Import of recordings: what an importer states, image sources, times, alignment, calibrations."""
+"""Import of recordings: importer interface, image sources, times, alignment, calibrations."""

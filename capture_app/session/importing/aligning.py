@@ -1,4 +1,4 @@
-"""Aligns the videos of a recording that have no common times, by what all of them hold."""
+"""Alignment of videos without common times, by sound, flashes, timecode or GPS."""
 
 import dataclasses
 from collections.abc import Callable, Collection, Mapping, Sequence
@@ -17,8 +17,10 @@ from capture_app.session.importing.frame_matching import TimedFrame, Timeline, t
 from capture_app.session.importing.sources import Source, Video
 
 AlignBy = Literal["auto", "none", "flash", "gopro", "sound", "timecode"]
-"""What a recording without common times is aligned by; auto: of each pair of cameras, by the one with the
-least error."""
+"""Method that aligns a recording without common times.
+
+auto: for each pair of cameras, the method with the smallest uncertainty.
+"""
 
 
 _OF_VIDEO_TIMES = ("sound", "flash", "gopro")
@@ -34,12 +36,12 @@ def align_recording(
     rate_given: bool = False,
     talk: Callable[[str], None],
 ) -> CommonTimes:
-    """The state of the times after alignment, each camera's with it; `unknown` where nothing tells.
+    """Align a recording; return the state of its times with each camera's offset, `unknown` without any.
 
-    `talk` is called with what each method says of the cameras, where it is not in the state's reason.
-    `sound_error_s` (95 %): what the sounds of two cameras' pictures may be apart though they were one.
-    `rate_given`: frames are timed by a rate, not by their videos, so that sound has other times. Raises
-    BadInputError where a method was asked for that these sources cannot have.
+    `talk` receives what each method found for the cameras, unless the state's reason has it. `sound_error_s`
+    (95 %): possible offset between two cameras' sounds while their images are simultaneous. `rate_given`:
+    frames are timed by a rate, not by their videos, so sound has different times. Raises BadInputError if the
+    requested method does not apply to these sources.
     """
     videos = [source for source in sources if isinstance(source, Video)]
     if by == "none" or len(videos) < len(sources):
@@ -52,7 +54,7 @@ def align_recording(
         )
     names = [source.name for source in videos]
     starts_s = {name: min(frame.leader_ns for frame in of) / 1e9 for name, of in timeline.cameras().items()}
-    # The most trustworthy first: a GoPro's timecode is its own clock's, hardly ever set to the second.
+    # Most trustworthy first: a GoPro's timecode follows its own clock, which is rarely set to the second.
     methods: dict[AlignBy, tuple[Callable[[Video], Any], Callable[[Any, Any], CameraTimes]]] = {
         "sound": (lambda of: read_sound(of.path), partial(match_sounds, error_s=sound_error_s)),
         "flash": (lambda of: read_lights(of.path), match_flashes),
@@ -78,7 +80,7 @@ def align_recording(
 
 
 def _describe(against: Callable[[str, str], CameraTimes], cameras: Mapping[str, CameraTimes]) -> str:
-    """What one method says of each camera against the first; alike reasons once."""
+    """Describe one method's result for each camera against the first; equal reasons are listed once."""
     first, *others = cameras
     found: dict[str, list[str]] = {}
     for name in others:
@@ -94,9 +96,9 @@ def _describe(against: Callable[[str, str], CameraTimes], cameras: Mapping[str, 
 
 
 def _least(first: str, second: str, measured: Collection[Callable[[str, str], CameraTimes]]) -> CameraTimes:
-    """The offset with the least error of a pair, of those that no more trustworthy one contradicts.
+    """Return a pair's offset with the smallest uncertainty that no more trustworthy method contradicts.
 
-    Its rate is the best known of theirs.
+    Its rate is the best known of all methods.
     """
     kept: list[CameraTimes] = []
     found = [against(first, second) for against in measured]
@@ -111,14 +113,14 @@ def _least(first: str, second: str, measured: Collection[Callable[[str, str], Ca
 
 
 def _agree(one: CameraTimes, other: CameraTimes) -> bool:
-    """Whether two measurements of a camera may both be right, at the epoch of the first."""
+    """Return whether two measurements of a camera are compatible, at the epoch of the first."""
     at_ns = one.epoch_local_ns
     apart_ns = abs(one.leader_from_local(at_ns) - other.leader_from_local(at_ns))
     return apart_ns <= (one.uncertainty_at_ns(at_ns) or 0) + (other.uncertainty_at_ns(at_ns) or 0)
 
 
 def with_common_times(timeline: Timeline, common: CommonTimes) -> Timeline:
-    """The frames at the recording's times, matched anew."""
+    """Return a timeline with frames converted to common times and matched again."""
     cameras = {
         name: [_at_common_time(frame, common.cameras[name]) for frame in frames]
         for name, frames in timeline.cameras().items()
@@ -137,7 +139,10 @@ def _at_common_time(frame: TimedFrame, times: CameraTimes) -> TimedFrame:
 def _against(
     match: Callable[[Any, Any], CameraTimes], read: Mapping[str, Any], first: str, second: str
 ) -> CameraTimes:
-    """The second camera's times against the first's, by what was read of both; else why there are none."""
+    """Return the second camera's times against the first's from what was read of both.
+
+    Without a result, its reason is given.
+    """
     if isinstance(read[first], str):
         return CameraTimes(reason=f"{first}: {read[first]}")
     if isinstance(read[second], str):

@@ -1,9 +1,10 @@
-"""Recordings of messages: each topic of pictures is a camera, by the stamps in them.
+"""Recordings of messages: each topic of images is a camera, timed by the messages' stamps.
 
-An .mcap of Foxglove's CompressedImage, CameraCalibration and FrameTransform (docs.foxglove.dev, "Message
-schemas"), in protobuf; or sensor_msgs CompressedImage (JPEG, PNG) and Image (rgb8, bgr8, mono8) of ROS, in a
-rosbag2 folder, a ROS 1 .bag, or an .mcap of ROS alone, when they came beside their stamps. A camera has the
-lens of its frame or namespace; a transform is where the child is in the parent's coordinates.
+Supported are .mcap files of Foxglove's CompressedImage, CameraCalibration and FrameTransform
+(docs.foxglove.dev, "Message schemas") in protobuf, and sensor_msgs CompressedImage (JPEG, PNG) and Image
+(rgb8, bgr8, mono8) of ROS in a rosbag2 folder, a ROS 1 .bag, or an .mcap of ROS alone. Of ROS, arrival times
+are read beside the stamps. A camera has the lens of its frame or namespace; a transform is the pose of the
+child in the parent's coordinates.
 """
 
 from collections.abc import Collection, Iterator, Mapping, Sequence
@@ -32,16 +33,16 @@ _LENSES = ("foxglove.CameraCalibration", "sensor_msgs/msg/CameraInfo")
 _POSES = ("foxglove.FrameTransform", "tf2_msgs/msg/TFMessage")
 _CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1, "8UC1": 1, "8UC3": 3}
 _ENCODINGS = {True: "protobuf", False: "cdr"}
-"""How messages are encoded: Foxglove's (True) and those of ROS 2."""
+"""Message encoding: Foxglove's (True), and ROS 2's."""
 
 
 def is_bag(path: Path) -> bool:
-    """Whether a path is an .mcap, a folder of rosbag2, or a bag of ROS 1."""
+    """Return whether a path is an .mcap, a rosbag2 folder, or a ROS 1 bag."""
     return (path / "metadata.yaml").is_file() if path.is_dir() else path.suffix.lower() in (MCAP, ".bag")
 
 
 class _Message(NamedTuple):
-    """A message of some type on a topic, when it arrived (ns), and its number there where it has one."""
+    """A message on a topic: its type, arrival time (ns), and sequence number if it has one."""
 
     topic: str
     kind: str
@@ -55,7 +56,7 @@ class _Message(NamedTuple):
 
     @property
     def timed(self) -> tuple[int, int | None]:
-        """By its stamp, and when it arrived where that is told apart; ns."""
+        """Return its stamp and, if recorded separately, its arrival time; ns."""
         if self.kind.startswith(_FOXGLOVE):
             stamp = self.content.timestamp
             return stamp.seconds * 1_000_000_000 + stamp.nanos or self.arrived_ns, None
@@ -64,7 +65,7 @@ class _Message(NamedTuple):
 
 
 class TopicPictures(Source):
-    """The pictures of one topic, in the order of the recording; compressed ones byte for byte."""
+    """The images of one topic, in recording order; compressed ones unchanged."""
 
     numbered = False
 
@@ -92,18 +93,18 @@ class TopicPictures(Source):
 
 @dataclass(frozen=True, slots=True)
 class Bag:
-    """The cameras of a recording, the times of their frames and their calibration where it is complete."""
+    """The cameras of a recording, their frames' times, and their calibration if it is complete."""
 
     sources: list[Source]
     times: dict[str, list[TimedFrame]]
     """The frames of each camera, in the order of the stamps."""
     places: dict[tuple[str, int], int]
-    """Which of its camera's frames a message is, by camera and the number that the message has."""
+    """Index of a message's frame, by camera and the message's sequence number."""
     views: Views | None
 
 
 def read_bag(path: Path) -> Bag:
-    """The cameras of a recording. Raises BadInputError where it has no pictures that can be read."""
+    """Read the cameras of a recording. Raises BadInputError if it has no readable images."""
     first: dict[str, _Message] = {}
     times: dict[str, list[TimedFrame]] = {}
     numbers: dict[str, list[int]] = {}
@@ -136,7 +137,7 @@ def read_bag(path: Path) -> Bag:
 
 
 def _camera_names(frames: Mapping[str, str]) -> dict[str, str]:
-    """Each topic's camera: its frame_id where that is a name and no other topic's, else the topic's own."""
+    """Return each topic's camera name: its frame_id if that is a valid and unique name, or the topic."""
     ids = list(frames.values())
     return {
         topic: own if is_name(own) and ids.count(own) == 1 else name_like(topic.strip("/"), f"camera{number}")
@@ -150,7 +151,7 @@ def _views(
     lenses: Mapping[str, _Message],
     poses: Mapping[str, tuple[str, Any]],
 ) -> Views | None:
-    """The calibration, where every camera has a lens and a place in the same coordinates."""
+    """Return the calibration if every camera has a lens and a pose in common coordinates."""
     views: dict[str, View] = {}
     for name, picture in cameras.items():
         lens = _lens_of(picture, lenses.values())
@@ -172,7 +173,7 @@ def _views(
 
 
 def _lens_of(picture: _Message, lenses: Collection[_Message]) -> Any:
-    """The lens of a picture's namespace and frame, else of its frame, else of its namespace; or None."""
+    """Return the lens of an image's namespace and frame, otherwise of its frame or its namespace, or None."""
     near = [one for one in lenses if picture.topic.startswith(f"{one.topic.rpartition('/')[0]}/")]
     own = [one for one in lenses if one.frame_id == picture.frame_id]
     chosen = [one for one in near if one in own] or own or near
@@ -193,7 +194,7 @@ def _picture(where: str, message: Any) -> bytes:
 
 
 def attachments(path: Path) -> dict[str, bytes]:
-    """What is attached to an .mcap, by name. Raises BadInputError where it is not intact."""
+    """Return the attachments of an .mcap, by name. Raises BadInputError if the file is damaged."""
     if path.suffix.lower() != MCAP:
         return {}
     with intact(path), path.open("rb") as stream:
@@ -202,7 +203,7 @@ def attachments(path: Path) -> dict[str, bytes]:
 
 
 def _messages(path: Path, kinds: Collection[str], topics: Sequence[str] = ()) -> Iterator[_Message]:
-    """The messages of these types, on these topics or on all, as they came."""
+    """Yield the messages of these types, on these topics or on all, in recording order."""
     with intact(path):
         if path.suffix.lower() == MCAP:
             with path.open("rb") as stream:
@@ -230,13 +231,13 @@ def _decode(kind: str, data: bytes) -> Any:
 
 @contextmanager
 def intact(path: Path) -> Iterator[None]:
-    """Whatever a reader says of a broken recording becomes a BadInputError."""
+    """Convert any error of a reader on a damaged recording to BadInputError."""
     try:
         yield
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror}") from error
     except SimulshotError:
         raise
-    except Exception as error:  # of a broken file its readers raise a dozen kinds
+    except Exception as error:  # the readers raise a dozen kinds on a damaged file
         what = "MCAP" if path.suffix.lower() == MCAP else "bag"
         raise BadInputError(f"{path} is not an intact {what}: {error}") from error

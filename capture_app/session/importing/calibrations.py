@@ -1,4 +1,4 @@
-"""Calibrations of other programs, each read by its importer and converted to this project's convention."""
+"""Calibrations of other programs, read by their importers and converted to this project's convention."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -20,7 +20,7 @@ from capture_app.session.importing.rate_or_table import match_name
 from capture_app.session.importing.views import Array, View, Views
 
 Fit = Literal["exact", "crop", "scale"]
-"""What to do where images are not of the size that their camera was calibrated at.
+"""What to do if images do not have the size at which their camera was calibrated.
 
 exact   refuse them, unless the aspect ratio is the same: then scale
 crop    the images are the calibrated ones, cropped or extended at the right or the bottom
@@ -29,10 +29,10 @@ scale   they are the calibrated ones, scaled separately along each axis
 
 
 def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views:
-    """Read calibration files, each with the camera it is of (or ''), for cameras in the rig's order.
+    """Read calibration files, each with its camera's name (or ''), for cameras in the rig's order.
 
-    One file or folder that holds all cameras, or one of each camera, by what the importers read. Raises
-    BadInputError for anything else.
+    Give one file or folder with all cameras, or one for each camera, in a format that an importer reads.
+    Raises BadInputError for anything else.
     """
     for _, path in paths:
         if not path.exists():
@@ -53,11 +53,11 @@ def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Vie
 def fit_calibration(
     views: Views, sizes: Mapping[str, tuple[int, int]], *, unit: str | None = None, fit: Fit = "exact"
 ) -> Calibration:
-    """The calibration of a recording's cameras, given their image sizes (width, height) in pixels.
+    """Return the calibration of a recording's cameras, given their image sizes (width, height) in px.
 
-    Lengths are converted to metres from the file's own unit, else from `unit` (default m); a unit that
-    is not known (such as a board's square) is kept and named. Raises BadInputError where a camera has no
-    calibration, where its numbers cannot be a camera's, or where the size does not fit.
+    Lengths are converted to metres from the file's own unit, otherwise from `unit` (default m). An unknown
+    unit, such as a board's square, is kept by name. Raises BadInputError if a camera has no calibration, if
+    its numbers are impossible for a camera, or if the size does not fit.
     """
     if unit is not None and views.unit is not None and unit != views.unit:
         raise BadInputError(f"{views.source} is in {views.unit}, not in {unit}", hint="leave out --unit")

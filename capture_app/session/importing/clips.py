@@ -1,9 +1,8 @@
-"""Finds the clips in a stranger's folder, and which of them were taken together: names, folders, and dates.
+"""Search for clips in an arbitrary folder, grouped into takes by names, folders and dates.
 
-Dates are those that cameras write into their videos (`creation_time`). Clocks of cameras are often wrong:
-dates part clips only where each part then has several, or where a clip that is alone is also of quite
-another length. Folders are of a camera each, unless what is in one of them was taken at the same time, or
-its names say that it is a take.
+Dates are the `creation_time` that cameras write into their videos. Camera clocks are often wrong, so dates
+separate clips only if each group then has several, or if a lone clip also has a very different length. Each
+folder is one camera, unless clips in one of them overlap in time or its name says that it is a take.
 """
 
 import re
@@ -24,7 +23,7 @@ from capture_app.session.importing.importer import load_importers
 from capture_app.session.importing.sources import images_in, videos_in
 
 _DEPTH = 4
-"""Folders of a camera's card: CAMERA/DCIM/100GOPRO, say."""
+"""Maximum folder depth on a camera's card, such as CAMERA/DCIM/100GOPRO."""
 _CAMERA = re.compile(
     r"cam|left|right|front|back|side|top|view|gopro|phone|pixel|ipad|galaxy|canon|sony|angle"
 )
@@ -32,19 +31,19 @@ _TAKE = re.compile(r"take|trial|run|scene|shot|day|session|try|attempt|walk|jump
 _CALIBRATION = re.compile(r"calib|intrinsic|extrinsic|board|checker|charuco", re.IGNORECASE)
 _SLACK_S = 2.0
 _ALIKE = 2.0
-"""Clips of one take are at most so many times as long as each other."""
+"""Maximum ratio of the lengths of two clips of one take."""
 
 
 @dataclass(frozen=True, slots=True)
 class Clip:
-    """A video: how long it is, and when it began by its camera's clock, s; None where it does not say."""
+    """A video: its length, and its start by its camera's clock, s; the start is None if unknown."""
 
     path: Path
     seconds: float
     began_s: float | None
 
     def together(self, other: "Clip") -> bool:
-        """Whether both ran at one time, by their dates."""
+        """Return whether both were recorded at the same time, by their dates."""
         if self.began_s is None or other.began_s is None:
             return False
         first, second = sorted((self, other), key=lambda one: one.began_s or 0.0)
@@ -53,16 +52,16 @@ class Clip:
 
 @dataclass(frozen=True, slots=True)
 class Shoot:
-    """Clips that were taken together, by camera; `name` is empty where the folder has no others."""
+    """Clips of one take, by camera; `name` is empty if the folder has only this take."""
 
     name: str
     clips: Mapping[str, Clip]
 
 
 def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
-    """The clips of a folder, and lines about what was left out and why.
+    """Return the takes in a folder, and lines about what was left out and why.
 
-    No shoots where it has no videos, in itself or in its folders.
+    There are none if neither the folder nor its subfolders contain videos.
     """
     shoots: list[Shoot] = []
     left_out: list[str] = []
@@ -73,7 +72,7 @@ def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
         left_out.append(f"{path.name}: looks like calibration; reconstruct calibrate takes it")
         del inner[path]
     if len(inner) == 1 and not own:
-        # What cannot be read there was said already, when its clips were looked for.
+        # Unreadable files there were reported already, when its clips were searched.
         shoots, deeper = find_shoots(next(iter(inner)))
         return shoots, [*(line for line in left_out if line not in deeper), *deeper]
     if len(own) >= max(1, len(inner)):
@@ -89,7 +88,7 @@ def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
 
 
 def find_calibration(folder: Path) -> Path | None:
-    """A calibration that lies in a folder, or in one of its folders that is named so."""
+    """Return a calibration in a folder, or in a subfolder with a name for calibrations."""
     inner = [path for path in sorted(folder.iterdir()) if path.is_dir() and _CALIBRATION.search(path.name)]
     for place in (folder, *inner):
         for importer in load_importers():
@@ -119,12 +118,12 @@ def _read(path: Path, _: Any, container: Any) -> Clip | str:
     stream = container.streams.video[0]
     seconds = float(stream.duration * stream.time_base) if stream.duration else 0.0
     dates = [_date_s(of.metadata.get("creation_time", "")) for of in (container, stream)]
-    # The zero of QuickTime's dates, 1904, is no date.
+    # Zero in QuickTime's dates, 1904, means that there is no date.
     return Clip(path, seconds, next((date_s for date_s in dates if date_s > 0), None))
 
 
 def _date_s(text: str) -> float:
-    """The time since 1970 of a date; 0 where it is none, or written as no other camera writes it."""
+    """Parse a date to seconds since 1970; 0 if it is missing or in a format that no camera writes."""
     try:
         return datetime.fromisoformat(text).timestamp()
     except ValueError:
@@ -141,7 +140,7 @@ def _clips_below(folder: Path, left_out: list[str], depth: int = _DEPTH) -> list
 
 
 def _of_one_folder(clips: list[Clip], left_out: list[str]) -> list[Shoot]:
-    """By dates, where they part the clips sensibly; else by names such as cam1_take2; else all together."""
+    """Group clips by dates if sensible, otherwise by names such as cam1_take2, otherwise all together."""
     groups = _by_date(clips)
     several = [group for group in groups if len(group) > 1]
     if len(several) > 1 and all(clip.began_s is not None for clip in clips):
@@ -168,7 +167,7 @@ def _by_date(clips: Sequence[Clip]) -> list[list[Clip]]:
 
 
 def _by_names(clips: Sequence[Clip]) -> list[Shoot]:
-    """Shoots of names in two parts that make a grid, cameras by takes; none where there is no such grid."""
+    """Group clips whose two-part names form a complete grid of cameras and takes; none if they do not."""
     words = [tuple(re.split(r"[\s_\-.]+", clip.path.stem)) for clip in clips]
     if len({len(of) for of in words}) != 1:
         return []
@@ -217,7 +216,7 @@ def _of_folders(inner: Mapping[Path, list[Clip]], left_out: list[str]) -> list[S
 
 
 def _match(clip: Clip, number: int, clips: Sequence[Clip]) -> Clip | None:
-    """Another camera's clip of the same name, else of the same time, else of the same number."""
+    """Return another camera's clip with the same name, otherwise the same time, otherwise the same number."""
     rules: tuple[Callable[[Clip], bool], ...] = (
         lambda other: other.path.stem == clip.path.stem,
         clip.together,

@@ -1,4 +1,4 @@
-"""Times of frames read from the recording itself: video timestamps, file names, EXIF."""
+"""Frame times from the recording itself: video timestamps, file names, EXIF."""
 
 import re
 from collections.abc import Container, Iterator
@@ -19,28 +19,28 @@ _DATE = re.compile(
     r"((?:19|20)\d{2})[-_.:]?(\d{2})[-_.:]?(\d{2})[-_.T ]?(\d{2})[-_.:h]?(\d{2})[-_.:m]?(\d{2})[-_.,]?(\d*)"
 )
 _EPOCH_NS = {10: 9, 13: 6, 16: 3, 19: 0}
-"""Digits of a time since 1970, and the power of ten that makes ns of it."""
+"""Number of digits of a Unix time, and the power of ten that converts it to ns."""
 
 
 TimeSource = Literal["auto", "video", "name", "exif"]
-"""Where a recording's times come from.
+"""Source of a recording's times.
 
 auto    chosen by what the recording has: a table, a phone's metadata
 video   from the videos' own timestamps, which may be irregular
 name    from the images' file names
-exif    from the images' EXIF: when they were taken, with the part of the second
+exif    from the images' EXIF: capture time with fraction of a second
 """
 
 
 def has_video_times() -> bool:
-    """Whether videos' own timestamps can be read: whether PyAV is installed."""
+    """Return whether video timestamps can be read, which requires PyAV."""
     return find_spec("av") is not None
 
 
 def video_times_ns(path: Path) -> list[int]:
-    """The presentation times of a video's frames in ns, ascending, without decoding them; or none.
+    """Return the presentation times of a video's frames in ns, ascending, without decoding; [] if none.
 
-    Raises BadInputError for what is no video, NotAvailableError without PyAV.
+    Raises BadInputError if it is not a video, NotAvailableError without PyAV.
     """
     av = _pyav()
     try:
@@ -60,13 +60,13 @@ def video_times_ns(path: Path) -> list[int]:
 
 
 def video_pictures(path: Path, wanted: Container[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
-    """The frames (BGR, H x W x 3, upright) that are shown at the wanted times in ns, with their times.
+    """Yield the frames (BGR, H x W x 3, upright) at the requested presentation times in ns, with their times.
 
-    Frames that do not decode are left out. Raises BadInputError for what is no video.
+    Frames that cannot be decoded are skipped. Raises BadInputError if it is not a video.
     """
     av = _pyav()
     scaler = av.video.reformatter.Interpolation
-    # Without accurate rounding every picture comes out darker by a level and more.
+    # Without accurate rounding every image is darker by a level or more.
     rounding = scaler.BICUBIC | scaler.ACCURATE_RND | scaler.FULL_CHR_H_INP | scaler.FULL_CHR_H_INT
     try:
         with av.open(str(path)) as container:
@@ -86,10 +86,10 @@ def video_pictures(path: Path, wanted: Container[int]) -> Iterator[tuple[int, ND
 
 
 def name_time_ns(path: Path) -> int:
-    """The time in ns in a file's name: a date and time with a part of the second, or digits since 1970.
+    """Return the time in a file's name, ns: a date and time with a fraction, or digits of a Unix time.
 
-    Such as IMG_20260131_142530_123, 2026-01-31T14-25-30.123456, or 10, 13, 16 or 19 digits of s, ms, us or
-    ns. Raises BadInputError where there is none.
+    Examples: IMG_20260131_142530_123, 2026-01-31T14-25-30.123456, or 10, 13, 16 or 19 digits of s, ms, us or
+    ns. Raises BadInputError if there is none.
     """
     for digits in re.findall(r"(?<!\d)\d+(?!\d)", path.stem):
         if len(digits) in _EPOCH_NS:
@@ -103,7 +103,7 @@ def name_time_ns(path: Path) -> int:
 
 
 def exif_time_ns(path: Path) -> int:
-    """The time in ns at which a JPEG was taken by its EXIF. Raises BadInputError where it does not say."""
+    """Return a JPEG's capture time in EXIF, ns. Raises BadInputError if there is none."""
     try:
         exif = read_exif(path.read_bytes())
     except OSError as error:

@@ -1,4 +1,4 @@
-"""Matches frames that were taken at about the same time to instants, by their times alone."""
+"""Matching of frames to instants by their times alone."""
 
 import statistics
 from bisect import bisect_left
@@ -11,24 +11,24 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.instants import is_same_instant
 
 LONE_PERIOD_NS = 33_333_333
-"""The period that is assumed where every camera has only one frame."""
+"""Period that is assumed if every camera has only one frame."""
 NO_FRAME = "no frame within half a period"
 
 
 @dataclass(frozen=True, slots=True)
 class TimedFrame:
-    """A frame of a source, its time in ns by the recording's common clock, and by its own camera's clock."""
+    """A frame of a source: its time in ns by the recording's common clock, and by its own camera's clock."""
 
     index: int
     leader_ns: int
     local_ns: int | None = None
     further: Mapping[str, Any] = field(default_factory=dict)
-    """Other fields of its ImageRecord that the recording knows."""
+    """Other fields of its ImageRecord that the recording contains."""
 
 
 @dataclass(frozen=True, slots=True)
 class Instant:
-    """The frames of one instant by camera, and the time of the instant in ns."""
+    """The frames of one instant by camera, and the instant's time in ns."""
 
     leader_ns: int
     frames: Mapping[str, TimedFrame]
@@ -44,7 +44,7 @@ class Timeline:
     camera_periods_ns: Mapping[str, int]
 
     def cameras(self) -> dict[str, list[TimedFrame]]:
-        """The frames of each camera, in the order of the instants."""
+        """Return the frames of each camera, in the order of the instants."""
         cameras: dict[str, list[TimedFrame]] = {}
         for instant in self.instants:
             for name, frame in instant.frames.items():
@@ -53,11 +53,11 @@ class Timeline:
 
 
 def timeline_by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]]) -> Timeline:
-    """Match frames, in the order they were taken, by their times; `where` is what errors are about.
+    """Match frames, in capture order, by their times; `where` is the source named in errors.
 
-    The camera with the most frames leads: each of its frames is an instant, with the nearest frame of every
-    other camera within half a period. Frames that are near none of them are instants of their own. An
-    instant's time is the median of its frames'. Raises BadInputError for times that go backwards.
+    Each frame of the camera with the most frames is an instant; it gets the nearest frame of every other
+    camera within half a period. Frames that are near none of these become instants of their own. An instant's
+    time is the median of its frames'. Raises BadInputError if times decrease.
     """
     for name, frames in cameras.items():
         check_order(f"{where}: camera {name}", frames)
@@ -71,7 +71,7 @@ def timeline_by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]]) -
 
 
 def match(cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> list[dict[str, TimedFrame]]:
-    """Group the frames, sorted by time, of each camera; see `timeline_by_times`."""
+    """Group each camera's frames, sorted by time, into instants; see `timeline_by_times`."""
     lead = max(cameras, key=lambda name: len(cameras[name]))
     groups: list[dict[str, TimedFrame]] = [{lead: frame} for frame in cameras[lead]]
     lead_ns = [frame.leader_ns for frame in cameras[lead]]
@@ -94,7 +94,7 @@ def match(cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> list[d
 
 
 def with_own_times(timeline: Timeline) -> Timeline:
-    """A timeline in which each frame's time is kept as that of its own camera too."""
+    """Return a timeline in which each frame's common time is also its own camera's time."""
     instants = [
         replace(one, frames={name: replace(of, local_ns=of.leader_ns) for name, of in one.frames.items()})
         for one in timeline.instants
@@ -103,7 +103,7 @@ def with_own_times(timeline: Timeline) -> Timeline:
 
 
 def check_order(where: str, frames: Sequence[TimedFrame]) -> None:
-    """Raise BadInputError where a frame was not taken after the one before it."""
+    """Raise BadInputError if a frame was not taken after the previous one."""
     for before, after in pairwise(frames):
         if after.leader_ns <= before.leader_ns:
             back_ms = (before.leader_ns - after.leader_ns) / 1e6
@@ -114,7 +114,7 @@ def check_order(where: str, frames: Sequence[TimedFrame]) -> None:
 
 
 def periods_of(cameras: Mapping[str, Sequence[TimedFrame]]) -> dict[str, int]:
-    """The median step of each camera in ns; a camera with one frame has that of the others."""
+    """Return the median frame interval of each camera in ns; a camera with one frame gets the others'."""
     steps = {
         name: [after.leader_ns - before.leader_ns for before, after in pairwise(frames)]
         for name, frames in cameras.items()
@@ -125,7 +125,7 @@ def periods_of(cameras: Mapping[str, Sequence[TimedFrame]]) -> dict[str, int]:
 
 
 def middle(frames: Mapping[str, TimedFrame]) -> int:
-    """The median of the frames' times, in ns."""
+    """Return the median of the frames' times, in ns."""
     return round(statistics.median(frame.leader_ns for frame in frames.values()))
 
 

@@ -1,4 +1,4 @@
-"""What a user says of a recording that is imported: its times, which instants, and its calibration."""
+"""User's options for an import: times, instants, and calibration of the recording."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -11,47 +11,47 @@ from capture_app.session.importing.frame_matching import Timeline
 
 SOUND_DISTANCE_M = 1.0
 SOUND_DELAY_MS = 20.0
-"""Assumed: nobody has measured how late cameras' sound is."""
+"""Assumed: there is no measurement of the cameras' sound delay."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class ImportOptions:
-    """How a recording is read: its rate in frames a second or its table of times, and what is taken of it."""
+    """Options of an import: frame rate in frames/s or a table of times, and which instants to import."""
 
     fps: float | None = None
     timestamps: Path | None = None
     times: TimeSource = "auto"
     offsets_ms: Mapping[str, float] = field(default_factory=dict)
-    """What is added to a camera's own times to get the rig's, by the camera's name."""
+    """Offset that converts a camera's own times to the rig's, ms, by camera name."""
     synchronized: bool = False
-    """Frames of the same number are of one instant; of videos without a rate given, at their own."""
+    """Whether frames of equal number belong to one instant; without a rate, videos use their own."""
     uncertainty_ms: float | None = None
-    """The 95 % error of the times, as the user says."""
+    """95 % uncertainty of the times, stated by the user."""
     known: Timeline | None = None
-    """The times that the recording's program wrote."""
+    """Times written by the program that made the recording."""
     start: int = 0
-    """The first instant that is taken, counted from 0."""
+    """First instant to import, counted from 0."""
     count: int | None = None
     every: int = 1
     png: bool = False
-    """Keep a video's frames as PNG instead of JPEG (quality 95)."""
+    """Store a video's frames as PNG instead of JPEG (quality 95)."""
     align: AlignBy = "auto"
-    """What a recording without common times is aligned by."""
+    """Method that aligns a recording without common times."""
     sound_distance_m: float = SOUND_DISTANCE_M
-    """How much farther one camera may be from what sounds than another."""
+    """Maximum difference between the cameras' distances to a sound, m."""
     sound_delay_ms: float = SOUND_DELAY_MS
-    """How much later one camera's sound may be than its pictures, against another's (95 %)."""
+    """Maximum difference between two cameras' delays from image to sound, ms (95 %)."""
     calibration: Sequence[str] = field(default_factory=tuple)
     """PATH or NAME=PATH, see `read_views`."""
     beside: Path | None = None
-    """A calibration that lies beside the recording: taken where it fits."""
+    """A calibration found beside the recording, used if it fits."""
     unit: str | None = None
     fit: Fit = "exact"
     note: str = ""
     recording: str | None = None
-    """Which of several recordings in a program's folder."""
+    """Name of one recording, if a program's folder has several."""
 
     @property
     def tell_times(self) -> bool:
-        """Whether the user says where the times come from."""
+        """Whether the user specified the source of the times."""
         return self.fps is not None or self.timestamps is not None or self.times != "auto"

@@ -1,7 +1,8 @@
-"""An importer is an `Importer` that an entry point of the group `simulshot.importers` names, ours included.
+"""Importer interface: each entry point of the group `simulshot.importers` names an `Importer`.
 
-It states what it recognizes of one program: recordings, single cameras, calibrations. Here each path finds
-its importer; folders and files that none recognizes are plain images and videos.
+Built-in ones are entry points, too. An importer declares what it recognizes of one program: recordings,
+single cameras, calibrations. This module finds the importer of each path; folders and files that none
+recognizes are plain images and videos.
 """
 
 from collections.abc import Callable, Sequence
@@ -25,47 +26,47 @@ def _cannot_open(name: str, path: Path, *, png: bool, recording: str | None) -> 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Importer:
-    """A program whose recordings or calibrations are read. What it does not have is left out."""
+    """A program whose recordings or calibrations can be read. Features that it lacks keep their defaults."""
 
     program: str
     help: str
-    """What of it is recognized: the line in `capture-app sessions import --help`."""
+    """What it recognizes, for its line in `capture-app sessions import --help`."""
     open_recording: Callable[..., Layout | None] = lambda path, *, png, recording: None
-    """`open_recording(path, png=, recording=)`: the recording at a path; None where it is not the program's.
+    """`open_recording(path, png=, recording=)`: open a recording; None if it is not the program's.
 
-    `png`: keep frames of videos as PNG. `recording`: which of several. Raises BadInputError where it has
-    several and none is named.
+    `png`: store frames of videos as PNG. `recording`: name of one of several. Raises BadInputError if there
+    are several and none is named.
     """
     recordings_in: Callable[[Path], Sequence[str]] = lambda folder: ()
-    """The names of the recordings in a folder of several."""
+    """Return the names of the recordings in a folder with several."""
     is_camera: Callable[[Path], bool] = lambda path: False
-    """Whether a path is one camera's, with times of the program's own."""
+    """Return whether a path is one camera with times in the program's own format."""
     open_camera: Callable[..., Source] = _cannot_open
-    """`open_camera(name, path, png=, recording=)`: the camera at a path that `is_camera` accepts."""
+    """`open_camera(name, path, png=, recording=)`: open the camera at a path that `is_camera` accepts."""
     read_calibration: Callable[[Sequence[tuple[str, Path]], Sequence[str]], Views | None] = (
         lambda paths, cameras: None
     )
-    """`read_calibration(paths, cameras)`: the views in files or folders, or None where they are not its own.
+    """`read_calibration(paths, cameras)`: return the views in files or folders, or None for foreign formats.
 
-    Each path comes with the camera that it is of, or ''; the first one tells whose it is.
+    Each path has the name of its camera, or ''; the first path decides whether the format matches.
     """
     calibration_files: Sequence[str] = ()
-    """Patterns of the names of calibrations that are taken where they lie beside a recording."""
+    """Name patterns of calibrations that are used if they are beside a recording."""
     calibration_per_camera: bool = False
-    """Whether a calibration is of one camera or a pair, not of all cameras."""
+    """Whether a calibration file covers one camera or a pair instead of all cameras."""
     priority: int = 0
-    """Importers are asked from the highest down; below 0 are those whose files others write, too."""
+    """Importers are tried from highest to lowest; below 0 are formats that other programs write, too."""
 
 
 @cache
 def load_importers() -> tuple[Importer, ...]:
-    """Import all importers, in the order in which they are asked; a broken one is reported and skipped."""
+    """Import all importers in order of priority; one that fails is reported and skipped."""
     loaded = load_plugins(GROUP, *(one.name for one in fields(Importer)))
     return tuple(sorted(loaded.values(), key=lambda one: -one.priority))
 
 
 def recognize_recording(path: Path, *, png: bool = False, recording: str | None = None) -> Layout | None:
-    """The recording of another program at a path, or None; see `Importer.open_recording`."""
+    """Return another program's recording at a path, or None; see `Importer.open_recording`."""
     if not path.exists():
         return None
     for importer in load_importers():
@@ -76,20 +77,20 @@ def recognize_recording(path: Path, *, png: bool = False, recording: str | None 
 
 
 def recordings_in(folder: Path) -> list[str]:
-    """The names of the recordings in a program's folder of several; else none."""
+    """Return the names of the recordings in a program's folder with several; otherwise none."""
     return sorted({name for importer in load_importers() for name in importer.recordings_in(folder)})
 
 
 def is_program_camera(path: Path) -> bool:
-    """Whether a path is one camera of a program that writes times beside it."""
+    """Return whether a path is one camera of a program that stores times beside it."""
     return any(importer.is_camera(path) for importer in load_importers())
 
 
 def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | None = None) -> list[Source]:
-    """The cameras of `NAME=PATH` arguments, or of one folder whose subfolders or videos are cameras.
+    """Open the cameras of `NAME=PATH` arguments, or of one folder with a subfolder or video for each camera.
 
-    `recording` tells which of several recordings of each camera.
-    Raises BadInputError for what is missing, empty, doubled or badly named.
+    `recording` selects one of several recordings of each camera. Raises BadInputError for missing, empty,
+    duplicate or badly named cameras.
     """
     sources: list[Source] = []
     for text in paths:
@@ -111,7 +112,7 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
 
 
 def split_name(text: str) -> tuple[str, Path]:
-    """Split `NAME=PATH`; the name is empty where there is none."""
+    """Split `NAME=PATH`; the name is empty if there is none."""
     name, separator, path = text.partition("=")
     if separator and is_name(name) and not Path(text).exists():
         return name, Path(path)

@@ -1,8 +1,8 @@
-"""YAML and XML of OpenCV's cv2.FileStorage.
+"""Reader for YAML and XML files of OpenCV's cv2.FileStorage.
 
-They are read without OpenCV, whose parser broken files corrupt, by its documentation of FileStorage: a map of
-names to numbers, texts, lists and matrices, which have rows, cols (or sizes), dt (a letter for the type, the
-number of channels before it) and data.
+It does not use OpenCV, whose parser suffers memory corruption on malformed files. The format follows the
+documentation of FileStorage: a map of names to numbers, texts, lists and matrices. A matrix has rows, cols
+(or sizes), dt (number of channels, then a letter for the type) and data.
 """
 
 import math
@@ -19,15 +19,15 @@ from capture_app.session.files.strangers import read_regular
 from capture_app.session.importing.views import Array
 
 MOST_BYTES = 8 << 20
-"""A calibration has some kilobytes, also with all points it was made of."""
+"""Maximum file size; a calibration has some kilobytes, even with all points it was computed from."""
 _MATRICES = "opencv-matrix", "opencv-nd-matrix"
 _DTYPE = re.compile(r"(\d*)[a-z]")
 
 
 def read_storage(path: Path) -> dict[str, Any]:
-    """What a file holds, by name: matrices as float64 rows x columns (x channels), numbers, texts, lists.
+    """Read a file's values by name: matrices as float64 rows x columns (x channels), numbers, texts, lists.
 
-    Raises BadInputError for a file that cannot be read, or is not of this format.
+    Raises BadInputError if the file cannot be read or is not in this format.
     """
     try:
         data = read_regular(path)
@@ -45,7 +45,7 @@ def read_storage(path: Path) -> dict[str, Any]:
 
 
 class _Loader(yaml.SafeLoader):
-    """YAML with OpenCV's matrices."""
+    """YAML loader with OpenCV's matrices."""
 
 
 def _yaml_matrix(loader: _Loader, node: yaml.Node) -> Array:
@@ -59,7 +59,7 @@ for name in _MATRICES:
 
 
 def _read_yaml(data: bytes) -> Any:
-    # OpenCV writes %YAML:1.0, with a colon that YAML does not know.
+    # OpenCV writes %YAML:1.0, whose colon is not valid YAML.
     text = data.decode("utf-8")
     return yaml.load(text.partition("\n")[2] if text.startswith("%YAML") else text, _Loader)  # noqa: S506
 

@@ -1,4 +1,4 @@
-"""Matches the frames of a recording to instants by a constant rate or by a table of times."""
+"""Matching of frames to instants by a constant rate or by a table of times."""
 
 import csv
 import re
@@ -26,7 +26,7 @@ _CAMERA = ("camera", "cam_id", "cam", "port", "camera_id")
 _FRAME = ("frame", "frame_index", "frame_number")
 _GROUP = ("sync_index", "instant")
 _TIMES = {"time": 9, "frame_time": 9, "timestamp": 9, "time_s": 9, "time_ms": 6, "time_us": 3, "time_ns": 0}
-"""Column names of a time and the power of ten of its unit in ns."""
+"""Column names of a time, and the power of ten that converts their unit to ns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -38,9 +38,9 @@ class _Row:
 
 
 def times_by_rate(sources: Sequence[Source], fps: float) -> dict[str, list[TimedFrame]]:
-    """The frames of each camera by its own numbers, which are 1/fps apart; number 0 is at 0 ns.
+    """Return the frames of each camera, 1/fps apart by their numbers; number 0 is at 0 ns.
 
-    Raises BadInputError for a rate that is none.
+    Raises BadInputError for an invalid rate.
     """
     period, numbers = _period_of(fps), _numbers(sources)
     return {
@@ -50,9 +50,9 @@ def times_by_rate(sources: Sequence[Source], fps: float) -> dict[str, list[Timed
 
 
 def timeline_by_rate(sources: Sequence[Source], fps: float) -> Timeline:
-    """Frames of the same number are of one instant, numbers are 1/fps apart; the lowest is at 0 ns.
+    """Match frames of equal number to one instant, 1/fps apart; the lowest number is at 0 ns.
 
-    Raises BadInputError for a rate that is none, or where no two cameras share a number.
+    Raises BadInputError for an invalid rate, or if no two cameras share a number.
     """
     period, numbers = _period_of(fps), _numbers(sources)
     indices = {name: {number: index for index, number in enumerate(of)} for name, of in numbers.items()}
@@ -72,11 +72,11 @@ def timeline_by_rate(sources: Sequence[Source], fps: float) -> Timeline:
 
 
 def timeline_by_table(sources: Sequence[Source], path: Path) -> Timeline:
-    """Frames matched by a CSV: columns camera, time and a frame number or a sync_index.
+    """Match frames by a CSV with columns camera, time, and a frame number or a sync_index.
 
-    Rows of one sync_index are one instant, and the rows of a camera are its frames in order; without
-    a sync_index, frames less than half a period apart are one instant. An empty time is a dropped frame.
-    Raises BadInputError, with the line, for a table that does not fit itself or the recording.
+    Rows with the same sync_index are one instant, and the rows of a camera are its frames in order. Without a
+    sync_index, frames less than half a period apart are one instant. An empty time is a dropped frame. Raises
+    BadInputError, with the line, if the table contradicts itself or the recording.
     """
     rows = _read_table(path, [source.name for source in sources])
     timed = {one.name: _number_rows(path, one.name, rows, len(one.numbers)) for one in sources}
@@ -102,15 +102,15 @@ def _period_of(fps: float) -> Fraction:
 
 
 def _numbers(sources: Sequence[Source]) -> dict[str, Sequence[int]]:
-    """Each camera's frame numbers; the order, where not all of them have numbers of their own."""
+    """Return each camera's frame numbers; their index if some camera has no numbers of its own."""
     own = all(source.numbered for source in sources)
     return {source.name: (source.numbers if own else range(len(source.numbers))) for source in sources}
 
 
 def match_name(label: str, names: Sequence[str]) -> str | None:
-    """The camera that a label of a file means: the same name, else the only one with its number.
+    """Return the camera that a label in a file refers to: the same name, or the only one with its number.
 
-    `0` and `port_0` both mean `cam_0` where no other camera ends in 0.
+    `0` and `port_0` both refer to `cam_0` if no other camera ends in 0.
     """
     for name in names:
         if name.casefold() == label.casefold():
@@ -162,7 +162,7 @@ def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
 
 
 def _parse(where: str, text: str | None, ns: int | None) -> int | None:
-    """The time in a cell, in units of `ns`, or without one the frame number; None for an empty cell."""
+    """Parse a cell: a time in units of `ns`, or a frame number if `ns` is None; None for an empty cell."""
     cell = (text or "").strip()
     try:
         if not cell or ns is None:
@@ -173,7 +173,7 @@ def _parse(where: str, text: str | None, ns: int | None) -> int | None:
 
 
 def _number_rows(path: Path, name: str, rows: Sequence[_Row], count: int) -> list[tuple[_Row, TimedFrame]]:
-    """The rows of a camera that have a frame, each with that frame's index in the source."""
+    """Return the rows of a camera that have a frame, each with the frame's index in the source."""
     own = [row for row in rows if row.camera == name and row.leader_ns is not None]
     if any(row.frame is None for row in own):
         own.sort(key=lambda row: row.leader_ns or 0)

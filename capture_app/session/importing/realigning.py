@@ -1,4 +1,4 @@
-"""Gives an imported session the common times that were measured of it: its images are paired anew."""
+"""Realignment of an imported session: its images are matched again by newly measured common times."""
 
 from collections.abc import Mapping
 
@@ -15,13 +15,13 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 
 _KEPT = ("sequence", "exposure_ns", "gain", "white_balance")
-"""What is kept of an image, beside its bytes and its own time."""
+"""Fields of an image that are preserved, besides its bytes and its own time."""
 
 
 def realign_session(session: Session, cameras: Mapping[str, CameraTimes], source: str) -> Session:
-    """Replace a session by itself with these offsets and rates of its cameras' present times, in one step.
+    """Atomically replace a session by one with these offsets and rates of its cameras' present times.
 
-    Raises NotApplicableError for one that was not imported, or keeps its frames in videos; BadInputError and
+    Raises NotApplicableError if it was not imported or stores its frames in videos; BadInputError and
     TryAgainError as writing a session does.
     """
     manifest, before = session.manifest, session.manifest.burst.common_times
@@ -61,9 +61,9 @@ def realign_session(session: Session, cameras: Mapping[str, CameraTimes], source
 
 
 def _since_own(now: CameraTimes, before: CameraTimes | None) -> CameraTimes:
-    """What leads from a camera's own times to the new ones, where `now` begins at an earlier alignment's.
+    """Return the conversion from a camera's own times to the new ones; `now` starts from `before`'s times.
 
-    That one's errors have no part in it: what was measured now is measured of the pictures.
+    The uncertainty of `before` does not count: `now` was measured on the images themselves.
     """
     if before is None or before.offset_ns is None:
         return now
@@ -75,7 +75,7 @@ def _since_own(now: CameraTimes, before: CameraTimes | None) -> CameraTimes:
 
 
 def _timeline(session: Session) -> Timeline:
-    """The session's frames by their own times; a frame's index is its image's place in the manifest."""
+    """Return the session's frames by their own times; a frame's index is its image's in the manifest."""
     cameras: dict[str, list[TimedFrame]] = {}
     for place, image in enumerate(session.manifest.images):
         own_ns = image.leader_ns if image.local_ns is None else image.local_ns

@@ -1,6 +1,6 @@
-"""Recordings of other programs become sessions: frames matched in time, bytes kept as they are.
+"""Import of other programs' recordings as sessions: frames are matched in time, their bytes unchanged.
 
-An export of one of our sessions keeps that session's records.
+An export of one of our sessions retains that session's records.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -46,7 +46,7 @@ def camera_records(
     timeline: Timeline,
     exported: Manifest | None,
 ) -> list[CameraRecord]:
-    """A record of each camera; `sizes` are widths and heights in pixels."""
+    """Return a record of each camera; `sizes` are widths and heights in px."""
     known = {
         camera.name: structs.replace(
             camera,
@@ -77,7 +77,7 @@ def camera_records(
 def burst_record(
     instants: Sequence[Instant], timeline: Timeline, common: CommonTimes | None, exported: Manifest | None
 ) -> BurstRecord:
-    """The burst of these instants; that which was exported, if all of its instants are there."""
+    """Return the burst of these instants; if they are all of an exported session's, its own burst record."""
     times_ns = tuple(instant.leader_ns for instant in instants)
     if exported is not None and exported.burst.instants_ns == times_ns:
         return exported.burst
@@ -88,7 +88,7 @@ def burst_record(
 def missing_images(
     writer: SessionWriter, names: Sequence[str], instants: Sequence[Instant], exported: Manifest | None
 ) -> list[MissingImage]:
-    """What the session lacks, with the reasons."""
+    """Return the images that the session lacks, with the reasons."""
     times_ns = exported.burst.instants_ns if exported else ()
     gone = exported.missing if exported else ()
     dropped = {(one.camera, times_ns[one.instant]) for one in gone if one.dropped}
@@ -106,7 +106,7 @@ def missing_images(
 
 
 def origin_of(writer: SessionWriter, instants: Sequence[Instant], exported: Manifest | None) -> str:
-    """The origin of a session: what was exported and came back bit for bit is still what it was."""
+    """Return the origin of a session; an exported session with identical images keeps its origin."""
     if exported is None:
         return IMPORTED
     times_ns = exported.burst.instants_ns
@@ -121,7 +121,7 @@ def origin_of(writer: SessionWriter, instants: Sequence[Instant], exported: Mani
 
 
 Progress = Callable[[int, int], None]
-"""Called after each frame with the number of frames done and of all."""
+"""Called after each frame with the number of frames done and the total."""
 
 Talk = Callable[[str], None]
 """Called with a line for each assumption."""
@@ -137,7 +137,7 @@ def import_recording(
 ) -> Session:
     """Write the session root/name from `NAME=PATH` cameras or one folder of them.
 
-    Raises BadInputError for anything that cannot be used; no session is left behind then.
+    Raises BadInputError for unusable input; then no session remains.
     """
     check_name(name, "session")
     layout = _layout(paths, options, talk)
@@ -167,7 +167,7 @@ def import_recording(
     names = [source.name for source in sources]
     places = [split_name(text) for text in options.calibration]
     views = read_views(places, names) if places else layout.views if layout else None
-    # Other times than its own would contradict the rest of an exported session's record.
+    # Times other than its own would contradict the rest of an exported session's record.
     taken = layout.record.manifest if layout and layout.record and timeline is layout.timeline else None
     with (
         OutputFolder(root / name, replaces_nothing) as output,
@@ -205,7 +205,7 @@ def import_found(
     progress: Progress = lambda done, total: None,
     talk: Talk = lambda said: None,
 ) -> list[Session]:
-    """Write a session of each recording that is found: of a stranger's folder, what was taken together.
+    """Write a session for each recording that is found; in an arbitrary folder, for each take.
 
     Raises as `import_recording` does.
     """
@@ -261,7 +261,7 @@ def _layout(paths: Sequence[str], options: ImportOptions, talk: Talk) -> Layout 
 
 
 def _with_layout(layout: Layout, options: ImportOptions) -> ImportOptions:
-    """The options, with what the folder knows where the user says nothing else."""
+    """Return the options, completed by what the folder states where the user gave nothing."""
     calibrated = bool(options.calibration) or layout.calibration is None
     return replace(
         options,
@@ -274,7 +274,7 @@ def _with_layout(layout: Layout, options: ImportOptions) -> ImportOptions:
 
 
 def _calibration_of(record: ExportRecord, sizes: Mapping[str, tuple[int, int]]) -> Calibration | None:
-    """The calibration that was exported. Raises BadInputError where the images are of another size now."""
+    """Return the exported calibration. Raises BadInputError if the images now have a different size."""
     for name, camera in record.calibration.cameras.items() if record.calibration else ():
         if sizes.get(name, (camera.width, camera.height)) != (camera.width, camera.height):
             was, now = f"{camera.width}x{camera.height}", "x".join(map(str, sizes[name]))
@@ -302,7 +302,7 @@ def _write_images(
     options: ImportOptions,
     progress: Progress,
 ) -> dict[str, tuple[int, int]]:
-    """Save the frames of all instants; width and height in pixels by camera."""
+    """Save the frames of all instants; return width and height in px by camera."""
     ms = options.uncertainty_ms
     said = {} if ms is None else {"uncertainty_ns": round(ms * 1e6)}
     total, done = sum(len(instant.frames) for instant in instants), 0

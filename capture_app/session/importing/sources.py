@@ -1,4 +1,4 @@
-"""The cameras of a recording, each of images or a video file, and what a program's folder holds of them."""
+"""Cameras of a recording, as images or a video file each, and the contents of a program's folder."""
 
 import re
 from abc import ABC, abstractmethod
@@ -19,44 +19,44 @@ from capture_app.session.reading.decoding import decode_image, encode_image, ima
 from capture_app.session.reading.file_headers import read_exif
 
 UNCOUNTED_SUFFIXES = (".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts")
-"""Videos that do not say how many frames they have."""
+"""Suffixes of videos that do not state their number of frames."""
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", *UNCOUNTED_SUFFIXES)
 TURNED_QUALITY = 98
-"""The quality of pictures that were JPEGs before."""
+"""JPEG quality of images encoded a second time after rotation."""
 JPEG_BEGIN = b"\xff\xd8"
 FOLDER = "images"
-"""The kind of a plain folder of images."""
+"""Type name of a plain folder of images."""
 
 
 class Source(ABC):
-    """The frames of one camera, counted from 0 in the order they were taken."""
+    """The frames of one camera, counted from 0 in capture order."""
 
     name: str
     path: Path
     kind: str
     remark: str = ""
-    """A remark for the user on what was assumed."""
+    """Note for the user about an assumption."""
     suffix: str
-    """Ending of the image files that `frames` gives the bytes of."""
+    """Suffix of the image files whose bytes `frames` yields."""
     numbers: Sequence[int]
     """The recording's own number of each frame: equal numbers of two cameras belong together."""
     numbered: bool
-    """Whether the numbers are the recording's own and not just an order."""
+    """Whether the numbers come from the recording instead of from the order of frames."""
 
     def embedded_times(self) -> Sequence[TimedFrame] | None:
-        """When its frames were taken by the rig's common clock, where its files tell that; else None."""
+        """Return the frames' times by the rig's common clock if its files have them, otherwise None."""
         return None
 
     @abstractmethod
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
-        """Index, image file bytes and (width, height) in pixels of the frames asked for, in ascending order.
+        """Yield index, image file bytes and (width, height) in px of the requested frames, ascending.
 
-        A video leaves out frames that cannot be decoded. Raises BadInputError for a broken image.
+        A video skips frames that cannot be decoded. Raises BadInputError for a damaged image.
         """
 
 
 class Images(Source):
-    """Image files, one a frame, in the order that they are given in."""
+    """Image files, one for each frame, in the given order."""
 
     def __init__(
         self,
@@ -68,7 +68,7 @@ class Images(Source):
         read: Callable[[Path], bytes] = Path.read_bytes,
         times: Sequence[TimedFrame] | None = None,
     ) -> None:
-        """`read` gives the bytes of the image that a file has; `times` are by the rig's clock."""
+        """Take image files; `read` returns the image bytes of a file, `times` are by the rig's clock."""
         self.name, self.path, self.files, self.kind = name, path, files, kind
         self.numbers, self.numbered = range(len(files)), times is None
         self.suffix = files[0].suffix.lower()
@@ -79,7 +79,7 @@ class Images(Source):
         return self._times
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
-        """See `Source.frames`; raises BadInputError for a file that cannot be read or decoded too."""
+        """See `Source.frames`; also raises BadInputError for a file that cannot be read or decoded."""
         for index in sorted(indices):
             with reading(self.files[index]):
                 data = self._read(self.files[index])
@@ -90,9 +90,9 @@ class Images(Source):
 
 
 def image_folder(name: str, path: Path) -> Images:
-    """A folder of image files, in natural order, or one image; those that EXIF says to turn are turned.
+    """Open a folder of image files in natural order, or one image; EXIF rotations are applied.
 
-    Raises BadInputError where there are none, or several kinds of them.
+    Raises BadInputError if there are no images, or several types of them.
     """
     found = [path] if path.is_file() else images_in(path)
     files = sorted(found, key=lambda file: natural_order(file.name))
@@ -103,7 +103,7 @@ def image_folder(name: str, path: Path) -> Images:
         raise BadInputError(f"{path} mixes {' and '.join(sorted(suffixes))}", hint="keep one kind of image")
     source = Images(name, path, files, FOLDER, read=lambda file: upright(file.read_bytes()))
     in_names = [re.findall(r"\d+", file.stem) for file in files]
-    # The number of a single image is its camera's as often as its time's.
+    # The number in a single image's name may be its camera's or its time's.
     last = [int(digits[-1]) for digits in in_names if digits and path.is_dir()]
     source.numbered = len(set(last)) == len(files)
     if source.numbered:
@@ -112,9 +112,9 @@ def image_folder(name: str, path: Path) -> Images:
 
 
 def upright(data: bytes) -> bytes:
-    """Return an image file's bytes as they are, or encoded anew where its EXIF says that it is to be turned.
+    """Return an image file's bytes unchanged, or re-encoded upright if its EXIF asks for a rotation.
 
-    Some programs turn such pictures and some do not: in a session all see the same.
+    Some programs apply that rotation and some do not; in a session the pixels are unambiguous.
     """
     turned = False
     with suppress(ValueError):
@@ -149,7 +149,10 @@ class Video(Source):
             )
 
     def use_embedded_times(self) -> Sequence[int]:
-        """Read when each frame is shown, in ns, and take frames by that, if it says; see `video_times_ns`."""
+        """Read the presentation times of all frames, ns, and select frames by them if there are any.
+
+        See `video_times_ns`.
+        """
         self._times_ns = video_times_ns(self.path)
         if self._times_ns:
             self.numbers = range(len(self._times_ns))
@@ -157,14 +160,14 @@ class Video(Source):
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """See `Source.frames`."""
-        # By their times, a frame that does not decode shifts no other.
+        # Selected by time, a frame that cannot be decoded does not shift the others.
         wanted = {self._times_ns[index]: index for index in indices} if self._times_ns else {}
         timed = ((wanted[at_ns], image) for at_ns, image in video_pictures(self.path, wanted))
         for index, image in timed if self._times_ns else self._read(indices):
             yield index, encode_image(image, self.suffix), image.shape[1::-1]
 
     def _read(self, indices: Sequence[int]) -> Iterator[tuple[int, Any]]:
-        """The frames (BGR) of these indices by their order, up to the first that does not decode."""
+        """Yield the frames (BGR) of these indices, up to the first that cannot be decoded."""
         capture, position = self._open(), 0
         try:
             for index in sorted(indices):
@@ -186,7 +189,7 @@ class Video(Source):
 
 
 def videos_in(folder: Path) -> list[Path]:
-    """The videos of a folder, by their names; none where there is no such folder."""
+    """Return the videos of a folder, by name; none if the folder does not exist."""
     if not folder.is_dir():
         return []
     return sorted(
@@ -195,7 +198,7 @@ def videos_in(folder: Path) -> list[Path]:
 
 
 def images_in(folder: Path) -> list[Path]:
-    """The image files of a folder, in no order."""
+    """Return the image files of a folder, unordered."""
     return [
         path
         for path in folder.iterdir()
@@ -205,24 +208,24 @@ def images_in(folder: Path) -> list[Path]:
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class Layout:
-    """The cameras in a program's folder, and its times and calibration where it has them."""
+    """The cameras in a program's folder, with its times and calibration if it has them."""
 
     path: Path
-    """Where the cameras are."""
+    """Folder of the cameras."""
     sources: tuple[Source, ...]
     program: str = ""
-    """Which program made it, where the importer's name is not enough."""
+    """Name of the program that made it, if the importer's name is not specific enough."""
     timeline: Timeline | None = None
-    """The times that the program wrote."""
+    """Times that the program stored."""
     timestamps: Path | None = None
-    """A table with them."""
+    """A table of those times."""
     same_frames: bool = False
-    """Frames of the same number are of one instant, at the videos' own rate."""
+    """Whether frames of equal number are one instant, at the videos' own rate."""
     calibration: Path | None = None
     views: Views | None = None
-    """The calibration, where it is in the recording itself."""
+    """The calibration, if it is in the recording itself."""
     unit: str | None = None
     record: ExportRecord | None = None
-    """The session that an export of our own was made of."""
+    """The session from which an export of ours was made."""
     remark: str = ""
-    """What the user should know."""
+    """Note for the user."""

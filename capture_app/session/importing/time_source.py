@@ -1,4 +1,4 @@
-"""Chooses where a recording's times come from, and says whether they are of one clock."""
+"""Selection of a recording's time source, and whether its times share a clock."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -17,14 +17,14 @@ from capture_app.session.importing.rate_or_table import timeline_by_rate, timeli
 from capture_app.session.importing.sources import FOLDER, Images, Source, Video
 
 ASSUMED_FPS = 30.0
-"""The rate of images that belong together by their numbers, where nobody tells it."""
+"""Assumed rate of images that are matched by their numbers, frames/s."""
 EQUAL_NUMBERS = "frames of equal number are taken as of one instant"
 
 
 def make_timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline:
-    """Find when every frame was taken and which are of one instant; assumptions are remarks of the sources.
+    """Compute every frame's time and match frames to instants; assumptions become remarks of the sources.
 
-    Raises BadInputError where nothing tells, or more than one thing does.
+    Raises BadInputError if there is no source of times, or more than one.
     """
     _check_options([source.name for source in sources], options)
     if options.timestamps is not None:
@@ -56,7 +56,7 @@ def _check_options(names: Sequence[str], options: ImportOptions) -> None:
 
 
 def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:
-    """Times where the files tell no common ones: the videos' own, by what the user says of them."""
+    """Return times when the files have no common ones: each video's own, with the user's corrections."""
     rates = {source.fps for source in sources if isinstance(source, Video)}
     if options.synchronized:
         if not rates:
@@ -75,7 +75,7 @@ def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:
 
 
 def _own(source: Source, times: TimeSource) -> list[TimedFrame]:
-    """The frames of one source by the times in its own files."""
+    """Return the frames of one source with the times in its own files."""
     if times == "video":
         if not isinstance(source, Video):
             raise BadInputError(f"{source.path} is not a video", hint="--times video is for videos")
@@ -92,7 +92,7 @@ def _own(source: Source, times: TimeSource) -> list[TimedFrame]:
 
 
 def _by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]], options: ImportOptions) -> Timeline:
-    """Match frames by their times, those of each camera shifted as the user says."""
+    """Match frames by their times after adding the user's shift for each camera."""
     offsets_ns = {name: round(options.offsets_ms.get(name, 0.0) * 1e6) for name in cameras}
     shifted = {
         name: [replace(frame, leader_ns=frame.leader_ns + offsets_ns[name]) for frame in frames]
@@ -102,14 +102,14 @@ def _by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]], options: 
 
 
 def _shifted(timeline: Timeline, options: ImportOptions, where: str) -> Timeline:
-    """The frames, matched anew where a camera's times are moved."""
+    """Return the timeline, matched again if the user shifts a camera's times."""
     return _by_times(where, timeline.cameras(), options) if options.offsets_ms else timeline
 
 
 def clock_state(sources: Sequence[Source], options: ImportOptions) -> CommonTimes | None:
-    """The state of the times that `make_timeline` gives these sources; None of one camera alone.
+    """Return the state of the times that `make_timeline` computes; None for a single camera.
 
-    The rate of videos says nothing of when each began; that of numbered images says which belong together.
+    The rate of videos does not determine when each started; the rate of numbered images does match them.
     """
     if len(sources) < 2:
         return None

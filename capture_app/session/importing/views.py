@@ -1,4 +1,4 @@
-"""The cameras of a calibration file, in one form for all formats: read by name, and told apart by image."""
+"""Format-independent cameras of a calibration file, matched to a rig by name or by image path."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -13,15 +13,15 @@ from capture_app.common.errors import BadInputError
 
 Array = NDArray[np.float64]
 SAME_ROTATION, SAME_PLACE = 1e-5, 1e-5
-"""Largest difference of two rotation matrices, and of two places as a share of the rig's extent."""
+"""Maximum difference of two equal rotation matrices, and of two positions relative to the rig's extent."""
 
 
 @dataclass(frozen=True, slots=True, eq=False)
 class View:
-    """One camera of a calibration file: 3x3 matrix in pixels, OpenCV distortion, and x_cam = R x_rig + t.
+    """One camera of a calibration file: 3x3 matrix in px, OpenCV distortion, and x_cam = R x_rig + t.
 
-    `rotation` is 3x3, `translation` (3,) in the file's unit; `size` is (width, height) in pixels, None
-    where the file does not say. The first pixel's centre is (0, 0).
+    `rotation` is 3x3, `translation` (3,) in the file's unit; `size` is (width, height) in px, None if the
+    file does not state it. The first pixel's centre is (0, 0).
     """
 
     matrix: Array
@@ -33,17 +33,17 @@ class View:
 
 @dataclass(frozen=True, slots=True, eq=False)
 class Views:
-    """All cameras of a file by the file's own labels; `unit` is the format's, None where it has none."""
+    """All cameras of a file by the file's own labels; `unit` is the format's, None if it has none."""
 
     cameras: Mapping[str, View]
     source: str
     unit: str | None = None
     assumed_unit: str = "m"
-    """The unit where neither the file nor the user says one: `arbitrary` of formats that know no scale."""
+    """Unit if neither the file nor the user states one: `arbitrary` for formats without a scale."""
 
 
 def read_json(path: Path) -> Any:
-    """What a .json file holds; None for any other. Raises BadInputError where it cannot be read."""
+    """Decode a .json file; None for any other file. Raises BadInputError if it cannot be read."""
     if path.suffix.lower() != ".json":
         return None
     try:
@@ -57,7 +57,7 @@ def read_json(path: Path) -> Any:
 def numbers(
     where: str, content: Mapping[Any, Any], key: str, *counts: int, hint: str = "is the calibration complete?"
 ) -> Array:
-    """The numbers at a key, in one row. Raises BadInputError where they lack or cannot be."""
+    """Return the numbers at a key as a flat array. Raises BadInputError if they are missing or invalid."""
     if content.get(key) is None:
         raise BadInputError(f"{where} has no {key}", hint=hint)
     try:
@@ -72,14 +72,14 @@ def numbers(
 
 
 def pinhole(fx: float, fy: float, cx: float, cy: float) -> Array:
-    """The camera matrix, 3x3, of focal lengths and a principal point in pixels."""
+    """Return the 3x3 camera matrix of focal lengths and a principal point in px."""
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
 
 
 def rotation_of(where: str, values: Array) -> Array:
-    """The rotation matrix (3x3) of as many numbers, a quaternion (w, x, y, z) or a Rodrigues vector.
+    """Return the rotation matrix (3x3) of 9 numbers, a quaternion (w, x, y, z) or a Rodrigues vector.
 
-    Raises BadInputError, beginning with `where`, for a quaternion of length 0 or that is not finite.
+    Raises BadInputError, beginning with `where`, for a quaternion of length 0 or with non-finite values.
     """
     if values.size == 4:
         return from_quaternion(where, values)
@@ -98,7 +98,7 @@ def view_at(
     centre: Sequence[float],
     size: tuple[int, int],
 ) -> View:
-    """The view of a camera by its matrix (9 numbers), distortion (or none), turn and place in the world.
+    """Return the view of a camera from its matrix (9 numbers), distortion (or none), rotation and position.
 
     Raises BadInputError, beginning with `where`, for anything else.
     """
@@ -115,9 +115,9 @@ def view_at(
 
 
 def from_quaternion(where: str, wxyz: Sequence[float] | Array) -> Array:
-    """Rotation matrix (3x3) of a quaternion (w, x, y, z), not necessarily of length 1 (Horn 1987).
+    """Return the rotation matrix (3x3) of a quaternion (w, x, y, z) of any length (Horn 1987).
 
-    Raises BadInputError, beginning with `where`, for one of length 0 or that is not finite.
+    Raises BadInputError, beginning with `where`, if its length is 0 or not finite.
     """
     quaternion = np.asarray(wxyz, np.float64)
     length = float(np.linalg.norm(quaternion))
@@ -134,9 +134,9 @@ def from_quaternion(where: str, wxyz: Sequence[float] | Array) -> Array:
 
 
 def camera_of(image: str, cameras: Sequence[str]) -> str:
-    """The camera that an image's path is of: a part of it that is a camera's name, else its folder's name.
+    """Return the camera of an image path: the part that is a camera's name, otherwise the folder's name.
 
-    Of an image in no folder it is its own name without the ending: one picture a camera. Raises
+    For an image without a folder it is the file name without suffix, as with one image a camera. Raises
     BadInputError for a path without a name.
     """
     path = PurePosixPath(image.replace("\\", "/"))
@@ -151,9 +151,9 @@ def camera_of(image: str, cameras: Sequence[str]) -> str:
 
 
 def views_of_images(where: str, images: Iterable[tuple[str, View]], hint: str) -> dict[str, View]:
-    """The one view of each camera, of images as (camera, view).
+    """Return one view for each camera, from images as (camera, view).
 
-    Raises BadInputError, beginning with `where`, for a camera that moves between its images or changes.
+    Raises BadInputError, beginning with `where`, if a camera moves or changes between its images.
     """
     views: dict[str, View] = {}
     rest = [(name, view) for name, view in images if views.setdefault(name, view) is not view]
@@ -165,7 +165,7 @@ def views_of_images(where: str, images: Iterable[tuple[str, View]], hint: str) -
 
 
 def _same_view(one: View, other: View, extent: float) -> bool:
-    """Whether two views have one pose and one lens; `extent` is the rig's, in the unit of translations."""
+    """Return whether two views have one pose and lens; `extent` is the rig's, in the translations' unit."""
     return (
         one.size == other.size
         and np.array_equal(one.matrix, other.matrix)

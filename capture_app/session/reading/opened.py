@@ -98,8 +98,10 @@ class Frame:
         return np.ascontiguousarray(self.bgr()[..., ::-1])
 
     def truth(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]] | None:
-        """Return true depth (m along the optical axis, 0 = none) and moving regions, or None if not
-        simulated."""
+        """Return true depth (m along the optical axis, 0 = none) and moving regions of a simulated frame.
+
+        Returns None if the frame is not simulated.
+        """
         return self._session.read_ground_truth(self.camera, self.record.instant)
 
 
@@ -132,8 +134,7 @@ class InstantFrames:
 
 @dataclass(frozen=True)
 class CameraMatrices:
-    """Calibration of a camera as in OpenCV: x right, y down, z forward, the first pixel's centre at (0,
-    0)."""
+    """Calibration of a camera as in OpenCV: x right, y down, z forward, first pixel centre at (0, 0)."""
 
     camera_matrix: npt.NDArray[np.float64]
     """3 x 3, in px of the stored images."""

@@ -104,13 +104,11 @@ class Session:
         return self._files[record.path]
 
     def image_place(self, record: ImageRecord) -> tuple[Path, int]:
-        """Return the file that contains an image, and the image's byte offset. Raises as `image_file`
-        does."""
+        """Return the file that contains an image, and its byte offset there. Raises as `image_file` does."""
         return self.image_file(record), record.offset if isinstance(record, FrameRecord) else 0
 
     def image_bytes(self, record: ImageRecord) -> bytes:
-        """Return an image as the bytes of an image file. Raises OSError, and BadInputError as `image_file`
-        does."""
+        """Return an image's bytes, as in an image file. Raises OSError, BadInputError as `image_file`."""
         path, offset = self.image_place(record)
         if not isinstance(record, FrameRecord):
             return read_regular(path)
@@ -167,8 +165,7 @@ class Session:
         return np.where(np.isfinite(depth), depth, np.float32(0)), movers > 0
 
     def true_times(self) -> TrueTimes | None:
-        """Return the true times of a simulated session, or None. Raises BadInputError for a malformed
-        file."""
+        """Return the true times of a simulated session, or None. Raises BadInputError if malformed."""
         path = self.folder / TIMES
         times = read_struct(path, TrueTimes) if path.exists() else TrueTimes()
         frames = [

@@ -88,8 +88,7 @@ class TakeSheet:
         return max(one.facts.height / one.facts.width for one in self.session.manifest.cameras)
 
     def image(self, camera: str, instant: int) -> ImageRecord | None:
-        """Return a camera's image of an instant, or None. Raises BadInputError if the take has no such
-        place."""
+        """Return a camera's image of an instant, or None. Raises BadInputError if there is no such place."""
         if camera not in self.cameras or not 0 <= instant < self.instants:
             raise BadInputError(
                 f"{self.session.folder} has no camera {camera!r} at instant {instant}",

@@ -195,7 +195,7 @@ def _missing_views(cameras: Mapping[str, CameraCoverage]) -> list[str]:
 
 
 def _unjoined(cameras: Mapping[str, CameraCoverage], shared: Mapping[tuple[str, str], int]) -> list[str]:
-    """Return what connects the rig: each group of cameras with the group that it shares most views with."""
+    """Return instructions that connect the rig's groups of cameras, by the pairs with most shared views."""
     groups = [{name} for name in cameras]
     for (a, b), views in sorted(shared.items(), key=lambda item: -item[1]):
         if views < MIN_SHARED:

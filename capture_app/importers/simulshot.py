@@ -84,7 +84,7 @@ def _open_export(folder: Path, png: bool) -> Layout:
 
 
 def _in_order(rows: Mapping[Place, tuple[Path, int]]) -> dict[Place, int]:
-    """Return the frame index of each place in its camera, if all cameras share frame numbers."""
+    """Return each place's frame index within its camera, from frame numbers that count across cameras."""
     seen: Counter[str] = Counter()
     places = {}
     for at in sorted(rows, key=lambda at: rows[at][1]):

@@ -1,1 +1,1 @@
-"""Export of a session: what an exporter states and needs, images in order, lenses, tables, videos."""
+"""Export of a session: exporter interface and requirements, images in order, lenses, tables, videos."""

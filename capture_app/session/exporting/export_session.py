@@ -88,7 +88,10 @@ def _make_options(name: str, exporter: Exporter, given: dict[str, Any]) -> Expor
 
 
 def _check_needs(exporter: Exporter, burst: ExportedBurst, given: dict[str, Any]) -> None:
-    """Load the burst's calibration. Raises BadInputError or NotAvailableError if a requirement is missing."""
+    """Check an exporter's requirements, and load the burst's calibration if it reads one.
+
+    Raises BadInputError or NotAvailableError if a requirement is missing.
+    """
     own = own_options(exporter)
     instead = (own[one][1].packages for one in given if one in own)
     for module, extra in next(filter(None, instead), exporter.packages).items():

@@ -98,7 +98,7 @@ def _describe(against: Callable[[str, str], CameraTimes], cameras: Mapping[str, 
 def _least(first: str, second: str, measured: Collection[Callable[[str, str], CameraTimes]]) -> CameraTimes:
     """Return a pair's offset with the smallest uncertainty that no more trustworthy method contradicts.
 
-    Its rate is the best known of all methods.
+    Its rate is the most accurate one of the methods that are not contradicted.
     """
     kept: list[CameraTimes] = []
     found = [against(first, second) for against in measured]

@@ -107,7 +107,7 @@ def judge(manifest: Manifest) -> Verdict:
 
 
 def find_sync_record(manifest: Manifest) -> SyncRecord:
-    """Return the manifest's synchronization record; an instant that it lacks is computed from its images."""
+    """Return the manifest's synchronization record; if it lacks instants, compute it from the images."""
     sync = manifest.sync
     if sync is not None and len(sync.spread_ns) == len(manifest.burst.instants_ns):
         return sync

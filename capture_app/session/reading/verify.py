@@ -190,7 +190,7 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
 def _clock_error(
     session: Session, record: ImageRecord, camera: CameraRecord, stamp_ns: int
 ) -> tuple[int, int]:
-    """Return how much an image's leader time differs from its converted local time, and the limit, in ns."""
+    """Return an image's leader time minus its converted local time, and the limit of that, in ns."""
     clock, instants_ns = camera.clock, session.manifest.burst.instants_ns
     if clock is None or record.local_ns is None:
         return 0, 0

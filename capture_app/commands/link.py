@@ -1,4 +1,4 @@
-"""`capture-app link`: the clock filter over a real link, or over a recorded one."""
+"""`capture-app link`: clock errors over a real link, or over a recorded one."""
 
 import asyncio
 from collections.abc import Iterator

@@ -1,4 +1,4 @@
-"""The command `capture-app`: each subcommand is imported when it runs, so that scripting stays quick."""
+"""Command line `capture-app`; each subcommand's module is imported only when it runs, for a fast start."""
 
 import asyncio
 import importlib
@@ -46,18 +46,18 @@ COMMANDS = {
     "demo": "Try everything on this machine: simulated cameras, a burst, a comparison.",
 }
 MODULES = {"burst": "take", "record": "take"}
-"""Modules of `commands` whose name is not the command's."""
+"""Modules of `commands` whose name differs from the command's."""
 
 
 class LazyGroup(click.Group):
-    """A group that knows its commands by name and help, and loads one when it runs or completes."""
+    """Click group with a table of names and help texts; imports a command when it runs or completes."""
 
     def __init__(
         self, *, table: Mapping[str, str], load: Callable[[str], click.Command], **options: Any
     ) -> None:
-        """`table`: name and help in the order shown; `load` imports the command of a name in it."""
+        """`table`: help text by command name, in display order; `load` imports the command of a name."""
         super().__init__(**options)
-        # What click suggests for a mistyped name comes from here.
+        # Click's suggestions for a mistyped name come from this attribute.
         self.commands = {name: click.Command(name, help=text) for name, text in table.items()}
         self._load = load
 
@@ -66,17 +66,17 @@ class LazyGroup(click.Group):
         return list(self.commands)
 
     def get_command(self, ctx: click.Context, cmd_name: str) -> click.Command | None:
-        """Import a command; None where there is none of this name."""
+        """Import a command; return None if the name is unknown."""
         return add_verbosity(self._load(cmd_name)) if cmd_name in self.commands else None
 
     def format_commands(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
-        """Write the table without importing anything."""
+        """Write the command table without importing any command."""
         with formatter.section("Commands"):
             formatter.write_dl([(name, command.help or "") for name, command in self.commands.items()])
 
 
 def load(name: str) -> click.Command:
-    """Import the module of a command."""
+    """Import a command's module and return the command."""
     module = importlib.import_module(f"capture_app.commands.{MODULES.get(name, name)}")
     command = getattr(module, name)
     assert isinstance(command, click.Command)
@@ -164,12 +164,12 @@ add_verbosity(app)
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command line and return its exit code; a mistake is one line on stderr."""
+    """Run one command line and return its exit code; an error is one line on stderr."""
     return run_command_line(app, "capture-app", arguments)
 
 
 def main() -> None:
-    """Run the command line of this process; where it has a password, as one that does not show it."""
+    """Run this process's command line; re-execute first if it contains a password, to hide that from `ps`."""
     shown = [hide_password(word) for word in sys.orig_argv]
     if shown != sys.orig_argv:
         os.execv(sys.executable, shown)  # noqa: S606 - this program once more

@@ -1,7 +1,7 @@
-"""The leader's side of the app's protocol: phones come by heartbeat, are asked for their time, and told ours.
+"""Leader side of the phone app's protocol: heartbeats, clock exchanges, offset updates and triggers.
 
-Their own leader sets the offset once an hour and knows no skew; here each phone is told a new one every
-second, as it will be half a second later.
+The app's own leader sets each phone's offset once an hour and does not model skew. This leader sends a new
+offset every second, extrapolated to half a second ahead.
 """
 
 from collections import deque
@@ -31,12 +31,12 @@ TELL_EVERY_NS = 1_000_000_000
 ALIGN_EVERY_NS = 5_000_000_000
 SILENT_NS, FORGOTTEN_NS = 5_000_000_000, 60_000_000_000
 EXCHANGES_PER_S = 1000.0
-"""Clock exchanges with all phones together."""
+"""Maximum rate of clock exchanges, over all phones together."""
 
 
 @dataclass(frozen=True, slots=True)
 class _Port:
-    """The engine of one of the two ports, as `net.udp.Pump` runs it."""
+    """Protocol engine of one of the two UDP ports, in the form that `net.udp.Pump` drives."""
 
     receive_datagram: Callable[[bytes, Address, int], None]
     datagrams_to_send: Callable[[int], list[tuple[bytes, Address]]]
@@ -45,10 +45,10 @@ class _Port:
 
 
 class AppLeader:
-    """Leads phones with the app; `now_ns` is the leader's clock. It has two ports, each with its engine."""
+    """Leader of phones that run the app, with one engine per UDP port; `now_ns` is the leader's clock."""
 
     def __init__(self, *, aligns: bool) -> None:
-        """With `aligns` phones are told to move their phase to the app's own goal, now and then."""
+        """With `aligns`, order phones at intervals to align their phase to the app's fixed target."""
         self.calls = _Port(self._receive_call, self._calls_to_send, self._next_timer, self._handle_timer)
         self.times = _Port(self._receive_answer, self._ask, self._next_request, self._prepare_requests)
         self.orders = AppOrders()
@@ -58,39 +58,39 @@ class AppLeader:
         self._events: deque[FollowerNews] = deque()
 
     def order_stills(self, instants_ns: Sequence[int], period_ns: int, now_ns: int) -> tuple[int, ...]:
-        """Have all phones take a picture at those of these instants that they can; return which."""
+        """Order a still from all phones at the instants that the app can serve, and return those instants."""
         return self.orders.add_stills(instants_ns, period_ns, now_ns) if self.present() else ()
 
     def start_recording(self) -> None:
-        """Have phones with RecSync begin a video. Sent once: the app does not bear it twice."""
+        """Order phones with RecSync to start a video; not repeated, as the app cannot handle a repeat."""
         self.orders.is_recording = True
         self._call_all(Method.START_RECORDING)
 
     def stop_recording(self) -> None:
-        """Have phones with RecSync end their video."""
+        """Order phones with RecSync to stop their video."""
         self.orders.is_recording = False
         self._call_all(Method.STOP_RECORDING)
 
     def set_exposure(self, exposure_ns: int, iso: int) -> None:
-        """Have all phones expose each frame for so long, at this sensitivity."""
+        """Set exposure time (ns) and sensitivity (ISO) of all phones."""
         self._call_all(Method.SET_EXPOSURE, f"{exposure_ns},{iso}")
 
     def present(self) -> list[AppPhone]:
-        """Phones that are here."""
+        """Return the connected phones."""
         return [phone for phone in self._phones.values() if not phone.lost]
 
     def statuses(self, now_ns: int) -> tuple[FollowerStatus, ...]:
-        """All phones that are or were here, by name."""
+        """Return the status of all connected and recently lost phones, sorted by name."""
         return tuple(_status(phone, now_ns) for phone in sorted(self._phones.values(), key=lambda p: p.name))
 
     def next_event(self) -> FollowerNews | None:
-        """Return the next thing that happened, None where there is none."""
+        """Return the next pending event, or None."""
         return self._events.popleft() if self._events else None
 
-    # The parts, for the two ports
+    # Engines of the two ports
 
     def _receive_call(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in a call; all but heartbeats are a leader's to make."""
+        """Handle a received call; heartbeats are the only calls that a phone may send."""
         host = address[0]
         call = decode_call(data)
         name = heartbeat_name(call[1]) if call is not None and call[0] == Method.HEARTBEAT else None
@@ -105,23 +105,23 @@ class AppLeader:
             self._events.append(FollowerNews(phone.name, what))
             self._set_pace()
         phone.last_heard_ns = now_ns
-        # To where it came from: the address that it tells may be one of its other networks.
+        # Reply to the sender's address: the address in the heartbeat may belong to another of its networks.
         self._out.append((encode_call(Method.HEARTBEAT_ACK, call[1]), (host, CALL_PORT)))
 
     def _receive_answer(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in a time answer that arrived at `now_ns`."""
+        """Handle a time reply received at `now_ns`."""
         phone = self._phones.get(address[0])
         if phone is not None and not phone.lost and len(data) == TIME_ANSWER.size:
             t0_ns, t1_ns, t2_ns = TIME_ANSWER.unpack(data)
             phone.take_answer(t0_ns, t1_ns, t2_ns, now_ns)
 
     def _ask(self, now_ns: int) -> list[tuple[bytes, Address]]:
-        """Return the time requests that are due, stamped with `now_ns`."""
+        """Return the due time requests, stamped with `now_ns`."""
         due = [phone for phone in self.present() if phone.take_request(now_ns)]
         return [(TIME_REQUEST.pack(now_ns), (phone.host, TIME_PORT)) for phone in due]
 
     def _next_request(self) -> int | None:
-        """Leader time in ns at which a phone is to be asked, None for never."""
+        """Return the leader time (ns) of the next clock request, or None."""
         return min((phone.next_timer() for phone in self.present()), default=None)
 
     def _prepare_requests(self, now_ns: int) -> None:
@@ -130,12 +130,12 @@ class AppLeader:
             phone.handle_timer(now_ns)
 
     def _calls_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
-        """Return the calls that are due."""
+        """Return the queued calls."""
         out, self._out = self._out, []
         return out
 
     def _handle_timer(self, now_ns: int) -> None:
-        """Tell each phone its offset, let it align, repeat triggers, and notice who is gone."""
+        """Send offsets and phase alignment, repeat triggers, and detect lost phones."""
         for phone in list(self._phones.values()):
             silent_ns = now_ns - phone.last_heard_ns
             if silent_ns >= FORGOTTEN_NS:
@@ -151,7 +151,7 @@ class AppLeader:
             self._call_all(Method.SET_TRIGGER_TIME, str(trigger_ns))
 
     def _next_timer(self) -> int | None:
-        """Leader time in ns at which `_handle_timer` wants to be called, None for never."""
+        """Return the leader time (ns) at which `_handle_timer` is next due, or None."""
         due = [
             phone.last_heard_ns + (FORGOTTEN_NS if phone.lost else SILENT_NS)
             for phone in self._phones.values()
@@ -193,7 +193,7 @@ class AppLeader:
 
 
 def _uncertainty_ns(phone: AppPhone, now_ns: int) -> float | None:
-    """95 %, of what a phone takes for leader time, half a second away from what it was told."""
+    """Return the 95 % uncertainty of a phone's leader time, half a second from its offset's reference."""
     if phone.time_map is None or not phone.synced:
         return None
     return phone.time_map.uncertainty_at(now_ns) + abs(phone.time_map.skew) * TELL_EVERY_NS / 2.0

@@ -1,4 +1,4 @@
-"""Phones with libsoftwaresync or RecSync as they are: their ports, and their part in a leader's bursts."""
+"""Phones running unmodified libsoftwaresync or RecSync: their UDP ports and their part in bursts."""
 
 import asyncio
 from collections.abc import Callable, Sequence
@@ -20,15 +20,15 @@ from capture_app.sync.rig.frame_selection import MAX_FRAMES
 
 LOOK_EVERY_S = 0.1
 LEAD_NS = 500_000_000
-"""Phones are told so long before: their own leader does so, too."""
+"""Interval between an order and its first instant, as the app's own leader uses."""
 RECORD = "record, if they have RecSync"
 
 
 class AppPhones(RigFollower):
-    """Leads phones with the app, while it is started."""
+    """Follower that leads phones running the app between `start` and `close`."""
 
     def __init__(self, host: str, *, aligns: bool) -> None:
-        """Listen on `host`. With `aligns` phones are told to align, as the rig's grid is the app's."""
+        """Listen on `host`. With `aligns`, phones align their phase: the rig's grid is the app's grid."""
         self._host = host
         self._engine = AppLeader(aligns=aligns)
         self._pumps: list[Pump] = []
@@ -37,7 +37,7 @@ class AppPhones(RigFollower):
         self._news = Log()
 
     def start(self, clock: NodeClock, news: Log, grid: Callable[[], SharedGrid | None]) -> None:
-        """Listen on the app's two ports. Raises NetworkError where they are in use."""
+        """Listen on the app's two ports. Raises NetworkError if they are in use."""
         self._clock, self._news = clock, news
         hint = "the app knows no other port: end the other program that uses it"
         calls = bind_datagrams(self._host, CALL_PORT, hint=hint)
@@ -53,17 +53,17 @@ class AppPhones(RigFollower):
         call_pump.start(calls)
 
     async def close(self) -> None:
-        """End the recordings of phones, and close both ports."""
+        """Stop the phones' recordings and close both ports."""
         await self._recordings.end()
         for pump in self._pumps:
             pump.close()
 
     def statuses(self) -> tuple[FollowerStatus, ...]:
-        """The phones that are or were here lately."""
+        """Return the status of all connected and recently lost phones."""
         return self._engine.statuses(self._clock.now_ns())
 
     def take_part(self, take: BurstSession) -> None:
-        """Have the phones that are here take their pictures of a burst, or their videos."""
+        """Order a burst's stills or video from the connected phones."""
         if not (phones := len(self._engine.present())):
             return
         burst = take.burst
@@ -74,14 +74,14 @@ class AppPhones(RigFollower):
             self._tell(phones, self._order(burst.instants_ns, burst.period_ns))
 
     def take_alone(self, request: BurstRequest) -> str:
-        """Have phones take what was asked for where there is no camera; return what was told, if any is here.
+        """Order a capture on a rig without cameras; return the order in words, empty without phones.
 
-        Raises BadInputError for a recording without an end: nobody else would know when to end it.
+        Raises BadInputError for a recording without a duration: no camera's burst would end it.
         """
         if not (phones := len(self._engine.present())):
             return ""
         first_ns = request.at_leader_ns or self._clock.now_ns() + LEAD_NS
-        # On the app's own grid.
+        # Instants are on the app's own grid.
         first_ns += (GOAL_PHASE_NS - first_ns) % PERIOD_NS
         step_ns = request.spacing * PERIOD_NS
         if request.interval_s is not None:
@@ -104,7 +104,7 @@ class AppPhones(RigFollower):
         return f"take {which}: one each half a second at most"
 
     def _begin_recording(self, ends_ns: Callable[[], int], finished: asyncio.Event) -> None:
-        """Have phones record until that leader time, which may change, or until it is finished."""
+        """Record on the phones until `ends_ns()` (leader time, may change) or until `finished` is set."""
         self._recordings.start(self._record(ends_ns, finished))
 
     def _tell(self, phones: int, what: str) -> str:
@@ -115,7 +115,7 @@ class AppPhones(RigFollower):
         return text
 
     def expose(self, exposure_ns: int, iso: int) -> None:
-        """Have the phones that are here expose each frame for so long, at this sensitivity."""
+        """Set exposure time (ns) and sensitivity (ISO) of the connected phones."""
         self._engine.set_exposure(exposure_ns, iso)
         self._turn()
 
@@ -136,5 +136,5 @@ class AppPhones(RigFollower):
     def _after_call(self, time_pump: Pump) -> None:
         while (event := self._engine.next_event()) is not None:
             self._news.note(event)
-            # A new phone is to be asked from now on.
+            # A new phone needs its first clock request now.
             time_pump.turn()

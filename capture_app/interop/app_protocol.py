@@ -1,9 +1,9 @@
-"""What phones with the app say and are told, and the clock of one of them.
+"""Messages of the phone app, and the leader's clock estimate of one phone.
 
-The apps are libsoftwaresync and RecSync, from google-research/libsoftwaresync at 028709a. Calls are a
-big-endian 32-bit method and a text that ends with the datagram; time messages are big-endian 64-bit times in
-ns. Both go to a fixed port, whatever port was sent from. Nothing is sealed or numbered, and only heartbeats
-are acknowledged.
+The apps are libsoftwaresync and RecSync, from google-research/libsoftwaresync at 028709a. A call is a
+big-endian 32-bit method number and a text that extends to the end of the datagram. Time messages are
+big-endian 64-bit times in ns. Both go to a fixed port, regardless of the source port. Messages are neither
+authenticated nor numbered, and only heartbeats are acknowledged.
 """
 
 import struct
@@ -22,36 +22,37 @@ _METHOD = struct.Struct(">i")
 MOST_BYTES = 1024
 
 PERIOD_NS, GOAL_PHASE_NS, ALIGNED_NS = 33_320_000, 15_000_000, 100_000
-"""The app's own constants (for a Pixel 3): leader time % period is to be at the goal, aligned to so much."""
+"""Constants of the app (for a Pixel 3): frame period, target of leader time modulo period, and tolerance."""
 KNOCK_EVERY_NS = 100_000_000
-"""Until a phone has answered once it is asked no quicker: forged heartbeats must aim no flood at anybody."""
+"""Minimum request interval before a phone's first reply: forged heartbeats must not cause a flood."""
 OUTSTANDING = 512
 ACCURATE_NS = 50_000.0
-"""A phone is told the time when it is known to this 95 % error, or will hardly be known better. With twice
-that 3 of 16 phones were up to 214 us off in their first minute, with this none over 43 (simulated link)."""
+"""Send a phone its offset at this 95 % uncertainty, or once it stops improving. On a simulated link, twice
+this value left 3 of 16 phones up to 214 us off in their first minute; this value left none above 43 us."""
 STILL_EVERY_NS = 500_000_000
-"""The app keeps one trigger at a time, and saves a picture before the next: it takes none in between."""
+"""Minimum interval between stills: the app holds one trigger, and takes no other until its image is saved."""
 AGAIN_EVERY_NS, LAST_CALL_NS = 100_000_000, 100_000_000
-"""A trigger is repeated, as nothing acknowledges it, but not near its time: it would be obeyed twice."""
+"""Interval of trigger repeats, as triggers are not acknowledged; none near its time, as it would fire
+twice."""
 QUIET_BEFORE_NS, QUIET_AFTER_NS = 3_000_000_000, 1_000_000_000
-"""Phones do not move their phase so long before a picture, and after it: it takes five long frames, 2 s."""
+"""Time before and after a still without phase alignment, which takes five long frames, 2 s."""
 
 
 class Method(IntEnum):
-    """What a call asks for."""
+    """Method number of a call."""
 
     HEARTBEAT = 1
-    """A phone is here: name, IPv4 address, and true or false for having the time, with commas between."""
+    """Phone is connected: name, IPv4 address, and true or false for synchronized, separated by commas."""
     HEARTBEAT_ACK = 2
     OFFSET_UPDATE = 3
-    """Leader time is the phone's time minus this, decimal, in ns."""
+    """Offset to subtract from the phone's time to get leader time, in ns, decimal."""
     SET_TRIGGER_TIME = 200_000
-    """Save the first frame at or after this leader time, decimal, in ns; a later call replaces it."""
+    """Save the first frame at or after this leader time (ns, decimal); a later call replaces it."""
     DO_PHASE_ALIGN = 200_001
     SET_EXPOSURE = 200_002
-    """Exposure in ns and ISO, with a comma between."""
+    """Exposure in ns and ISO, separated by a comma."""
     START_RECORDING = 200_003
-    """RecSync's, as the next; libsoftwaresync ignores both."""
+    """RecSync only, like STOP_RECORDING; libsoftwaresync ignores both."""
     STOP_RECORDING = 200_004
 
 
@@ -61,16 +62,17 @@ def encode_call(method: Method, text: str = "") -> bytes:
 
 
 def decode_call(data: bytes) -> tuple[int, str] | None:
-    """Return method and text of a call; None for a datagram that is none."""
+    """Return a call's method number and text, or None if the datagram is not a call."""
     if not _METHOD.size <= len(data) <= MOST_BYTES:
         return None
     return _METHOD.unpack_from(data)[0], data[_METHOD.size :].decode("utf-8", "replace")
 
 
 def heartbeat_name(text: str) -> str | None:
-    """The phone's name by the text of a heartbeat; None where it is the text of none.
+    """Return the phone's name from a heartbeat's text, or None if the text is not a heartbeat.
 
-    Its address may be another network's, and last it says whether it has the time.
+    The address in the text is ignored: it may belong to another network. The last field is the synchronized
+    flag.
     """
     parts = text.rsplit(",", 2)
     if len(parts) != 3 or parts[2] not in ("true", "false"):
@@ -79,9 +81,10 @@ def heartbeat_name(text: str) -> str | None:
 
 
 class AppPhone:
-    """One phone; all times are the leader's clock, in ns.
+    """State of one phone; all times are in the leader's clock, in ns.
 
-    The leader asks here, and the phone answers: the map goes from the leader's clock to the phone's.
+    The leader sends the requests and the phone replies, so the time map leads from the leader's clock to the
+    phone's.
     """
 
     def __init__(self, name: str, host: str, now_ns: int) -> None:
@@ -89,10 +92,10 @@ class AppPhone:
         self.last_heard_ns = now_ns
         self.lost = False
         self.synced = False
-        """Whether its clock is known well enough to be told."""
+        """Whether its clock is known well enough to send its offset."""
         self.time_map: TimeMap | None = None
         self.tell_due_ns: int | None = None
-        """When it is next told its offset; None before the first time."""
+        """Time of the next offset update; None before the first one."""
         self.align_due_ns = now_ns
         self._clock, self._target = ClockFilter(), AccuracyTarget(ACCURATE_NS)
         self._schedule = SteadySchedule()
@@ -103,15 +106,15 @@ class AppPhone:
 
     @property
     def samples(self) -> int:
-        """Exchanges by which its clock is known."""
+        """Return the number of clock exchanges behind the estimate."""
         return self._clock.samples
 
     def next_timer(self) -> int:
-        """When `handle_timer` wants to be called."""
+        """Return the time (ns) at which `handle_timer` is next due."""
         return min(self._request_due_ns, self._schedule.estimate_due_ns)
 
     def handle_timer(self, now_ns: int) -> None:
-        """Estimate the phone's clock, and prepare a request, where they are due."""
+        """Update the clock estimate and prepare a request, where due."""
         if now_ns >= self._schedule.estimate_due_ns:
             self._schedule.estimated(now_ns)
             self.time_map = self._clock.time_map(now_ns)
@@ -121,7 +124,7 @@ class AppPhone:
             self._prepare_request(now_ns)
 
     def take_request(self, now_ns: int) -> bool:
-        """Whether a request is to be sent at `now_ns`; it is then outstanding."""
+        """Return whether to send a request at `now_ns`, and record it as outstanding."""
         if not self._is_request_due:
             return False
         self._is_request_due = False
@@ -131,7 +134,7 @@ class AppPhone:
         return True
 
     def take_answer(self, t0_ns: int, t1_ns: int, t2_ns: int, t3_ns: int) -> None:
-        """Take in an answer: t0 and t3 by the leader's clock, t1 and t2 by the phone's; in ns."""
+        """Add a reply's timestamps in ns: t0 and t3 in the leader's clock, t1 and t2 in the phone's."""
         if t0_ns not in self._outstanding:
             return
         del self._outstanding[t0_ns]
@@ -147,7 +150,7 @@ class AppPhone:
             self._schedule.begin(t3_ns)
 
     def pace(self, pace_ns: int) -> None:
-        """Ask no more often than this, in ns, once the clock is known."""
+        """Set the minimum request interval (ns) for a phone whose clock is known."""
         self._schedule.leader_pace_ns = pace_ns
 
     @property
@@ -168,7 +171,7 @@ class AppPhone:
 
 @dataclass(slots=True)
 class _Still:
-    """A picture to come: its instant, and when its trigger is sent, first and next; leader time in ns."""
+    """Pending still: instant, trigger time, and time of the next trigger message; leader time in ns."""
 
     instant_ns: int
     trigger_ns: int
@@ -176,7 +179,7 @@ class _Still:
 
 
 class AppOrders:
-    """The orders of all phones; `now_ns` is leader time."""
+    """Pending stills and recording state of all phones; `now_ns` is leader time."""
 
     def __init__(self) -> None:
         self.is_recording = False
@@ -184,9 +187,10 @@ class AppOrders:
         self._quiet_until_ns = 0
 
     def add_stills(self, instants_ns: Sequence[int], period_ns: int, now_ns: int) -> tuple[int, ...]:
-        """Order a picture at each of these instants that the app can take, and return those.
+        """Schedule a still at each instant that the app can serve, and return those instants.
 
-        The trigger goes to half a period before, so that the first frame after it is the nearest one.
+        The trigger time is half a period before the instant, so that the first frame after it is the nearest
+        one.
         """
         taken: list[int] = []
         for instant_ns in instants_ns:
@@ -200,7 +204,7 @@ class AppOrders:
         return tuple(taken)
 
     def triggers_due(self, now_ns: int) -> list[int]:
-        """Return the triggers that are to be sent now, in leader time in ns."""
+        """Return the trigger times (leader time, ns) to send now."""
         due = []
         for still in self._stills:
             if now_ns >= still.due_ns and now_ns < still.trigger_ns:
@@ -215,11 +219,11 @@ class AppOrders:
         return due
 
     def may_align(self, now_ns: int) -> bool:
-        """Whether no picture or recording is near."""
+        """Return whether phones may align: no still is near and no recording runs."""
         if self.is_recording or now_ns < self._quiet_until_ns:
             return False
         return all(still.instant_ns > now_ns + QUIET_BEFORE_NS for still in self._stills)
 
     def next_timer(self) -> int | None:
-        """Leader time in ns at which a trigger is due, None for never."""
+        """Return the leader time (ns) at which the next trigger message is due, or None."""
         return min((still.due_ns for still in self._stills), default=None)

@@ -1,9 +1,9 @@
-"""Rpicam-apps that follow the rig's frame grid, by packets as `rpicam-vid --sync server` sends them.
+"""Frame grid for rpicam-apps clients, sent in the packets of `rpicam-vid --sync server`.
 
-A packet of 40 bytes, little-endian, by raspberrypi/libcamera, src/ipa/rpi/controller/rpi/sync.h: frame
-duration (32 bits, and 32 of padding), time of a frame by the kernel's clock, the same by the wall clock, time
-when clients are ready by the kernel's clock, the same by the wall clock; in us. Clients use the duration and
-the wall clock's two. They synchronize no clocks: a packet is in the wall clock of those who receive it.
+Packet format, from raspberrypi/libcamera, src/ipa/rpi/controller/rpi/sync.h: 40 bytes, little-endian. Fields:
+frame duration (32 bits, then 32 of padding), a frame's time in the kernel clock and in the wall clock, and
+the clients' ready time in the kernel clock and in the wall clock; all in us. Clients use the duration and
+both wall-clock times. They do not synchronize clocks: a packet is in the receiver's wall clock.
 """
 
 import asyncio
@@ -23,18 +23,20 @@ from capture_app.sync.phase.frame_grid import FrameGrid
 GROUP, PORT = "239.255.255.250", 10_000
 PACKET = struct.Struct("<I4xQQQQ")
 SEND_EVERY_NS = 500_000_000
-"""A client obeys each packet by one longer or shorter frame, some frames later: not much more often."""
+"""Interval between packets. A client corrects one frame's duration per packet, some frames later, so a much
+shorter interval does not help."""
 READY_EVERY_NS = 10_000_000_000
-"""Clients begin to record together at the first such mark of leader time after they have heard of it."""
+"""Interval of ready times in leader time; clients start recording together at the first one after a
+packet."""
 HOPS = 1
 
 
 def sync_packet(
     grid: FrameGrid, leader_ns: int, wall_from_leader: Callable[[int], int], *, shutter_ns: int = 0
 ) -> bytes:
-    """Return the packet of the latest instant of a grid; `wall_from_leader` is for the receiver's wall clock.
+    """Return the packet for a grid's latest instant; `wall_from_leader` maps to the receiver's wall clock.
 
-    A Pi stamps a frame at the end of its first row's exposure, which is `shutter_ns` after its start.
+    A Pi timestamps a frame at the end of its first row's exposure, `shutter_ns` after that row's start.
     """
     latest_ns = grid.instant(grid.index_of(leader_ns - grid.period_ns // 2))
     mark_ns = (leader_ns // READY_EVERY_NS + 1) * READY_EVERY_NS
@@ -46,22 +48,22 @@ def sync_packet(
 
 
 class RpicamSync(RigFollower):
-    """Sends the grid twice a second while it is started, in the wall clock of this machine."""
+    """Sender of the rig's grid in this machine's wall clock, twice a second between `start` and `close`."""
 
     def __init__(
         self, hosts: Sequence[str], *, to_all: bool = False, shutter_ns: int = 0, port: int = PORT
     ) -> None:
-        """Send to these IPv4 addresses, and `to_all` on all interfaces. `shutter_ns` is the Pis' exposure."""
+        """Send to IPv4 hosts and, `to_all`, multicast on all interfaces; `shutter_ns`: the Pis' exposure."""
         self._hosts, self._to_all = tuple(hosts), to_all
         self._shutter_ns, self._port = shutter_ns, port
         self._task: asyncio.Task[None] | None = None
 
     def start(self, clock: NodeClock, news: Log, grid: Callable[[], SharedGrid | None]) -> None:
-        """Send the rig's grid from now on, where it has one."""
+        """Start sending the rig's grid whenever one is known."""
         self._task = asyncio.create_task(self._run(clock, grid))
 
     async def close(self) -> None:
-        """Send no more. Calling it twice is harmless."""
+        """Stop sending. Idempotent."""
         if self._task is not None:
             await end(self._task)
 
@@ -85,7 +87,7 @@ class RpicamSync(RigFollower):
         now_ns = clock.now_ns()
         leader_ns = now_ns if shared.time_map is None else shared.time_map.leader_from_local(now_ns)
         packet = sync_packet(shared.grid, leader_ns, wall_from_leader, shutter_ns=self._shutter_ns)
-        # A host or an interface may have gone meanwhile, and who listens tells nobody.
+        # A host or an interface may have disappeared, and receivers send no reply.
         for host in self._hosts:
             with contextlib.suppress(OSError):
                 sock.sendto(packet, (host, self._port))

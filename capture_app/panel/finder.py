@@ -1,4 +1,4 @@
-"""Finds a panel in a picture by the markers of its frame."""
+"""Detection of a panel in an image by the ArUco markers of its frame."""
 
 from collections.abc import Iterator
 from dataclasses import dataclass, replace
@@ -13,23 +13,25 @@ from capture_app.panel.pattern import DICTIONARY, MARKER_SIZE, Panel, panel_of_m
 Floats = NDArray[np.float64]
 
 MIN_MARKERS = 3
-"""How many of the four must be seen; something may stand before one."""
+"""Markers, of a panel's four, that must be visible; one may be occluded."""
 MAX_ERROR = 0.15
-"""Pitches that marker corners may lie off a flat frame, by a lens or a bent print: a quarter of a lamp."""
+"""Maximum mean error of marker corners against a flat frame, in pitches: a quarter of a lamp. A lens or a
+bent print causes it."""
 BENDS, SHRINKS = np.linspace(-0.12, 0.2, 33), np.linspace(-0.08, 0.08, 17)
-"""How strongly lenses bend a picture at half its width, from pincushions to wide lenses' barrels; and
-by which share blur makes markers smaller."""
+"""Search ranges: radial distortion at half the image width, from pincushion to wide-angle barrel, and the
+fraction by which blur shrinks markers."""
 _MIN_PITCH_PX = 5.0
-"""Pixels from lamp to lamp below which their light cannot be told apart."""
+"""Minimum pixels per pitch; below it, the light of neighbouring lamps overlaps."""
 _LARGE_PX = 1600
-"""Pictures wider than this are looked through at half their size as well: markers may be too large to see."""
+"""Wider images are also searched at half size, because markers may be too large to detect."""
 
 
 @dataclass(frozen=True, slots=True)
 class FoundPanel:
-    """A panel and where it is in a picture: `matrix` (3, 3) takes panel coordinates to pixels.
+    """Panel detected in an image; `matrix` (3, 3) is the homography from panel coordinates to pixels.
 
-    A lens bends them: `bend` is its first radial term by half of the picture's width, about `middle` (x, y).
+    `bend` is the lens's first radial distortion coefficient, with radii from `middle` (x, y) in half image
+    widths.
     """
 
     panel: Panel
@@ -38,27 +40,27 @@ class FoundPanel:
     middle: tuple[float, float]
     markers: int
     error: float = 0.0
-    """Mean distance of the markers' corners from where they should be, in pitches."""
+    """Mean distance of marker corners from their predicted positions, in pitches."""
 
     def pixels(self, places: Floats) -> Floats:
-        """Pixels (n, 2) of places (n, 2) on the panel."""
+        """Return the pixels (n, 2) of points (n, 2) on the panel."""
         seen = np.column_stack([places, np.ones(len(places))]) @ self.matrix.T
         return _bend(np.asarray(seen[:, :2] / seen[:, 2:]), self.bend, self.middle)
 
     @property
     def pitch_px(self) -> float:
-        """Smallest distance of two neighbouring lamps, in pixels, in the middle of the panel."""
+        """Return the smaller pixel distance of neighbouring lamps, across or down, at the panel's centre."""
         middle = np.array([self.panel.width / 2, self.panel.height / 2])
         at, right, down = self.pixels(middle + np.array([[0.0, 0.0], [1.0, 0.0], [0.0, 1.0]]))
         return float(min(np.linalg.norm(right - at), np.linalg.norm(down - at)))
 
 
 class PanelNotFoundError(Exception):
-    """No panel is in a picture, or none that can be read; the message says why."""
+    """No panel is visible in an image, or its time cannot be read; the message gives the reason."""
 
 
 def find_panel(grey: NDArray[np.uint8]) -> FoundPanel:
-    """The panel with the most markers in a picture (uint8 grey); raises PanelNotFoundError for none."""
+    """Return the panel with the most visible markers in a grey image (uint8). Raises PanelNotFoundError."""
     words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{DICTIONARY}"))
     options = cv2.aruco.DetectorParameters()
     options.cornerRefinementMethod = cv2.aruco.CORNER_REFINE_SUBPIX
@@ -81,9 +83,9 @@ def find_panel(grey: NDArray[np.uint8]) -> FoundPanel:
 
 
 def _looks(grey: NDArray[np.uint8]) -> Iterator[tuple[NDArray[Any], float]]:
-    """Pictures to look for markers in, and how large each is against the original."""
+    """Yield the image variants to search, each with its scale relative to the original."""
     yield grey, 1.0
-    # Dark pictures, as short exposures are, show little of what does not shine.
+    # In dark images from short exposures, unlit markers have little contrast.
     yield cv2.createCLAHE(4.0, (8, 8)).apply(grey), 1.0
     if grey.shape[1] > _LARGE_PX:
         yield cv2.resize(grey, None, fx=0.5, fy=0.5, interpolation=cv2.INTER_AREA), 0.5
@@ -95,13 +97,13 @@ def _detect(detector: "cv2.aruco.ArucoDetector", grey: NDArray[Any], scale: floa
     corners, numbers, _ = detector.detectMarkers(grey)
     if numbers is None:
         return {}
-    # Pixels' middles lie at whole numbers.
+    # Integer coordinates are pixel centres.
     places = [(np.asarray(each, float).reshape(4, 2) + 0.5) / scale - 0.5 for each in corners]
     return dict(zip(np.ravel(numbers).tolist(), places, strict=True))
 
 
 def _of_one_panel(markers: dict[int, Floats]) -> dict[int, Floats]:
-    """Those markers that belong to the panel of which the most are seen."""
+    """Return the markers of the panel that has the most visible ones."""
     by_panel: dict[str, dict[int, Floats]] = {}
     for number, corners in markers.items():
         panel = panel_of_marker(number)
@@ -118,10 +120,10 @@ def _place(markers: dict[int, Floats], middle: tuple[float, float]) -> FoundPane
     pixels = np.concatenate(list(markers.values()))
     bend, shrink = 0.0, 0.0
     best = _fit(panel, corners, pixels, bend, shrink, middle)
-    # Blur rounds markers' corners off, which would look like a lens: both are sought by turns.
+    # Blur rounds off marker corners, which resembles lens distortion; both are estimated in turn.
     for _ in range(3):
         if len(markers) == 4:
-            # Fewer markers do not tell a lens from a slant.
+            # Fewer markers cannot separate distortion from perspective.
             fits = [_fit(panel, corners, pixels, float(each), shrink, middle) for each in BENDS]
             best = min(fits, key=lambda fit: fit.error)
             bend = best.bend
@@ -142,7 +144,7 @@ def _place(markers: dict[int, Floats], middle: tuple[float, float]) -> FoundPane
 def _fit(
     panel: Panel, corners: Floats, pixels: Floats, bend: float, shrink: float, middle: tuple[float, float]
 ) -> FoundPanel:
-    """The panel whose markers' corners (n, 4, 2), shrunk by that share, are seen at pixels by a lens."""
+    """Fit the panel to marker corners (n, 4, 2) shrunk by a fraction and seen through a distorting lens."""
     centres = corners.mean(axis=1, keepdims=True)
     places = (centres + (1 - shrink) * (corners - centres)).reshape(-1, 2)
     matrix, _ = cv2.findHomography(places, _unbend(pixels, bend, middle))
@@ -154,13 +156,13 @@ def _fit(
 
 
 def _unbend(pixels: Floats, bend: float, middle: tuple[float, float]) -> Floats:
-    """Where pixels (n, 2) would be through a lens that bends nothing."""
+    """Return pixels (n, 2) with the lens distortion removed."""
     away = (pixels - middle) / middle[0]
     return np.asarray(middle + middle[0] * away * (1 + bend * (away**2).sum(axis=1, keepdims=True)))
 
 
 def _bend(pixels: Floats, bend: float, middle: tuple[float, float]) -> Floats:
-    """The inverse of `_unbend`, to a small part of a pixel for lenses that are usual."""
+    """Apply the distortion that `_unbend` removes, to a small part of a pixel for ordinary lenses."""
     straight = (pixels - middle) / middle[0]
     away = straight
     for _ in range(8 if bend else 0):

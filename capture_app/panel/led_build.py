@@ -1,4 +1,4 @@
-"""The folder of what it takes to build a panel of LEDs: its sketch, its wiring, and its frame to print."""
+"""Build files of an LED panel: sketch, wiring and printable frame."""
 
 from collections.abc import Mapping
 from itertools import pairwise
@@ -10,22 +10,22 @@ from capture_app.panel.pattern import COUNT, MARKER_SIZE, Panel, marker_squares
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 
 PITCH_MM = 10.0
-"""The distance from one LED to the next, unless another is asked for: it suits LEDs of 5 mm."""
+"""Default distance between LEDs; suits 5 mm LEDs."""
 CROSS_MM = (4.0, 0.3)
 """Length and width of a cross's lines."""
 REGISTERS = 3
-"""An array's: TPIC6B595 of Texas Instruments (SLIS032), whose outputs sink up to 150 mA each."""
+"""Shift registers per array: Texas Instruments TPIC6B595 (SLIS032), whose outputs sink up to 150 mA each."""
 DRAINS = (4, 5, 6, 7, 14, 15, 16, 17)
-"""Pins of a register's outputs DRAIN0 to DRAIN7, in the package with 20 pins."""
+"""Pins of outputs DRAIN0 to DRAIN7 in the 20-pin package."""
 SUPPLY_V, FORWARD_V, OHM = 5.0, 2.0, 330
-"""The board's supply, a red LED's forward voltage, and each LED's resistor."""
+"""Board supply, forward voltage of a red LED, and each LED's resistor."""
 SKETCH = "panel/panel.ino"
-"""Arduino's programs want a sketch in a folder of its name."""
+"""The Arduino tools require a sketch in a folder of the same name."""
 FILES = (SKETCH, "WIRING.md", "wiring.svg", "frame.pdf", "frame.svg")
 
 
 def frame_page(panel: Panel, paper: str = "a4", pitch_mm: float = PITCH_MM) -> Page:
-    """Return the page; raises BadInputError where the frame does not fit the paper."""
+    """Return the printable frame. Raises BadInputError if it does not fit the paper."""
     size = panel.width * pitch_mm, panel.height * pitch_mm
     page = Page(paper, size, "a frame", smaller="smaller --pitch-mm")
 
@@ -60,13 +60,13 @@ TEMPLATES = Path(__file__).parent / "sketch"
 
 
 def driven(register: int, drain: int) -> str | None:
-    """What an output drives, counted from 1: a column, or an LED of the row; None for a spare output."""
+    """Return the load on an output, numbered from 1: a column or a row LED; None for a spare output."""
     lamp, number = divmod(8 * (register % REGISTERS) + drain, COUNT)
     return f"{('column', 'row LED')[lamp]} {number + 1}" if lamp < 2 else None
 
 
 def wiring_text(panel: Panel, pitch_mm: float) -> str:
-    """The page that explains how to build it, in Markdown."""
+    """Return the build instructions in Markdown."""
     letters = "ABCDEF"[: REGISTERS * len(panel.ticks)]
     led_ma = 1000 * (SUPPLY_V - FORWARD_V) / OHM
     sides = ("left ", "right ") if len(panel.ticks) > 1 else ("",)
@@ -101,7 +101,7 @@ def wiring_text(panel: Panel, pitch_mm: float) -> str:
 
 
 def _filled(template: str, values: Mapping[str, object]) -> str:
-    """A template's text with its values."""
+    """Return a template's text with its placeholders filled in."""
     text = (TEMPLATES / template).read_text("utf-8")
     for name, value in values.items():
         text = text.replace(f"@{name}@", str(value))
@@ -109,9 +109,9 @@ def _filled(template: str, values: Mapping[str, object]) -> str:
 
 
 def write_sketch(panel: Panel, out: Path, *, paper: str, pitch_mm: float) -> tuple[Path, ...]:
-    """Write FILES into the folder `out`, whole or not at all, and return their paths.
+    """Write FILES into the folder `out`, all or none, and return their paths.
 
-    Raises BadInputError where the frame does not fit the paper, or `out` holds other files.
+    Raises BadInputError if the frame does not fit the paper, or if `out` contains other files.
     """
     frame = frame_page(panel, paper, pitch_mm)
     program = {

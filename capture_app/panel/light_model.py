@@ -1,4 +1,4 @@
-"""How bright each lamp of a panel is in a picture, and how well that fits when it should have shone."""
+"""Measured light of each lamp of a panel in an image, and its likelihood at a given time."""
 
 from dataclasses import dataclass
 
@@ -10,38 +10,38 @@ from capture_app.panel.finder import Floats, FoundPanel
 from capture_app.panel.pattern import COUNT
 
 LINES = 3
-"""Parts of a lamp whose exposure is reckoned apart: under a rolling shutter its top is earlier."""
+"""Parts of a lamp with separate exposure times: under a rolling shutter its top is exposed earlier."""
 _CORE = 0.8
-"""Light is measured within this share of a lamp's size."""
+"""Fraction of a lamp's size within which its light is measured."""
 _SAMPLES = 5
-"""Samples across a lamp's core, and down."""
+"""Samples across and down a lamp's core."""
 _FULL = 250
-"""Levels from here on are saturated."""
+"""Pixel level from which a sample counts as saturated."""
 TONES = np.linspace(0.8, 1.25, 7)
-"""Exponents by which cameras' tone curves differ from sRGB's."""
+"""Exponents relative to sRGB's tone curve that cameras' curves may have."""
 _TONE_SIGMA = 0.12
 _UNEVEN = 0.07
-"""Lamps differ in brightness by this, and pictures get darker to the corners."""
+"""Relative variation of brightness between lamps, including vignetting."""
 _FLOOR = 0.012
-"""What blur brings from one lamp to the next, as a share of a lamp's light."""
+"""Light that blur spreads to a neighbouring lamp, as a fraction of a lamp's light."""
 _GLARE = 0.06
-"""Share of a spot of glare that is not seen beside the lamp."""
+"""Fraction of glare on a lamp that the ground beside it does not show."""
 _OFFSET_SIGMA = 0.03
-"""Deviation of the light that lamps throw back when off, against the ground beside them."""
+"""Standard deviation of the light an unlit lamp reflects, relative to the ground beside it."""
 _LAGS = np.array([0.137, 0.476, 0.999, 2.387])
-"""Means of the quarters of an exponential law."""
+"""Means of the quarters of an exponential distribution."""
 _FREEDOM = 5.0
-"""Degrees of freedom of Student's law for a lamp's misfit: a few that something covers do not decide."""
+"""Degrees of freedom of Student's t-distribution for lamp residuals; limits the weight of a few occluded
+lamps."""
 
 
 def measure(
     found: FoundPanel, picture: NDArray[np.uint8]
 ) -> tuple[Floats, Floats, NDArray[np.bool_], Floats, float]:
-    """The light of each lamp in a picture (uint8 BGR), of the colour in which lamps stand out most.
+    """Measure each lamp's light in an image (uint8 BGR), in the colour channel with the highest contrast.
 
-    Of the lamps (n,), in linear units: the light above the ground next to each, that ground, and whether it
-    is saturated; the picture's rows (n, LINES) of their parts; and the standard deviation of a lamp's light
-    by the picture's noise.
+    Returns, in linear units: light (n,) above the adjacent ground; that ground (n,); saturation flags (n,);
+    image rows (n, LINES) of the lamps' parts; and the standard deviation of a lamp's light from image noise.
     """
     lamps = found.panel.lamps
     middles = np.array([[lamp.x, lamp.y] for lamp in lamps])
@@ -55,7 +55,7 @@ def measure(
     light = linear - ground
     spread = np.percentile(light, 98, axis=0) - np.percentile(light, 30, axis=0)
     channel = int(np.argmax(spread * (1 - 0.9 * saturated.mean(axis=0) / max(0.02, float(saturated.mean())))))
-    # By the differences of the grounds around each lamp.
+    # Noise from the differences between the ground samples around each lamp.
     differences = np.abs(np.diff(to_linear(around)[:, :2, channel], axis=1))
     noise = float(np.median(differences) / 0.954) + 1e-4
     rows = np.sort(
@@ -66,13 +66,13 @@ def measure(
 
 
 def to_linear(levels: Floats) -> Floats:
-    """Light of levels (0 to 255) by sRGB's tone curve (IEC 61966-2-1), 1 for full."""
+    """Return the linear light of levels (0 to 255) by sRGB's tone curve (IEC 61966-2-1); 1 is full scale."""
     share = levels / 255
     return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
 
 
 def _core_places(size: float, *, square: bool) -> Floats:
-    """Places (n, 2) around a lamp's middle, evenly over its core."""
+    """Return points (n, 2) spaced evenly over a lamp's core, relative to its centre."""
     steps = (np.arange(_SAMPLES) + 0.5) / _SAMPLES - 0.5
     places = np.stack(np.meshgrid(steps, steps), axis=-1).reshape(-1, 2)
     if not square:
@@ -81,7 +81,7 @@ def _core_places(size: float, *, square: bool) -> Floats:
 
 
 def _sample(found: FoundPanel, picture: NDArray[np.uint8], middles: Floats, around: Floats) -> Floats:
-    """Levels (n, places, channels) of a picture at places around each lamp."""
+    """Return the image's levels (n, points, channels) at points around each lamp."""
     at = found.pixels((middles[:, None] + around).reshape(-1, 2)).astype(np.float32)
     x, y = (at[:, axis].reshape(len(middles), -1) for axis in (0, 1))
     seen = cv2.remap(picture, x, y, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REPLICATE)
@@ -90,14 +90,14 @@ def _sample(found: FoundPanel, picture: NDArray[np.uint8], middles: Floats, arou
 
 @dataclass(frozen=True, slots=True)
 class Shutter:
-    """How a picture was exposed: for how long, and how long after each row the next one begins, in ns."""
+    """Shutter of an image: exposure time, and time from the start of one row to the next, in ns."""
 
     exposure_ns: float
     row_time_ns: float
 
 
 class LightModel:
-    """A panel's lamps in one picture; times are of the middle of the exposure of the row `row`, in ns."""
+    """Light model of a panel in one image; times are mid-exposure times of the row `row`, in ns."""
 
     def __init__(self, found: FoundPanel, picture: NDArray[np.uint8]) -> None:
         self.panel = panel = found.panel
@@ -111,7 +111,7 @@ class LightModel:
         self.row = float(rows.mean())
         self.later = rows - self.row
         self.rough_fit = self._find_rough_fit()
-        """The light of a lamp that is off, and of one that is lit all the time, before the time is known."""
+        """Light of an unlit and of a permanently lit lamp, estimated before the time is known."""
 
     def shares(
         self,
@@ -121,10 +121,10 @@ class LightModel:
         response_ns: float = 0.0,
         lines: slice = slice(None),
     ) -> Floats:
-        """Share (times, lamps) of its exposure in which each lamp, or each `of` them, shines on `lines`.
+        """Return the fraction (times, lamps) of the exposure in which each selected lamp is lit, on `lines`.
 
-        A screen's cells change with that time constant, and are on the whole as late: the panel's time is
-        that which its cells show.
+        `of` selects the lamps. `response_ns` is the time constant of a screen's cells; its mean delay is
+        removed, so that the panel's time is the time its cells show.
         """
         if response_ns:
             lags = response_ns * (_LAGS - 1)
@@ -144,21 +144,21 @@ class LightModel:
     def variance(
         self, shares: Floats, lamp_light: float, of: "NDArray[np.bool_] | slice" = slice(None)
     ) -> Floats:
-        """Variance of each lamp's light where a lamp that is lit all the time has `lamp_light`."""
+        """Return each lamp's variance of light, given the light `lamp_light` of a permanently lit lamp."""
         return np.asarray(self._still[of] + lamp_light**2 * (_FLOOR**2 + (_UNEVEN * shares) ** 2))
 
     def _find_rough_fit(self) -> tuple[float, float]:
-        # At any time one lamp of each group is lit in each row, so that their light adds up to one lamp's;
-        # not in a group that goes on as quickly as the rows of a picture in which it lies on its side.
+        # At any time one lamp of each group is lit in each row, so a group's light adds up to one lamp's.
+        # This fails for a group along the image rows that advances as fast as the rows are read out.
         light = self.light
         off = float(np.sort(light)[: len(light) // 5].mean())
         sums = [float((light[self.group == group] - off).mean()) * COUNT for group in np.unique(self.group)]
         return off, max(float(np.median(sums)), float(np.percentile(light, 98)) - off)
 
     def fit(self, shares: Floats, lamp_light: float, tones: Floats = TONES) -> tuple[Floats, Floats]:
-        """How well each row of `shares` (times, lamps) fits, at the tone curve that fits best.
+        """Evaluate each row of `shares` (times, lamps) at its best-fitting tone curve.
 
-        Log-likelihoods (times,), and misfits in sigmas (times, lamps).
+        Returns log-likelihoods (times,) and residuals in sigmas (times, lamps).
         """
         found = [self._fit_tone(shares, lamp_light, float(tone)) for tone in tones]
         likelihoods, misfits = (np.stack(each) for each in zip(*found, strict=True))
@@ -168,7 +168,7 @@ class LightModel:
     def _fit_tone(self, shares: Floats, lamp_light: float, tone: float) -> tuple[Floats, Floats]:
         ground = np.maximum(self._ground, 1e-4)
         total = np.maximum(self.light + ground, 1e-5)
-        # Kept as bright at a lit lamp's level, so that variances hold for all tones.
+        # Normalized at a lit lamp's level, so that variances hold for all tone curves.
         scale = lamp_light / max(1e-6, (lamp_light + float(ground.mean())) ** tone)
         light = (total**tone - ground**tone) * scale
         variance = self.variance(shares, lamp_light)
@@ -181,7 +181,7 @@ class LightModel:
         on = np.clip((one * both - per_share * seen) / root, 0.3 * lamp_light, 3 * lamp_light)
         off = (seen - on * per_share) / one
         misfit = light - off[:, None] - on[:, None] * shares
-        # Of a lamp that is too bright to tell is only known that it is at least so bright.
+        # A saturated lamp gives only a lower limit on its light.
         misfit = np.where(self.saturated & (misfit < 0), 0.0, misfit)
         z = misfit / np.sqrt(variance)
         law = (_FREEDOM + 1) / 2 * np.log1p(z**2 / _FREEDOM) + 0.5 * np.log(variance)

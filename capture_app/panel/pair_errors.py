@@ -1,7 +1,8 @@
-"""The paper's tables for a rig: how far apart its cameras took pictures of one instant, by a panel.
+"""Synchronization errors between a rig's cameras, measured with a panel: the paper's tables.
 
-Total: by the panel. Phase: by the session's stamps, which the rig could see and left. Clock: what is left,
-which the rig could not see (paper, section 6). Each is the second camera's time less the first's.
+Total error: from the panel. Phase error: from the session's timestamps, visible to the rig and left
+uncorrected. Clock error: the remainder, invisible to the rig (paper, section 6). Each is the second camera's
+time minus the first's.
 """
 
 import math
@@ -16,7 +17,7 @@ from capture_app.panel.session_times import PictureTime, SessionTimes, pairs
 
 
 class ErrorSummary(Struct, frozen=True, kw_only=True):
-    """Errors of one kind in ns: their mean size, standard deviation, the largest, and their mean."""
+    """Mean absolute, standard deviation, maximum absolute and mean (bias) of one kind of error, in ns."""
 
     mean_abs_ns: float
     std_ns: float
@@ -25,25 +26,25 @@ class ErrorSummary(Struct, frozen=True, kw_only=True):
 
 
 class PairError(Struct, frozen=True, kw_only=True):
-    """Two pictures of one instant: how far apart they are, in ns, the second less the first."""
+    """Time errors between two images of one instant, in ns, second minus first."""
 
     instant: int
     first: str
     second: str
     total_ns: float
     reading_uncertainty_ns: float
-    """The total is within this with a chance of 95 %."""
+    """95 % uncertainty of the total."""
     phase_ns: int
     clock_ns: float
     session_uncertainty_ns: float | None
-    """What the session says of its clocks for these two, 95 %; None where it does not."""
+    """95 % uncertainty of the two clocks according to the session; None if it gives none."""
     session_bound_ns: float | None
     true_total_ns: int | None
-    """The truth, of a simulated session."""
+    """True total error, in a simulated session."""
 
 
 class PairTable(Struct, frozen=True, kw_only=True):
-    """The errors of one pair of cameras, or of all of them together."""
+    """Errors of one pair of cameras, or of all pairs together."""
 
     cameras: tuple[str, ...]
     count: int
@@ -51,37 +52,37 @@ class PairTable(Struct, frozen=True, kw_only=True):
     phase: ErrorSummary
     clock: ErrorSummary
     reading_uncertainty_ns: float
-    """Median of what the panel allows."""
+    """Median uncertainty of the panel readings."""
 
 
 class Held(Struct, frozen=True, kw_only=True):
-    """In how many of how many something was within its error bar."""
+    """Coverage of an error bar: cases within it, out of `count`."""
 
     held: int
     count: int
 
 
 class RigErrors(Struct, frozen=True, kw_only=True):
-    """What a panel tells of a session's synchronization."""
+    """Synchronization errors of a session, as its panel shows them."""
 
     all: PairTable | None
-    """The errors of all pairs together; None where no instant has two pictures that could be read."""
+    """Errors of all pairs; None if no instant has two readable images."""
     pairs: tuple[PairTable, ...]
     errors: tuple[PairError, ...]
     within_uncertainty: Held | None
-    """Clock errors within what the session says, the panel's own uncertainty allowed for."""
+    """Coverage of clock errors by the session's uncertainty combined with the panel's."""
     within_bound: Held | None
     totals_near_truth: Held | None
-    """Totals that are as near to the truth as the panel's uncertainty says."""
+    """Coverage of the true totals by the panel's uncertainty."""
     largest_reading_error_ns: float | None
-    """The largest difference of a total from the truth."""
+    """Largest difference of a total from the truth."""
     rate_error_ppm: float | None
-    """By how much the panel's clock runs faster than the session's."""
+    """Rate of the panel's clock relative to the session's; positive if the panel is faster."""
     rate_uncertainty_ppm: float | None
 
 
 def rig_errors(times: SessionTimes) -> RigErrors:
-    """Pair by pair and in all, the errors that a session's pictures of a panel show."""
+    """Return the errors that a session's panel images show, per pair and for all pairs."""
     errors = [_pair_error(one, other, times.panel.cycle_ns) for one, other in pairs(times)]
     by_pair = {
         cameras: [error for error in errors if (error.first, error.second) == cameras]
@@ -116,7 +117,8 @@ def rig_errors(times: SessionTimes) -> RigErrors:
 
 def _pair_error(one: PictureTime, other: PictureTime, cycle_ns: float) -> PairError:
     phase_ns = other.stamp_ns - one.stamp_ns
-    # The panel shows the same again after a cycle: of what the total can be, the one nearest to the stamps'.
+    # The panel repeats after a cycle: of all possible totals, take the one nearest to the timestamps'
+    # difference.
     total_ns = phase_ns + nearest_ns(other.panel_ns - one.panel_ns - phase_ns, cycle_ns)
     stated = _both(one.image.uncertainty_ns, other.image.uncertainty_ns)
     bounds = _both(one.image.hard_bound_ns, other.image.hard_bound_ns)
@@ -166,9 +168,9 @@ def _held(of: Iterable[bool]) -> Held | None:
 
 
 def _rate(times: SessionTimes) -> tuple[float, float] | None:
-    """By how much the panel runs faster than the stamps, and how well that is known (95 %), both in ppm.
+    """Return the panel's rate relative to the timestamps and its 95 % uncertainty, both in ppm.
 
-    From each camera's pictures one after another, as far as they follow in less than half a cycle.
+    Uses each camera's consecutive images that are less than half a cycle apart.
     """
     rates: list[tuple[float, float]] = []
     for name in times.cameras:

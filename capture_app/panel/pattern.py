@@ -1,9 +1,9 @@
-"""What a panel shows at which time: lamps that are lit by turns, between markers that say which panel it is.
+"""Pattern of a panel: which lamps are lit at which tick, and the markers that identify the panel.
 
-The layout is the paper's (section 6.1): an array of 10 x 10 lamps of which one column is lit for a tick and
-then the next, and rows of 10 lamps, each lit ten times as long as those above. Lamps are LEDs, or cells of a
-screen whose tick is a refresh. Lengths are in pitches of the array, x to the right and y down from the
-frame's corner.
+The layout is the paper's (section 6.1). An array of 10 x 10 lamps lights one column per tick, in turn. Below
+it are rows of 10 lamps; each lamp is lit ten times as long as a lamp of the row above. Lamps are LEDs, or
+cells of a screen whose tick is a refresh. Lengths are in pitches of the array, x to the right and y down from
+the frame's corner.
 """
 
 from collections.abc import Iterator
@@ -14,62 +14,62 @@ from typing import Any, Literal
 from capture_app.common.errors import BadInputError
 
 COUNT = 10
-"""Columns and rows of an array; a digit of the time has so many values."""
+"""Columns and rows of an array; also the number of values of a digit of the time."""
 DICTIONARY = "4X4_250"
 MARKER_SIZE = 3.0
 MARKER_MODULES = 6
-"""Squares across a marker, its black border included."""
+"""Squares across a marker, including its black border."""
 _MARGIN = 0.5
-"""White around markers, which is one of their squares."""
+"""White margin around markers, one marker square wide."""
 _SIDE = 5.0
-"""The way from the frame's edge to the first column: room for a marker."""
+"""Distance from the frame's edge to the first column; leaves room for a marker."""
 _TOP = 1.25
 _ROW_STEP = 1.5
 _DARK_EDGE = 0.75
-"""The way from the outer lamps to the edge of the dark ground behind them."""
+"""Distance from the outer lamps to the edge of the dark ground behind them."""
 _ARRAY_STEP = 11.5
-"""The way from the first column of an array to that of the next."""
+"""Distance between the first columns of neighbouring arrays."""
 SCAN_SHARE = 0.9
-"""Share of a refresh in which a screen draws from one edge of the panel to the other."""
+"""Fraction of a refresh in which a screen draws from one edge of the panel to the other."""
 
 
 Scan = Literal["none", "down", "right", "up", "left"]
-"""The way in which a screen draws a refresh over the panel; a panel of LEDs has none."""
+"""Direction in which a screen draws a refresh over the panel; "none" for LEDs."""
 RATES_HZ = (30, 50, 60, 72, 75, 90, 100, 120, 144, 165, 240)
-"""Refresh rates of screens that markers can tell."""
+"""Refresh rates of screens that have their own markers."""
 RATE_TOLERANCE = 0.03
-"""A screen's rate may differ by this share from the one its markers tell (59.94 Hz is 60)."""
+"""Maximum relative difference of a screen's rate from its markers' rate (59.94 Hz counts as 60)."""
 _FIRST_MARKER = 50
-"""Lower numbers are on the usual calibration board, which may stand in the same picture."""
+"""First marker number; the usual calibration board uses lower ones and may be in the same image."""
 _MARKERS = 4
 _LED_KINDS = 6
-"""Room for panels of LEDs before those of screens."""
+"""Marker numbers reserved for LED panels, in panels; screen panels follow."""
 
 
 @dataclass(frozen=True, slots=True)
 class Lamp:
-    """A lamp: lit while (tick - start) mod period is less than `lit`; one of a group that is lit by turns."""
+    """One lamp of a group; lit while (tick - start) mod period is less than `lit`."""
 
     x: float
-    """The lamp's middle across, in pitches, as `y` down."""
+    """Centre of the lamp across, in pitches; `y` is down."""
     y: float
     group: int
-    """Lamps of a group are lit by turns: at any time those of one start."""
+    """Group number; the lamps of a group light in turn, and those with equal `start` together."""
     start: int
-    """The tick at which the lamp lights up first; `lit` and `period` are in ticks too."""
+    """First tick at which the lamp is lit; `lit` and `period` are in ticks too."""
     lit: int
     period: int
     delay: float
-    """It shows its light so many ticks later than the panel's middle, as a screen draws edge by edge."""
+    """Delay of its light against the panel's centre, in ticks, because a screen draws from edge to edge."""
 
     def is_lit(self, tick: int) -> bool:
-        """Whether it is lit in that tick, by the panel's own time."""
+        """Return whether it is lit at a tick, in the panel's own time."""
         return (tick - self.start) % self.period < self.lit
 
 
 @dataclass(frozen=True, slots=True)
 class Marker:
-    """A marker of the frame: its number in the dictionary and the corner of it that is its upper left."""
+    """Marker of the frame: its number in the dictionary and the position of its upper left corner."""
 
     number: int
     x: float
@@ -77,16 +77,16 @@ class Marker:
 
     @property
     def corners(self) -> tuple[tuple[float, float], ...]:
-        """Upper left, upper right, lower right, lower left: OpenCV's order."""
+        """Return the corners in OpenCV's order: upper left, upper right, lower right, lower left."""
         right, bottom = self.x + MARKER_SIZE, self.y + MARKER_SIZE
         return ((self.x, self.y), (right, self.y), (right, bottom), (self.x, bottom))
 
 
 @dataclass(frozen=True, slots=True)
 class Panel:
-    """A panel: `name` says which, `ticks` how long each of its arrays' columns is lit (in ticks).
+    """Panel definition; `ticks` is each array's duration of a lit column, in ticks.
 
-    Its first marker's number is `first_marker`; `rows` are the rows of lamps below each array.
+    `first_marker` is the number of its first marker; `rows` counts the rows of lamps below each array.
     """
 
     name: str
@@ -98,7 +98,7 @@ class Panel:
 
     @property
     def is_screen(self) -> bool:
-        """Whether it is shown on a screen, whose tick is a refresh."""
+        """Whether it is drawn on a screen, whose tick is a refresh."""
         return self.scan != "none"
 
     @property
@@ -108,27 +108,27 @@ class Panel:
 
     @property
     def width(self) -> float:
-        """The frame's width in pitches; the markers are in its corners."""
+        """Width of the frame in pitches; the markers are in its corners."""
         return 2 * _SIDE + COUNT - 1 + (len(self.ticks) - 1) * _ARRAY_STEP
 
     @property
     def height(self) -> float:
-        """The frame's height in pitches."""
+        """Height of the frame in pitches."""
         return 2 * _TOP + COUNT - 1 + self.rows * _ROW_STEP
 
     @property
     def cycle_ticks(self) -> int:
-        """After so many ticks the panel shows the same again."""
+        """Number of ticks after which the pattern repeats."""
         return max(self.ticks) * int(COUNT ** (self.rows + 1))
 
     @property
     def cycle_ns(self) -> float:
-        """After so long the panel shows the same again: its times are within this."""
+        """Duration after which the pattern repeats; panel times are modulo this."""
         return self.cycle_ticks * self.tick_ns
 
     @property
     def markers(self) -> tuple[Marker, ...]:
-        """Upper left, upper right, lower right, lower left."""
+        """Markers, in the order upper left, upper right, lower right, lower left."""
         left = top = _MARGIN
         right, bottom = self.width - _MARGIN - MARKER_SIZE, self.height - _MARGIN - MARKER_SIZE
         places = ((left, top), (right, top), (right, bottom), (left, bottom))
@@ -136,7 +136,7 @@ class Panel:
 
     @property
     def dark(self) -> tuple[tuple[float, float, float, float], ...]:
-        """Left, top, width and height of the dark grounds, one behind each array; all else is white."""
+        """Left, top, width and height of the dark ground behind each array; the rest is white."""
         side = COUNT - 1 + 2 * _DARK_EDGE
         return tuple(
             (left - _DARK_EDGE, _TOP - _DARK_EDGE, side, self.height - 2 * (_TOP - _DARK_EDGE))
@@ -145,7 +145,7 @@ class Panel:
 
     @property
     def lamps(self) -> tuple[Lamp, ...]:
-        """All lamps, array by array, each column by column and then its rows."""
+        """All lamps, array by array: each array's columns, then its rows."""
         return tuple(self._lamps())
 
     def _lefts(self) -> Iterator[float]:
@@ -175,7 +175,7 @@ class Panel:
         return Lamp(x, y, group, turn * lit, lit, COUNT * lit, delay)
 
     def description(self) -> dict[str, Any]:
-        """The whole panel as plain data, for pages and sketches that draw it."""
+        """Return the panel as plain data for the page and the sketch that draw it."""
         return {
             "name": self.name,
             "tick_ns": self.tick_ns,
@@ -203,12 +203,12 @@ class Panel:
 
 
 def nearest_ns(difference_ns: float, cycle_ns: float) -> float:
-    """The nearest to 0 that a difference of times may be that are known but for whole cycles."""
+    """Return the representative nearest to 0 of a time difference known modulo a cycle."""
     return (difference_ns + cycle_ns / 2) % cycle_ns - cycle_ns / 2
 
 
 def marker_squares(number: int) -> list[list[int]]:
-    """Which squares of a marker are white, row by row, MARKER_MODULES x MARKER_MODULES of 0 and 1."""
+    """Return a marker's white squares, row by row, MARKER_MODULES x MARKER_MODULES of 0 and 1."""
     import cv2  # slow to import, and only whoever draws needs it
     import numpy as np
 
@@ -236,18 +236,18 @@ def _screen_panels() -> Iterator[Panel]:
 
 
 PANELS = {panel.name: panel for panel in (*_led_panels(), *_screen_panels())}
-"""All panels by their names: the paper's with ticks of 200 us or 10 ms, both side by side, and screens'."""
+"""All panels by name: the paper's with ticks of 200 us or 10 ms, both side by side, and screens."""
 
 _BY_MARKER = {marker.number: panel for panel in PANELS.values() for marker in panel.markers}
 
 
 def panel_of_marker(number: int) -> Panel | None:
-    """The panel that a marker belongs to; None for markers of no panel."""
+    """Return the panel that a marker belongs to, or None."""
     return _BY_MARKER.get(number)
 
 
 def panel_named(name: str) -> Panel:
-    """The panel of that name; raises BadInputError for none."""
+    """Return the panel of a name. Raises BadInputError if it is unknown."""
     if name not in PANELS:
         raise BadInputError(f"there is no panel {name!r}", hint=f"such as {', '.join(list(PANELS)[:3])}")
     return PANELS[name]

@@ -1,4 +1,4 @@
-"""The page that draws the panel of a screen, whatever its refresh rate, and a server for it alone."""
+"""Web page that draws a screen panel at any refresh rate, and a server for that page alone."""
 
 import asyncio
 import base64
@@ -31,21 +31,21 @@ HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
 }
-"""What a page cannot give itself."""
+"""Security headers that a page cannot set in its own markup."""
 _faults = logging.getLogger(f"{__name__}.http")
 _faults.disabled = True
-"""What strangers send wrongly is no news."""
+"""Malformed requests of unknown clients are not logged."""
 
 
 def page_html() -> bytes:
-    """Return the whole page; its policy allows its own script and style and nothing else."""
+    """Return the complete page; its content security policy allows only its own script and style."""
     script = '"use strict";\n' + "".join((HERE / name).read_text("utf-8") for name in SCRIPTS)
     style = (HERE / "page.css").read_text("utf-8")
     parts = {
         "policy": _policy(script, style),
         "style": style,
         "script": script,
-        # What ends a script element must not stand in its text.
+        # A closing script tag must not appear in the script's text.
         "panels": msgspec.json.encode(_panels()).decode().replace("<", "\\u003c"),
     }
     page = (HERE / "page.html").read_text("utf-8")
@@ -63,7 +63,7 @@ def _policy(script: str, style: str) -> str:
 
 
 def _panels() -> dict[str, Any]:
-    """The layout that all panels of screens share, and what differs between them."""
+    """Return the layout shared by all screen panels, and the values that differ between them."""
     screens = [panel for panel in PANELS.values() if panel.is_screen]
     layout = screens[0].description()
     layout["markers"] = [{"x": marker["x"], "y": marker["y"]} for marker in layout["markers"]]
@@ -88,7 +88,7 @@ def _panels() -> dict[str, Any]:
 
 @contextlib.asynccontextmanager
 async def served_page(listening: socket.socket) -> AsyncIterator[None]:
-    """Serve the page at `/`, and nothing else, on a socket that listens, while the block runs."""
+    """Serve the page at `/`, and nothing else, on a listening socket while the block runs."""
     from aiohttp import web
 
     page = await asyncio.to_thread(page_html)

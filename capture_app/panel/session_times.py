@@ -1,4 +1,4 @@
-"""Reads the panel in every picture of a session, and sets its times beside the session's own."""
+"""Panel times of all images of a session, next to the session's own timestamps."""
 
 from collections import defaultdict
 from collections.abc import Callable, Iterator
@@ -15,46 +15,47 @@ from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
 
 _LEARN = 3
-"""Pictures of a camera of which exposure and row time are found each by itself, where they are not known."""
+"""Images per camera whose unknown exposure and row time are estimated separately."""
 _ALIKE = 0.1
-"""Exposures found in several pictures that differ by no more than this share are those of all pictures."""
+"""Estimated exposures that differ by at most this fraction are taken as one exposure for all images."""
 
 
 @dataclass(frozen=True, slots=True)
 class PictureTime:
-    """When the middle row of a picture was exposed (its middle), by the panel and the session, in ns."""
+    """Mid-exposure time of an image's middle row, by the panel and by the session, in ns."""
 
     image: ImageRecord
     panel_ns: float
-    """The time by the panel, within its cycle."""
+    """Panel time, modulo the cycle."""
     uncertainty_ns: float
-    """95 % error of the reading."""
+    """95 % uncertainty of the reading."""
     stamp_ns: int
-    """The time by the session, in the leader's clock."""
+    """Session timestamp, in the leader's clock."""
     true_ns: int | None
-    """The truth, of a simulated session."""
+    """True time, in a simulated session."""
     reading: PanelTime
 
 
 @dataclass(frozen=True, slots=True)
 class SessionTimes:
-    """What the panel told of a session's pictures."""
+    """Panel readings of a session's images."""
 
     panel: Panel
     cameras: tuple[str, ...]
     pictures: tuple[PictureTime, ...]
     refusals: tuple[tuple[ImageRecord, str], ...]
-    """The pictures whose panel could not be read, and why."""
+    """Images whose panel could not be read, with the reason."""
     exposures_known: bool
-    """The stamps are of the same moment as the panel's times: the session tells exposures and row times."""
+    """Whether the session gives exposures and row times, so that timestamps and panel times mean the same
+    moment."""
 
 
 def read_session(
     session: Session, done: Callable[[int, int], None] = lambda _done, _of: None
 ) -> SessionTimes:
-    """Read the panel in every picture of a session; `done` is told how many of how many are.
+    """Read the panel in every image of a session; `done` is called with the images read and their total.
 
-    Raises NotApplicableError where no picture shows a panel whose time can be read.
+    Raises NotApplicableError if no image shows a readable panel.
     """
     images = sorted(session.manifest.images, key=lambda image: (image.camera, image.instant))
     known = all(row_exposures(session.camera(image.camera), image) for image in images)
@@ -110,9 +111,9 @@ def read_session(
 
 
 def _read(session: Session, camera: CameraRecord, image: ImageRecord, learnt: list[PanelTime]) -> PanelTime:
-    """Read a picture; what its camera does not tell of its shutter is `learnt` of the first ones.
+    """Read an image's panel; `learnt` holds the camera's first readings, for unknown shutter values.
 
-    Raises PanelNotFoundError where that cannot be.
+    Raises PanelNotFoundError if the panel cannot be read.
     """
     picture = decode_image(session.image_bytes(image), colour=True)
     if picture is None:
@@ -120,7 +121,7 @@ def _read(session: Session, camera: CameraRecord, image: ImageRecord, learnt: li
     exposure_ns = image.exposure_ns or camera.facts.exposure_ns
     row_time_ns = camera.facts.row_time_ns
     exposures = [read.shutter.exposure_ns for read in learnt]
-    # The row time stays free: how well it is known is part of each error bar.
+    # The row time stays free: its uncertainty is part of each reading's uncertainty.
     learns = (exposure_ns is None or row_time_ns is None) and len(exposures) < _LEARN
     if exposure_ns is None and not learns and max(exposures) / min(exposures) < 1 + _ALIKE:
         exposure_ns = round(median(exposures))
@@ -131,7 +132,7 @@ def _read(session: Session, camera: CameraRecord, image: ImageRecord, learnt: li
 
 
 def pairs(times: SessionTimes) -> "Iterator[tuple[PictureTime, PictureTime]]":
-    """Pictures of the same instant by two cameras, each pair once, the cameras in the session's order."""
+    """Yield the pairs of images of the same instant by two cameras, cameras in the session's order."""
     order = {name: number for number, name in enumerate(times.cameras)}
     pictures = sorted(times.pictures, key=lambda one: (one.image.instant, order[one.image.camera]))
     for _, some in groupby(pictures, key=lambda one: one.image.instant):

@@ -1,6 +1,7 @@
-"""Reads the time off a picture of a panel, with an error bar, or says why it cannot.
+"""Time reading from an image of a panel, with its uncertainty or the reason for a refusal.
 
-A whole cycle of the panel is searched, then how likely each time near the best ones is.
+A coarse search covers a whole cycle of the panel; the likelihood is then evaluated in detail near the best
+times.
 """
 
 from collections.abc import Callable, Iterator
@@ -18,59 +19,61 @@ from capture_app.panel.pattern import COUNT, Panel
 
 SIGMAS_95 = 1.96
 STEPS = 8
-"""Times tried for each tick."""
+"""Search steps per tick."""
 _MIDDLE_LINE = slice(LINES // 2, LINES // 2 + 1)
 _GROUP_STEPS = 16
-"""Times tried for each lamp of a group at most: they are further apart for those that are lit longer."""
+"""Maximum search steps per lamp of a group; steps are wider for lamps with a longer lit time."""
 SHORTEST_NS, LONGEST_NS, LONGEST_ROW_NS = 50e3, 24e6, 36e3
-"""Exposures and row times that a camera may have that does not tell them."""
+"""Range of exposures, and maximum row time, for cameras that do not report them."""
 CANDIDATES, FEW_CANDIDATES = 12, 4
-"""How many times are kept of a shutter that is known, and of each that may be."""
+"""Number of candidate times for a known shutter, and for each of several possible shutters."""
 TEMPER = 0.55
-"""Misfits of neighbouring lamps have causes in common: so much of their log-likelihood counts."""
+"""Weight of the log-likelihood, because residuals of neighbouring lamps are correlated."""
 SHARE = 0.95
-"""Share of the cases in which the time is within its error bar."""
+"""Coverage of the reported uncertainty interval."""
 _RIVAL, _RIVAL_TEMPER = 0.005, 0.6
-"""A picture is refused where a time elsewhere has this chance; other lamps tell it, so that more counts."""
+"""Probability of a distant time at which a reading is refused, and the weight of its log-likelihood. Other
+lamps decide between distant times, so the weight is higher than TEMPER."""
 _OPEN = 0.05
-"""A neighbourhood at whose ends times have this chance, against its best, does not bound the time."""
+"""Relative probability at a neighbourhood's ends above which it does not bound the time."""
 _TIMES = 301
 _WORTH = 25.0
-"""Candidates worse than the best by this log-likelihood, as it counts, are not looked at any closer."""
+"""Weighted log-likelihood deficit beyond which candidates are not examined further."""
 _POOL, _OF_EXPOSURE, _REFINED = 120, 12, 6
-"""Candidates that are looked at, of these with one exposure, and refined."""
+"""Maximum candidates examined, examined per exposure, and refined."""
 _SPREADS = (0.5, 0.25, 0.12, 0.06, 0.03, 0.015, 0.008, 0.004, 0.002)
-"""Shares of the exposure, or of _ROW_STEP_NS, by which the shutter may be off."""
+"""Possible shutter errors, as fractions of the exposure or of _ROW_STEP_NS."""
 _ROW_STEP_NS = 10_000.0
 _PLAIN = np.array([0.9, 1.0, 1.1])
-"""Tone curves that are tried until the time is nearly known."""
+"""Tone curves tried until the time is nearly known."""
 _RESPONSES_NS = (0.3e6, 1.5e6, 4e6)
-"""Time constants of screens' cells, quick (OLED) to slow."""
+"""Time constants of screen cells, fast (OLED) to slow."""
 _MISFIT = 4.0
 _MAX_MISFITS = 0.12
-"""A panel of which more lamps than this share misfit by as many sigmas is not what its markers say."""
+"""Residual limit in sigmas, and the fraction of lamps beyond it at which the panel is not the one its markers
+name."""
 _MAX_RMS, _SCREEN_MAX_RMS = 1.3, 3.5
-"""A panel whose lamps misfit by more sigmas on the whole is not it either; usual are 0.3 to 1, of slow
-screens 2."""
+"""Maximum RMS residual in sigmas of LEDs and of screens. Typical values are 0.3 to 1, and 2 for slow
+screens."""
 _MAX_TICKS = 2.0
-"""An error bar of more ticks of LEDs tells no time that they are for."""
+"""Maximum uncertainty of an LED panel's reading, in ticks."""
 _MIN_CONTRAST, _MIN_LIGHT = 4.0, 0.005
-"""Lamps that are lit must stand out by this factor from the noise, and by this share of a full sensor."""
+"""Minimum contrast of lit lamps, as a multiple of the noise and as a fraction of full scale."""
 _SCREEN_MODEL_TICKS = 0.06
-"""What is not known of how a screen draws and how slowly its cells change, in refreshes."""
+"""Model uncertainty of a screen's drawing and cell response, in refreshes."""
 _LED_MODEL_NS = 6_000.0
-"""What is not known of where lamps' middles are, and of the switching of LEDs."""
+"""Model uncertainty of the lamps' centres and of LED switching."""
 _PLACE_SHARE = 1.0
-"""How far all lamps may be off together, as a share of the error of the markers' corners."""
+"""Common displacement of all lamps, as a fraction of the marker corners' error."""
 _UNSEEN_BEND = 0.12
-"""Pitches by which a lens may bend a panel of which only three markers are seen."""
+"""Possible lens distortion in pitches of a panel with only three visible markers."""
 _TONE_SHARE = 0.12
-"""By how much a tone curve may misjudge the share for which a lamp was lit."""
+"""Error that a tone curve may cause in a lamp's lit fraction."""
 
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """A time, in ns of the panel, and the shutter, that may be right."""
+    """Candidate solution: mid-exposure time in ns of the panel, and shutter."""
 
     middle_ns: float
     shutter: Shutter
@@ -78,13 +81,13 @@ class Candidate:
 
 
 def possible_shutters(panel: Panel, exposure_ns: float | None, row_time_ns: float | None) -> list[Shutter]:
-    """The shutter, or those to try where exposure or row time are not known."""
+    """Return the known shutter, or the shutters to try if exposure or row time is unknown."""
     turn_ns = COUNT * panel.tick_ns
     if exposure_ns is not None:
         exposures = [float(exposure_ns)]
     else:
         exposures = np.geomspace(SHORTEST_NS, min(turn_ns, LONGEST_NS), 16).tolist()
-        # Longer ones than a turn of all columns differ by what they are longer than whole turns.
+        # Exposures longer than one turn of all columns differ only by the excess over whole turns.
         exposures += np.arange(turn_ns * 1.2, LONGEST_NS, turn_ns / 5).tolist()
     shutters = []
     for exposure in exposures:
@@ -95,7 +98,7 @@ def possible_shutters(panel: Panel, exposure_ns: float | None, row_time_ns: floa
 
 
 def search(model: LightModel, shutters: "list[Shutter]") -> list[Candidate]:
-    """The likeliest times of the panel's cycle with any of the shutters, best first, a tick or more apart."""
+    """Return the likeliest times of the cycle, best first; per shutter they are over a tick apart."""
     panel = model.panel
     step_ns = panel.tick_ns / STEPS
     times = np.arange(round(panel.cycle_ticks * STEPS))
@@ -115,7 +118,7 @@ def search(model: LightModel, shutters: "list[Shutter]") -> list[Candidate]:
 
 
 def _group_scores(model: LightModel, number: int, times_ns: Floats) -> Callable[[Shutter], Floats]:
-    """How well lamps that are lit by turns fit at each of the times (ns) that are searched, by shutter."""
+    """Return a function from shutter to one lamp group's log-likelihood at each search time (ns)."""
     of = model.group == number
     off, on = model.rough_fit
     period_ns, lit_ns = float(model.period[of][0]), float(model.lit[of][0])
@@ -124,13 +127,13 @@ def _group_scores(model: LightModel, number: int, times_ns: Floats) -> Callable[
     bin_of = (times_ns / period_ns * bins).astype(int) % bins
 
     def scores(shutter: Shutter) -> Floats:
-        """Log-likelihoods of the times, each the best of its own and its neighbours' of these lamps."""
+        """Return log-likelihoods of the times, each the maximum over itself and its neighbours."""
         shares = model.shares(middles_ns, shutter, of, lines=_MIDDLE_LINE)
         variance = model.variance(shares, on, of)
         misfit = model.light[of] - off - on * shares
         misfit = np.where(model.saturated[of] & (misfit < 0), 0.0, misfit)
         score = -(3 * np.log1p(misfit**2 / variance / 5) + 0.5 * np.log(variance)).sum(axis=1)
-        # Time is coarse here: what a neighbour can be, this may be.
+        # The time grid is coarse: the true time may be at a neighbouring step.
         score = np.maximum(score, np.maximum(np.roll(score, 1), np.roll(score, -1)))
         return np.asarray(score[bin_of])
 
@@ -138,7 +141,7 @@ def _group_scores(model: LightModel, number: int, times_ns: Floats) -> Callable[
 
 
 class Posterior:
-    """Chances of times, gathered from the neighbourhoods of candidates; `best` is the likeliest."""
+    """Posterior of times, collected from the neighbourhoods of candidates; `best` is the likeliest."""
 
     def __init__(self, best: Candidate) -> None:
         self.best = best
@@ -147,18 +150,18 @@ class Posterior:
         self._row_times: list[tuple[float, float]] = []
 
     def holds(self, time_ns: float) -> bool:
-        """Whether a time lies within a neighbourhood that it has."""
+        """Return whether a time is inside a neighbourhood that was already added."""
         return any(times[0] <= time_ns <= times[-1] for times in self._times)
 
     def add(self, times: Floats, logs: "dict[Shutter, Floats]") -> None:
-        """Add a neighbourhood: evenly spaced times and, by shutter, the logarithms of their chances."""
+        """Add a neighbourhood: evenly spaced times and the log-probabilities by shutter."""
         self._times.append(times)
         self._logs.append(np.logaddexp.reduce(list(logs.values()), axis=0))
         if len(self._times) == 1:
             self._row_times = [(s.row_time_ns, float(np.logaddexp.reduce(log))) for s, log in logs.items()]
 
     def row_time(self) -> tuple[float, float]:
-        """Row time of the best neighbourhood and its 95 % error, in ns."""
+        """Return the best neighbourhood's row time and its 95 % uncertainty, in ns."""
         row_times, logs = np.array(self._row_times).T
         chances = np.exp(logs - logs.max())
         mean = float(np.average(row_times, weights=chances))
@@ -166,9 +169,10 @@ class Posterior:
         return mean, SIGMAS_95 * spread
 
     def interval(self) -> tuple[float, float]:
-        """Middle and half width of the 95 % of the likeliest neighbourhood.
+        """Return centre and half width of the 95 % interval in the likeliest neighbourhood.
 
-        Raises PanelNotFoundError where another one is nearly as likely, or where it has no ends.
+        Raises PanelNotFoundError if another one is nearly as likely, or if the neighbourhood does not bound
+        the time.
         """
         top = max(float(log.max()) for log in self._logs)
         rival = _RIVAL_TEMPER / TEMPER
@@ -192,7 +196,7 @@ class Posterior:
 def gather(
     model: LightModel, candidates: list[Candidate], frees_exposure: bool, frees_row: bool
 ) -> Posterior:
-    """How likely the times near the best candidates are, with exposure and row time where they are free."""
+    """Return the posterior near the best candidates, with exposure and row time free where requested."""
     tick_ns = model.panel.tick_ns
     pool = [_refine(model, one, tick_ns, 25) for one in _pool(candidates)]
     pool.sort(key=lambda one: -one.score)
@@ -206,14 +210,14 @@ def gather(
     posterior = Posterior(refined[0])
     for one in refined:
         if one.score > refined[0].score - _WORTH / TEMPER and not posterior.holds(one.middle_ns):
-            # What the shutter is matters for the width of the best one only.
+            # The shutter's uncertainty matters only for the width of the best neighbourhood.
             best = one is refined[0]
             posterior.add(*_neighbourhood(model, one, best and frees_exposure, best and frees_row))
     return posterior
 
 
 def _pool(candidates: list[Candidate]) -> list[Candidate]:
-    """The best candidates, of each exposure some: the search is too coarse to tell exposures apart."""
+    """Return the best candidates with several per exposure, because the search cannot separate exposures."""
     by_exposure: dict[float, int] = {}
     pool: list[Candidate] = []
     for one in candidates:
@@ -244,7 +248,7 @@ def _refine(
     factors: "tuple[float, ...]" = (1.0,),
     steps_ns: "tuple[float, ...]" = (0.0,),
 ) -> Candidate:
-    """The likeliest of times within reach of a candidate, and of shutters near to its own."""
+    """Return the likeliest time near a candidate, over shutters near its own."""
     _, on = model.rough_fit
     times = one.middle_ns + np.linspace(-reach_ns, reach_ns, count)
     response_ns = _RESPONSES_NS[1] if model.panel.is_screen else 0.0
@@ -258,7 +262,7 @@ def _refine(
 
 
 def _near(shutter: Shutter, factors: "tuple[float, ...]", steps_ns: "tuple[float, ...]") -> Iterator[Shutter]:
-    """The shutter with its exposure changed by each of the factors, its row time by each of the steps."""
+    """Yield the shutter with exposure scaled by each factor and row time shifted by each step."""
     for factor, step_ns in product(factors, steps_ns):
         if shutter.row_time_ns + step_ns >= 0:
             yield Shutter(shutter.exposure_ns * factor, shutter.row_time_ns + step_ns)
@@ -267,11 +271,11 @@ def _near(shutter: Shutter, factors: "tuple[float, ...]", steps_ns: "tuple[float
 def _neighbourhood(
     model: LightModel, one: Candidate, frees_exposure: bool, frees_row: bool
 ) -> "tuple[Floats, dict[Shutter, Floats]]":
-    """Times around a candidate and, by shutter that may be, the logarithms of their chances."""
+    """Return times around a candidate, and their log-probabilities by possible shutter."""
     _, on = model.rough_fit
     reach_ns = 1.5 * model.panel.tick_ns
     if not model.panel.is_screen:
-        # The longer the exposure, the less its ends show.
+        # The longer the exposure, the weaker its ends constrain the time.
         reach_ns += 0.06 * one.shutter.exposure_ns
     frees = frees_exposure or frees_row
     times = one.middle_ns + np.linspace(-reach_ns, reach_ns, _TIMES // 2 if frees else _TIMES)
@@ -295,7 +299,7 @@ def _neighbourhood(
 
 
 def _spread(model: LightModel, one: Candidate, times: Floats, tried: "list[tuple[float, float]]") -> float:
-    """About one sigma of exposure or row time, of the steps tried (largest first): where chances fall."""
+    """Return about one sigma of exposure or row time: the first step, largest first, that fits nearly as well."""
     few = times[:: max(1, len(times) // 60)]
     reach_ns, count = float(few[-1] - few[0]) / 2, len(few)
     centre = _refine(model, one, reach_ns, count).score
@@ -312,25 +316,25 @@ def _spread(model: LightModel, one: Candidate, times: Floats, tried: "list[tuple
 
 @dataclass(frozen=True, slots=True)
 class PanelTime:
-    """When a picture was taken by a panel, in ns of its cycle."""
+    """Time of an image read from a panel, in ns of the panel's cycle."""
 
     panel: Panel
     middle_ns: float
-    """Middle of the exposure of row `row`."""
+    """Mid-exposure time of row `row`."""
     uncertainty_ns: float
-    """The middle is within this with a chance of 95 %."""
+    """95 % uncertainty of `middle_ns`."""
     row: float
-    """Row of the picture in which the panel's middle lies."""
+    """Image row of the panel's centre."""
     shutter: Shutter
-    """The shutter as it was told, or as it fits best."""
+    """Given shutter, or the best-fitting one."""
     row_time_error_ns: float
-    """The row time is within this with a chance of 95 %; 0 where it was told."""
+    """95 % uncertainty of the row time; 0 if it was given."""
     markers: int
     misfit: float
-    """Root mean square misfit of the lamps, in sigmas."""
+    """RMS residual of the lamps, in sigmas."""
 
     def at_row(self, row: float) -> tuple[float, float]:
-        """Middle of that row's exposure, in ns of the panel, and its 95 % error."""
+        """Return a row's mid-exposure time in ns of the panel, and its 95 % uncertainty."""
         away = row - self.row
         error_ns = float(np.hypot(self.uncertainty_ns, away * self.row_time_error_ns))
         return self.middle_ns + away * self.shutter.row_time_ns, error_ns
@@ -339,10 +343,10 @@ class PanelTime:
 def read_panel(
     picture: NDArray[np.uint8], *, exposure_ns: float | None = None, row_time_ns: float | None = None
 ) -> PanelTime:
-    """The time that a panel tells in a picture (uint8, BGR); nobody need say which panel or where it is.
+    """Read the time of a panel in an image (uint8, BGR); finds the panel and identifies it.
 
-    Exposure and row time that are None are found with it. Raises PanelNotFoundError where there is no panel,
-    and where it tells no time or not one time.
+    `exposure_ns` and `row_time_ns` are estimated where None. Raises PanelNotFoundError if no panel is
+    visible, or if its time is unreadable or ambiguous.
     """
     found = find_panel(np.asarray(cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY), np.uint8))
     model = LightModel(found, picture)
@@ -369,7 +373,7 @@ def read_panel(
         model_ns = _SCREEN_MODEL_TICKS * found.panel.tick_ns
     else:
         partly_ns = min(best.shutter.exposure_ns, found.panel.tick_ns)
-        # Where a lamp's middle is misjudged, so is the time of its row.
+        # An error in a lamp's centre is an error in its row, and so in its time.
         place = found.error if found.markers == 4 else found.error + _UNSEEN_BEND
         place_ns = _PLACE_SHARE * place * found.pitch_px * best.shutter.row_time_ns
         model_ns = float(np.linalg.norm([_LED_MODEL_NS, _TONE_SHARE * partly_ns, place_ns]))

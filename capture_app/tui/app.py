@@ -1,4 +1,5 @@
-"""The app: four modes on a rig, what holds in all of them, and the one worker that hears of the rig."""
+"""Textual app: four modes on one rig, the actions they share, and the worker that follows the rig's
+updates."""
 
 import asyncio
 import contextlib
@@ -42,15 +43,15 @@ from capture_app.tui.widgets.picture import SharpTerminal, find_sharp_terminal
 
 LEAVE, STOP, STAY = "leave", "stop", "stay"
 NAMED_JOBS = 2
-"""How many jobs are named; of the others the number is told."""
+"""Maximum number of jobs named in the quit question; the rest are counted."""
 
 
 def quit_question(
     status: RigStatus | None, *, started: bool, local: bool, jobs: Sequence[str]
 ) -> Question | None:
-    """What to ask; None where nothing would be lost and no rig of this machine's is left behind.
+    """Return the question before quitting, or None if nothing is lost and no local rig stays running.
 
-    `started`: the rig was started for this screen; `jobs`: those that run or wait, and how far they are.
+    `started`: the rig was started for this screen; `jobs`: running and waiting jobs with their progress.
     """
     own = [] if status is None else [n for n in status.nodes if n.on_leader and n.state is not NodeState.LOST]
     asks_for_rig = local and status is not None and bool(own or (started and status.nodes))
@@ -75,13 +76,13 @@ def quit_question(
     if not asks_for_rig:
         return Question("\n\n".join(lines), [stay, Answer(LEAVE, "y", "Quit" + ending)], title="Quit?")
     answers = [Answer(LEAVE, "l", f"Leave the rig running{ending}"), Answer(STOP, "s", "Stop the rig")]
-    # The first has the focus: Enter ends no work.
+    # The first answer has the focus, so that Enter ends no job.
     answers = [stay, *answers] if jobs else [*answers, stay]
     return Question("\n\n".join(lines), answers, title="Quit?")
 
 
 class SimulshotApp(App[None]):
-    """The screen of a rig, wherever its leader runs."""
+    """Terminal UI of a rig, whose leader may be on this or another machine."""
 
     TITLE = "simulshot"
     CSS_PATH = Path(__file__).with_name("app.tcss")
@@ -107,12 +108,13 @@ class SimulshotApp(App[None]):
         sharp_terminal: SharpTerminal | None = None,
         depth: bool = False,
     ) -> None:
-        """`sessions`: the folder that is shown; `record`: where what the rig tells is kept.
+        """`sessions`: the folder shown; `record`: the storage for the rig's updates.
 
         `local`: the leader is on this machine; `started`: it was started for this screen; `sharp_terminal`:
-        what draws still pictures, None for glyphs; `depth`: that of each take is made after it.
+        the protocol that draws still images, None for glyphs; `depth`: compute depth after each take.
         """
-        # Textual leaves colours out only where it passes the terminal's own on; else it makes them grey.
+        # Textual removes colours only in ANSI mode, with the terminal's own palette; otherwise it turns them
+        # grey.
         super().__init__(ansi_color=True if "NO_COLOR" in os.environ else None)
         self._source = source
         self._settings = settings
@@ -134,7 +136,7 @@ class SimulshotApp(App[None]):
         self.set_keymap(settings.keys)
 
     def on_mount(self) -> None:
-        """Begin to follow the rig."""
+        """Start following the rig."""
         for warning in self._settings.warnings:
             self.show_mishap(warning, "warning")
         if wrong := unknown_names(self._settings.keys):
@@ -148,7 +150,7 @@ class SimulshotApp(App[None]):
         self.run_worker(self.runs.read(), group="jobs")
 
     async def on_unmount(self) -> None:
-        """End the runs: their results are there whole or not at all."""
+        """End the runs; each result is complete or absent."""
         await self.runs.close()
 
     def _mode_screen(self, mode: str) -> ModeScreen:
@@ -162,7 +164,7 @@ class SimulshotApp(App[None]):
         }
         return ModeScreen(mode, views[mode](), self._record)
 
-    # What screens are told; those that are not seen read the record when they are
+    # Updates for screens; a hidden screen reads the record when it is shown
 
     @work(group="rig")
     async def _follow(self) -> None:
@@ -181,14 +183,14 @@ class SimulshotApp(App[None]):
                 screen.view.post_message(Told(what))
 
     def _tell_screen(self, _: Screen[object]) -> None:
-        """Tell a screen that is now seen how the rig is."""
+        """Send the rig's state to a screen that has just become visible."""
         if self._record.status is not None:
             self._tell(self._record.status)
         if self._record.lost:
             self._tell(LinkLost(self._record.lost))
 
     def _tell_run(self, run: Run | None) -> None:
-        """Say in every mode that a run has come to its end."""
+        """Notify all modes of a finished run."""
         self._tell(self.runs)
         if run is None or run.kind == MOMENT.name or run.state not in (RunState.DONE, RunState.FAILED):
             return
@@ -200,28 +202,28 @@ class SimulshotApp(App[None]):
         else:
             self.notify(f"{what}: {run.message}", markup=False)
 
-    # What views ask for
+    # Requests from views
 
     async def on_sessions_requested(self, message: SessionsRequested) -> None:
-        """Go to the sessions of a folder."""
+        """Show the sessions of a folder."""
         await self.switch_mode("sessions")
         self.screen.query_one(SessionsView).open_folder(message.folder)
 
     def on_mishap(self, message: Mishap) -> None:
-        """Show what went wrong, and keep it in the news."""
+        """Show an error and add it to the log."""
         self.show_mishap(str(message.error))
 
     def show_mishap(self, text: str, level: Literal["warning", "error"] = "error") -> None:
-        """Show a sentence about what went wrong until it is read, and keep it in the news."""
+        """Show an error or warning as a notification and add it to the log."""
         news = NewsLine(unix_ns=time.time_ns(), text=printable(text), level=level)
         self._record.add(news)
         self._tell(news)
         self.notify(news.text, severity=level, markup=False, timeout=10)
 
-    # Doing
+    # Actions
 
     def action_help(self) -> None:
-        """Show the keys of the present screen."""
+        """Show the keys of the current screen."""
         if isinstance(self.screen, HelpScreen):
             return
         actions = [each.binding for each in self.screen.active_bindings.values()]
@@ -234,7 +236,7 @@ class SimulshotApp(App[None]):
             self._write_keys(self._settings.folder)
 
     def get_system_commands(self, screen: Screen[Any]) -> Iterable[SystemCommand]:
-        """Everything that has a key here, for the palette, and the themes."""
+        """Yield all actions with a key on this screen for the command palette, and the theme choice."""
         seen: set[str] = set()
         for node, binding, enabled, _ in screen.active_bindings.values():
             if enabled and binding.id is not None and binding.id not in seen:
@@ -243,19 +245,19 @@ class SimulshotApp(App[None]):
                 yield SystemCommand(binding.description, f"key {self.get_key_display(binding)}", act)
         yield SystemCommand("Theme", "dark, light, without colour, and others", self.action_change_theme)
 
-    # Leaving
+    # Quitting
 
     async def action_quit(self) -> None:
-        """Close the screen; ask first where that ends something, or leaves a rig behind."""
+        """Close the screen; ask first if that would end jobs or leave a rig running."""
         status = None if self._record.lost else self._record.status
         jobs = [str(run) for run in self.runs.unfinished]
         question = quit_question(status, started=self._started, local=self._local, jobs=jobs)
         if isinstance(self.screen, Question):
-            self.exit()  # asked again, without an answer: leave, and let the rig be
+            self.exit()  # quit pressed again without an answer: leave the rig running
         elif question is not None:
             self.push_screen(question, self._leave)
         elif self._started and self._local and status is not None:
-            self._leave(STOP)  # a rig without a camera that was started for this screen
+            self._leave(STOP)  # a rig without cameras that was started for this screen
         else:
             self.exit()
 
@@ -272,7 +274,7 @@ class SimulshotApp(App[None]):
                 await asyncio.wait_for(self._source.order(StopRig()), SCREEN_STOP_TIMEOUT_S)
         except (SimulshotError, TimeoutError) as error:
             message = printable(f"The rig may still run: {error or 'it did not answer'}")
-        # While the screen can still say so: a job under way takes seconds to end.
+        # Close the runs while the screen can still show messages: a running job takes seconds to end.
         await self.runs.close()
         self.exit(message=message)
 
@@ -280,7 +282,7 @@ class SimulshotApp(App[None]):
 
     @work(thread=True, exclusive=True, group="settings")
     def _write_keys(self, folder: Path) -> None:
-        """Write the file in which keys are changed, where there is none yet."""
+        """Write keys.toml with all actions, unless it exists."""
         path = folder / KEYS_FILE
         try:
             path.parent.mkdir(parents=True, exist_ok=True)
@@ -302,9 +304,9 @@ class SimulshotApp(App[None]):
 
 
 def run_screen(rig: AttachedRig, *, frames: int | None = None, depth: bool = True) -> None:
-    """Show a rig until the user leaves; `frames` of a burst are remembered where they are given.
+    """Show a rig until the user quits; `frames`, if given, is stored as the frames of a burst.
 
-    `depth`: that of each take is made after it, where this machine can.
+    `depth`: compute depth after each take, if this machine can.
     """
     settings = Settings.load()
     if frames is not None:

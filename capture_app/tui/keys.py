@@ -1,4 +1,4 @@
-"""The actions that have keys, by the names that keys.toml uses; and the help, made from the bindings."""
+"""Actions with keys, under their names in keys.toml, and the help screen made from the bindings."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from typing import ClassVar
@@ -19,7 +19,7 @@ KEY_WIDTH, NAME_WIDTH = 16, 22
 
 
 def known_actions() -> dict[str, Binding]:
-    """All actions of our own screens and widgets that have been imported, with their built-in keys."""
+    """Return all actions of this package's imported screens and widgets, with their built-in keys."""
     found = {
         binding.id: binding
         for kind in _subclasses(DOMNode)
@@ -31,12 +31,12 @@ def known_actions() -> dict[str, Binding]:
 
 
 def unknown_names(names: Iterable[str]) -> list[str]:
-    """The names that are no action's."""
+    """Return the names that are not actions."""
     return sorted(set(names) - known_actions().keys())
 
 
 def keys_file_text() -> str:
-    """A keys.toml of all actions, none of them changed yet."""
+    """Return the text of a keys.toml that lists all actions, commented out."""
     lines = [
         "# Keys of capture-app's screen. Take away the # before a line and change its key;",
         '# more than one is written "x,space". Names are those of Textual: enter, f2, ctrl+a.',
@@ -57,7 +57,7 @@ def _subclasses(kind: type[DOMNode]) -> Iterator[type[DOMNode]]:
 
 
 class HelpScreen(BoxDialog[bool]):
-    """A page over the screen; Escape leads back. Gives whether a file for changed keys is wanted."""
+    """Help over the current screen. Returns whether to write a keys.toml."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("q,question_mark", "dismiss", "Back", id="help.back"),
@@ -65,9 +65,9 @@ class HelpScreen(BoxDialog[bool]):
     ]
 
     def __init__(self, actions: Sequence[Binding], key_names: dict[str, str], folder: str) -> None:
-        """`actions` are those of the screen that help is asked for; `key_names`: how keys are shown.
+        """`actions`: bindings of the screen below; `key_names`: display names of keys.
 
-        `folder` is where keys.toml belongs; empty where nothing is kept.
+        `folder`: the folder of keys.toml; empty if settings are not stored.
         """
         rows = Lines(id="help-keys")
         rows.show(_rows(actions, key_names))
@@ -79,7 +79,7 @@ class HelpScreen(BoxDialog[bool]):
 
 
 def _rows(actions: Sequence[Binding], key_names: dict[str, str]) -> list[Content]:
-    # One line for each action, with all of its keys; what holds everywhere comes last.
+    # One line per action, with all of its keys; the app-wide actions come last.
     by_name: dict[str, list[Binding]] = {}
     for binding in actions:
         if binding.id is not None and binding.description:

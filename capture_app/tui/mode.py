@@ -1,4 +1,4 @@
-"""The screen of a mode: header, the mode's view, keys; and what every view is."""
+"""Screen of a mode, with header, view and key footer, and the base class of all views."""
 
 from typing import ClassVar
 
@@ -15,14 +15,14 @@ from capture_app.tui.widgets.header import Header
 
 
 class ModeView(Vertical, can_focus=True):
-    """Fills a mode. Its keys hold while it, or a widget in it, has the focus.
+    """Base class of a mode's view; its keys work while it, or a widget in it, has the focus.
 
-    It is told of what changes by `on_told` while it is seen; `on_mode_shown` says that it is seen again. It
-    asks by posting `SessionsRequested` and `Mishap`.
+    While visible, it receives updates through `on_told`; `on_mode_shown` follows when it becomes visible
+    again. It makes requests by posting `SessionsRequested` and `Mishap`.
     """
 
     def on_mode_shown(self) -> None:
-        """Called when the user comes to this mode; puts the focus where the work is."""
+        """Focus the main widget. Called when the mode becomes visible."""
         if not self.has_focus_within:
             self.focus_first()
 
@@ -30,12 +30,12 @@ class ModeView(Vertical, can_focus=True):
         """Called when another mode or a dialog covers this one."""
 
     def focus_first(self) -> None:
-        """Put the focus on what the user drives here; on the view itself where that is all."""
+        """Focus the main widget; the view itself by default."""
         self.focus()
 
 
 class ModeScreen(Screen[None]):
-    """A mode of the app: one of these for each, on which dialogs and whole-screen views may be pushed."""
+    """Screen of one mode, on which dialogs and whole-screen views may be pushed."""
 
     AUTO_FOCUS: ClassVar[str | None] = ""
 
@@ -45,20 +45,20 @@ class ModeScreen(Screen[None]):
         self._header = Header(mode, record)
 
     def compose(self) -> ComposeResult:
-        """Lay the screen out."""
+        """Yield the header, the view and the footer."""
         yield self._header
         yield self.view
         yield KeyFooter()
 
     def on_screen_resume(self, _: events.ScreenResume) -> None:
-        """Tell the view that it is seen."""
+        """Notify the view that it is visible."""
         self.call_after_refresh(self.view.on_mode_shown)
 
     def on_screen_suspend(self, _: events.ScreenSuspend) -> None:
-        """Tell the view that it is not seen."""
+        """Notify the view that it is hidden."""
         self.view.on_mode_hidden()
 
     def on_told(self, message: Told) -> None:
-        """Show the rig in the header."""
+        """Update the header."""
         if isinstance(message.what, RigStatus | LinkLost):
             self._header.draw()

@@ -1,4 +1,4 @@
-"""Dialogs over the screen: what all are, and questions: one of a few answers by a key, or a line of text."""
+"""Dialogs over the screen: their base classes, a choice between answers, and a line of text."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -21,13 +21,13 @@ from capture_app.tui.rig_record import Told
 Result = TypeVar("Result")
 
 BESIDE, BUTTON_EXTRA = 56, 7
-"""Cells for answers beside each other, else one is below the other; what a button adds to its words."""
+"""Maximum cells of answers in a row, otherwise a column is used; cells that a button adds to its label."""
 
 
 class Dialog(Screen[Result]):
-    """What is pushed over a mode: a question, a form, a view of the whole screen. It gives its result once.
+    """Screen pushed over a mode: a question, a form or a whole-screen view. It returns its result once.
 
-    Keys that are still on their way when it closes are not its own any more.
+    Key presses that arrive after it closes do not reach it.
     """
 
     def __init__(self, *parts: Widget) -> None:
@@ -35,16 +35,16 @@ class Dialog(Screen[Result]):
         self._parts = parts
 
     def compose(self) -> ComposeResult:
-        """Lay out the dialog's parts."""
+        """Yield the dialog's parts."""
         yield from self._parts
 
     def dismiss(self, result: Result | None = None) -> AwaitComplete:
-        """Close and give the result; nothing where it is not on top."""
+        """Close and return the result; do nothing unless on top."""
         return super().dismiss(result) if self.is_active else AwaitComplete()
 
 
 class BoxDialog(Dialog[Result], ModalScreen[Result]):
-    """A box over the screen that was there; Escape closes it without a result."""
+    """Dialog in a box over the previous screen; Escape closes it without a result."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "dismiss", "Close", id="dialog.close", key_display="esc"),
@@ -70,7 +70,7 @@ class BoxDialog(Dialog[Result], ModalScreen[Result]):
 
 @dataclass(frozen=True, slots=True)
 class Answer:
-    """One answer of a question: its value, the key that gives it, and what it is called."""
+    """One answer of a question: its value, key and label."""
 
     value: str
     key: str
@@ -78,11 +78,11 @@ class Answer:
 
 
 CANCEL = Answer("", "esc", "Cancel")
-"""The answer None, to be clicked where Escape is not thought of."""
+"""Answer None as a button, for users who do not think of Escape."""
 
 
 class Question(BoxDialog[str | None]):
-    """Asks and gives the value of the answer; None where it was closed by Escape."""
+    """Question with a few answers; returns the chosen value, None after Escape."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left,up", "app.focus_previous", "Answer before", show=False, id="question.left"),
@@ -94,7 +94,7 @@ class Question(BoxDialog[str | None]):
     """
 
     def __init__(self, text: str | Callable[[], str], answers: Sequence[Answer], *, title: str = "") -> None:
-        """The first answer has the focus; a text that is a function is told anew as the rig changes."""
+        """The first answer has the focus; a callable text is evaluated again on each rig update."""
         self._answers, self._text = tuple(answers), text if callable(text) else lambda: text
         self._words = Static(Content(printable(self._text())), classes="question")
         fits = sum(len(answer.label) + BUTTON_EXTRA for answer in answers) <= BESIDE
@@ -106,43 +106,43 @@ class Question(BoxDialog[str | None]):
         super().__init__(title, self._words, row)
 
     def on_told(self, message: Told) -> None:
-        """Say it anew."""
+        """Update the text."""
         if isinstance(message.what, RigStatus):
             self._words.update(Content(printable(self._text())))
 
     def on_key(self, event: events.Key) -> None:
-        """Give the answer of a key."""
+        """Return the answer whose key was pressed."""
         for answer in self._answers:
             if event.character == answer.key:
                 event.stop()
                 self.dismiss(answer.value)
 
     def on_button_pressed(self, event: Button.Pressed) -> None:
-        """Give the answer that was clicked."""
+        """Return the answer that was clicked."""
         self.dismiss((event.button.id or "").removeprefix("answer-") or None)
 
 
 class TextQuestion(BoxDialog[str | None]):
-    """Asks for a line of text; None where it was closed by Escape."""
+    """Question with a line of text as answer; None after Escape."""
 
     def __init__(
         self, text: str, value: str = "", *, check: Callable[[str], str] | None = None, title: str = ""
     ) -> None:
-        """`check` returns what is wrong with a text, or nothing."""
+        """`check` returns an error message for a text, or an empty string."""
         self._check = check or (lambda _: "")
         self._wrong = Static("", classes="wrong")
         self._line, self._value = Input(select_on_focus=False), value
         super().__init__(title, Static(Content(printable(text)), classes="question"), self._line, self._wrong)
 
     def on_mount(self) -> None:
-        """Propose what there is."""
+        """Show the initial text."""
         self._line.value = self._value
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Say at once what is wrong."""
+        """Show the error message of the present text."""
         self._wrong.update(Content(self._check(event.value)))
 
     def on_input_submitted(self, event: Input.Submitted) -> None:
-        """Take it where nothing is wrong."""
+        """Return the text if it is valid."""
         if not self._check(event.value):
             self.dismiss(event.value)

@@ -1,4 +1,4 @@
-"""What the rig has told so far, for views that open later; and the messages between the app and its views."""
+"""Record of the rig's updates for views that open later, and the messages between the app and its views."""
 
 import math
 import time
@@ -24,19 +24,19 @@ PHASE_KEPT_S = 35.0
 
 @dataclass(slots=True)
 class RigRecord:
-    """The latest status, the last news, and each camera's phase error over the last half minute."""
+    """Latest status, newest log lines, and each camera's phase error over the last half minute."""
 
     clock: Callable[[], float] = time.monotonic
-    """Seconds that only grow."""
+    """Monotonic clock, in seconds."""
     status: RigStatus | None = None
     lost: str = ""
-    """Why the leader does not answer; empty while it does."""
+    """Reason why the leader does not answer; empty while it does."""
     news: deque[NewsLine] = field(default_factory=lambda: deque(maxlen=NEWS_KEPT))
     phases: dict[str, deque[tuple[float, int | None]]] = field(default_factory=dict)
-    """Each camera's phase errors in ns, with the time of the clock from which on; None: not known."""
+    """Phase errors (ns) by camera, each with the time from which it holds; None if unknown."""
 
     def add(self, update: Update) -> None:
-        """Take note of an update."""
+        """Store an update."""
         match update:
             case RigStatus():
                 self.status, self.lost = update, ""
@@ -46,7 +46,7 @@ class RigRecord:
             case LinkLost():
                 self.lost = update.reason
                 if self.status is not None:
-                    # What it told last holds no more: of a leader that is gone one thing is said.
+                    # The leader's last advice and messages are obsolete; only its loss is reported.
                     gone = (replace(node, state=NodeState.LOST, message="") for node in self.status.nodes)
                     self.status = replace(self.status, nodes=tuple(gone), advice="", message="")
 
@@ -63,7 +63,7 @@ class RigRecord:
 
 
 def phases_at(phases: Iterable[tuple[float, int | None]], times: Iterable[float]) -> list[int | None]:
-    """The phase error at each of these times, which grow; None before the first."""
+    """Return the phase error at each of these increasing times; None before the first one."""
     steps = [(-math.inf, None), *phases]
     since = [when for when, _ in steps]
     return [steps[bisect_right(since, moment) - 1][1] for moment in times]
@@ -71,29 +71,29 @@ def phases_at(phases: Iterable[tuple[float, int | None]], times: Iterable[float]
 
 @dataclass
 class Told(Message, bubble=False):
-    """Something that is shown is not as it was: the rig, its link or its news, a picture, the runs."""
+    """Message to views: a status, a log line, the link, a preview or a run has changed."""
 
     what: object
-    """An update of the rig, or the runs."""
+    """Update of the rig, or the runs."""
 
 
 @dataclass
 class SessionsRequested(Message):
-    """A view asks to see the sessions of a folder."""
+    """Request to show the sessions of a folder."""
 
     folder: Path
 
 
 @dataclass
 class Mishap(Message):
-    """An action failed: the shell shows why, and what to do, and keeps it in the news."""
+    """Failed action; the app shows the reason and the remedy, and adds them to the log."""
 
     error: Exception
 
 
 @contextmanager
 def telling(widget: Widget) -> Iterator[None]:
-    """Let a view say on the screen what goes wrong in a block, and go on after it."""
+    """Show errors of a block on the screen, and continue after it."""
     try:
         yield
     except SimulshotError as error:

@@ -1,4 +1,4 @@
-"""What the screen remembers for the next start, and the keys that a user changed, in the config folder."""
+"""Settings in the user's config folder: the screen's stored choices, and changed keys."""
 
 import json
 import threading
@@ -21,26 +21,26 @@ KEYS_FILE = "keys.toml"
 
 @dataclass(slots=True)
 class Settings:
-    """Choices by name, such as `shoot.frames`, and keys by the name of their action.
+    """Choices by name, such as `shoot.frames`, and keys by action name.
 
-    A file that cannot be read is a warning and the built-in choices, never an end.
+    An unreadable file causes a warning and falls back to the defaults; it never ends the program.
     """
 
     folder: Path | None = None
-    """Where both are kept; None: nowhere."""
+    """Folder of both files; None: settings are not stored."""
     keys: dict[str, str] = field(default_factory=dict)
-    """Keys by action, as keys.toml has them: {"shoot.take": "space,enter"}."""
+    """Keys by action, as in keys.toml: {"shoot.take": "space,enter"}."""
     warnings: list[str] = field(default_factory=list)
-    """What could not be read, a sentence each."""
+    """Files or entries that could not be read, one sentence each."""
     on_change: Callable[[], object] = lambda: None
-    """Called when a choice differs from what is on disk."""
+    """Called when a choice changes."""
     choices: dict[str, Choice] = field(default_factory=dict)
     _writing: threading.Lock = field(default_factory=threading.Lock, repr=False)
-    """Keeps two saves apart: one would move away what the other is writing."""
+    """Serializes saves: a concurrent save would move the file that another is writing."""
 
     @classmethod
     def load(cls, folder: Path | None = None) -> "Settings":
-        """Read the files of the user's config folder, or of another."""
+        """Load the settings from the user's config folder, or from another folder."""
         settings = cls(user_config_path("simulshot", appauthor=False) if folder is None else folder)
         settings.choices = {
             name: value for name, value in settings._read(CHOICES_FILE).items() if isinstance(value, Choice)
@@ -55,18 +55,18 @@ class Settings:
         return settings
 
     def recall(self, name: str, default: C) -> C:
-        """What was remembered under a name, if it is of the default's type; else the default."""
+        """Return the stored choice of a name if it has the default's type, otherwise the default."""
         value = self.choices.get(name, default)
         return value if type(value) is type(default) else default
 
     def remember(self, name: str, value: Choice) -> None:
-        """Keep a choice for the next start."""
+        """Store a choice for the next start."""
         if self.choices.get(name) != value:
             self.choices[name] = value
             self.on_change()
 
     def save(self) -> None:
-        """Write the choices to disk, which may take its time. Raises OSError."""
+        """Write the choices to disk; may block. Raises OSError."""
         if self.folder is None or not self.choices:
             return
         with self._writing:
@@ -92,7 +92,7 @@ class Settings:
 
 
 def _flat(table: dict[str, Any], above: str = "") -> list[tuple[str, Any]]:
-    """The values of nested tables by their dotted names: TOML reads `shoot.take` as a table."""
+    """Return the values of nested tables by dotted name: TOML parses `shoot.take` as a table."""
     found: list[tuple[str, Any]] = []
     for name, value in table.items():
         found += _flat(value, f"{above}{name}.") if isinstance(value, dict) else [(above + name, value)]

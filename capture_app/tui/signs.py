@@ -1,4 +1,4 @@
-"""The state of a camera or a rig, or the grade of a take: a word, a glyph, a colour; never colour alone."""
+"""Display of camera states, rig states and take grades: always a word, a glyph and a colour."""
 
 from dataclasses import dataclass
 
@@ -6,20 +6,20 @@ from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.protocol.status import LOST_IS_NEWS_NS, NodeStatus, RigStatus
 
 MISSING = "!"
-"""The glyph of a rig whose cameras are ready, but one of which was lost a short while ago."""
+"""Glyph of a rig whose connected cameras are ready after one was recently lost."""
 
 
 @dataclass(frozen=True, slots=True)
 class Sign:
-    """How a state is shown."""
+    """Glyph, word and style of a state."""
 
     glyph: str
     word: str
     style: str
-    """A style of the theme, such as $success."""
+    """Style of the theme, such as $success."""
 
     def __str__(self) -> str:
-        """The glyph and the word."""
+        """Return the glyph and the word."""
         return f"{self.glyph} {self.word}"
 
 
@@ -39,31 +39,31 @@ GRADES = {
     "poor": Sign("○", "poor", "$error"),
     "unknown": Sign("–", "not measured", "$foreground-muted"),
 }
-"""How good a take is, in every mode; `GRADE_LIMITS` says what the words mean."""
+"""Grades of a take, in every mode; `GRADE_LIMITS` defines the words."""
 NO_LEADER = Sign("✖", "leader lost", "$error")
 WAITING = Sign("○", "connecting", "$foreground-muted")
 EMPTY = Sign("○", "no camera", "$foreground-muted")
 
 
 def cameras_of(status: RigStatus) -> tuple[NodeStatus, ...]:
-    """The nodes that take pictures: relays and clocks do not."""
+    """Return the nodes with a camera, without relays and clocks."""
     return tuple(node for node in status.nodes if node.camera.kind not in WITHOUT_CAMERA)
 
 
 def is_settled(node: NodeStatus) -> bool:
-    """Whether a camera is in step; one that touches up its phase for a moment is, too."""
+    """Return whether a camera is synchronized; includes brief phase corrections."""
     close = abs(node.phase_error_ns or 0) <= 2 * node.tolerance_ns
     return close and node.state in (NodeState.READY, NodeState.ALIGNING)
 
 
 def rig_sign(status: RigStatus) -> Sign:
-    """How far the whole rig is: ready, or how many of its cameras are."""
+    """Return the sign of the whole rig: ready, or the number of ready cameras."""
     here = [node for node in cameras_of(status) if node.state is not NodeState.LOST]
     gone = [node for node in cameras_of(status) if node.state is NodeState.LOST]
     ready = sum(node.state is NodeState.READY for node in here)
     if not here:
         return EMPTY
-    # A rig that has just lost one is not simply ready.
+    # A rig that has just lost a camera is not shown as ready.
     lost = sum(node.last_seen_ns <= LOST_IS_NEWS_NS for node in gone)
     if ready == len(here) and lost:
         return Sign(MISSING, f"{ready} of {ready} ready, {lost} lost", "$warning")

@@ -1,4 +1,4 @@
-"""The colours: few, and each with a meaning; the same screen without any."""
+"""Colour themes: few colours, each with one meaning, and a theme without colours."""
 
 from textual.theme import Theme
 

@@ -1,4 +1,4 @@
-"""The screen in a browser: a web server of this machine that runs one screen for each page that is open."""
+"""Terminal UI in a browser: a local web server that runs one screen for each open page."""
 
 import asyncio
 import shlex
@@ -15,14 +15,14 @@ from capture_app.rig.process import AttachedRig
 
 
 class PageServer(Server):
-    """Serves the screen of one rig; to other sites' pages it does not answer, whatever browser asks."""
+    """Server of one rig's screen; rejects requests from pages of other sites."""
 
     def __init__(self, rig: AttachedRig, listening: socket.socket) -> None:
         host, port = listening.getsockname()[:2]
         self._names = (
             () if host not in LOOPBACK_HOSTS else tuple(str(Address(name, port)) for name in LOOPBACK_HOSTS)
         )
-        """The hosts by which the page may be asked for; empty for any."""
+        """Host names accepted in requests; empty for any."""
         shown = reachable_host(host, listening.family) if host in ANY_HOST else host
         super().__init__(
             shlex.join((sys.executable, "-m", "capture_app.cli", *rig.screen_arguments)),
@@ -48,7 +48,8 @@ class PageServer(Server):
 
     @web.middleware
     async def _refuse_strangers(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Any page in the user's browser can ask this server, or call it by a name of its own."""
+        """Reject other origins and host names: any page in the user's browser can send requests to this
+        server."""
         origin = request.headers.get("Origin")
         if (origin is not None and urlsplit(origin).netloc != request.host) or (
             self._names and request.host not in self._names

@@ -1,1 +1,1 @@
-"""The mode Rig: every camera's clock and phase, the rig's readiness, and its log."""
+"""Mode Rig: every camera's clock and phase, the rig's readiness, and its log."""

@@ -1,4 +1,5 @@
-"""The list of cameras, one of them chosen: some lines beside a tall strip where there is room, else one."""
+"""List of cameras with a cursor: tall rows beside a phase strip if there is space, otherwise one line
+each."""
 
 import textwrap
 from collections.abc import Mapping, Sequence
@@ -24,15 +25,15 @@ from capture_app.tui.widgets.plots import AXIS_WIDTH, SPAN_S, PhaseAxis, strip_r
 MIN_STRIP = 12
 NAME_WIDTH = 12
 BEFORE_STRIP = 3
-"""How many columns are left of the strip."""
+"""Number of columns left of the strip."""
 HEIGHTS = (9, 7, 5, 3)
-"""Rows of a camera in its tall form, the best first."""
+"""Rows per camera in the tall form, best first."""
 BORDER = 2
 
 
 @dataclass(frozen=True, slots=True)
 class Column:
-    """A column of the one-line form; `room` is the width of the whole list from which on it is shown."""
+    """Column of the one-line form; `room` is the list width from which it is shown."""
 
     title: str
     width: int
@@ -40,7 +41,7 @@ class Column:
     is_left: bool = False
 
     def fit(self, content: Content) -> Content:
-        """Cut or fill what stands in it."""
+        """Truncate or pad the cell's content to the column's width."""
         if self.is_left:
             return content.truncate(self.width, ellipsis=True, pad=True)
         content = content.truncate(self.width, ellipsis=True)
@@ -60,7 +61,7 @@ COLUMNS = (
 
 
 def compact_strip_width(width: int) -> int:
-    """Cells of the strip in a line of such a width."""
+    """Return the strip's width in cells for a line of this width."""
     taken = 2 + NAME_WIDTH + sum(column.width for column in COLUMNS if width >= column.room)
     return max(width - taken - 3, MIN_STRIP)
 
@@ -71,7 +72,7 @@ def _compact(name: Content, cells: Mapping[str, Content], strip: Content, width:
 
 
 def compact_head(width: int) -> Content:
-    """The titles of the columns, and what the strip between them shows."""
+    """Return the header line: column titles, and the strip's title."""
     room = compact_strip_width(width)
     strip = Content(f" {'phase over 30 s':<{room}.{room}} ")
     titles = {column.title: Content(column.title) for column in COLUMNS}
@@ -80,7 +81,7 @@ def compact_head(width: int) -> Content:
 
 
 def compact_row(node: NodeStatus, errors_ns: list[int | None], axis: PhaseAxis, width: int) -> Content:
-    """A camera in one line; `errors_ns` has one for each cell of `compact_strip_width`."""
+    """Return a camera in one line; `errors_ns` has one value per cell of `compact_strip_width`."""
     gone = node.state is NodeState.LOST
     cells = {
         "state": _state(node),
@@ -104,19 +105,19 @@ def compact_row(node: NodeStatus, errors_ns: list[int | None], axis: PhaseAxis, 
 
 
 def tall_text_width(width: int) -> int:
-    """Cells that the words take beside a tall strip."""
+    """Return the cells taken by the text beside a tall strip."""
     return 34 if width < 100 else 42
 
 
 def tall_strip_width(width: int) -> int:
-    """Cells of a tall strip in a list of such a width."""
+    """Return the cells of a tall strip in a list of this width."""
     return max(width - tall_text_width(width) - AXIS_WIDTH - 1, MIN_STRIP)
 
 
 def tall_rows(
     node: NodeStatus, errors_ns: list[int | None], axis: PhaseAxis, *, width: int, height: int
 ) -> list[Content]:
-    """A camera in `height` lines, three or more; `errors_ns` has one for each cell of the strip."""
+    """Return a camera in `height` lines, three or more; `errors_ns` has one value per cell of the strip."""
     gone = node.state is NodeState.LOST
     room, strip = tall_text_width(width), tall_strip_width(width)
     phase = _phase(node, axis).truncate(8, ellipsis=True, pad=True)
@@ -131,7 +132,7 @@ def tall_rows(
         drops = (count(node.drops, "drop"), "$warning" if node.drops else "")
         words.append(Content.assemble(f"  {_fps(node)} fps  {_exposure(node)}  ", drops))
     if node.disk_free_bytes is not None and not node.on_leader:
-        # Cameras of the leader's machine share its disk, whose room the header tells.
+        # Cameras on the leader's machine share its disk, whose free space is in the header.
         words.append(Content.styled(f"  {_disk(node)} free", label))
     if node.camera.model.strip():
         model = Content.styled(f"  {printable(node.camera.model)}", label)
@@ -152,7 +153,7 @@ def _filled(lines: list[Content], height: int) -> list[Content]:
 
 
 def _message_rows(node: NodeStatus, width: int, height: int) -> list[Content]:
-    """Instead of a strip that would be empty: why it is."""
+    """Return the reason for an empty strip, in its place."""
     text = printable(node.message) or {
         NodeState.LOST: "Not heard of any more. Delete takes it off the list.",
         NodeState.SYNCING: "Measuring the clock before frames can be aligned.",
@@ -211,7 +212,7 @@ def _exposure(node: NodeStatus) -> str:
 
 
 def _settings(cameras: Sequence[NodeStatus]) -> str:
-    """Whether the cameras that are here are exposed alike, and how; nothing for a single one."""
+    """Return whether the connected cameras have equal settings, and which; empty for a single camera."""
     here = [node for node in cameras if node.state is not NodeState.LOST and node.exposure_ns]
     if len(here) < 2:
         return ""
@@ -228,7 +229,7 @@ def _disk(node: NodeStatus) -> str:
 
 
 class CameraList(Vertical, can_focus=True):
-    """Shows what the record holds of each camera."""
+    """List of all cameras, drawn from the record."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up,k", "move(-1)", "Previous camera", show=False, id="rig.previous"),
@@ -248,23 +249,23 @@ class CameraList(Vertical, can_focus=True):
         self._members: tuple[NodeStatus, ...] = ()
         self._chosen = ""
         self._height = 0
-        """Rows of each camera; 1 for the compact form."""
+        """Rows per camera; 1 for the compact form."""
         self._room = 0
         super().__init__(self._head, self._scroll, id="cameras")
 
     @property
     def chosen(self) -> NodeStatus | None:
-        """The camera under the cursor."""
+        """Camera under the cursor."""
         return next((node for node in self._members if node.name == self._chosen), None)
 
     @staticmethod
     def rows_wanted(cameras: int, room: int) -> int:
-        """How many rows the list takes, its border included, where it may have `room`."""
+        """Return the rows that the list needs including its border, at most `room`."""
         height = _height_for(cameras, room - BORDER)
         return min(room, BORDER + (cameras * height if height > 1 else cameras + 1))
 
     def draw(self, room: int) -> None:
-        """Show the record as it is now, in so many rows with the border."""
+        """Draw the record in `room` rows, including the border."""
         self._room = room
         status = self._record.status
         width = self._scroll.scrollable_content_region.width
@@ -289,23 +290,23 @@ class CameraList(Vertical, can_focus=True):
         self._rows.show(rows)
         title = f"{count(len(cameras_of(status)), 'camera')}{_settings(cameras_of(status))}"
         subtitle = f"phase error over the last {SPAN_S:.0f} s · {axis}"
-        if (title, subtitle) != (self.border_title, self.border_subtitle):  # setting them redraws all
+        if (title, subtitle) != (self.border_title, self.border_subtitle):  # setting them redraws everything
             self.border_title, self.border_subtitle = title, subtitle
 
     def action_move(self, steps: int) -> None:
-        """Choose another camera."""
+        """Move the cursor to another camera."""
         names = [node.name for node in self._members]
         if names:
             at = names.index(self._chosen) + steps
             self._choose(max(0, min(len(names) - 1, at)))
 
     def action_open(self) -> None:
-        """Look at the chosen camera closely."""
+        """Open the selected camera's screen."""
         if self._chosen:
             self.app.push_screen(CameraScreen(self._chosen, self._source, self._record))
 
     def on_click(self, event: events.Click) -> None:
-        """Choose the camera that was clicked; a second click opens it."""
+        """Select the camera that was clicked; a double click opens it."""
         at = (event.screen_y - self._rows.region.y) // max(self._height, 1)
         if event.screen_y >= self._scroll.region.y and 0 <= at < len(self._members):
             self._choose(at)

@@ -1,4 +1,4 @@
-"""One camera closely, over the mode from which it was opened."""
+"""Details of one camera, over the mode from which it was opened."""
 
 import asyncio
 import textwrap
@@ -33,12 +33,12 @@ from capture_app.tui.widgets.plots import (
 )
 
 ASK_S = 0.7
-"""Between two questions for the details of a camera."""
+"""Interval between detail requests, in seconds."""
 PREVIEW_FPS, PREVIEW_WIDTH = 2.0, 320
 
 
 class CameraScreen(Dialog[None]):
-    """Asks the camera for its details as long as it is shown."""
+    """Screen of a camera's details, requested as long as it is shown."""
 
     AUTO_FOCUS: ClassVar[str | None] = ""
     BINDINGS: ClassVar[list[BindingType]] = [
@@ -66,42 +66,42 @@ class CameraScreen(Dialog[None]):
         self._record = record
         self._detail = NodeDetail(camera=name)
         self._problem = ""
-        """Why the camera's details are not known."""
+        """Reason why the details are unknown."""
 
     def on_mount(self) -> None:
-        """Begin to ask."""
+        """Start requesting details."""
         self._panels[1].border_title = "picture"
         self._ask()
 
     def on_screen_resume(self, _: events.ScreenResume) -> None:
-        """See pictures again."""
+        """Resume the previews."""
         self._watch((self._camera,))
 
     def on_screen_suspend(self, _: events.ScreenSuspend) -> None:
-        """See no pictures; another mode asks for those that it wants."""
+        """Stop the previews; another mode requests its own."""
         if self.app.current_mode == "rig":
             self._watch(None)
 
     def on_resize(self) -> None:
-        """Draw for the room there is."""
+        """Redraw for the new size."""
         self.call_after_refresh(self._draw)
 
     def on_told(self, message: Told) -> None:
-        """Show the camera's facts as they are now, and what it sees."""
+        """Update the camera's facts and preview."""
         if not isinstance(message.what, Preview):
             self._draw_facts()
         elif message.what.camera == self._camera:
             self._picture.show(message.what.jpeg)
 
-    # Doing
+    # Actions
 
     def action_leave(self) -> None:
-        """Go back to all cameras."""
+        """Return to the list of cameras."""
         self._watch(None)
         self.dismiss(None)
 
     def action_move(self, step: int) -> None:
-        """Look at the next camera instead."""
+        """Switch to another camera."""
         names = [node.name for node in self._record.status.nodes] if self._record.status else []
         if names:
             at = names.index(self._camera) if self._camera in names else 0
@@ -114,7 +114,7 @@ class CameraScreen(Dialog[None]):
 
     @work(exclusive=True, group="match")
     async def action_match(self) -> None:
-        """Set all cameras like this one: exposure, gain, white balance, focus; say what cannot be."""
+        """Copy this camera's exposure, gain, white balance and focus to all others; show what failed."""
         with telling(self):
             found = await self._source.match_cameras(self._camera)
             problems = [

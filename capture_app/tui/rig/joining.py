@@ -1,4 +1,4 @@
-"""How machines and phones join: lines to type, and QR codes with what to do beside them."""
+"""Instructions for adding machines and phones: commands to type, and QR codes."""
 
 import asyncio
 import textwrap
@@ -29,25 +29,25 @@ from capture_app.tui.widgets.lines import Lines, news_lines
 
 DEVICE = "v4l2:/dev/video0"
 QUIET = 2
-"""Modules of light around the code; readers of screens do with two."""
+"""Light margin around the code, in modules; scanning from a screen needs only two."""
 _HALF = {(True, True): "█", (True, False): "▀", (False, True): "▄", (False, False): " "}
 LOOK_EVERY_S = 1.0
 MOST_NEWS = 2
 
 
 def large(code: str) -> list[str]:
-    """A code in digits three lines high."""
+    """Return a numeric code in digits three lines high."""
     places = [DIGITS.index(letter) * 3 for letter in code]
     return ["".join(DIGITS3X3[place + row] for place in places) for row in range(3)]
 
 
 def joining_line(leader: str) -> str:
-    """The command for the machine of a camera."""
+    """Return the command to run on a camera's machine."""
     return f"capture-app node --leader {leader} --camera {DEVICE}"
 
 
 def qr_lines(text: str) -> list[Content]:
-    """A QR code in half blocks, light on dark: what is drawn are its light modules."""
+    """Return a QR code in half blocks; the light modules are drawn, on a dark background."""
     code = segno.make(text, error="l", boost_error=False, micro=False)
     light = [[not module for module in row] for row in code.matrix_iter(border=QUIET)]
     if len(light) % 2:
@@ -59,7 +59,7 @@ def qr_lines(text: str) -> list[Content]:
 
 
 class GuideScreen(BoxDialog[None]):
-    """What to do in words, a QR code beside them, and what has happened since: who came, who was refused."""
+    """Dialog with instructions, a QR code beside them, and log lines received since it opened."""
 
     def __init__(
         self,
@@ -68,10 +68,10 @@ class GuideScreen(BoxDialog[None]):
         width: int,
         guide: "Callable[[GuideScreen], Coroutine[None, None, None]]",
     ) -> None:
-        """`width` is that of the words, in cells; `guide` shows them, and runs until the screen is closed."""
+        """`width`: cells for the text; `guide`: coroutine that shows it, run until the screen is closed."""
         self._width, self._guide = width, guide
         self.url = ""
-        """What the code says."""
+        """Content of the QR code."""
         self._words = Lines(id=f"{name}-words", classes="words")
         self._code = Lines(id=f"{name}-code", classes="code")
         self._news, self._came = deque[NewsLine](maxlen=MOST_NEWS), Lines(id=f"{name}-news")
@@ -79,17 +79,17 @@ class GuideScreen(BoxDialog[None]):
         self.id = f"{name}-guide"
 
     def on_mount(self) -> None:
-        """Begin to guide."""
+        """Start the guide."""
         self.run_worker(self._guide(self), exclusive=True, group="guide")
 
     def on_told(self, message: Told) -> None:
-        """Say what is new."""
+        """Show new log lines."""
         if isinstance(message.what, NewsLine):
             self._news.append(message.what)
             self._came.show(news_lines(self._news, self._came.size.width))
 
     def show(self, url: str, *paragraphs: tuple[str, str]) -> None:
-        """Show a code, empty for none, and words with their styles; what is numbered is indented."""
+        """Show a QR code (empty: none) and paragraphs with their styles; numbered ones are indented."""
         self.url = url
         self._code.show(qr_lines(url) if url else [])
         self._words.show(
@@ -105,7 +105,7 @@ class GuideScreen(BoxDialog[None]):
 
 
 class InviteScreen(GuideScreen):
-    """Shows how another machine joins: the line to type there, as a QR code too, and the code it asks for."""
+    """Instructions for another machine: the command, also as a QR code, and the pairing code."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("i", "another", "Another code", id="invite.another"),
@@ -115,7 +115,7 @@ class InviteScreen(GuideScreen):
         super().__init__("invite", "Another machine", 36, partial(_invite, source, leader))
 
     def action_another(self) -> None:
-        """Show a further code."""
+        """Show another pairing code."""
         self.on_mount()
 
 
@@ -137,7 +137,7 @@ async def _invite(source: RigLink, leader: str, screen: GuideScreen) -> None:
 
 
 def phones_screen(source: RigLink) -> GuideScreen:
-    """Shows the code of the next phone, another one when a phone has come; their server goes on."""
+    """Return the dialog with the next phone's QR code, renewed after each phone; the server keeps running."""
     return GuideScreen("phones", "Phones as cameras", 36, partial(_invite_phones, source))
 
 

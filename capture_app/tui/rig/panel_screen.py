@@ -1,4 +1,4 @@
-"""How to check a rig with a panel: its page, served while one looks here, and what to do then."""
+"""Instructions for checking a rig with a panel, whose page is served while the dialog is open."""
 
 import asyncio
 from contextlib import AsyncExitStack
@@ -16,7 +16,8 @@ _LIMITS = (
 
 
 def panel_screen() -> GuideScreen:
-    """Serves the panel's page to this machine and the network until it is closed; the page itself goes on."""
+    """Return the dialog; while open, it serves the panel's page to the network. A loaded page keeps
+    running."""
     return GuideScreen("panel", "Check the rig with a panel", 40, _serve)
 
 

@@ -1,4 +1,4 @@
-"""The choices of the start: what this machine has to offer, and what each of them means."""
+"""Start panel: the cameras and other sources that this machine offers, each with an explanation."""
 
 import asyncio
 import textwrap
@@ -30,21 +30,21 @@ from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.lines import Lines
 
 SCENES = {scene: len(views) for scene, views in VIEWS.items()}
-"""What simulated cameras can look at, and how many of them at once."""
+"""Scenes of simulated cameras, each with its max number of cameras."""
 
 
 TITLE_WIDTH = 26
-"""Leaves room for the code beside the list in a narrow terminal."""
+"""Cells of a title; leaves space for the code beside the list in a narrow terminal."""
 CAMERA_KEYS = "cefgmpuvwxyz"
-"""A key for each camera that is found; other letters belong to what is always offered."""
+"""Keys of detected cameras; the other letters belong to the fixed choices."""
 MAX_WIDTH, MARGIN = 96, 8
-"""Width of the panel in a wide terminal, in cells; what is left free beside its words."""
+"""Width of the panel in a wide terminal, and margin beside its text, in cells."""
 CHOICE, CAMERAS, SCENE = "start.choice", "start.cameras", "start.scene"
-"""The names under which choices are remembered."""
+"""Names under which choices are stored."""
 
 
 class _Choice(NamedTuple):
-    """A line of the list: what it means, and what it does."""
+    """Entry of the list: key, title, explanation and action."""
 
     name: str
     key: str
@@ -55,7 +55,7 @@ class _Choice(NamedTuple):
 
 
 class StartPanel(Vertical):
-    """Offers cameras found here, other machines, a simulated rig, and sessions; remembers what was chosen."""
+    """Offers local cameras, other machines, a simulated rig and sessions; stores the last choice."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("i", "invite", "Invite", id="start.invite", tooltip="how other machines join"),
@@ -74,14 +74,14 @@ class StartPanel(Vertical):
     def __init__(
         self, source: RigLink, settings: Settings, sessions: Path, samples: Path | None, *, local: bool
     ) -> None:
-        """`samples`: the folder of sample sessions, where there is one."""
+        """`samples`: the folder of sample sessions, if any."""
         self._source = source
         self._settings = settings
         self._sessions, self._samples = sessions, samples
         self._local = local
         self._found: list[CameraListing] = []
         self._kept = 0
-        """How many sessions are in the folder."""
+        """Number of sessions in the folder."""
         self._leader = ""
         self._busy = ""
         self._title = Lines(id="start-title")
@@ -92,26 +92,26 @@ class StartPanel(Vertical):
         super().__init__(Vertical(middle, self._line, id="start-box"), id="start")
 
     def on_mount(self) -> None:
-        """Look around."""
+        """Show the list and search for cameras."""
         self._offer()
         self.action_rescan()
 
     def focus_first(self) -> None:
-        """The list is what the keys are for."""
+        """Focus the list."""
         self._list.focus()
 
     def show_leader(self, leader: str) -> None:
-        """Tell by which address other machines reach the leader."""
+        """Show the address at which other machines reach the leader."""
         if leader != self._leader:
             self._leader = printable(leader)
             self._explain()
 
-    # What is offered
+    # Choices
 
     def _offer(self) -> None:
-        """Fill the list, what was chosen last time first."""
+        """Fill the list, with the last choice first."""
         last = self._settings.recall(CHOICE, "")
-        kept = self._chosen if self._list.highlighted else None  # not where nobody has moved
+        kept = self._chosen if self._list.highlighted else None  # None before the user moves the cursor
         options = [
             Option(
                 Content.assemble(
@@ -186,16 +186,16 @@ class StartPanel(Vertical):
 
     on_resize = _explain
 
-    # Doing
+    # Actions
 
     def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
-        """Do what the line says."""
+        """Run the selected entry's action."""
         for one in self._choices():
             if one.name == event.option_id:
                 one.do()
 
     def on_key(self, event: events.Key) -> None:
-        """Start the camera of a key."""
+        """Start the camera whose key was pressed."""
         for key, camera in zip(CAMERA_KEYS, self._found, strict=False):
             if event.character == key and camera.usable:
                 event.stop()
@@ -217,25 +217,25 @@ class StartPanel(Vertical):
         self._start("simulated", AddSimulated(cameras=self._cameras, scene=self._scene), words)
 
     def action_more(self, step: int) -> None:
-        """Change how many cameras are simulated."""
+        """Change the number of simulated cameras."""
         self._settings.remember(CAMERAS, min(max(self._cameras + step, 1), SCENES[self._scene]))
         self._offer()
         self._highlight("simulated")
 
     def action_scene(self) -> None:
-        """Change what simulated cameras look at."""
+        """Switch to the next scene of the simulated cameras."""
         scenes = list(SCENES)
         self._settings.remember(SCENE, scenes[(scenes.index(self._scene) + 1) % len(scenes)])
         self._offer()
         self._highlight("simulated")
 
     def action_sessions(self) -> None:
-        """Go to the sessions that are there."""
+        """Show the sessions of the sessions folder."""
         self._settings.remember(CHOICE, "sessions")
         self.post_message(SessionsRequested(self._sessions))
 
     def action_samples(self) -> None:
-        """Go to the sample sessions."""
+        """Show the sample sessions."""
         if self._samples is not None:
             self._settings.remember(CHOICE, "samples")
             self.post_message(SessionsRequested(self._samples))
@@ -249,7 +249,7 @@ class StartPanel(Vertical):
 
     @work(exclusive=True, group="offers")
     async def action_rescan(self) -> None:
-        """Look for cameras and sessions again."""
+        """Search for cameras and sessions again."""
         with telling(self):
             found = await asyncio.to_thread(list_cameras, simulated=False) if self._local else []
             kept = len(list(self._sessions.glob("*/session.json")))
@@ -268,11 +268,11 @@ class StartPanel(Vertical):
         until_there = ""
         with telling(self):
             await self._source.order(order)
-            # Said until they are there: their list takes this panel's place then.
+            # Shown until the cameras join; their list then replaces this panel.
             until_there = f"{words} Each joins as soon as it is open, within half a minute."
         self.say_busy(until_there)
 
     def say_busy(self, words: str) -> None:
-        """Say what was begun; with no words, offer all again."""
+        """Show the activity in progress; with an empty text, the explanations again."""
         self._busy = words
         self._explain()

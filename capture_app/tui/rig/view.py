@@ -1,4 +1,4 @@
-"""The mode Rig: whether the rig is ready and what to do, its cameras, and what happened."""
+"""Mode Rig: the rig's readiness with advice, its cameras, and its log."""
 
 import re
 import textwrap
@@ -33,15 +33,15 @@ SCROLLBAR = 1
 ADVICE_LINES = 2
 _FIGURES = re.compile(r"[\d.,]+ ?[nµm]?s?")
 SMALL = 30
-"""Rows below which the news do with two lines and no frame."""
+"""Rows below which the log has two lines and no frame."""
 CALM_S, MAX_CALM_S = 0.8, 10.0
-"""Between two drawings of a rig that is in step: so long for each camera, and at most."""
+"""Redraw interval of a synchronized rig in seconds: per camera, and maximum."""
 REDRAW_S = 0.5
-"""Between two drawings of figures that change all the time; a change of state is drawn at once."""
+"""Redraw interval of changing numbers in seconds; a change of state is drawn at once."""
 
 
 class NewsPane(VerticalScroll, can_focus=True):
-    """What happened, newest at the bottom; follows it unless the user has scrolled back."""
+    """Log with the newest line at the bottom; follows it unless the user has scrolled back."""
 
     def __init__(self, record: RigRecord) -> None:
         self._record, self._lines = record, Lines()
@@ -49,7 +49,7 @@ class NewsPane(VerticalScroll, can_focus=True):
         self.border_title = "news"
 
     def draw(self) -> None:
-        """Show the news."""
+        """Draw the log."""
         following = self.scroll_y >= self.max_scroll_y
         self._lines.show(news_lines(self._record.news, self.size.width - SCROLLBAR))
         if following:
@@ -59,7 +59,7 @@ class NewsPane(VerticalScroll, can_focus=True):
 
 
 class RigView(ModeView):
-    """Every camera, whether the rig is ready, and what happened."""
+    """View of all cameras, the rig's readiness, and its log."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding(
@@ -88,7 +88,7 @@ class RigView(ModeView):
         *,
         local: bool,
     ) -> None:
-        """`local`: the leader is on this machine, and can run its cameras; `samples`: as in `StartPanel`."""
+        """`local`: the leader is on this machine and can run its cameras; `samples`: as in `StartPanel`."""
         self._source, self._sessions, self._local = source, sessions, local
         self._record = record
         self._advice = Lines(id="advice")
@@ -96,36 +96,36 @@ class RigView(ModeView):
         self._news = NewsPane(record)
         self._start = StartPanel(source, settings, sessions, samples, local=local)
         self._adding: int | None = None
-        """How many cameras there were when the user asked for more; None when they did not."""
+        """Number of cameras when the user chose to add more; None otherwise."""
         self._starting = ""
-        """The leader that is being started, in words."""
+        """Message about the leader being started."""
         self._drawn: tuple[object, ...] = ()
         self._next_draw_s = 0.0
         super().__init__(self._advice, self._start, self._cameras, self._news)
 
     def on_mount(self) -> None:
-        """Let time pass in the strips."""
+        """Start the periodic redraws."""
         self.set_interval(REDRAW_S, self._let_time_pass)
 
     def focus_first(self) -> None:
-        """The list that is seen is what the keys are for."""
+        """Focus the visible list."""
         if self._start.display:
             self._start.focus_first()
         else:
             self._cameras.focus()
 
     def on_mode_shown(self) -> None:
-        """Catch up with what happened meanwhile."""
+        """Draw what happened while hidden."""
         super().on_mode_shown()
         self._draw()
         self._news.draw()
 
     def on_resize(self) -> None:
-        """Divide the room anew."""
+        """Divide the space again."""
         self.call_after_refresh(self.on_mode_shown)
 
     def on_told(self, message: Told) -> None:
-        """Draw at once what is not a mere figure."""
+        """Draw changes at once, except those of numbers alone."""
         match message.what:
             case NewsLine():
                 self._news.draw()
@@ -145,11 +145,11 @@ class RigView(ModeView):
                     self.refresh_bindings()
 
     def _let_time_pass(self) -> None:
-        """Draw what is worth watching; a rig that only trembles is drawn now and then."""
+        """Redraw at intervals; less often if only small phase changes are left."""
         status = self._record.status
         if status is None or self._record.clock() < self._next_draw_s:
             return
-        # Whether all that changes is how much phases tremble.
+        # Calm: all connected cameras are synchronized, and only their phases fluctuate.
         is_calm = all(node.state is NodeState.LOST or is_settled(node) for node in status.nodes)
         pause_s = min(max(CALM_S * len(status.nodes), REDRAW_S), MAX_CALM_S) if is_calm else 0.0
         self._next_draw_s = self._record.clock() + pause_s
@@ -163,7 +163,7 @@ class RigView(ModeView):
         self._start.show_leader(status.leader)
         advice = [] if self._start.display and not self._record.lost else self._advise(status)
         self._advice.show(advice)
-        # The news keep a few lines whatever comes, and more of them in a large window.
+        # The log always has a few lines, and more in a large window.
         small = self.size.height < SMALL
         self.set_class(small, "-small")
         room = self.size.height - len(advice) - (3 if small else 8)
@@ -183,14 +183,14 @@ class RigView(ModeView):
             if sign.glyph == MISSING:
                 words += "; del takes a lost camera off the list"
         lines = textwrap.wrap(f"{sign.glyph} {printable(words)}", self.size.width - 2, subsequent_indent="  ")
-        # Always as many lines, so that what is below does not jump.
+        # A fixed number of lines, so that the content below does not jump.
         more, lines = lines[ADVICE_LINES:], (lines + [""] * ADVICE_LINES)[:ADVICE_LINES]
-        if more:  # one line that is cut shows that there is more
+        if more:  # a truncated line shows that there is more
             lines[-1] += f" {more[0].strip()}"
         return [Content.styled(line, f"bold {sign.style}") for line in lines]
 
     def _choose_panel(self, status: RigStatus) -> None:
-        """Show the start while there is nothing else to show, or while the user adds cameras."""
+        """Show the start panel if there are no cameras, or while the user adds some."""
         if self._adding is not None and len(status.nodes) > self._adding:
             self._adding = None
         starting = not status.nodes or self._adding is not None
@@ -199,12 +199,12 @@ class RigView(ModeView):
             self._cameras.display = self._news.display = not starting
             self.focus_first()
             self.refresh_bindings()
-            self.call_after_refresh(self._draw)  # what has just appeared has no size before
+            self.call_after_refresh(self._draw)  # a widget has no size before it is displayed
 
     # Doing
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """What can be done with a list of cameras, and what while some are added."""
+        """Return whether an action is available, given the visible panel and the focus."""
         if action == "remove":
             return self._cameras.has_focus
         if action in ("add", "news", "panel", "phones", "invite"):
@@ -214,7 +214,7 @@ class RigView(ModeView):
         return self._adding is not None if action == "back" else True
 
     def action_add(self) -> None:
-        """Offer further cameras."""
+        """Show the start panel to add cameras."""
         if self._record.status is not None:
             self._adding = len(self._record.status.nodes)
             self._start.say_busy("")
@@ -227,7 +227,7 @@ class RigView(ModeView):
 
     @work(exclusive=True, group="start")
     async def action_start(self) -> None:
-        """Start the leader of this machine again, where it was: cameras that go on find it there."""
+        """Restart the local leader at its address, where its running cameras reconnect."""
         leader, status = self._source.leader, self._record.status
         alone = status is not None and parse_address(status.leader).host in LOOPBACK_HOSTS
         self._starting = f"starting a leader at {leader}; its cameras are then added by a"
@@ -238,7 +238,7 @@ class RigView(ModeView):
         self._starting = ""
 
     def action_news(self) -> None:
-        """Go to the news, to scroll in them; or back."""
+        """Move the focus to the log for scrolling, or back."""
         (self._cameras if self._news.has_focus else self._news).focus()
 
     def action_panel(self) -> None:
@@ -255,7 +255,7 @@ class RigView(ModeView):
 
     @work(group="orders")
     async def action_remove(self) -> None:
-        """Take the chosen camera off the rig."""
+        """Remove the selected camera from the rig."""
         node = self._cameras.chosen
         if node is not None and node.state is not NodeState.LOST:
             if not node.on_leader and node.camera.kind != PHONE:

@@ -1,1 +1,1 @@
-"""The mode Shoot: previews, the settings of the next take, and its result."""
+"""Mode Shoot: previews, the settings of the next take, and its result."""

@@ -1,4 +1,5 @@
-"""One camera full size, with aids for focus and exposure; or two cameras blinked at the same instant."""
+"""One camera's preview at full size with focus and exposure aids, or two cameras blinked at the same
+instant."""
 
 import asyncio
 from collections import deque
@@ -34,20 +35,20 @@ from capture_app.tui.widgets.picture import NOISE, Picture
 from capture_app.tui.widgets.whole_screen import WholeScreen
 
 NUMBERS = 200
-"""Focus numbers that are kept: more than come in the time over which they are compared."""
+"""Number of stored focus values; covers the time over which they are compared."""
 KEPT = 12
-"""Previews of each camera: some seconds."""
+"""Stored previews per camera, a few seconds' worth."""
 FULL_FPS, PAIR_FPS = 8.0, 4.0
 LEAST_PX, MOST_PX = 640, 1280
-"""Width of the previews: focus is judged on more pixels than a terminal shows."""
+"""Min and max width of the previews: focus needs more pixels than a terminal shows."""
 BLINK_S = 0.5
 HISTOGRAM_ROWS = 3
 
 
 def nearest_pair(first: Iterable[Preview], second: Iterable[Preview]) -> tuple[int, Preview, Preview] | None:
-    """The previews of two cameras that are nearest in time, after how many ns they are apart.
+    """Return two cameras' previews that are nearest in time, with their time difference in ns.
 
-    The newest of equals, of those whose times are known; None where a camera has none.
+    Uses previews with known times, the newest among equals. None if a camera has no such preview.
     """
     pairs = (
         (abs(one.leader_ns - other.leader_ns), -one.leader_ns, one, other)
@@ -59,7 +60,7 @@ def nearest_pair(first: Iterable[Preview], second: Iterable[Preview]) -> tuple[i
 
 
 class FullView(WholeScreen[str]):
-    """What a camera sees now; Escape closes it and gives the camera that was last seen."""
+    """Live view of a camera; Escape closes it and returns the camera shown last."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "close", "Back", id="finder.back"),
@@ -80,28 +81,28 @@ class FullView(WholeScreen[str]):
         self._at = self._cameras.index(camera)
         self._aids: dict[str, bool] = {"focus": False, "zebra": False}
         self.focus_numbers: deque[tuple[float, float]] = deque(maxlen=NUMBERS)
-        """When each was measured, in seconds, and how sharp the picture was."""
+        """Sharpness of the preview, with its measurement time in seconds."""
         self._exposure: Exposure | None = None
         self._blinks = False
         self._previews: dict[str, deque[Preview]] = {}
-        """The last of each of the two that are blinked."""
+        """Latest previews of the two blinked cameras."""
         self._shows_second = False
         self._newest: Preview | None = None
-        """The picture that is measured next, or just now; None while nothing is measured."""
+        """Preview to measure next or being measured; None while idle."""
 
     def on_mount(self) -> None:
-        """Ask for its pictures."""
+        """Request the camera's previews."""
         self.set_interval(BLINK_S, self._blink)
         self._begin()
 
     @property
     def camera(self) -> str:
-        """The camera that is looked at."""
+        """Name of the camera shown."""
         return self._cameras[self._at]
 
     @property
     def _partner(self) -> str:
-        """The camera that it is blinked with."""
+        """Name of the camera that it is blinked with."""
         return self._cameras[(self._at + 1) % len(self._cameras)]
 
     @property
@@ -109,33 +110,33 @@ class FullView(WholeScreen[str]):
         return nearest_pair(*self._previews.values()) if self._blinks else None
 
     async def action_close(self) -> None:
-        """Go back; whoever is seen then asks for the pictures that it needs."""
+        """Close; the screen below then requests its own previews."""
         await self._ask(0.0)
         self.dismiss(self.camera)
 
     def action_move(self, by: int) -> None:
-        """Look at another camera."""
+        """Show another camera."""
         self._at = (self._at + by) % len(self._cameras)
         self._begin()
 
     def action_aid(self, aid: str) -> None:
-        """Mark what is sharp, or what is clipped; or mark it no more."""
+        """Toggle the marking of sharp or of clipped pixels."""
         self._aids[aid] = not self._aids[aid]
         aids: dict[str, Aid] = {"focus": peaking, "zebra": zebra}
         self._picture.show_aids([aids[name] for name, on in self._aids.items() if on])
         self._show_title()
 
     def action_meters(self) -> None:
-        """Show the numbers below the picture, or leave the picture their room."""
+        """Show or hide the meters below the picture."""
         self._meters.display = not self._meters.display
 
     def action_blink(self) -> None:
-        """Blink with the next camera at the same instant, or stop it."""
+        """Start or stop blinking with the next camera at the same instant."""
         self._blinks = not self._blinks and len(self._cameras) > 1
         self._begin()
 
     def on_told(self, message: Told) -> None:
-        """Show how the camera is, and what it sees."""
+        """Show the camera's state and its preview."""
         if not isinstance(message.what, Preview):
             self._show_title()
         elif self._blinks:
@@ -166,7 +167,7 @@ class FullView(WholeScreen[str]):
 
     @work(group="measuring")
     async def _measure(self) -> None:
-        """Decode and measure the newest picture in a thread, until no newer one is there."""
+        """Decode and measure previews in a thread until no newer one is waiting."""
         while (preview := self._newest) is not None:
             measured = await asyncio.to_thread(_decode_and_measure, preview.jpeg)
             if measured is not None and preview.camera == self.camera:

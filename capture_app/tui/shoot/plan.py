@@ -1,4 +1,4 @@
-"""The settings of the next take, as a list: arrows choose one and change it."""
+"""Settings of the next take as a list; arrow keys select and change them."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import asdict, dataclass, replace
@@ -18,13 +18,13 @@ from capture_app.tui.widgets.lines import Lines
 
 V = TypeVar("V")
 MOST_BEFORE = 60
-"""Frames before the key: a node keeps those of 3 s, and the order takes its time to get there."""
+"""Max frames before the key press: a node stores frames of 3 s, and the order needs time to reach it."""
 MOST_FRAMES = 300
 MOST_NOTE = 1000
 COUNTDOWNS_S = (0.0, 3.0, 5.0, 10.0, 20.0)
 INTERVALS_S = (2.0, 5.0, 10.0, 30.0, 60.0, 300.0)
 LENGTHS_S = (0.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)
-"""Lengths of a recording; 0: until it is ended."""
+"""Durations of a recording; 0: until it is stopped."""
 TAKES = (2, 3, 5, 10, 20, 50, 100)
 REGIONS: dict[str, Region] = {
     "whole picture": WHOLE,
@@ -37,13 +37,13 @@ REGIONS: dict[str, Region] = {
 
 
 TakeMode = Literal["single", "interval", "sequence", "motion", "recording"]
-"""What one press of the key begins.
+"""Effect of one key press.
 
 single      one take
-interval    a take every so many seconds, until it is stopped or all are there
-sequence    take after take, each as soon as the one before is saved
-motion      a take whenever something moves, until it is stopped or all are there
-recording   a video with every camera, until it is ended
+interval    a take at a fixed interval, until stopped or all are taken
+sequence    take after take, each as soon as the previous one is saved
+motion      a take whenever something moves, until stopped or all are taken
+recording   a video with every camera, until stopped
 """
 MODES: tuple[TakeMode, ...] = get_args(TakeMode)
 _SERIES: tuple[TakeMode, ...] = ("interval", "sequence", "motion")
@@ -53,33 +53,33 @@ LABEL = 10
 
 @dataclass(frozen=True, slots=True)
 class TakeSettings:
-    """What a photographer sets of the next take; times in seconds."""
+    """Settings of the next take; times in seconds."""
 
     frames: int = 8
-    """Frames of each camera, those before the key included."""
+    """Frames per camera, including those before the key press."""
     before: int = 3
     mode: TakeMode = "single"
     countdown_s: float = 0.0
     every_s: float = 5.0
-    """Between takes of an interval; of motion at least."""
+    """Time between takes of an interval; minimum time for motion."""
     region: str = next(iter(REGIONS))
-    """Where something has to move, by its name in REGIONS."""
+    """Region in which motion triggers a take, by its name in REGIONS."""
     takes: int = 3
-    """How many takes an interval or a sequence has."""
+    """Number of takes in a series."""
     seconds: float = 0.0
-    """Length of a recording; 0: until it is ended."""
+    """Duration of a recording; 0: until it is stopped."""
     name: str = ""
     note: str = ""
 
     def __post_init__(self) -> None:
-        """Keep the numbers in their bounds."""
+        """Clamp the numbers to their limits."""
         frames = min(max(self.frames, 1), MOST_FRAMES)
         object.__setattr__(self, "frames", frames)
         object.__setattr__(self, "before", min(max(self.before, 0), MOST_BEFORE, frames))
 
     @classmethod
     def recall(cls, settings: Settings) -> Self:
-        """The settings as they were left."""
+        """Return the stored settings."""
         kept = {name: settings.recall(f"shoot.{name}", value) for name, value in cls()._kept().items()}
         kept["mode"] = kept["mode"] if kept["mode"] in MODES else "single"
         kept["region"] = kept["region"] if kept["region"] in REGIONS else cls().region
@@ -87,7 +87,7 @@ class TakeSettings:
         return cls(**kept)
 
     def remember(self, settings: Settings) -> None:
-        """Keep it for the next start; notes are about one take."""
+        """Store the settings for the next start, except the note, which belongs to one take."""
         for name, value in self._kept().items():
             settings.remember(f"shoot.{name}", value)
 
@@ -96,20 +96,20 @@ class TakeSettings:
 
     @property
     def after(self) -> int:
-        """Frames from the key on."""
+        """Frames from the key press on."""
         return self.frames - self.before
 
     def with_before(self, before: int) -> Self:
-        """As many after the key as now, and so many before."""
+        """Return the settings with this many frames before the key press, and unchanged frames after it."""
         before = min(max(before, 0), MOST_BEFORE)
         return replace(self, frames=max(before + self.after, 1), before=before)
 
     def with_after(self, after: int) -> Self:
-        """As many before the key as now, and so many after."""
+        """Return the settings with this many frames after the key press, and unchanged frames before it."""
         return replace(self, frames=max(self.before + max(after, 0), 1))
 
     def plan(self) -> TakePlan:
-        """What is taken with these settings."""
+        """Return the plan of a take with these settings."""
         plan: dict[str, Any] = {"name": self.name, "note": self.note, "countdown_s": self.countdown_s}
         if self.mode == "recording":
             return TakePlan(video=True, seconds=self.seconds or None, **plan)
@@ -123,7 +123,7 @@ class TakeSettings:
 
 
 def stepped(values: tuple[float, ...], value: float, steps: int) -> float:
-    """The value so many steps further among these, from the nearest on."""
+    """Return the value `steps` after the nearest one in `values`, clamped at the ends."""
     nearest = min(range(len(values)), key=lambda at: abs(values[at] - value))
     return values[min(max(nearest + steps, 0), len(values) - 1)]
 
@@ -133,7 +133,7 @@ class _Row:
     label: str
     text: Callable[[TakeSettings, int | None], str]
     change: Callable[[TakeSettings, int], TakeSettings] | None = None
-    """Null for a line of text."""
+    """None for a line of text."""
     modes: tuple[TakeMode, ...] = MODES
 
 
@@ -142,7 +142,7 @@ def _frames(number: int, period_ns: int | None, sign: str) -> str:
 
 
 def _next(values: Sequence[V], value: V, steps: int) -> V:
-    """The value so many steps further among these, round and round."""
+    """Return the value `steps` after this one in `values`, cyclically."""
     return values[(values.index(value) + steps) % len(values)]
 
 
@@ -195,7 +195,7 @@ ROWS = (
 
 
 class PlanPanel(Lines, can_focus=True):
-    """Shows and changes the settings of the next take."""
+    """List of the next take's settings, which the user can change."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up", "choose(-1)", "Setting above", id="plan.up", show=False),
@@ -214,17 +214,18 @@ class PlanPanel(Lines, can_focus=True):
         self._period_ns: int | None = None
 
     def on_mount(self) -> None:
-        """Show it as it is remembered."""
+        """Show the stored settings."""
         super().on_mount()
         self._show()
 
     def watch_has_focus(self, has_focus: bool) -> None:
-        """Mark the chosen setting, or unmark it."""
+        """Mark or unmark the selected setting."""
         super().watch_has_focus(has_focus)
         self._show()
 
     def on_click(self, event: events.Click) -> None:
-        """Choose a setting; left of its value it gets less, right of it more."""
+        """Select a setting; a click on the selected one decreases it on the left, increases it on the
+        right."""
         at = event.y - 1
         if 0 <= at < len(self._rows()):
             if at == self._chosen and self._rows()[at].change is None:
@@ -235,13 +236,13 @@ class PlanPanel(Lines, can_focus=True):
             self._show()
 
     def show_period(self, period_ns: int | None) -> None:
-        """Say how long so many frames are."""
+        """Show the durations of the frame counts at this period."""
         if period_ns != self._period_ns:
             self._period_ns = period_ns
             self._show()
 
     def change(self, settings: TakeSettings) -> None:
-        """Take with these settings from now on, and remember them."""
+        """Use these settings from now on, and store them."""
         if settings != self.settings:
             self.settings = settings
             self._chosen = min(self._chosen, len(self._rows()) - 1)
@@ -249,12 +250,12 @@ class PlanPanel(Lines, can_focus=True):
             settings.remember(self._store)
 
     def action_choose(self, by: int) -> None:
-        """Go to another setting."""
+        """Select another setting."""
         self._chosen = min(max(self._chosen + by, 0), len(self._rows()) - 1)
         self._show()
 
     def action_change(self, by: int) -> None:
-        """Change the chosen setting."""
+        """Change the selected setting."""
         row = self._rows()[self._chosen]
         if row.change is None:
             self.action_edit()
@@ -263,7 +264,7 @@ class PlanPanel(Lines, can_focus=True):
 
     @work(group="asking")
     async def action_edit(self, what: str = "") -> None:
-        """Type the `name` or the `notes` of the takes that follow; by default, what is chosen."""
+        """Edit the `name` or the `notes` of the following takes; by default, the selected one."""
         what = what or self._rows()[self._chosen].label
         if what == "name":
             text = "A name for the takes that follow; their folders begin with it. Empty: burst."

@@ -1,4 +1,4 @@
-"""Previews of all cameras side by side, each as large as the room allows."""
+"""Grid of all cameras' previews, each as large as the space allows."""
 
 import math
 from typing import ClassVar
@@ -18,15 +18,15 @@ from capture_app.tui.widgets.lines import Lines, fitting
 from capture_app.tui.widgets.picture import NOISE, Picture
 
 ASPECT = 0.75
-"""Height over width of the pictures that the layout expects."""
+"""Height over width of the previews that the layout assumes."""
 GRID_FPS, MANY_FPS = 2.0, 1.0
 MANY = 8
-"""With more cameras than this each is shown less often."""
+"""Number of cameras above which the preview rate is lower."""
 LEAST_PX, MOST_PX = 64, 640
 
 
 def grid_columns(cameras: int, width: int, height: int) -> int:
-    """In how many columns that many pictures become largest; a cell is twice as high as wide."""
+    """Return the number of columns that makes this many pictures largest; a cell is twice as high as wide."""
 
     def picture_width(columns: int) -> float:
         rows = math.ceil(cameras / columns)
@@ -36,7 +36,7 @@ def grid_columns(cameras: int, width: int, height: int) -> int:
 
 
 class PreviewTile(Vertical):
-    """One camera: name, state and rate above its picture."""
+    """One camera: name, state and frame rate above its preview."""
 
     def __init__(self, node: NodeStatus) -> None:
         self._title = Lines()
@@ -46,11 +46,11 @@ class PreviewTile(Vertical):
 
     @property
     def title(self) -> str:
-        """What stands above the picture."""
+        """Text above the preview."""
         return "".join(self._title.plain)
 
     def show_node(self, node: NodeStatus) -> None:
-        """Show how the camera is."""
+        """Show the camera's state."""
         self._node = node
         self._show()
 
@@ -70,14 +70,14 @@ class PreviewTile(Vertical):
         )
         rate = "" if node.fps is None else f" {node.fps:.1f} fps"
         more = (Content.styled(f" {sign.word}", sign.style), Content.styled(rate, "$foreground-muted"))
-        # What does not fit is left out rather than cut.
+        # Parts that do not fit are omitted rather than cut.
         self._title.show([Content("").join(fitting((title, *more), "", self.size.width))])
 
     on_resize = _show
 
 
 class PreviewGrid(Container, can_focus=True):
-    """Shows all cameras; the cursor chooses one, Enter opens it full size."""
+    """Grid of all cameras; the cursor selects one, Enter opens it at full size."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "move(-1,0)", "Camera before", id="previews.left", show=False),
@@ -96,24 +96,24 @@ class PreviewGrid(Container, can_focus=True):
 
     @property
     def tiles(self) -> tuple[PreviewTile, ...]:
-        """The cameras' tiles, in their order."""
+        """Tiles of the cameras, in their order."""
         return tuple(self._tiles.values())
 
     @property
     def wanted(self) -> tuple[int, float]:
-        """Width in pixels and rate of the previews that it can show."""
+        """Width in pixels and rate of the previews to request."""
         pixels = 2 * self.size.width // max(self._columns, 1)
         fps = MANY_FPS if len(self._tiles) > MANY else GRID_FPS
-        # In steps, so that nodes need not be asked anew for each column of a window being resized.
+        # Rounded up to 64 pixels, so that resizing a window does not send a new request for each column.
         return min(max(pixels + -pixels % 64, LEAST_PX), MOST_PX), fps
 
     def go_to(self, camera: str) -> None:
-        """Put the cursor on a camera."""
+        """Move the cursor to a camera."""
         if camera in self._tiles:
             self._choose(list(self._tiles).index(camera))
 
     def show_status(self, status: RigStatus) -> None:
-        """Show these cameras."""
+        """Show the cameras of a status."""
         nodes = {node.name: node for node in cameras_of(status)}
         if list(nodes) != list(self._tiles):
             before = self._tiles
@@ -129,7 +129,7 @@ class PreviewGrid(Container, can_focus=True):
             self._tiles[name].show_node(node)
 
     def show_preview(self, preview: Preview) -> None:
-        """Show what a camera sees."""
+        """Show a camera's preview."""
         if tile := self._tiles.get(preview.camera):
             tile.picture.show(preview.jpeg)
 
@@ -145,7 +145,7 @@ class PreviewGrid(Container, can_focus=True):
             self.app.push_screen(full, lambda camera: None if camera is None else self.go_to(camera))
 
     def watch_has_focus(self, has_focus: bool) -> None:
-        """Show the cursor, or hide it."""
+        """Show or hide the cursor."""
         super().watch_has_focus(has_focus)
         self._choose(self._at)
 

@@ -1,4 +1,4 @@
-"""The large part of the mode Shoot: what the cameras see, the countdown, or the sheet of the last take."""
+"""Main area of the mode Shoot: live previews, countdown, or contact sheet of the last take."""
 
 from textual.containers import Vertical
 from textual.content import Content
@@ -16,7 +16,7 @@ LIVE, SHEET, COUNTDOWN = "live", "sheet", "countdown"
 
 
 class Stage(ContentSwitcher):
-    """Shows one of the three, `current`."""
+    """Switcher between the three; `current` is the one shown."""
 
     def __init__(self, rig: RigLink, record: RigRecord) -> None:
         self._rig = rig
@@ -35,41 +35,41 @@ class Stage(ContentSwitcher):
         return self.current == SHEET
 
     def show_live(self) -> None:
-        """Show what the cameras see."""
+        """Show the live previews."""
         self._go_to(LIVE, "Live")
 
     def load_sheet(self, sheet: TakeSheet, instant: int) -> None:
-        """Have a take at hand, with the cursor at an instant."""
+        """Load a take into the sheet, with the cursor at an instant."""
         self.sheet.show(sheet)
         self.sheet.go_to(sheet.cameras[0], min(instant, sheet.instants - 1))
         if self.is_sheet:
             self.show_sheet()
 
     def show_sheet(self) -> None:
-        """Show the take that is at hand."""
+        """Show the sheet of the loaded take."""
         if self.sheet.sheet is not None:
             self._go_to(SHEET, self.sheet.sheet.session.name)
 
     def forget_sheet(self, sheet: TakeSheet) -> None:
-        """Show a take no more: it is gone."""
+        """Unload a take that was removed."""
         if self.sheet.sheet is sheet:
             self.sheet.show(None)
             self.show_live()
 
     def count_down(self, seconds: int, words: str) -> None:
-        """Show the seconds that are left in digits that can be read from afar."""
+        """Show the remaining seconds in digits readable from a distance."""
         self._digits.update(str(seconds))
         self._words.show([Content.styled(f"{words} · Space stops it", "$foreground-muted")])
         self._go_to(COUNTDOWN, "Countdown")
 
     def end_countdown(self) -> None:
-        """Show what the cameras see again."""
-        # Unless the screen is left during the countdown.
+        """Show the live previews again."""
+        # The screen may be closed during the countdown.
         if self.current == COUNTDOWN and self.grid.is_attached:
             self.show_live()
 
     def want_previews(self, seen: bool) -> None:
-        """Ask for the previews that are looked at, where that has changed."""
+        """Request the previews that are visible, if the request has changed."""
         looking = seen and self.current == LIVE and bool(self.grid.tiles)
         wanted = self.grid.wanted if looking else (self._asked[0], 0.0)
         if wanted != self._asked and (wanted[1] or self._asked[1]):

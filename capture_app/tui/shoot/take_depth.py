@@ -1,4 +1,5 @@
-"""The depth of each take, made at once at the lowest priority: one that went wrong is seen on the spot."""
+"""Depth of each take, computed right after it at the lowest priority, so that a failed take is noticed on the
+spot."""
 
 import os
 from collections.abc import Iterator
@@ -17,13 +18,13 @@ from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.widgets.picture import Source
 
 SLOW_S = 60.0
-"""Depth that keeps all processors of this machine busy for longer is not made by itself again."""
+"""Duration on all processors of this machine beyond which depth is not computed automatically again."""
 
 
 async def begin(runs: Runs | None, sheet: TakeSheet) -> None:
-    """Make the depth of a take's middle instant, and not of one before it that still waits.
+    """Start the depth of a take's middle instant, and cancel an earlier depth that still waits.
 
-    `runs`: None where nothing is to be made, here as below; a burst has the machine to itself, as with all.
+    `runs` is None if depth is off, here and below. As with all runs, bursts have precedence.
     """
     if runs is None or len(sheet.cameras) < 2:
         return
@@ -35,19 +36,19 @@ async def begin(runs: Runs | None, sheet: TakeSheet) -> None:
 
 
 def _is_slow(runs: Runs) -> bool:
-    # What it waited for others says nothing of the machine.
+    # Wall time would include waiting for other jobs.
     most_s = SLOW_S * (os.cpu_count() or 1)
     return any(run.processor_s > most_s for run in runs.all if run.kind == MOMENT.name)
 
 
 def run_of(runs: Runs | None, sheet: TakeSheet | None) -> Run | None:
-    """The run of a take."""
+    """Return the depth run of a take, or None."""
     found = [] if runs is None or sheet is None else runs.of(sheet.session.folder)
     return next((run for run in found if run.kind == MOMENT.name), None)
 
 
 def lines(runs: Runs | None, sheet: TakeSheet | None) -> Iterator[Content]:
-    """What came of it, or how far it is."""
+    """Yield lines with the depth's progress or result."""
     run = run_of(runs, sheet)
     if run is None:
         if runs is not None and sheet is not None and _is_slow(runs):
@@ -63,7 +64,7 @@ def lines(runs: Runs | None, sheet: TakeSheet | None) -> Iterator[Content]:
 
 
 def picture(runs: Runs | None, sheet: TakeSheet | None) -> Source | None:
-    """The middle camera's depth."""
+    """Return the depth image of the middle camera, or None."""
     run = run_of(runs, sheet)
     try:
         return None if run is None or run.result is None else _middle_picture(run.result)

@@ -1,4 +1,4 @@
-"""The takes that the screen has heard of, whoever ordered them, and what became of each."""
+"""Takes known to the screen, including those ordered elsewhere, and the pane that shows them."""
 
 from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass
@@ -16,48 +16,48 @@ from capture_app.tui.signs import GRADES
 from capture_app.tui.widgets.picture import Picture, Source
 
 SAID_AFTER_S = 2
-"""A take without news for so long says for how long."""
+"""Seconds after which the progress text shows the elapsed time."""
 EARLIER = 8
 BAR = 10
 WIDE = 34
-"""From so many columns on there is room for what the times mean."""
+"""Columns from which the verdict's explanation is shown."""
 
 
 @dataclass(slots=True)
 class Take:
-    """One take: what was asked for, where it was asked from here, how far it is, and what it is worth."""
+    """One take: its status, its plan if it was ordered here, and its verdict."""
 
     status: BurstStatus
     plan: TakePlan | None = None
     sheet: TakeSheet | None = None
-    """The take's pictures and verdict, where it is on this machine's disk."""
+    """Images and verdict of the take, if it is on this machine's disk."""
     problem: str = ""
-    """Why it could not be judged."""
+    """Reason why the take could not be judged."""
     trashed: bool = False
     is_new: bool = True
-    """The take was made while the screen was open."""
+    """Whether it was taken while the screen was open."""
     begun_s: float = 0.0
-    """When the screen heard of it first."""
+    """Time at which the screen first received its status."""
     retake_of: str = ""
-    """The take that it was taken again for."""
+    """Name of the take that this one repeats."""
 
     @property
     def name(self) -> str:
-        """The name of its session."""
+        """Name of its session."""
         return self.status.name
 
 
 def open_take(status: BurstStatus) -> TakeSheet | None:
-    """Open the session of a take that is over; None where it is not on this machine. Blocks on the disk.
+    """Open the session of a finished take; None if it is on another machine. Blocks on the disk.
 
-    Raises BadInputError or IncompleteError where the session cannot be read.
+    Raises BadInputError or IncompleteError if the session cannot be read.
     """
     session = local_session(status)
     return None if session is None else TakeSheet(session)
 
 
 def progress_words(status: BurstStatus, seconds: float) -> str:
-    """How far a burst is that was ordered so many seconds ago."""
+    """Return the progress of a burst ordered `seconds` ago, in words."""
     if status.recording and not status.done:
         lacking = f", {status.expected - status.received} on their way" if status.expected else ""
         return f"recording: {status.received} frames{lacking}; Space ends it"
@@ -70,12 +70,12 @@ def progress_words(status: BurstStatus, seconds: float) -> str:
 
 
 class TakePanel(VerticalScroll, can_focus=False):
-    """The newest take in full, a line for each of those before it."""
+    """Pane with the newest take in full and one line for each earlier take."""
 
     def __init__(self) -> None:
         self._newest, self._earlier = Static(id="takes-newest"), Static(id="takes-earlier")
         self.plain = ""
-        """What it says."""
+        """Text shown."""
         self._picture = Picture(id="takes-depth")
         self._picture.display = self._earlier.display = False
         super().__init__(self._newest, self._picture, self._earlier, id="takes")
@@ -88,7 +88,7 @@ class TakePanel(VerticalScroll, can_focus=False):
         depth: Iterable[Content] = (),
         picture: Source | None = None,
     ) -> None:
-        """Show these, the newest last, with lines about its depth and a picture of it."""
+        """Show these takes, newest last, with lines about the newest one's depth and its depth image."""
         self._picture.display = picture is not None
         self._picture.show(picture)
         self._earlier.display = len(takes) > 1
@@ -102,7 +102,7 @@ class TakePanel(VerticalScroll, can_focus=False):
 
 
 def verdict_line(verdict: Verdict) -> Content:
-    """A take's verdict in one line."""
+    """Return a take's verdict in one line."""
     sign = GRADES[verdict.grade]
     return Content.assemble(
         (f"{sign.glyph} ", sign.style),
@@ -113,7 +113,7 @@ def verdict_line(verdict: Verdict) -> Content:
 
 
 def transfer_line(transfer: CameraTransfer) -> Content:
-    """How much a camera has brought: name, bar, numbers, and why no more will come."""
+    """Return a camera's transfer progress: name, bar, numbers, and the reason if it failed."""
     done = transfer.received >= transfer.expected
     filled = BAR if done else BAR * transfer.received // max(1, transfer.expected)
     style = "$success" if done else "$error" if transfer.problem else "$primary"

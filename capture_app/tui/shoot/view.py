@@ -1,4 +1,4 @@
-"""The mode Shoot: Space takes; what the cameras see beside the plan, then at once the contact sheet."""
+"""Mode Shoot: Space takes; live previews beside the plan, followed by the contact sheet of the take."""
 
 import asyncio
 from typing import ClassVar
@@ -43,15 +43,15 @@ from capture_app.tui.signs import cameras_of, is_settled
 from capture_app.tui.widgets.lines import Lines
 
 MOST_ANSWERS = 9
-"""How many bursts are offered to be cancelled: as many as there are keys for."""
+"""Maximum bursts offered for cancellation, one per digit key."""
 MOST_TAKES = 100
 NARROW = 110
-"""A window of fewer columns is narrow: the plan leaves the pictures more room."""
+"""Columns below which a window is narrow; the plan then leaves more space to the pictures."""
 AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
 
 
 class ShootView(ModeView):
-    """Takes pictures and shows what became of them."""
+    """View that takes pictures and shows the results."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "take", "Take", id="shoot.take"),
@@ -81,17 +81,17 @@ class ShootView(ModeView):
     def __init__(
         self, rig: RigLink, record: RigRecord, settings: Settings, depth_runs: Runs | None = None
     ) -> None:
-        """`depth_runs`: what makes the depth of each take; None: nothing does."""
+        """`depth_runs`: runs that compute each take's depth; None: no depth."""
         self._rig, self._record = rig, record
         self._depth_runs = depth_runs
         self.takes: list[Take] = []
-        """The takes that the screen has heard of, the newest last."""
+        """Takes known to the screen, newest last."""
         self._taking = Taking(rig, TakePlan())
-        """The newest takes ordered here; at first none, that never begin."""
+        """Newest takes ordered here; initially empty and never started."""
         self._course = ""
-        """What these wait for."""
+        """What these takes wait for, in words."""
         self._failure = ""
-        """Why the last order came to nothing."""
+        """Reason why the last order failed."""
         self.plan_panel = PlanPanel(settings)
         self.take_panel = TakePanel()
         self.stage = Stage(rig, record)
@@ -100,28 +100,28 @@ class ShootView(ModeView):
         super().__init__(Horizontal(side, self.stage), self._line, id="shoot")
 
     def on_mount(self) -> None:
-        """Show that there is no take yet, and from then on how long one takes."""
+        """Show the empty pane and start the updates of elapsed times."""
         self.take_panel.show(())
         self.watch(self.stage, "current", self._drive_stage, init=False)
         self.set_interval(1.0, self._show_course)
 
     def on_resize(self) -> None:
-        """Leave the pictures most of a small window."""
+        """Leave most of a small window to the pictures."""
         self.set_class(self.size.width < NARROW, "narrow")
         self._show_course()
         self.call_after_refresh(self._want_previews)
 
     def on_mode_shown(self) -> None:
-        """Look again."""
+        """Focus, and request the previews again."""
         super().on_mode_shown()
         self._want_previews()
 
     def focus_first(self) -> None:
-        """Arrows go over the sheet, or change the plan."""
+        """Focus the sheet or the plan, whichever the arrow keys should drive."""
         (self.stage.sheet if self.stage.is_sheet else self.plan_panel).focus()
 
     def on_told(self, message: Told) -> None:
-        """Show the cameras, what they see, and takes that were ordered elsewhere."""
+        """Show cameras, previews, and takes ordered elsewhere."""
         match message.what:
             case Preview() as preview:
                 self.stage.grid.show_preview(preview)
@@ -136,7 +136,7 @@ class ShootView(ModeView):
                 self.call_after_refresh(self._want_previews)
 
     def _drive_stage(self) -> None:
-        """Drive what the stage shows now."""
+        """Adapt layout, focus and previews to the stage's content."""
         self.set_class(self.stage.is_sheet, "sheet")
         self._show_course()
         if self.screen.is_active:
@@ -144,7 +144,7 @@ class ShootView(ModeView):
         self._want_previews()
 
     def action_take(self) -> None:
-        """Take as planned; take now what waits for the rig; stop a series; end a recording."""
+        """Take as planned; take now if waiting for the rig; stop a series; stop a recording."""
         newest = None if self._record.status is None else self._record.status.burst
         if self._taking.is_waiting:
             self._taking.take_now()
@@ -156,7 +156,7 @@ class ShootView(ModeView):
             self._shoot(self.plan_panel.settings.plan())
 
     def action_stop(self) -> None:
-        """Stop a countdown, an interval, a sequence, a wait; what is taken already is saved."""
+        """Stop a countdown, a series or a wait; images already taken are saved."""
         if self._taking.is_open:
             self._taking.stop()
             self._end_course()
@@ -165,7 +165,7 @@ class ShootView(ModeView):
 
     @work(group="asking")
     async def action_retake(self) -> None:
-        """Take again as the last time, keeping or trashing what there is."""
+        """Repeat the last take, after asking whether to keep or trash it."""
         last = next((take for take in reversed(self.takes) if take.plan is not None), None)
         plan = (last and last.plan) or self.plan_panel.settings.plan()
         if self._taking.is_open:
@@ -182,24 +182,24 @@ class ShootView(ModeView):
             self._shoot(plan, retake_of=last.name)
 
     def action_edit(self, what: str) -> None:
-        """Type the name of the takes that follow, or notes for them."""
+        """Edit the name or the notes of the following takes."""
         self.plan_panel.action_edit(what)
 
     def action_frames(self, before: int, after: int) -> None:
-        """Take more or fewer frames before the key, or after it."""
+        """Change the number of frames before or after the key press."""
         settings = self.plan_panel.settings.with_before(self.plan_panel.settings.before + before)
         self.plan_panel.change(settings.with_after(settings.after + after))
 
     def action_switch(self) -> None:
-        """Switch between what the cameras see and the last take."""
+        """Switch between the live previews and the last take."""
         (self.stage.show_live if self.stage.is_sheet else self.stage.show_sheet)()
 
     def action_wiggle(self) -> None:
-        """Wiggle through the cameras at the chosen instant of the last take."""
+        """Wiggle through the cameras at the selected instant of the last take."""
         self.stage.sheet.action_look("wiggle")
 
     def action_turn(self) -> None:
-        """Open the page on which the depth of the newest take is turned by hand."""
+        """Open the interactive 3D page of the newest take's depth."""
         run = take_depth.run_of(self._depth_runs, self._newest_sheet)
         if run is None or run.report is None:
             self.notify("the newest take has no depth")
@@ -231,7 +231,7 @@ class ShootView(ModeView):
 
     @work(group="shooting")
     async def _shoot(self, plan: TakePlan, *, retake_of: str = "") -> None:
-        """Take, and show what happens until all is saved; as soon as all cameras that settle are ready."""
+        """Take once all settling cameras are ready, and show the progress until all is saved."""
         status, ready = self._record.status, plan
         if status is not None and any(map(is_settling, cameras_of(status))):
             cameras = [node for node in cameras_of(status) if node.state is not NodeState.LOST]
@@ -270,15 +270,16 @@ class ShootView(ModeView):
         self._show_course()
 
     def _end_course(self, course: str = "") -> None:
-        """Count down no more, and show what is waited for instead."""
+        """End the countdown, and show `course` as the current state."""
         self._course = course
         self.stage.end_countdown()
         self._show_course()
 
     def _note(self, status: BurstStatus, plan: TakePlan | None = None, retake_of: str = "") -> None:
-        """Take note of how far a burst is.
+        """Store a burst's progress.
 
-        It is told twice: by the answer to the request, which is known then, and by the rig's status.
+        Each burst is reported twice: in the reply to the request, which also gives its plan, and in the rig's
+        status.
         """
         take = next((take for take in self.takes if take.name == status.name), None)
         was_done = take is not None and take.status.done
@@ -302,7 +303,7 @@ class ShootView(ModeView):
         shown = self._shown
         newer = shown is None or self.takes.index(take) > self.takes.index(shown)
         if take.sheet is not None and newer:
-            # The instant of the key is what the photographer meant.
+            # Start at the instant of the key press, which the photographer meant.
             self.stage.load_sheet(take.sheet, 0 if take.plan is None else take.plan.before)
             if take.is_new and not self._taking.is_open:
                 self.stage.show_sheet()
@@ -317,7 +318,7 @@ class ShootView(ModeView):
 
     @property
     def _shown(self) -> Take | None:
-        """The take whose sheet is at hand."""
+        """The take whose sheet is loaded."""
         sheet = self.stage.sheet.sheet
         return next((take for take in self.takes if take.sheet is sheet is not None), None)
 
@@ -330,7 +331,7 @@ class ShootView(ModeView):
             self._show_course()
 
     def _show_course(self) -> None:
-        """Show what is under way, in the takes and in the line below."""
+        """Show the current activity in the takes pane and in the line below."""
         now_s = self._record.clock()
         sheet = self._newest_sheet
         runs = self._depth_runs
@@ -341,7 +342,7 @@ class ShootView(ModeView):
         self._line.show([line])
 
     def _words(self, now_s: float) -> Content:
-        """What the user waits for, until it is there or has failed; else how good things are."""
+        """Return the line's text: the pending activity, a failure, the verdict, or the rig's advice."""
         newest = next(reversed(self.takes), None)
         if self._course:
             return Content.styled(printable(self._course), "bold $primary")
@@ -362,13 +363,13 @@ class ShootView(ModeView):
 
 
 def is_settling(node: NodeStatus) -> bool:
-    """Whether a take should wait for a camera; not if it is lost, or corrects a drift for a moment."""
+    """Return whether a take should wait for a camera; not if it is lost or briefly corrects a drift."""
     in_step = is_settled(node) and node.phase_error_ns is not None
     return not in_step and node.state not in (NodeState.READY, NodeState.LOST)
 
 
 def cancellable_bursts(status: RigStatus) -> dict[int, str]:
-    """The bursts that can be cancelled, by number, in words: the one being saved, then those ahead."""
+    """Return the cancellable bursts in words, by number: the one being saved, then the scheduled ones."""
     offers = {}
     newest = status.burst
     if newest is not None and newest.burst and not newest.done:

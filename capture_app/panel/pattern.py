@@ -1,7 +1,7 @@
 """Pattern of a panel: which lamps are lit at which tick, and the markers that identify the panel.
 
 The layout is the paper's (section 6.1). An array of 10 x 10 lamps lights one column per tick, in turn. Below
-it are rows of 10 lamps; each lamp is lit ten times as long as a lamp of the row above. Lamps are LEDs, or
+it are rows of 10 lamps; each lamp is lit for ten times the time of a lamp in the row above. Lamps are LEDs, or
 cells of a screen whose tick is a refresh. Lengths are in pitches of the array, x to the right and y down from
 the frame's corner.
 """
@@ -209,7 +209,7 @@ def nearest_ns(difference_ns: float, cycle_ns: float) -> float:
 
 def marker_squares(number: int) -> list[list[int]]:
     """Return a marker's white squares, row by row, MARKER_MODULES x MARKER_MODULES of 0 and 1."""
-    import cv2  # slow to import, and only whoever draws needs it
+    import cv2  # slow to import, and needed only for drawing
     import numpy as np
 
     words = cv2.aruco.getPredefinedDictionary(getattr(cv2.aruco, f"DICT_{DICTIONARY}"))

@@ -1,5 +1,4 @@
-"""Textual app: four modes on one rig, the actions they share, and the worker that follows the rig's
-updates."""
+"""Textual app: four modes on one rig, their common actions, and the worker that follows the rig."""
 
 import asyncio
 import contextlib

@@ -48,8 +48,7 @@ class PageServer(Server):
 
     @web.middleware
     async def _refuse_strangers(self, request: web.Request, handler: Handler) -> web.StreamResponse:
-        """Reject other origins and host names: any page in the user's browser can send requests to this
-        server."""
+        """Reject other origins and host names: any page in the user's browser can send requests here."""
         origin = request.headers.get("Origin")
         if (origin is not None and urlsplit(origin).netloc != request.host) or (
             self._names and request.host not in self._names

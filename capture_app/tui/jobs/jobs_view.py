@@ -1,4 +1,4 @@
-"""The mode Jobs: what runs, waits and has been done, what each said, and the way to its results."""
+"""Mode Jobs: running, waiting and finished runs, their output, and access to their results."""
 
 from collections.abc import Sequence
 from typing import ClassVar
@@ -19,9 +19,9 @@ from capture_app.tui.widgets.lines import Lines, chosen_line, filled_cells, just
 from capture_app.tui.widgets.row_list import RowList
 
 SHOWN = 100
-"""The most lines of a log that are shown; all are in its file beside the results."""
+"""Max log lines shown; the complete log is in a file beside the results."""
 LOOK_EVERY_S = 0.25
-"""A program may say a thousand lines a second; nobody reads them one by one."""
+"""Redraw interval in seconds: a program may print a thousand lines a second."""
 EMPTY = (
     "No job yet.",
     "In Sessions (key 3), c compares a take, e exports it, and a offers all that can be done with it.",
@@ -30,7 +30,7 @@ _WORD, _INDENT = 9, 4
 
 
 def draw_run(run: Run, width: int, chosen: bool) -> Sequence[Content | Strip]:
-    """A run in two lines: state, what, of which session; how far it is, or what came of it."""
+    """Draw a run in two lines: state, command and session; progress or outcome."""
     sign = SIGNS[run.state]
     when = "" if run.ended is None else run.ended.astimezone().strftime("%d %b %H:%M")
     left = Content.assemble(
@@ -56,7 +56,7 @@ def draw_run(run: Run, width: int, chosen: bool) -> Sequence[Content | Strip]:
 
 
 class JobsView(ModeView):
-    """The runs above what the chosen one says."""
+    """List of runs above the output of the selected one."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "open", "Results", id="jobs.open"),
@@ -77,31 +77,31 @@ class JobsView(ModeView):
         self._rows.border_title = "jobs"
 
     def on_mount(self) -> None:
-        """Follow the runs."""
+        """Start following the runs."""
         self.set_interval(LOOK_EVERY_S, self._follow)
         self._empty.show([Content(line) for line in EMPTY])
 
     def focus_first(self) -> None:
-        """The list is what is driven here."""
+        """Focus the list; the view itself if there are no runs."""
         (self._rows if self._runs.all else self).focus()
 
     on_focus = focus_first
 
     def on_mode_shown(self) -> None:
-        """Catch up with what happened meanwhile."""
+        """Draw what happened while hidden."""
         super().on_mode_shown()
         self._show()
 
     def on_resize(self) -> None:
-        """Wrap anew."""
+        """Wrap the log to the new width."""
         self.call_after_refresh(self._show_log)
 
     def on_told(self, message: Told) -> None:
-        """Show the runs as they are now."""
+        """Update the runs after a change of state."""
         if message.what is self._runs:
             self._show()
 
-    # Showing
+    # Drawing
 
     def _show(self) -> None:
         runs, unfinished = self._runs.all, len(self._runs.unfinished)
@@ -116,7 +116,7 @@ class JobsView(ModeView):
         self.refresh_bindings()
 
     def _follow(self) -> None:
-        """Show what goes on between changes of state: time, steps, and what is said."""
+        """Update times, steps and output between changes of state."""
         self._runs.count_time()
         for run in self._runs.unfinished:
             self._rows.show_again(run.key)
@@ -149,16 +149,16 @@ class JobsView(ModeView):
             self._log.scroll_end(animate=False)
 
     def on_row_list_chosen(self, message: RowList.Chosen) -> None:
-        """Show what that run says, or its results."""
+        """Show the selected run's output, or open its results."""
         self._show_log()
         self.refresh_bindings()
         if message.opens:
             self.action_open()
 
-    # Doing
+    # Actions
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer only what can be done with the chosen run."""
+        """Offer only actions available for the selected run."""
         run = self._rows.item if self.is_mounted else None
         over = run is not None and run.state.is_over
         return {
@@ -171,30 +171,30 @@ class JobsView(ModeView):
 
     @work
     async def action_open(self) -> None:
-        """Show what the chosen run has found."""
+        """Show the selected run's results."""
         run = self._rows.item
         if run is not None and run.result is not None:
             await show_result(self, run)
 
     def action_report(self) -> None:
-        """Open the chosen run's report in the browser."""
+        """Open the selected run's report in the browser."""
         if (run := self._rows.item) is not None:
             open_report(self, run.report)
 
     @work
     async def action_cancel(self) -> None:
-        """End the chosen run."""
+        """Cancel the selected run."""
         if (run := self._rows.item) is not None:
             await self._runs.cancel(run)
 
     def action_retry(self) -> None:
-        """Do the same again."""
+        """Run the same command again."""
         if (run := self._rows.item) is not None:
             with telling(self):
                 self._rows.choose(self._runs.add(run.command, run.session, run.options, run.out).key)
 
     @work
     async def action_forget(self) -> None:
-        """Take the chosen run off the list; its results stay."""
+        """Remove the selected run from the list; its results stay."""
         if (run := self._rows.item) is not None:
             await self._runs.forget(run)

@@ -1,4 +1,4 @@
-"""A result on the whole screen: verdict, figures, and pictures switched between both conditions by a key."""
+"""Whole-screen view of a result: verdict, tables, and pictures switched between the two conditions."""
 
 import asyncio
 import os
@@ -27,11 +27,11 @@ from capture_app.tui.widgets.whole_screen import WholeScreen
 
 BLINK_S = 0.8
 WIDE = 150
-"""From this width on pictures and figures stand side by side."""
+"""Width from which pictures and tables are shown side by side."""
 
 
 def verdict_lines(text: str, width: int) -> list[Content]:
-    """A verdict in lines, its first sentence in bold."""
+    """Return a verdict in lines of a width, its first sentence in bold."""
     # A narrow space keeps a number and its unit on one line.
     text = re.sub(r"(?<=\d) (?=(?:[mµn]?s|px|[cm]?m)\b|%)", "\u202f", printable(text))
     first, dot, rest = text.partition(". ")
@@ -41,7 +41,7 @@ def verdict_lines(text: str, width: int) -> list[Content]:
 
 
 def figure_lines(result: StudyResult, width: int) -> Iterator[Content]:
-    """The verdict, the tables, and what was not measured, in lines of a width."""
+    """Yield the verdict, the tables and the notes, in lines of a width."""
     yield from (*verdict_lines(result.verdict, width), Content(""))
     for table in result.tables:
         yield from (*_table(table, width), Content(""))
@@ -50,7 +50,7 @@ def figure_lines(result: StudyResult, width: int) -> Iterator[Content]:
 
 
 def _table(table: ResultTable, width: int) -> Iterator[Content]:
-    """A table as lines: groups above the conditions, numbers to the right."""
+    """Yield a table in lines: groups above the columns, numbers right-aligned."""
     rows = [tuple(printable(cell) for cell in row) for row in table.rows]
     columns = zip_longest(table.columns, *(row[1:] for row in rows), fillvalue="")
     widths = [max(map(len, column)) for column in columns]
@@ -73,7 +73,7 @@ def _table(table: ResultTable, width: int) -> Iterator[Content]:
 
 
 def _style(table: ResultTable, at: int) -> str:
-    """How the figures of a column look: synchronized and offset in turn; all others, in neither colour."""
+    """Return a column's style: alternating for synchronized and offset, neutral for all other columns."""
     if "rest" in table.groups[at] or "still" in table.columns[at]:
         return "$foreground-muted"
     if not any(table.groups) and len(table.columns) not in (2, 3):
@@ -82,7 +82,7 @@ def _style(table: ResultTable, at: int) -> str:
 
 
 def _spans(table: ResultTable, widths: list[int]) -> Iterator[tuple[str, int]]:
-    """Each group of neighbouring columns and the cells that it spans; columns without one are alone."""
+    """Yield each group of neighbouring columns and its width in cells; a column without a group is alone."""
     columns = zip(count(), table.groups, widths, strict=False)
     for (group, _), found in groupby(columns, key=lambda column: (column[1], column[1] or column[0])):
         rooms = [room for _, _, room in found]
@@ -94,7 +94,7 @@ def _cut(text: str, width: int) -> str:
 
 
 class ResultScreen(WholeScreen[None]):
-    """Shows one result; Escape closes it."""
+    """Screen of one result; Escape closes it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space,s", "switch", "Synced/offset", id="result.switch", key_display="space"),
@@ -119,24 +119,24 @@ class ResultScreen(WholeScreen[None]):
         self._run, self._result = run, result
         self._at = 0
         self.shows_offset = False
-        """The offset side is seen."""
+        """Whether the offset condition is shown."""
         self._figures = not result.pictures
         self._blinks = False
         self._sources: dict[Path, Source] = {}
 
     def on_mount(self) -> None:
-        """Begin to blink, as soon as that is wanted."""
+        """Start the timer that blinks the conditions."""
         self.set_interval(BLINK_S, self._blink)
 
     @property
     def picture(self) -> ResultPicture | None:
-        """The picture that is seen."""
+        """Picture on display."""
         return next(iter(self._result.pictures[self._at :]), None)
 
-    # Doing
+    # Actions
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer only what this result has."""
+        """Offer only what this result contains."""
         seen = not self._figures or self._is_wide
         return {
             "switch": seen and self._has_two_sides,
@@ -152,22 +152,22 @@ class ResultScreen(WholeScreen[None]):
         self._turn()
 
     def action_blink(self) -> None:
-        """Show both conditions in turn; the same key ends it."""
+        """Start or stop alternating between both conditions."""
         self._blinks = not self._blinks
         self._show_picture()
 
     def action_move(self, by: int) -> None:
-        """Show another picture, of the same condition."""
+        """Show another picture in the same condition."""
         self._at = (self._at + by) % len(self._result.pictures)
         self._show_picture()
 
     def on_click(self, event: events.Click) -> None:
-        """A click on the picture or the sides above it switches, as the key does."""
+        """Switch the condition after a click on the picture or on the labels above it."""
         if event.widget in (self._picture, self._sides) and self._has_two_sides:
             self.action_switch()
 
     def action_figures(self) -> None:
-        """Show the figures instead of the pictures, or the pictures again."""
+        """Switch between tables and pictures."""
         self._figures = not self._figures
         self._lay_out()
 
@@ -175,7 +175,7 @@ class ResultScreen(WholeScreen[None]):
         """Open the report in the browser."""
         open_report(self, self._run.report)
 
-    # Showing
+    # Drawing
 
     @property
     def _has_two_sides(self) -> bool:
@@ -247,7 +247,7 @@ class ResultScreen(WholeScreen[None]):
 
 
 def open_report(widget: Widget, report: Path | None) -> None:
-    """Open a report in the browser; over ssh, where there is none, say where it lies."""
+    """Open a report in the browser; over SSH, show its path instead."""
     if report is None or not report.is_file():
         error = BadInputError("the report is gone", hint="run the job again")
         widget.post_message(Mishap(error))
@@ -268,7 +268,7 @@ def _read(path: Path) -> bytes | Image | None:
 
 
 async def show_result(widget: Widget, run: Run) -> None:
-    """Show what a run has found on the whole screen; a sentence where that cannot be read."""
+    """Show a run's result on the whole screen, or an error if it cannot be read."""
     with telling(widget):
         result = await asyncio.to_thread(read_result, run)
         await widget.app.push_screen(ResultScreen(run, result))

@@ -1,4 +1,4 @@
-"""Results as a screen shows them, read from the JSON that commands write: nothing is computed."""
+"""Results for display, read from the JSON files that the commands write; nothing is computed here."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -24,9 +24,9 @@ from capture_app.tui.widgets.lines import filled_cells
 
 SYNCED, LATE = "same instant", "late"
 BAR = 20
-"""Cells of a share of 100 %."""
+"""Cells of a bar at 100 %."""
 _FIRST = ("multiview_depth", "stereo_depth", "panorama", "multiview_movers", "stereo_movers", "stereo_late")
-"""The pictures that tell most come first."""
+"""Most informative pictures, shown first."""
 _STUDIES = {
     "stereo": "depth of a pair",
     "triangulation": "points by COLMAP",
@@ -37,7 +37,7 @@ _STUDIES = {
 
 @dataclass(frozen=True, slots=True)
 class ResultPicture:
-    """A picture of both conditions; `offset` is None where there is the synchronized one only."""
+    """Picture in both conditions; `offset` is None if only the synchronized one exists."""
 
     title: str
     caption: str
@@ -49,7 +49,7 @@ class ResultPicture:
 
 @dataclass(frozen=True, slots=True)
 class ResultTable:
-    """Figures in words: a heading for each column of values, and rows that begin with a name."""
+    """Table of formatted values: headings of the value columns, and rows that start with a name."""
 
     caption: str
     groups: tuple[str, ...]
@@ -59,17 +59,17 @@ class ResultTable:
 
 @dataclass(frozen=True, slots=True)
 class StudyResult:
-    """All that a screen shows of a run's result."""
+    """Content of a run's result as the screen shows it."""
 
     verdict: str
     pictures: tuple[ResultPicture, ...] = ()
     tables: tuple[ResultTable, ...] = ()
     remarks: tuple[str, ...] = ()
-    """What was not measured, and why."""
+    """Notes on what was not measured, with the reason."""
 
 
 def percent(share: float | None) -> str:
-    """A share of 1 in percent, a dash for None: 97 %; neither rounded up to all nor down to nothing."""
+    """Format a fraction in percent, or a dash for None; never rounded up to 100 % or down to 0 %."""
     if share is None:
         return "–"
     if 0.99 < share < 1:
@@ -78,7 +78,7 @@ def percent(share: float | None) -> str:
 
 
 def read_result(run: Run) -> StudyResult:
-    """Read what a run has found. Raises BadInputError where it is gone or cannot be read."""
+    """Read a run's result. Raises BadInputError if it is missing or unreadable."""
     path = run.result
     if path is None or run.out is None:
         raise BadInputError(f"{run.command.title} of {run.session.name} has no result", hint="run it again")
@@ -127,7 +127,7 @@ def _panorama(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResu
         other = None if late is None else inside(folder, late[key])
         return ResultPicture(title, caption, inside(folder, synced[key]), other, SYNCED, late_words)
 
-    # Whether the misfit is known on what moves.
+    # Whether the residual of moving objects is known.
     moving = (synced.get("mover_misfit") or {}).get("median_px") is not None
     overlaps = {(o["first"], o["second"]): _misfit(o, moving) for o in (late or {}).get("overlaps", ())}
     rows = tuple(

@@ -1,4 +1,4 @@
-"""Commands that the screen starts on a session, and one run of a command: how far it is, what came of it."""
+"""Commands that the screen can run on a session, and one run of a command with its progress and outcome."""
 
 import shlex
 from collections.abc import Mapping
@@ -20,31 +20,31 @@ from capture_app.tui.signs import Sign
 CAPTURE, RECONSTRUCT = "capture_app.cli", "reconstruction.cli"
 _PROGRAMS = {CAPTURE: "capture-app", RECONSTRUCT: "reconstruct"}
 REPORT = "report.html"
-"""The file of a run's folder that a browser shows, where the command writes one."""
+"""Report in a run's folder, for commands that write one."""
 MEASURED_SHARE = 1 / 3
-"""From this share of a run's steps on its pace tells how long the others take."""
+"""Fraction of a run's steps after which the remaining time is estimated."""
 
 
 @dataclass(frozen=True, slots=True)
 class Command:
-    """One thing that can be done with a session in a process of its own."""
+    """Command that processes a session in a separate process."""
 
     name: str
     title: str
     what: str
-    """What one gets of it, in a sentence."""
+    """Result for the user, in one phrase."""
     module: str
     words: tuple[str, ...]
     quick: str = ""
-    """Options that make it quick; a user may change them."""
+    """Options for a quick run; the user may change them."""
     writes: bool = True
-    """The command writes a folder, which it is given by --out."""
+    """Whether the command writes a folder, given to it by --out."""
     result: str = ""
-    """The file of its folder that holds its figures; empty where there is nothing to look at."""
+    """File with the figures in its folder; empty if there is none to display."""
     fixed: tuple[str, ...] = ()
 
     def arguments(self, session: Path, out: Path | None, options: str) -> tuple[str, ...]:
-        """The command line after the program's name. Raises BadInputError for options that are no words."""
+        """Return the arguments after the program's name. Raises BadInputError for unreadable options."""
         try:
             words = shlex.split(options)
         except ValueError as error:
@@ -56,7 +56,7 @@ class Command:
         return (*self.words, str(session), *self.fixed, *words, *target)
 
     def line(self, session: Path, out: Path | None, options: str) -> str:
-        """What one would type to do the same."""
+        """Return the equivalent command line."""
         return shlex.join((_PROGRAMS.get(self.module, self.module), *self.arguments(session, out, options)))
 
 
@@ -159,63 +159,63 @@ EXPORTS: Mapping[str, Command] = {
     for name in plugin_names(GROUP)
 }
 STUDIES = (COMPARE, MULTIVIEW, PANORAMA, TOLERANCE, CLOUDS, PANEL)
-"""The commands that are offered for their results."""
+"""Commands offered for their results."""
 COMMANDS = {one.name: one for one in (*STUDIES, MOMENT, VERIFY, REPAIR, IMPORT, *EXPORTS.values())}
 
 
 class RunState(StrEnum):
-    """Where a run is."""
+    """State of a run."""
 
     WAITING = "waiting"
     RUNNING = "running"
     PAUSED = "paused"
-    """A burst is taken or saved, and has the machine to itself."""
+    """Suspended while a burst is taken or saved, which needs the whole machine."""
     DONE = "done"
     FAILED = "failed"
     CANCELLED = "cancelled"
 
     @property
     def is_over(self) -> bool:
-        """Whether nothing more will happen of itself."""
+        """Whether the run has ended."""
         return self in (RunState.DONE, RunState.FAILED, RunState.CANCELLED)
 
 
 class Run(Struct, eq=False, kw_only=True, omit_defaults=True):
-    """A run of a command, as it is kept in its file."""
+    """Run of a command, as stored in its file."""
 
     kind: str
-    """The name of its command."""
+    """Name of its command."""
     session: Path
     out: Path | None = None
     options: str = ""
     state: RunState = RunState.WAITING
     message: str = ""
-    """What came of it in a sentence: the verdict, what was written, or what went wrong."""
+    """Outcome in a sentence: the verdict, what was written, or the error."""
     ended: Annotated[datetime, Meta(tz=True)] | None = None
     seconds: float = 0.0
-    """How long it has run, without the time for which it was paused."""
+    """Run time in seconds, without the time paused."""
     processor_s: float = 0.0
-    """How long processors have worked for it, all of them together."""
+    """CPU time in seconds, over all processors."""
     step: ProgressStep | None = None
 
     @property
     def command(self) -> Command:
-        """What it is a run of."""
+        """Command of this run."""
         return COMMANDS[self.kind]
 
     @property
     def key(self) -> str:
-        """What tells it from all others: there is one run of a command on a session."""
+        """Unique key: there is one run per command and session."""
         return f"{self.kind} {self.session.absolute()}"
 
     @property
     def line(self) -> str:
-        """What one would type to do the same."""
+        """Equivalent command line."""
         return self.command.line(self.session, self.out, self.options)
 
     @property
     def result(self) -> Path | None:
-        """The file with the figures, its own or those of an earlier run to the same folder, if any."""
+        """File with the figures, from this or an earlier run to the same folder, if any."""
         if not self.state.is_over or self.out is None or not self.command.result:
             return None
         path = self.out / self.command.result
@@ -223,28 +223,28 @@ class Run(Struct, eq=False, kw_only=True, omit_defaults=True):
 
     @property
     def report(self) -> Path | None:
-        """The report that comes with the result, if any."""
+        """Report beside the result, if any."""
         result = self.result
         return None if result is None or not result.with_name(REPORT).is_file() else result.with_name(REPORT)
 
     @property
     def share(self) -> float | None:
-        """How much of it is done, 0 to 1, by its steps; None where that is not known, or it is over."""
+        """Completed fraction by steps, 0 to 1; None if unknown or if the run has ended."""
         if self.state.is_over or self.step is None or self.step.total <= 0:
             return None
-        # A line tells the step that begins.
+        # A progress line announces the step that begins.
         return min(1.0, max(0.0, (self.step.done - 1) / self.step.total))
 
     @property
     def seconds_left(self) -> float | None:
-        """How long it will take yet, were all its steps alike; None before a third of them is done."""
-        # The first steps are the shortest ones: by them alone a quarter of an hour looks like seconds.
+        """Estimated remaining time in seconds, for equal steps; None before a third of them is done."""
+        # The first steps are the shortest: extrapolating them turns a quarter of an hour into seconds.
         if self.share is None or self.share < MEASURED_SHARE:
             return None
         return self.seconds * (1 - self.share) / self.share
 
     def __str__(self) -> str:
-        """What it is of, and how far it is: Compare of burst-001 (11 %)."""
+        """Return title, session and progress: Compare of burst-001 (11 %)."""
         far = str(self.state) if self.share is None else f"{100 * self.share:.0f} %"
         return f"{self.command.title} of {self.session.name} ({far})"
 
@@ -260,7 +260,7 @@ SIGNS = {
 
 
 def rough_time(seconds: float) -> str:
-    """A time to wait or waited, as roughly as it is known: 8 s, 2 min, 1 h 20 min."""
+    """Format a duration roughly: 8 s, 2 min, 1 h 20 min."""
     if seconds < 99.5:
         return f"{max(1, round(seconds))} s"
     minutes = round(seconds / 60)
@@ -268,7 +268,7 @@ def rough_time(seconds: float) -> str:
 
 
 def progress_words(run: Run) -> str:
-    """How far it is, in words: 43 % · 2 min left · stereo cam00-cam01."""
+    """Return a run's progress in words: 43 % · 2 min left · stereo cam00-cam01."""
     parts = [] if run.share is None else [f"{100 * run.share:.0f} %"]
     if run.seconds_left is not None:
         parts.append(f"about {rough_time(run.seconds_left)} left")
@@ -278,7 +278,7 @@ def progress_words(run: Run) -> str:
 
 
 def run_tag(run: Run) -> Content:
-    """What a list of sessions says of a run: its glyph, and how far it is."""
+    """Return a run's short label for the list of sessions: glyph, command and progress."""
     sign = SIGNS[run.state]
     share = "" if run.share is None else f" {100 * run.share:.0f} %"
     return Content.styled(f"{sign.glyph} {run.command.title.lower()}{share}", sign.style)

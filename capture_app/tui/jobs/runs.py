@@ -31,47 +31,47 @@ LOG_LINES = 500
 
 
 class Runs:
-    """Runs commands in the order in which they were added; all is called in the event loop's thread.
+    """Queue that runs commands in the order added; call all methods in the event loop's thread.
 
-    A burst has the machine to itself: while one is selected or saved the run stands still (SIGSTOP), and
-    goes on afterwards. Runs end with this process, and their results are there whole or not at all.
+    A burst has precedence: while one is selected or saved, the run is suspended (SIGSTOP). Runs end with this
+    process; their results are complete or absent.
     """
 
     def __init__(self, root: Path, tell: Callable[[Run | None], None] = lambda _: None) -> None:
-        """`root`: the folder of sessions; `tell`: a run has another state; None: any of them."""
+        """`root`: the sessions folder; `tell` is called with a run whose state changed, or None for any run."""
         self.root = root
         self.all: list[Run] = []
-        """The newest first; those that are over are as their files say."""
+        """All runs, newest first; finished ones as stored in their files."""
         self._tell = tell
         self._worker: asyncio.Task[None] | None = None
         self._free = asyncio.Event()
         self._free.set()
         self._child: Child | None = None
         self._going: Run | None = None
-        """The run whose child is there, or whose file does not say yet that it is over."""
+        """Run with a live child process, or whose final state is not stored yet."""
         self._since = 0.0
         self._said: dict[str, deque[str]] = {}
 
     @property
     def unfinished(self) -> list[Run]:
-        """The runs that wait or go on: what would be lost by closing."""
+        """Waiting and running runs, which closing would lose."""
         return [run for run in self.all if not run.state.is_over]
 
     @property
     def are_held(self) -> bool:
-        """Whether they stand still for a burst."""
+        """Whether runs are suspended for a burst."""
         return not self._free.is_set()
 
     def of(self, session: Path) -> list[Run]:
-        """The runs on a session, the newest first."""
+        """Return the runs on a session, newest first."""
         return [run for run in self.all if run.session.absolute() == session.absolute()]
 
     def out(self, command: Command, session: Path) -> Path:
-        """Where a command puts its results unless it is told otherwise."""
+        """Return a command's default results folder."""
         return results_folder(session, self.root) / command.name
 
     async def read(self) -> None:
-        """Read the runs that are over from the disk again: sessions may be renamed or trashed."""
+        """Read finished runs from disk again, because sessions may have been renamed or trashed."""
         before = self._of_this_start
         found = await asyncio.to_thread(_read_all, self.root)
         ours = [run for run in self.all if run in (*before, *self._of_this_start)]
@@ -82,10 +82,10 @@ class Runs:
     def add(
         self, command: Command, session: Path, options: str | None = None, out: Path | None = None
     ) -> Run:
-        """Start a command, or let it wait for its turn; by default with its quick options.
+        """Start a command or queue it, by default with its quick options.
 
-        A run of it on this session that is over gives way. Raises BadInputError where one is not over yet,
-        or the options cannot be read.
+        Replaces a finished run of the command on this session. Raises BadInputError if one is unfinished, or
+        if the options are unreadable.
         """
         options = command.quick if options is None else options
         if command.writes and out is None:
@@ -104,7 +104,7 @@ class Runs:
         return run
 
     async def cancel(self, run: Run) -> None:
-        """End a run; what it has made so far is removed."""
+        """Cancel a run and remove its partial results."""
         if not run.state.is_over:
             goes_on = run.state is not RunState.WAITING
             run.state, run.ended = RunState.CANCELLED, datetime.now(UTC)
@@ -114,7 +114,7 @@ class Runs:
                 await self._child.stop()
 
     async def forget(self, run: Run) -> None:
-        """Take a run that is over off the list; its results stay on disk."""
+        """Remove a finished run from the list; its results stay on disk."""
         for suffix in (".json", ".log"):
             with suppress(OSError):
                 self._file(run, suffix).unlink(missing_ok=True)
@@ -122,7 +122,7 @@ class Runs:
         self._tell(None)
 
     def hold(self, held: bool) -> None:
-        """Let runs stand still, or go on."""
+        """Suspend or resume runs."""
         if held == self.are_held:
             return
         (self._free.clear if held else self._free.set)()
@@ -134,7 +134,7 @@ class Runs:
                 self._tell(run)
 
     def log(self, run: Run) -> Sequence[str]:
-        """The last lines that a run said."""
+        """Return the last lines of a run's output."""
         if run.key not in self._said:
             with suppress(OSError):
                 text = self._file(run, ".log").read_text(errors="replace")
@@ -142,7 +142,7 @@ class Runs:
         return self._said.get(run.key, ())
 
     def count_time(self) -> None:
-        """Have the times of the runs as they are by now."""
+        """Update the run times."""
         now = time.monotonic()
         for run in self.unfinished:
             if run.state is RunState.RUNNING:
@@ -150,12 +150,12 @@ class Runs:
         self._since = now
 
     async def wait(self) -> None:
-        """Wait until nothing runs or waits, and all is noted on disk."""
+        """Wait until all runs have ended and are stored on disk."""
         if self._worker is not None:
             await self._worker
 
     async def close(self) -> None:
-        """End all runs."""
+        """Cancel all runs."""
         for run in self.unfinished:
             await self.cancel(run)
         self._free.set()
@@ -193,7 +193,7 @@ class Runs:
         self._tell(run)
 
     async def _run_child(self, run: Run) -> str:
-        """Run the process; what came of it is what it prints first. Raises SimulshotError where it failed."""
+        """Run the process and return its first line, the outcome. Raises SimulshotError if it fails."""
 
         def hear(line: str) -> None:
             self._said[run.key].append(printable(line))
@@ -220,7 +220,7 @@ class Runs:
             self._child = None
             await child.stop()
             if run.out is not None and run.state is RunState.CANCELLED:
-                # An import writes its sessions into its folder, all others write the folder itself.
+                # An import writes sessions into its folder; other commands write the folder itself.
                 await asyncio.to_thread(
                     clear_leftovers, run.out if run.kind == IMPORT.name else run.out.parent
                 )
@@ -235,7 +235,7 @@ class Runs:
         root, path = self.root.absolute(), self._file(run, ".json")
 
         def shorten(path: Path) -> str:
-            """Relative to the folder of sessions where it lies inside: that folder may be moved."""
+            """Make a path inside the sessions folder relative, because that folder may be moved."""
             absolute = path.absolute()
             return str(absolute.relative_to(root) if absolute.is_relative_to(root) else absolute)
 
@@ -249,13 +249,13 @@ class Runs:
 
 
 def _processor_s() -> float:
-    """How long processors have worked for children of this process that have ended."""
+    """Return the CPU time in seconds of this process's ended children."""
     times = os.times()
     return times.children_user + times.children_system
 
 
 def _read_all(root: Path) -> list[Run]:
-    """The runs of earlier starts in a folder of sessions, the latest first."""
+    """Return the stored runs in a sessions folder, latest first."""
     places = [*(root / RESULTS).glob("*/*.json"), *(root / RESULTS).glob("_*/*/*.json")]
     found = [run for place in places if (run := _read(place, root)) is not None]
     oldest = datetime.min.replace(tzinfo=UTC)
@@ -267,10 +267,10 @@ def _read(place: Path, root: Path) -> Run | None:
         run = msgspec.json.decode(read_regular(place), type=Run, dec_hook=lambda _, text: root / text)
         if place.stem != run.kind or run.kind not in COMMANDS:
             return None
-        run.command.arguments(run.session, run.out, run.options)  # options that no command line can have
+        run.command.arguments(run.session, run.out, run.options)  # raises for unusable options
     except (*UNREADABLE, OSError, BadInputError):
         return None
-    # A session that was renamed has its results under its new name, and its runs follow it.
+    # The results of a renamed session are under its new name; the run takes that name too.
     if place.parent.parent == root / RESULTS:
         run.session = root / place.parent.name
     if run.out is not None and run.out.is_relative_to(root / RESULTS):

@@ -1,1 +1,1 @@
-"""The mode Sessions: browse, rename, export and process what is on disk."""
+"""Mode Sessions: browse, rename, export and process the sessions on disk."""

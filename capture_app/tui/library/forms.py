@@ -1,4 +1,4 @@
-"""The questions that the sessions ask: a name, a note, which command, which format and where to."""
+"""Dialogs of the mode Sessions: name, note, command, import folder, and export format with folder."""
 
 import os
 from collections.abc import Callable, Mapping, Sequence
@@ -20,9 +20,9 @@ from capture_app.tui.question import BoxDialog, TextQuestion
 
 
 class CommandForm(BoxDialog[tuple[Command, str] | None]):
-    """Commands to choose from, and a line of text for the one that is chosen.
+    """List of commands, and a line of text for the selected one.
 
-    Enter takes both, Tab goes to the line of text and back; Escape gives None.
+    Enter returns both; Tab moves to the line of text and back; Escape returns None.
     """
 
     def __init__(
@@ -35,10 +35,10 @@ class CommandForm(BoxDialog[tuple[Command, str] | None]):
         label: str,
         chosen: str = "",
     ) -> None:
-        """`commands` by what they are called here; `texts` are what their lines begin with.
+        """`commands` by display name; `texts` are the initial texts of their lines.
 
-        `typed`: what one would type to do the same; raises SimulshotError where the text is wrong. `label`
-        names the line; `chosen` is the name to begin with.
+        `typed` returns the equivalent command line, and raises SimulshotError for an invalid text. `label`
+        names the line; `chosen` is the name selected first.
         """
         wide = max(map(len, commands))
         rows = [
@@ -62,17 +62,17 @@ class CommandForm(BoxDialog[tuple[Command, str] | None]):
         )
 
     def on_mount(self) -> None:
-        """Choose at once."""
+        """Focus the list and select the first command."""
         self._options.focus()
         self._options.highlighted = self._first
 
     def on_option_list_option_highlighted(self, event: OptionList.OptionHighlighted) -> None:
-        """Show the line of what is chosen now."""
+        """Show the text of the selected command."""
         self._line.value = self._texts[event.option_index]
         self._show()
 
     def on_input_changed(self, event: Input.Changed) -> None:
-        """Keep the line of each choice."""
+        """Store the text of the selected command."""
         self._texts[self._options.highlighted or 0] = event.value
         self._show()
 
@@ -85,14 +85,14 @@ class CommandForm(BoxDialog[tuple[Command, str] | None]):
         if self._show():
             self.dismiss(self._chosen)
         else:
-            # Where nothing can be started the line is what has to change.
+            # The text has to change before anything can start.
             self._wrong.add_class("-refused")
             self._line.focus()
 
     on_input_submitted = on_option_list_option_selected = _take
 
     def _show(self) -> bool:
-        """Show what will be done, or what is wrong; whether nothing is."""
+        """Show the command line or the error; return whether there is no error."""
         wrong = command = ""
         try:
             command = f"$ {self._typed(*self._chosen)}"
@@ -106,7 +106,7 @@ class CommandForm(BoxDialog[tuple[Command, str] | None]):
 
 
 def name_question(card: SessionCard) -> TextQuestion:
-    """Ask for another name."""
+    """Return the dialog for a new name."""
 
     def check(name: str) -> str:
         try:
@@ -122,10 +122,10 @@ def name_question(card: SessionCard) -> TextQuestion:
 
 
 def import_question(folder: str) -> TextQuestion:
-    """Ask which folder is imported; `folder` is proposed."""
+    """Return the dialog for the folder to import, with `folder` as initial text."""
 
     def check(text: str) -> str:
-        # As `Path` asks, a name that no folder can have, or one behind a closed door, would be an error.
+        # `Path.is_dir` raises for impossible names and inaccessible folders.
         there = text.strip() and os.path.isdir(typed_path(text))  # noqa: PTH112
         return "" if there else "there is no such folder"
 
@@ -139,7 +139,7 @@ def import_question(folder: str) -> TextQuestion:
 
 
 def note_question(card: SessionCard) -> TextQuestion:
-    """Ask for the note."""
+    """Return the dialog for the note."""
 
     return TextQuestion(
         "One line, kept in the session.",
@@ -150,7 +150,7 @@ def note_question(card: SessionCard) -> TextQuestion:
 
 
 def command_form(card: SessionCard, runs: Runs) -> CommandForm:
-    """Ask what is to be made of a session, and with which options."""
+    """Return the dialog for the command to run on a session, and its options."""
     commands = (*STUDIES, VERIFY) if card.state == "complete" else (REPAIR,)
 
     def typed(command: Command, options: str) -> str:
@@ -162,7 +162,7 @@ def command_form(card: SessionCard, runs: Runs) -> CommandForm:
 
 
 def export_form(card: SessionCard, folder: Path, format_name: str) -> CommandForm:
-    """Ask for the format and the folder of an export; `folder` is proposed to hold it."""
+    """Return the dialog for export format and target; `folder` is the proposed parent."""
 
     def typed(command: Command, text: str) -> str:
         target = typed_path(text)
@@ -183,12 +183,12 @@ def export_form(card: SessionCard, folder: Path, format_name: str) -> CommandFor
 
 
 def _free_folder(folder: Path) -> Path:
-    """The folder itself, or the first of NAME-2, NAME-3 ... that is not there yet."""
+    """Return the folder, or the first of NAME-2, NAME-3 ... that does not exist."""
     names = (folder, *(folder.with_name(f"{folder.name}-{number}") for number in range(2, 1000)))
     return next((one for one in names if not one.exists()), folder)
 
 
 def typed_path(text: str) -> Path:
-    """The path of a folder as a user types it."""
-    # `Path` raises an error of a home that nobody has, such as that of a name half typed.
+    """Return the path that a user typed."""
+    # `Path.expanduser` raises for an unknown home directory, such as a half-typed name.
     return Path(os.path.expanduser(text.strip()))  # noqa: PTH111

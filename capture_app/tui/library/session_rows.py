@@ -1,4 +1,4 @@
-"""The list of sessions: which, in what order, and of each a picture, how good it is, what was made of it."""
+"""List of sessions: filter, order, and three-line rows with thumbnail, synchronization and runs."""
 
 import asyncio
 from collections.abc import Iterator, Sequence
@@ -30,11 +30,11 @@ SAMPLES = "sample_sessions"
 
 
 Order = Literal["newest first", "best synchronized first", "by name"]
-"""How sessions are sorted."""
+"""Sort order of sessions."""
 ORDERS: tuple[Order, ...] = get_args(Order)
 ROWS = 3
 THUMB = 8
-"""Columns of the small picture."""
+"""Columns of the thumbnail."""
 STATES = {
     "being saved": Sign("◔", "being saved", "$warning"),
     "interrupted": Sign("✖", "interrupted", "$error"),
@@ -44,24 +44,24 @@ STATES = {
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """One session of the list."""
+    """Session in the list."""
 
     card: SessionCard
     is_sample: bool = False
-    """The session came with the program, and stays as it is."""
+    """Whether the session came with the program and is read-only."""
     is_best: bool = False
-    """The best synchronized of those that are listed."""
+    """Whether it is the best synchronized session listed."""
 
     @property
     def key(self) -> str:
-        """What tells it from others."""
+        """Unique key, the absolute path."""
         return str(self.card.folder.absolute())
 
 
 def arrange(
     sessions: Sequence[SessionCard], samples: Sequence[SessionCard], order: Order, words: str = ""
 ) -> list[Entry]:
-    """The sessions that have all the words in what is shown of them, sorted; samples come last."""
+    """Return the sessions whose displayed text contains all words, sorted; samples come last."""
     found = [card for card in sessions if _matches(card, words)]
     best = best_synchronized(found)
     return [
@@ -71,7 +71,7 @@ def arrange(
 
 
 def find_samples(sessions: Path) -> Path | None:
-    """The folder of the bundled samples: here, else beside the program; None where they are not there."""
+    """Return the folder of bundled samples, here or beside the program, or None."""
     for folder in (Path(SAMPLES), Path(capture_app.__file__).parents[1] / SAMPLES):
         if folder.is_dir() and folder.resolve() != sessions.resolve():
             return folder
@@ -84,7 +84,7 @@ def _sort(cards: Sequence[SessionCard], order: Order) -> list[SessionCard]:
         return by_name
     if order == "best synchronized first":
         return sorted(by_name, key=lambda card: (card.worst_ns is None, card.worst_ns or 0))
-    # What is being saved has no date yet and is the newest of all.
+    # A session being saved has no date yet and is the newest.
     return sorted(by_name, key=lambda card: (card.state == "being saved", card.created), reverse=True)
 
 
@@ -94,10 +94,10 @@ def _matches(card: SessionCard, words: str) -> bool:
 
 
 class SessionRows(RowList[Entry]):
-    """The sessions, three lines each."""
+    """List of sessions, three lines each."""
 
     def __init__(self, thumbnails: Path, runs: Runs) -> None:
-        """`thumbnails`: the folder where small pictures are kept."""
+        """`thumbnails`: the cache folder of thumbnails."""
         super().__init__(ROWS, self._draw_entry, id="sessions")
         self._cache = thumbnails
         self._runs = runs
@@ -105,7 +105,7 @@ class SessionRows(RowList[Entry]):
         self._wanted: list[str] = []
 
     def _draw_entry(self, entry: Entry, width: int, chosen: bool) -> Sequence[Content | Strip]:
-        """The picture beside three lines."""
+        """Draw the thumbnail beside three lines."""
         room = width - THUMB - 3
         remarks = Content.styled(" · ", "$foreground-muted").join(_remarks(entry.card))
         lines = [self._title(entry, room), self._facts(entry.card, room), remarks]
@@ -122,7 +122,7 @@ class SessionRows(RowList[Entry]):
         ]
 
     def notify_style_update(self) -> None:
-        """Draw the pictures anew: the palette may have changed."""
+        """Redraw the thumbnails, because the palette may have changed."""
         self._thumbs.clear()
         super().notify_style_update()
 
@@ -156,7 +156,7 @@ class SessionRows(RowList[Entry]):
 
     @work(group="thumbnails")
     async def _load(self) -> None:
-        """Load the pictures that have come into sight, the latest first, in a thread."""
+        """Load newly visible thumbnails in a thread, latest first."""
         while self._wanted:
             key = self._wanted[-1]
             images = self.items[key].card.first_images[:1] if key in self.items else ()
@@ -183,7 +183,7 @@ def _remarks(card: SessionCard) -> Iterator[Content]:
 
 
 def spread_of(card: SessionCard) -> Content:
-    """How well synchronized a session is: the grade, and the total that it judges, error included."""
+    """Return the grade and the total time difference that it rates, including uncertainty."""
     if card.unsynchronized:
         return Content.styled(f"{GRADES['unknown'].glyph} not synchronized", "$foreground-muted")
     if card.spread_ns is None:
@@ -207,7 +207,7 @@ def _draw(cache: Path, image: Path, palette: Palette, light: bool) -> CellPictur
 
 
 def _when(created: str) -> str:
-    """When it was taken, in the time of this place."""
+    """Return the time of the take in the local time zone."""
     try:
         return datetime.fromisoformat(created).astimezone().strftime("%d %b %Y %H:%M")
     except ValueError:

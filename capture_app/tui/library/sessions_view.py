@@ -1,4 +1,4 @@
-"""The mode Sessions: those on disk now, the one under the cursor, and what can be done with it."""
+"""Mode Sessions: the sessions on disk, the selected one, and the actions on it."""
 
 import asyncio
 from collections.abc import Callable
@@ -39,18 +39,18 @@ from capture_app.tui.widgets.lines import Lines
 
 T = TypeVar("T")
 LOOK_AGAIN_S = 2.0
-"""How often the folder is looked at while it is seen."""
+"""Interval at which the folder is read while visible, in seconds."""
 FOLLOW_EVERY_S = 0.25
-"""How often what runs on the sessions is drawn again."""
+"""Redraw interval of runs on the sessions, in seconds."""
 SETTLED_S = 0.15
-"""How long the cursor rests on a session before its pictures are loaded."""
+"""Delay before a newly selected session's images are loaded, in seconds."""
 WIDE = 120
-"""From this width on the session under the cursor is shown beside the list."""
+"""Width from which the selected session is shown beside the list."""
 _OF_ONE = ("look", "compare", "results", "export", "verify", "analyse", "rename", "note", "trash")
 
 
 class SessionsView(ModeView):
-    """Shows the sessions of a folder, those that came with the program, and what runs on both."""
+    """View of a folder's sessions, the bundled samples, and the runs on both."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "look", "Look", id="sessions.look"),
@@ -70,7 +70,7 @@ class SessionsView(ModeView):
     ]
 
     def __init__(self, root: Path, runs: Runs, samples: Path | None, settings: Settings) -> None:
-        """`samples`: a folder of sessions that are shown too, and left as they are."""
+        """`samples`: a folder of further sessions, shown read-only."""
         self._runs, self._settings = runs, settings
         self._listing = SessionListing(root)
         self._sample_listing = None if samples is None else SessionListing(samples)
@@ -81,55 +81,55 @@ class SessionsView(ModeView):
         self._empty = Lines(id="sessions-empty")
         self._frame = Vertical(self._find, self._empty, self._rows, id="sessions-frame")
         self._cards: list[SessionCard] | None = None
-        """The sessions as they were read last; None: not yet, or of another folder."""
+        """Sessions as last read; None before the first read or after a change of folder."""
         self._samples: list[SessionCard] = []
         self._wanted: Path | None = None
-        """Where the cursor is put as soon as it is listed: a session, or a folder of sessions."""
+        """Session, or folder of sessions, to select once it is listed."""
         self._settling: Timer | None = None
         self._reading = asyncio.Lock()
-        """Held while the folder is read: on a slow disk that may take longer than until the next look."""
+        """Held while the folder is read, which may exceed the read interval on a slow disk."""
         super().__init__(self._frame, self._pane)
 
     def on_mount(self) -> None:
-        """Begin to follow the folder."""
+        """Start following the folder."""
         self.set_interval(LOOK_AGAIN_S, self._look_again)
         self.set_interval(FOLLOW_EVERY_S, self._follow_runs)
         self.look_at_disk()
 
     def on_mode_shown(self) -> None:
-        """Look at the folder at once."""
+        """Read the folder at once."""
         super().on_mode_shown()
         self._look_again()
 
     def on_resize(self) -> None:
-        """Show the chosen session beside the list where there is room."""
+        """Show the selected session beside the list if there is space."""
         self.set_class(self.size.width >= WIDE, "-wide")
         self._settle()
 
     def focus_first(self) -> None:
-        """The list is what is driven here, or the session that is looked at."""
+        """Focus the list, or the session shown in full."""
         (self._pane.sheet if self.has_class("-whole") else self._rows).focus()
 
     def on_told(self, message: Told) -> None:
-        """Show what runs on the sessions."""
+        """Update the runs shown on the sessions."""
         if message.what is self._runs:
             self._rows.show_all_again()
             self.refresh_bindings()
 
     @property
     def entry(self) -> Entry | None:
-        """The session under the cursor."""
+        """Selected session."""
         return self._rows.item if self.is_mounted else None
 
     def open_folder(self, folder: Path) -> None:
-        """Show the sessions of a folder; samples are listed already."""
+        """Show the sessions of a folder; samples are always listed."""
         listings = [one for one in (self._listing, self._sample_listing) if one is not None]
         if not any(one.root.absolute() == folder.absolute() for one in listings):
             self._listing = SessionListing(folder)
         self._cards = None
         self._look_for(folder)
 
-    # The list
+    # List
 
     def _look_for(self, folder: Path | None) -> None:
         self._wanted = folder
@@ -153,7 +153,7 @@ class SessionsView(ModeView):
 
     @work(group="listing")
     async def look_at_disk(self) -> None:
-        """Read the folder in a thread and show what has changed."""
+        """Read the folder in a thread and show changes."""
         await self._list()
 
     async def _list(self) -> None:
@@ -195,21 +195,21 @@ class SessionsView(ModeView):
     on_input_changed = _show
 
     def _choose_saved(self, entries: list[Entry]) -> bool:
-        """Put the cursor on the first session that is saved, else on the first; whether there is any."""
+        """Select the first complete session, else the first one; return whether there is any."""
         saved = (entry for entry in entries if entry.card.state == "complete")
         for entry in (*saved, *entries)[:1]:
             self._rows.choose(entry.key)
         return bool(entries)
 
     def on_row_list_chosen(self, message: SessionRows.Chosen) -> None:
-        """Show what is under the cursor, and offer what can be done with it; look at it."""
+        """Show the selected session and its actions, or open it."""
         self._settle()
         self.refresh_bindings()
         if message.opens:
             self.action_look()
 
     def on_input_submitted(self) -> None:
-        """Back to what was found."""
+        """Return to the list of matches."""
         self._rows.focus()
 
     def _settle(self) -> None:
@@ -229,17 +229,17 @@ class SessionsView(ModeView):
             self._pane.show(entry, await self._try(TakeSheet.open, entry.card.folder))
 
     async def _try(self, do: Callable[[Path], T], folder: Path) -> T | None:
-        """Do something on disk in a thread; None, and a sentence on the screen, where that fails."""
+        """Do something on disk in a thread; on failure show the error and return None."""
         try:
             return await asyncio.to_thread(do, folder)
         except SimulshotError as error:
             self.post_message(Mishap(error))
             return None
 
-    # Looking
+    # Viewing
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
-        """Offer only what can be done with the session under the cursor."""
+        """Offer only actions available for the selected session."""
         entry = self.entry
         if action == "show_all":
             return bool(self._find.display) or self.has_class("-whole")
@@ -250,14 +250,14 @@ class SessionsView(ModeView):
         if action == "results":
             return self._latest_result(entry) is not None
         if entry.card.state == "being saved":
-            # Soon it can be done: the key says so, where a key that is gone says nothing.
+            # The action will be available soon: its key explains that, while a hidden key explains nothing.
             return True
         whole = entry.card.state == "complete" or action in ("analyse", "trash")
         kept = entry.is_sample and action in ("rename", "note", "trash")
         return whole and not kept and (action != "compare" or len(entry.card.cameras) > 1)
 
     def _saved_entry(self) -> Entry | None:
-        """The session under the cursor; None, and a sentence on the screen, while it is being saved."""
+        """Return the selected session; while it is being saved, show a message and return None."""
         entry = self.entry
         if entry is not None and entry.card.state == "being saved":
             self.app.notify(f"{printable(entry.card.name)} is being saved: press it after that", markup=False)
@@ -265,7 +265,7 @@ class SessionsView(ModeView):
         return entry
 
     def action_look(self) -> None:
-        """Show the session in all of the mode."""
+        """Show the session in the whole view."""
         entry = self._saved_entry()
         if entry is not None and entry.card.state == "complete":
             self._show_pane()
@@ -278,7 +278,7 @@ class SessionsView(ModeView):
 
     @work
     async def action_results(self) -> None:
-        """Show what was found last about the session."""
+        """Show the latest result on the session."""
         run = None if self.entry is None else self._latest_result(self.entry)
         if run is not None:
             await show_result(self, run)
@@ -286,22 +286,22 @@ class SessionsView(ModeView):
     def _latest_result(self, entry: Entry) -> Run | None:
         return next((run for run in self._runs.of(entry.card.folder) if run.result is not None), None)
 
-    # Sorting and finding
+    # Sorting and filtering
 
     def action_sort(self) -> None:
-        """Sort by the next thing, and go to the first."""
+        """Switch to the next sort order and select the first session."""
         self._settings.remember("sessions.order", ORDERS[(ORDERS.index(self._order) + 1) % len(ORDERS)])
         self._show()
         self._rows.action_move(-len(self._rows.keys))
 
     def action_filter(self) -> None:
-        """Type what to look for."""
+        """Open the filter line."""
         self._find.display = True
         self._find.focus()
         self.refresh_bindings()
 
     def action_show_all(self) -> None:
-        """Show all sessions again."""
+        """Clear the filter, or leave the whole view of a session."""
         if self.has_class("-whole"):
             self._look_whole(False)
             return
@@ -313,16 +313,16 @@ class SessionsView(ModeView):
     # Starting commands
 
     def action_compare(self) -> None:
-        """Compare with quick settings."""
+        """Run Compare with its quick options."""
         self._start(COMPARE, self._saved_entry())
 
     def action_verify(self) -> None:
-        """Check every file of it."""
+        """Check all files of the session."""
         self._start(VERIFY, self._saved_entry())
 
     @work
     async def action_analyse(self) -> None:
-        """Choose what is to be made of it, and how."""
+        """Ask for a command and its options, and run it."""
         entry = self._saved_entry()
         if entry is not None:
             chosen = await self.app.push_screen_wait(command_form(entry.card, self._runs))
@@ -331,7 +331,7 @@ class SessionsView(ModeView):
 
     @work
     async def action_export(self) -> None:
-        """Choose a format and a folder, and export."""
+        """Ask for a format and a folder, and export."""
         entry = self._saved_entry()
         if entry is None:
             return
@@ -347,7 +347,7 @@ class SessionsView(ModeView):
 
     @work
     async def action_import(self) -> None:
-        """Ask for a folder of videos, import it, and put the cursor on the first session made of it."""
+        """Ask for a folder of videos, import it, and select the first new session."""
         proposed = self._settings.recall("sessions.import-folder", str(Path.cwd()))
         typed = await self.app.push_screen_wait(import_question(proposed))
         if typed is None:
@@ -374,11 +374,11 @@ class SessionsView(ModeView):
                     markup=False,
                 )
 
-    # Changing
+    # Changing sessions
 
     @work
     async def action_rename(self) -> None:
-        """Ask for another name."""
+        """Ask for a new name and rename the session."""
         entry = self._saved_entry()
         name = None if entry is None else await self.app.push_screen_wait(name_question(entry.card))
         if entry is not None and name:
@@ -388,7 +388,7 @@ class SessionsView(ModeView):
 
     @work
     async def action_note(self) -> None:
-        """Ask for a note."""
+        """Ask for a note and store it."""
         entry = self._saved_entry()
         note = None if entry is None else await self.app.push_screen_wait(note_question(entry.card))
         if entry is not None and note is not None:
@@ -397,7 +397,7 @@ class SessionsView(ModeView):
 
     @work
     async def action_trash(self) -> None:
-        """Move it to the trash at once: undo brings it back."""
+        """Move the session to the trash without asking, because undo restores it."""
         entry = self._saved_entry()
         if entry is None:
             return
@@ -411,6 +411,6 @@ class SessionsView(ModeView):
 
     @work
     async def action_undo(self) -> None:
-        """Bring back what was moved to the trash last."""
+        """Restore the session trashed last."""
         self._look_for(await self._try(restore_session, self._listing.root))
         await self._runs.read()

@@ -1,4 +1,4 @@
-"""One session: what it is good for in words, and its contact sheet."""
+"""Pane of one session: its verdict and its contact sheet."""
 
 from collections.abc import Iterator
 from typing import ClassVar
@@ -17,11 +17,11 @@ from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.look import Motion
 
 LOW = 30
-"""Below this height pictures need the room more than words."""
+"""Height below which the pictures get the space of the explanations."""
 
 
 class TakePane(Vertical):
-    """Shows a session; the sheet is loaded by whoever shows it."""
+    """Pane of a session; the caller loads the sheet."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("b", "look('cameras')", "Blink cameras", id="take.blink", tooltip="one after the other"),
@@ -30,13 +30,13 @@ class TakePane(Vertical):
 
     def __init__(self) -> None:
         self.entry: Entry | None = None
-        """The session that is shown."""
+        """Session on display."""
         self.sheet = ContactSheet()
         self._words = Lines(id="take-words")
         super().__init__(self._words, self.sheet)
 
     def show(self, entry: Entry | None, sheet: TakeSheet | None) -> None:
-        """Show a session; None: its sheet is not there, or not yet."""
+        """Show a session; `sheet` is None if it is missing or not loaded yet."""
         self.entry = entry
         facts = () if entry is None else (count(len(entry.card.cameras), "camera"), str(entry.card.folder))
         self.border_subtitle = Content(printable(" · ".join(facts)))
@@ -45,7 +45,7 @@ class TakePane(Vertical):
         self._show_words()
 
     def action_look(self, motion: Motion) -> None:
-        """Look at the picture under the cursor, in motion."""
+        """Open the selected picture, in motion."""
         self.sheet.action_look(motion)
 
     def _show_words(self) -> None:

@@ -1,5 +1,4 @@
-"""List of cameras with a cursor: tall rows beside a phase strip if there is space, otherwise one line
-each."""
+"""List of cameras with a cursor: tall rows with a phase strip if space allows, else one line each."""
 
 import textwrap
 from collections.abc import Mapping, Sequence

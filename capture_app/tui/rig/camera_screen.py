@@ -38,7 +38,7 @@ PREVIEW_FPS, PREVIEW_WIDTH = 2.0, 320
 
 
 class CameraScreen(Dialog[None]):
-    """Screen of a camera's details, requested as long as it is shown."""
+    """Screen of a camera's details, which it requests at intervals while it is shown."""
 
     AUTO_FOCUS: ClassVar[str | None] = ""
     BINDINGS: ClassVar[list[BindingType]] = [

@@ -16,8 +16,7 @@ _LIMITS = (
 
 
 def panel_screen() -> GuideScreen:
-    """Return the dialog; while open, it serves the panel's page to the network. A loaded page keeps
-    running."""
+    """Return the dialog; it serves the panel's page while open, and a loaded page keeps running."""
     return GuideScreen("panel", "Check the rig with a panel", 40, _serve)
 
 

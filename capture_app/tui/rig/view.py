@@ -125,7 +125,7 @@ class RigView(ModeView):
         self.call_after_refresh(self.on_mode_shown)
 
     def on_told(self, message: Told) -> None:
-        """Draw changes at once, except those of numbers alone."""
+        """Draw changes at once, unless only numbers differ."""
         match message.what:
             case NewsLine():
                 self._news.draw()

@@ -1,5 +1,4 @@
-"""One camera's preview at full size with focus and exposure aids, or two cameras blinked at the same
-instant."""
+"""One camera's preview at full size with focus and exposure aids, or two cameras blinked."""
 
 import asyncio
 from collections import deque

@@ -224,8 +224,7 @@ class PlanPanel(Lines, can_focus=True):
         self._show()
 
     def on_click(self, event: events.Click) -> None:
-        """Select a setting; a click on the selected one decreases it on the left, increases it on the
-        right."""
+        """Select a setting; on the selected one, decrease it on the left half, increase it on the right."""
         at = event.y - 1
         if 0 <= at < len(self._rows()):
             if at == self._chosen and self._rows()[at].change is None:

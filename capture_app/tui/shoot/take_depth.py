@@ -1,5 +1,4 @@
-"""Depth of each take, computed right after it at the lowest priority, so that a failed take is noticed on the
-spot."""
+"""Depth of each take, computed at once at the lowest priority, to notice a failed take on the spot."""
 
 import os
 from collections.abc import Iterator

@@ -1,1 +1,1 @@
-"""Widgets that modes share: lines, plots, images, contact sheets."""
+"""Widgets shared by the modes: lines, plots, images, contact sheets."""

@@ -1,4 +1,4 @@
-"""An image as the cells of a terminal: quarters of a cell in two colours, or dots without any colour."""
+"""Rendering of an image in terminal cells: quarter blocks in two colours, or braille dots without colour."""
 
 from dataclasses import dataclass
 from enum import Enum
@@ -16,39 +16,39 @@ from textual.app import App
 from textual.strip import Strip
 
 Image: TypeAlias = NDArray[np.uint8]
-"""Height x width, or height x width x BGR, of 8 bits."""
+"""8-bit image, height x width or height x width x BGR."""
 
 QUARTERS = "▀▘▌▚▛▜▙"
 _INKED = np.array(
     [[1, 1, 0, 0], [1, 0, 0, 0], [1, 0, 1, 0], [1, 0, 0, 1], [1, 1, 1, 0], [1, 1, 0, 1], [1, 0, 1, 1]],
     np.float32,
 )
-"""For each glyph of QUARTERS the quarters in its foreground colour: upper two, lower two."""
+"""Quarters in the foreground colour for each glyph of QUARTERS: upper two, lower two."""
 _CUBE = np.array([0, 95, 135, 175, 215, 255], np.uint8)
 _BAYER = np.array([[0, 8, 2, 10], [12, 4, 14, 6], [3, 11, 1, 9], [15, 7, 13, 5]], np.float32)
 _BRAILLE = np.array([[0x01, 0x08], [0x02, 0x10], [0x04, 0x20], [0x40, 0x80]], np.int32)
 
 
 class Palette(Enum):
-    """What the terminal can show."""
+    """Colour capability of the terminal."""
 
     TRUECOLOR = "truecolor"
     EIGHT_BIT = "256"
     GREYS = "greys"
     DOTS = "dots"
-    """No colour at all: braille dots, dithered."""
+    """No colour: dithered braille dots."""
 
     @property
     def pixels(self) -> tuple[int, int]:
-        """Columns and rows of pixels in a cell."""
+        """Pixel columns and rows per cell."""
         return (2, 4) if self is Palette.DOTS else (2, 2)
 
 
 @dataclass(frozen=True, slots=True)
 class CellPicture:
-    """An image in cells: `glyphs` is rows x columns, `inks` rows x columns x (foreground, background) x RGB.
+    """Image in cells: `glyphs` is rows x columns, `inks` rows x columns x (foreground, background) x RGB.
 
-    A glyph is a place in QUARTERS, or for dots a braille pattern.
+    A glyph is an index into QUARTERS, or a braille pattern for dots.
     """
 
     palette: Palette
@@ -57,16 +57,16 @@ class CellPicture:
 
     @property
     def rows(self) -> int:
-        """How many cells high it is."""
+        """Height in cells."""
         return int(self.glyphs.shape[0])
 
     @property
     def columns(self) -> int:
-        """How many cells wide it is."""
+        """Width in cells."""
         return int(self.glyphs.shape[1])
 
     def strip(self, row: int, plain: Style) -> Strip:
-        """A row of it for Textual; `plain` is the style of dots."""
+        """Return a row as a Textual strip; `plain` is the style of dots."""
         glyphs = self.glyphs[row]
         if self.palette is Palette.DOTS:
             return Strip([Segment("".join(chr(0x2800 + int(dots)) for dots in glyphs), plain)], self.columns)
@@ -84,39 +84,39 @@ class CellPicture:
         return Strip(segments, self.columns)
 
     def pixels(self) -> NDArray[np.uint8]:
-        """What is seen of a coloured picture: rows x columns x quarter x RGB."""
+        """Return the displayed pixels of a coloured picture: rows x columns x quarter x RGB."""
         inked = _INKED[self.glyphs].astype(bool)[..., None]
         return np.where(inked, self.inks[:, :, None, 0], self.inks[:, :, None, 1])
 
 
 def palette_of(app: App[object]) -> Palette:
-    """What an app's terminal can show, and its user wants to see."""
+    """Return the palette of an app's terminal, given the user's NO_COLOR setting."""
     if app.no_color:
-        # NO_COLOR makes the screen grey, but with a terminal's own colours there is no grey to be had.
+        # NO_COLOR makes the screen grey; with the terminal's own colours no greys are available.
         return Palette.DOTS if app.native_ansi_color else Palette.GREYS
     return Palette.EIGHT_BIT if app.console.color_system == "256" else Palette.TRUECOLOR
 
 
 def fitted_cells(width: int, height: int, columns: int, rows: int) -> tuple[int, int]:
-    """Columns and rows that an image takes in so much room; a cell is twice as high as wide."""
+    """Return columns and rows of an image fitted into this space; a cell is twice as high as wide."""
     scale = min(columns / width, 2 * rows / height)
     return max(1, min(columns, round(width * scale))), max(1, min(rows, round(height * scale / 2)))
 
 
 def resample(image: Image, width: int, height: int) -> Image:
-    """An image of another size, by areas where it gets smaller."""
+    """Resize an image; averages over areas when shrinking."""
     shrinks = width <= image.shape[1] and height <= image.shape[0]
     way = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
     return np.asarray(cv2.resize(image, (width, height), interpolation=way), np.uint8)
 
 
 def grey_of(image: Image) -> Image:
-    """How bright an image is: height x width."""
+    """Return the brightness of an image, height x width."""
     return image if image.ndim == 2 else np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
 
 
 def draw_cells(scaled: Image, palette: Palette, *, light: bool = False) -> CellPicture:
-    """Draw an image that has the palette's pixels per cell; `light`: dots are dark on a light ground."""
+    """Draw an image with the palette's pixels per cell; `light`: dark dots on a light background."""
     if palette is Palette.DOTS:
         glyphs = _dots(scaled, light=light)
         return CellPicture(palette, glyphs, np.zeros((*glyphs.shape, 2, 3), np.uint8))
@@ -136,7 +136,7 @@ def draw_cells(scaled: Image, palette: Palette, *, light: bool = False) -> CellP
 def draw_fitted(
     image: Image, columns: int, rows: int, palette: Palette, *, light: bool = False
 ) -> CellPicture:
-    """Draw an image as large as it can be in so much room."""
+    """Draw an image as large as possible in this space."""
     across, down = fitted_cells(image.shape[1], image.shape[0], columns, rows)
     return draw_cells(
         resample(image, across * palette.pixels[0], down * palette.pixels[1]), palette, light=light
@@ -144,9 +144,9 @@ def draw_fitted(
 
 
 def keep_what_looks_alike(shown: CellPicture, new: CellPicture, threshold: int) -> CellPicture:
-    """The new picture, but with the shown cell wherever nothing seen in it differs by over `threshold`.
+    """Return the new picture, with the shown cell wherever its pixels differ by at most `threshold`.
 
-    A sensor's noise would else have every cell sent to the terminal again.
+    Otherwise sensor noise would cause every cell to be sent to the terminal again.
     """
     if new.palette is Palette.DOTS or (shown.palette, shown.glyphs.shape) != (new.palette, new.glyphs.shape):
         return new
@@ -160,9 +160,9 @@ def keep_what_looks_alike(shown: CellPicture, new: CellPicture, threshold: int) 
 
 
 def changed_spans(shown: CellPicture, new: CellPicture) -> list[tuple[int, int, int]] | None:
-    """For each row of cells that changed: the row, its first changed column and the one after the last.
+    """Return (row, first changed column, last + 1) for each changed row of cells.
 
-    None where they are of different sizes.
+    Returns None if the sizes differ.
     """
     if shown.glyphs.shape != new.glyphs.shape:
         return None
@@ -183,7 +183,7 @@ def _style(front: int, back: int, eight_bit: bool) -> Style:
 def _colour(rgb: int, eight_bit: bool) -> Color:
     red, green, blue = rgb >> 16, rgb >> 8 & 255, rgb & 255
     if not eight_bit:
-        # As Color.from_rgb, whose other work would take half of the time that a picture takes.
+        # Equivalent to Color.from_rgb, whose overhead would take half of a picture's drawing time.
         return Color(f"#{rgb:06x}", ColorType.TRUECOLOR, triplet=ColorTriplet(red, green, blue))
     if red == green == blue and red % 10 == 8 and red <= 238:
         return Color.from_ansi(232 + red // 10)
@@ -192,12 +192,12 @@ def _colour(rgb: int, eight_bit: bool) -> Color:
 
 
 def _split_in_two(quarters: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDArray[np.uint8]]:
-    """The glyph of each cell that has the least squared error, and the mean colours of its two parts."""
+    """Return each cell's glyph with the least squared error, and the mean colours of its two parts."""
     total = quarters.sum(axis=2)[:, :, None]
     inked = np.einsum("rcqk,gq->rcgk", quarters, _INKED, optimize=True)
     numbers = _INKED.sum(axis=1)[None, None, :, None]
     explained = (inked**2 / numbers + (total - inked) ** 2 / (4 - numbers)).sum(axis=3)
-    # Halves where a quarter says nothing more: rounding must not make noise of glyphs.
+    # Prefer the half block when a quarter gains nothing, so that rounding does not make glyphs flicker.
     explained[..., 0] += 4.0
     glyphs = explained.argmax(axis=2)
     chosen = glyphs[..., None, None]
@@ -208,7 +208,7 @@ def _split_in_two(quarters: NDArray[np.float32]) -> tuple[NDArray[np.uint8], NDA
 
 
 def _nearest_of_256(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
-    """The nearest colours of xterm's cube of 216 and its 24 greys; the last axis is RGB."""
+    """Return the nearest colours in xterm's 216-colour cube and its 24 greys; the last axis is RGB."""
     middles = (_CUBE[1:].astype(np.int16) + _CUBE[:-1]) // 2
     cube = _CUBE[np.searchsorted(middles, rgb, side="left")]
     mean = rgb.mean(axis=-1, keepdims=True)
@@ -221,7 +221,7 @@ def _nearest_of_256(rgb: NDArray[np.uint8]) -> NDArray[np.uint8]:
 
 
 def _dots(scaled: Image, *, light: bool) -> NDArray[np.uint8]:
-    # Few steps of brightness are left, so each region gets them all.
+    # Few brightness levels remain, so the contrast of each region is equalized.
     grey = cv2.createCLAHE(clipLimit=4.0, tileGridSize=(4, 4)).apply(grey_of(scaled))
     contrast = np.asarray(cv2.addWeighted(grey, 1.8, cv2.GaussianBlur(grey, (0, 0), 2.0), -0.8, 0), np.uint8)
     rows, columns = grey.shape[0] // 4, grey.shape[1] // 2

@@ -1,4 +1,4 @@
-"""The contact sheet of a take: cameras across, instants down, as large as the room allows."""
+"""Contact sheet of a take: cameras across, instants down, as large as the space allows."""
 
 import asyncio
 from typing import ClassVar
@@ -18,13 +18,13 @@ from capture_app.tui.widgets.look import LookScreen, Motion
 from capture_app.tui.widgets.picture import strip_of_middle
 
 GUTTER = 9
-"""Columns for the time of an instant."""
+"""Columns for an instant's time."""
 LEAST, MOST = 10, 60
-"""Columns of a picture."""
+"""Min and max columns of a picture."""
 
 
 class ContactSheet(ScrollView, can_focus=True):
-    """Shows all pictures of a take; the cursor chooses one, Enter looks at it."""
+    """Grid of all pictures of a take; the cursor selects one, Enter opens it."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("left", "move(-1,0)", "Camera before", id="sheet.left", show=False),
@@ -59,14 +59,14 @@ class ContactSheet(ScrollView, can_focus=True):
         super().__init__(id=id)
         self.sheet = sheet
         self.cursor = Offset(0, 0)
-        """Camera and instant, by their places in the sheet."""
+        """Indices of camera and instant."""
         self._thumbs: dict[tuple[int, int], CellPicture | None] = {}
         self._wanted: list[tuple[int, int]] = []
-        """Pictures that have come into sight and are not drawn yet."""
+        """Visible pictures that are not drawn yet."""
         self._zoom = 1.0
 
     def show(self, sheet: TakeSheet | None) -> None:
-        """Show another take, from its first picture on."""
+        """Show another take from its first picture."""
         self.sheet, self.cursor = sheet, Offset(0, 0)
         self._zoom = 1.0
         self.scroll_to(0, 0, animate=False)
@@ -79,14 +79,14 @@ class ContactSheet(ScrollView, can_focus=True):
         if sheet is None:
             return Size(0, 0)
         wide = (room.width - GUTTER) // max(1, len(sheet.cameras)) - 1
-        # Where there are few instants, large pictures must leave room for another row.
+        # With few instants, large pictures must leave space for another row.
         high = int((room.height - 1) * 2 / max(2, min(sheet.instants, 3)) / sheet.aspect)
         width = round(min(max(min(wide, high, MOST), LEAST) * self._zoom, 4 * MOST, room.width - GUTTER))
         rows = max(2, round(width * sheet.aspect / 2))
         return Size(max(4, min(width, round(2 * rows / sheet.aspect))), rows)
 
     def go_to(self, camera: str, instant: int) -> None:
-        """Put the cursor on a picture."""
+        """Move the cursor to a picture."""
         if self.sheet is not None and camera in self.sheet.cameras:
             self._put_cursor(self.sheet.cameras.index(camera), instant)
 
@@ -95,19 +95,19 @@ class ContactSheet(ScrollView, can_focus=True):
         self._put_cursor(self.cursor.x + cameras, self.cursor.y + instants)
 
     def action_look(self, motion: Motion = "still") -> None:
-        """Look at the picture under the cursor, in motion or still; the cursor goes to what was seen last."""
+        """Open the selected picture, still or in motion; the cursor then moves to the last one seen."""
         if self.sheet is not None and self.sheet.cameras and self.sheet.instants:
             look = LookScreen(self.sheet, self.sheet.cameras[self.cursor.x], self.cursor.y, motion)
             self.app.push_screen(look, lambda seen: None if seen is None else self.go_to(*seen))
 
     def action_zoom(self, factor: float) -> None:
-        """Show larger or smaller pictures."""
+        """Enlarge or shrink the pictures."""
         self._zoom = min(max(self._zoom * factor, 0.3), 6.0)
         self._lay_out()
         self._scroll_to_cursor()
 
     def on_click(self, event: events.Click) -> None:
-        """Put the cursor on a picture; a second click opens it."""
+        """Select a picture; a click on the selected one opens it."""
         if self.sheet is None or event.y < 1 or event.x < GUTTER:
             return
         size = self.thumb_size
@@ -122,7 +122,7 @@ class ContactSheet(ScrollView, can_focus=True):
                 self.action_look()
 
     def render_line(self, y: int) -> Strip:
-        """One line: the cameras' names, then pictures and what is said below each."""
+        """Return one line: the cameras' names, or a line of pictures and of the notes below them."""
         width, plain, sheet = self.size.width, self.rich_style, self.sheet
         if sheet is None:
             return Strip.blank(width, plain)
@@ -233,7 +233,7 @@ class ContactSheet(ScrollView, can_focus=True):
         self.scroll_to(left, top, animate=False)
 
     def _region(self, x: int, y: int) -> Region:
-        """A picture's region in the whole sheet."""
+        """Return a picture's region in the whole sheet."""
         size = self.thumb_size
         return Region(GUTTER + x * (size.width + 1), 1 + y * (size.height + 1), *size)
 
@@ -245,7 +245,7 @@ class ContactSheet(ScrollView, can_focus=True):
 
     @work(exclusive=True, group="thumbs")
     async def _load(self) -> None:
-        """Draw the pictures that have come into sight, one after the other, in a thread."""
+        """Draw newly visible pictures one by one in a thread."""
         sheet, size = self.sheet, self.thumb_size
         palette, light = palette_of(self.app), not self.app.current_theme.dark
         while sheet is not None and self._wanted:

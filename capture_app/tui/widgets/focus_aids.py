@@ -1,4 +1,4 @@
-"""Focus and exposure as marks on a picture, and as numbers: against the recent best, light, histogram."""
+"""Focus and exposure aids: marks on an image, focus value, brightness and histogram."""
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,25 +15,26 @@ from capture_app.tui.widgets.lines import bar_rows
 Bgr: TypeAlias = tuple[int, int, int]
 
 SHARP_EDGE = 24.0
-"""Second derivative, of 255, from which on an edge counts as sharp."""
+"""Second derivative (8-bit levels) from which an edge counts as sharp."""
 BLACK, WHITE = 4, 251
-"""Darker and brighter than these nothing can be told apart: clipped."""
+"""Levels at or beyond which a pixel counts as clipped."""
 PEAK_COLOUR: Bgr = (60, 60, 255)
 HIGHLIGHT_COLOUR: Bgr = (0, 200, 255)
 SHADOW_COLOUR: Bgr = (255, 120, 0)
 SHOWN_FROM = 0.12
-"""A pixel of the screen is marked where this part of what it covers is."""
+"""Fraction of a screen pixel's area that must be marked for the pixel to be marked."""
 BEST_OVER_S = 10.0
-"""A focus number is compared with the best of so many seconds: turning a ring there and back takes that."""
+"""Time over which a focus value is compared with the best, in seconds; enough to turn a focus ring both
+ways."""
 IN_FOCUS = 0.95
-"""Share of the best from which on it is called in focus."""
+"""Fraction of the best value from which the image is in focus."""
 CLIPPED = 0.01
-"""Share of the pixels from which on clipping is worth a warning."""
+"""Fraction of clipped pixels from which a warning is shown."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mark:
-    """Pixels of an image to be painted over, in stripes or whole."""
+    """Pixels of an image to paint over, striped or solid."""
 
     mask: NDArray[np.bool_]
     colour: Bgr
@@ -45,21 +46,21 @@ Aid: TypeAlias = Callable[[Image], Sequence[Mark]]
 
 @dataclass(frozen=True, slots=True)
 class Exposure:
-    """How bright a picture is: `histogram` holds the share of the pixels in each of its bins, dark first."""
+    """Exposure of an image; `histogram` is the fraction of pixels per bin, dark first."""
 
     histogram: tuple[float, ...]
     mean: float
-    """Brightness, of 255."""
+    """Mean brightness, 0 to 255."""
     shadows: float
-    """Share of the pixels that are clipped to black in all channels."""
+    """Fraction of pixels clipped to black in all channels."""
     highlights: float
-    """Share of the pixels that are clipped to white in any channel."""
+    """Fraction of pixels clipped to white in any channel."""
 
 
 def sharpness(image: Image) -> float:
-    """A number that is greatest in focus: the mean squared Laplacian (Subbarao et al. 1993) over the mean's.
+    """Return a focus value: mean squared Laplacian (Subbarao et al. 1993) over squared mean, in percent.
 
-    In percent. Brightness is taken out, so that it compares over time under changing light.
+    It is greatest in focus. Normalizing by brightness keeps it comparable under changing light.
     """
     grey = cv2.GaussianBlur(grey_of(image).astype(np.float32), (3, 3), 0)
     mean = float(grey.mean())
@@ -82,7 +83,7 @@ def zebra(image: Image) -> Sequence[Mark]:
 
 
 def exposure_of(image: Image, bins: int = 64) -> Exposure:
-    """Measure how a picture is exposed."""
+    """Measure an image's exposure."""
     grey = grey_of(image)
     counts = np.bincount((grey.astype(np.uint16) * bins >> 8).ravel(), minlength=bins)
     shadows, highlights = _clipped(image)
@@ -95,7 +96,7 @@ def exposure_of(image: Image, bins: int = 64) -> Exposure:
 
 
 def paint_marks(scaled: Image, image: Image, aids: Sequence[Aid]) -> Image:
-    """Paint what the aids find in `image` onto it as it is `scaled`."""
+    """Paint the marks found in `image` onto its `scaled` version."""
     marks = [mark for aid in aids for mark in aid(image)]
     if not marks:
         return scaled
@@ -117,7 +118,7 @@ def _clipped(image: Image) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
 
 
 def focus_line(numbers: Sequence[tuple[float, float]], width: int = 24) -> Content:
-    """The newest focus number, and how near it is to the best lately; `numbers` are (time in s, number)."""
+    """Return the newest focus value and its ratio to the recent best; `numbers` are (time in s, value)."""
     lately = [number for when_s, number in numbers if when_s >= numbers[-1][0] - BEST_OVER_S]
     if not lately or max(lately) <= 0:
         return Content.styled("focus   no picture yet", "$foreground-muted")
@@ -134,7 +135,7 @@ def focus_line(numbers: Sequence[tuple[float, float]], width: int = 24) -> Conte
 
 
 def exposure_line(exposure: Exposure) -> Content:
-    """How bright a picture is, and what of it is clipped."""
+    """Return mean brightness and clipping in a line."""
 
     def clipped(share: float, name: str, glyph: str) -> tuple[str, str]:
         warns = share >= CLIPPED
@@ -149,7 +150,7 @@ def exposure_line(exposure: Exposure) -> Content:
 
 
 def histogram_lines(exposure: Exposure, width: int, height: int) -> list[Content]:
-    """The histogram, dark at the left, of so many columns and rows; square roots, so that little is seen."""
+    """Return the histogram in lines, dark left; a square-root scale keeps small bins visible."""
     shares = exposure.histogram
     columns = []
     for column in range(width):

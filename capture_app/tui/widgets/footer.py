@@ -1,4 +1,4 @@
-"""The line at the bottom: the keys that do something here, as many as fit whole, and "…" for the rest."""
+"""Footer with the keys available here, as many as fit, and "…" for the rest."""
 
 from textual import events
 from textual.binding import Binding
@@ -8,11 +8,11 @@ from textual.screen import Screen
 from capture_app.tui.widgets.lines import Lines
 
 ALWAYS = ("quit", "help")
-"""Actions that are always shown, at the right: the way out, and where all keys are."""
+"""Actions always shown, at the right: quit, and help with all keys."""
 
 
 class KeyFooter(Lines):
-    """One line of keys by context; a click does what the key does."""
+    """Line of context keys; a click presses the key."""
 
     DEFAULT_CSS = "KeyFooter { dock: bottom; height: 1; background: $panel; color: $foreground; }"
 
@@ -21,11 +21,11 @@ class KeyFooter(Lines):
         self._spans: list[tuple[int, int, str]] = []
 
     def on_mount(self) -> None:
-        """Follow the keys of the screen."""
+        """Subscribe to changes of the screen's keys."""
         self.screen.bindings_updated_signal.subscribe(self, self._show)
 
     def on_resize(self) -> None:
-        """Show as many as fit now."""
+        """Show the keys that fit the new width."""
         self._show(self.screen)
 
     def on_click(self, event: events.Click) -> None:
@@ -35,7 +35,7 @@ class KeyFooter(Lines):
                 self.app.simulate_key(key)
 
     def _show(self, screen: Screen[object]) -> None:
-        # With eager tasks (Python 3.12 on) a screen is there before the stack by which its keys are resolved.
+        # With eager tasks (Python 3.12 on), a screen exists before the stack by which its keys are resolved.
         if not self.is_attached or screen is not self.screen or not screen.is_current:
             return
         shown: dict[str, Binding] = {}
@@ -49,7 +49,7 @@ class KeyFooter(Lines):
         for binding in shown.values():
             item = self._item(binding)
             if line.cell_length + item.cell_length > room:
-                # The others are in the help, whose key is beside.
+                # The remaining keys are listed in the help, whose key follows.
                 line += "…"[: room - line.cell_length]
                 break
             line = self._with_key(line, binding, item)

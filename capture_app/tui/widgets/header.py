@@ -1,4 +1,4 @@
-"""The line on top: the modes with their keys, which rig this is, whether it is ready, room on its disk."""
+"""Header with the modes and their keys, the rig's state and address, and free disk space."""
 
 from collections.abc import Iterator
 
@@ -11,11 +11,11 @@ from capture_app.tui.signs import NO_LEADER, WAITING, rig_sign
 from capture_app.tui.widgets.lines import Lines, fitting, justified
 
 MODES = {"rig": "Rig", "shoot": "Shoot", "sessions": "Sessions", "jobs": "Jobs"}
-"""By name, in the order of their keys 1 to 4."""
+"""Titles by mode, in the order of their keys 1 to 4."""
 
 
 class Header(Lines):
-    """The modes, to which a click goes, and how the rig is, in as many words as there is room for."""
+    """Mode tabs, which can be clicked, and as much of the rig's state as fits."""
 
     def __init__(self, mode: str, record: RigRecord) -> None:
         super().__init__(id="header")
@@ -30,7 +30,7 @@ class Header(Lines):
         self._tabs = Content("").join(tabs)
 
     def on_click(self, event: events.Click) -> None:
-        """Go to the mode that was clicked."""
+        """Switch to the mode that was clicked."""
         left = 0
         for number, (mode, title) in enumerate(MODES.items(), 1):
             left += len(f" {number} {title} ")
@@ -39,7 +39,7 @@ class Header(Lines):
                 return
 
     def draw(self) -> None:
-        """Show the rig as it is now, or that its leader is lost; the most important first."""
+        """Draw the rig's state or the loss of its leader, most important part first."""
         parts = fitting(self._parts(), " · ", self.size.width - self._tabs.cell_length - 4)
         self.show([justified(self._tabs, Content(" · ").join(parts[::-1]) + " ", self.size.width)])
 

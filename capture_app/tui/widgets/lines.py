@@ -1,4 +1,4 @@
-"""Lines of text on the screen of which only the cells that differ are sent to the terminal."""
+"""Lines of text on the screen that send only changed cells to the terminal."""
 
 import textwrap
 import time
@@ -22,7 +22,7 @@ INDENT = 11
 
 
 def strip_of_line(widget: Widget, line: Content) -> Strip:
-    """A styled line as a widget sends it to the terminal."""
+    """Return a styled line as a widget's strip for the terminal."""
     parse = widget.app.stylesheet.parse_style
     return Strip(
         Segment(text, style.rich_style)
@@ -33,14 +33,14 @@ def strip_of_line(widget: Widget, line: Content) -> Strip:
 
 
 def justified(left: Content, right: Content, width: int) -> Content:
-    """A line of that width with `left` at its beginning, cut where it must be, and `right` at its end."""
+    """Return a line of a width, `left` at its start, truncated if needed, and `right` at its end."""
     room = width - right.cell_length - (1 if right.cell_length else 0)
     left = left.truncate(max(0, room), ellipsis=True)
     return Content.assemble(left, " " * max(0, width - left.cell_length - right.cell_length), right)
 
 
 def fitting(parts: Iterable[Content], gap: str, width: int) -> list[Content]:
-    """The parts that fit beside each other in a line, the first of them first."""
+    """Return the parts that fit in a line, earlier ones first."""
     fit: list[Content] = []
     for part in parts:
         if sum(one.cell_length + len(gap) for one in fit) + part.cell_length <= width:
@@ -49,19 +49,19 @@ def fitting(parts: Iterable[Content], gap: str, width: int) -> list[Content]:
 
 
 def chosen_line(line: Content, width: int) -> Content:
-    """A line of what is under the cursor: its first cell is the mark, and all of the width has its colour."""
+    """Return a selected line: a mark in its first cell, and a background over the whole width."""
     line = Content.assemble(("▌", "$primary"), line[1:])
     return line.pad_right(max(width - line.cell_length, 0)).stylize_before("on $block-cursor-background")
 
 
 def filled_cells(share: float, width: int) -> str:
-    """A bar of a share of that many cells, to an eighth of one."""
+    """Return a bar of a fraction of `width` cells, in steps of an eighth of a cell."""
     eighths = round(8 * width * min(max(share, 0.0), 1.0))
     return "█" * (eighths // 8) + ("▏▎▍▌▋▊▉"[eighths % 8 - 1] if eighths % 8 else "")
 
 
 def bar_rows(eighths: Sequence[int], height: int) -> list[str]:
-    """Bars beside each other, each so many eighths of a cell high, as rows of text from the top down."""
+    """Return bars with these heights in eighths of a cell, as rows of text from top to bottom."""
     return [
         "".join(" ▁▂▃▄▅▆▇█"[min(max(each - 8 * row, 0), 8)] for each in eighths)
         for row in range(height - 1, -1, -1)
@@ -69,13 +69,13 @@ def bar_rows(eighths: Sequence[int], height: int) -> list[str]:
 
 
 def joined_cells(cells: Iterable[tuple[str, str]]) -> Content:
-    """Cells with their styles as a line."""
+    """Join cells with styles into a line."""
     runs = groupby(cells, key=itemgetter(1))
     return Content.assemble(*(("".join(cell for cell, _ in run), style) for style, run in runs))
 
 
 class Lines(Widget):
-    """Shows styled lines, cut with an ellipsis at its width; as high as they are where its height is auto."""
+    """Widget of styled lines, truncated with an ellipsis; its auto height is the number of lines."""
 
     DEFAULT_CSS = "Lines { height: auto; }"
 
@@ -86,11 +86,11 @@ class Lines(Widget):
 
     @property
     def plain(self) -> tuple[str, ...]:
-        """The lines without their style."""
+        """Lines without style."""
         return tuple(line.plain for line in self._lines)
 
     def show(self, lines: Iterable[Content]) -> None:
-        """Show these lines instead, and redraw the cells that differ."""
+        """Replace the lines, and redraw the cells that differ."""
         before = self._strips
         self._lines = tuple(lines)
         if not self.is_attached:
@@ -98,7 +98,7 @@ class Lines(Widget):
         self._strips = [strip_of_line(self, line) for line in self._lines]
         if len(before) != len(self._strips):
             self.refresh(layout=True)
-            # A layout that is under way would swallow this one.
+            # A layout already in progress would discard this one.
             self.call_after_refresh(self.refresh, layout=True)
             return
         regions = [
@@ -110,15 +110,15 @@ class Lines(Widget):
             self.refresh(*regions)
 
     def get_content_height(self, container: Size, viewport: Size, width: int) -> int:
-        """As many as there are lines."""
+        """Return the number of lines."""
         return len(self._lines)
 
     def get_content_width(self, container: Size, viewport: Size) -> int:
-        """As wide as the widest line."""
+        """Return the width of the widest line."""
         return max((line.cell_length for line in self._lines), default=0)
 
     def render_line(self, y: int) -> Strip:
-        """The line as it was drawn when it was shown."""
+        """Return the line as drawn by `show`."""
         if y >= len(self._strips):
             return Strip.blank(self.size.width, self.rich_style)
         strip, width = self._strips[y], self.size.width
@@ -128,12 +128,12 @@ class Lines(Widget):
         return strip.adjust_cell_length(width, self.rich_style)
 
     def notify_style_update(self) -> None:
-        """Draw anew: the colours have changed."""
+        """Redraw in the new colours."""
         super().notify_style_update()
         self._draw_anew()
 
     def _draw_anew(self) -> None:
-        # Nothing is drawn of nothing: a layout that is under way would swallow the next one.
+        # Empty lines are not drawn: a layout already in progress would discard the next one.
         if self.is_attached and self._lines:
             self._strips = [strip_of_line(self, line) for line in self._lines]
             self.refresh(layout=True)
@@ -142,7 +142,7 @@ class Lines(Widget):
 
 
 def _difference(old: Strip, new: Strip) -> tuple[int, int] | None:
-    """The first cell that differs, and the one after the last; None where none does."""
+    """Return the first differing cell and the last + 1, or None if all are equal."""
     if old == new:
         return None
     before, after = _cells(old), _cells(new)
@@ -153,13 +153,13 @@ def _difference(old: Strip, new: Strip) -> tuple[int, int] | None:
 
 
 def _cells(strip: Strip) -> list[tuple[str, object]]:
-    # A wide character is one entry for two cells: a strip with one is compared by its entries.
+    # A wide character is one entry for two cells: a strip with one is compared as a whole.
     cells: list[tuple[str, object]] = [(each, style) for text, style, _ in strip for each in text]
     return cells if len(cells) == strip.cell_length else [(strip.text, tuple(strip))]
 
 
 def news_lines(news: Iterable[NewsLine], width: int) -> list[Content]:
-    """The lines of some news, long ones wrapped."""
+    """Return the lines of log entries, long ones wrapped."""
     lines: list[Content] = []
     for each in news:
         mark, style = MARKS[each.level]

@@ -1,4 +1,4 @@
-"""One picture of a take on the whole screen: blinked with its neighbours, or a wiggle through all cameras."""
+"""Picture of a take on the whole screen: still, blinked with a neighbour, or in motion."""
 
 from collections.abc import Iterator, Sequence
 from functools import lru_cache, partial
@@ -15,29 +15,29 @@ from capture_app.tui.widgets.picture import Picture, Source, sharp_terminal_of
 from capture_app.tui.widgets.whole_screen import WholeScreen
 
 SLOWEST, FASTEST = 1.0, 8.0
-"""Pictures a second: more would be too much for a slow link."""
+"""Min and max pictures per second; more would overload a slow link."""
 KEPT = 80
-"""Decoded pictures, each as large as the screen shows it."""
+"""Max number of cached pictures, decoded at the size of the screen."""
 
 
 Motion = Literal["still", "cameras", "instants", "wiggle", "play"]
-"""What changes by itself."""
+"""Kind of automatic change."""
 _MOVING: dict[Motion, tuple[str, float]] = {
     "cameras": ("blinking two cameras", 2.0),
     "instants": ("blinking two instants", 2.0),
     "wiggle": ("wiggle through the cameras", 6.0),
     "play": ("all instants", 6.0),
 }
-"""What is said of each motion, and how many pictures a second it begins with."""
+"""Description and initial pictures per second of each motion."""
 
 
 def ping_pong(things: Sequence[int]) -> list[int]:
-    """There and back again, without showing either end twice."""
+    """Return the sequence forth and back, without repeating either end."""
     return [*things, *things[-2:0:-1]]
 
 
 class LookScreen(WholeScreen[tuple[str, int]]):
-    """Shows one picture; Escape closes it and gives the camera and instant that were last seen."""
+    """Screen of one picture; Escape closes it and returns the last camera and instant."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("escape", "close", "Back", id="look.back"),
@@ -79,24 +79,24 @@ class LookScreen(WholeScreen[tuple[str, int]]):
 
     @property
     def shown(self) -> tuple[str, int]:
-        """The camera and instant that are seen now."""
+        """Camera and instant on display."""
         frames = self._frames()
         camera, instant = frames[self._step % len(frames)]
         return self._sheet.cameras[camera], instant
 
     def action_close(self) -> None:
-        """Go back."""
+        """Close the screen."""
         self.dismiss((self._sheet.cameras[self._camera], self._instant))
 
     def action_move(self, cameras: int, instants: int) -> None:
-        """Look at the next camera or instant."""
+        """Show another camera or instant."""
         self._camera = min(max(self._camera + cameras, 0), len(self._sheet.cameras) - 1)
         self._instant = min(max(self._instant + instants, 0), self._sheet.instants - 1)
         self._step = 0
         self._show()
 
     def action_motion(self, motion: Motion) -> None:
-        """Begin to blink, to wiggle or to play; the same key again stops it where it is."""
+        """Start blinking, wiggling or playing; the same key stops at the current picture."""
         if motion == self.motion:
             frames = self._frames()
             self._camera, self._instant = frames[self._step % len(frames)]
@@ -106,7 +106,7 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         self._start()
 
     def action_pace(self, factor: float) -> None:
-        """Move faster or slower."""
+        """Change the speed of the motion."""
         if self.motion != "still":
             self._rate = min(max(self._rate * factor, SLOWEST), FASTEST)
             self._start()
@@ -126,7 +126,7 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         self._show()
 
     def _frames(self) -> list[tuple[int, int]]:
-        """The pictures that are shown in turn, as places of camera and instant."""
+        """Return the pictures shown in turn, as indices of camera and instant."""
         cameras, instants = len(self._sheet.cameras), self._sheet.instants
         at, when = self._camera, self._instant
         match self.motion:
@@ -165,13 +165,13 @@ class LookScreen(WholeScreen[tuple[str, int]]):
             yield Content.styled(f"{_MOVING[self.motion][0]}, {self._rate:.1f}/s", "$foreground-muted")
 
     def _apart_ns(self) -> int | None:
-        """Time between the two pictures that are blinked."""
+        """Return the time between the two blinked pictures, in ns."""
         images = [self._sheet.image(self._sheet.cameras[at], when) for at, when in self._frames()]
         times = [image.leader_ns for image in images if image is not None]
         return max(times) - min(times) if len(times) == 2 else None
 
     def _load_sharp(self, camera: str, instant: int) -> Image | None:
-        """A picture with as many pixels as the terminal shows; not kept, as these are large."""
+        """Load a picture at the terminal's resolution; not cached, because it is large."""
         terminal = sharp_terminal_of(self.app)
         width = 0 if terminal is None else terminal.width_px(self.app.size.width)
         return self._sheet.load(camera, instant, width) if width else None

@@ -1,8 +1,8 @@
-"""A widget that shows an image fitted into its cells, or in the terminal's own pixels where it can.
+"""Widget that shows an image in cells, or in the terminal's own pixels if supported.
 
-Pixels are sent where textual-image is installed, and only by kitty's protocol with Unicode placeholders: its
-pictures are cells of text, which menus may cover, but sixels are painted over whatever is there. WezTerm and
-Konsole claim that protocol without its placeholders; they are told by the sixels that they have too.
+Pixels require textual-image and kitty's protocol with Unicode placeholders. Such pictures are text cells,
+which menus can cover, whereas sixels are painted over any content. WezTerm and Konsole claim the protocol but
+lack placeholders; they are recognized by their sixel support.
 """
 
 import asyncio
@@ -40,30 +40,30 @@ from capture_app.tui.widgets.cells import (
 from capture_app.tui.widgets.focus_aids import Aid, paint_marks
 
 MOST_CELLS = 297
-"""Columns and rows that a placeholder can count."""
+"""Max columns or rows that a placeholder can address."""
 NOISE = 12
-"""Colours (of 255) by which a cell of a live picture may differ from what is shown and is not sent again.
+"""Max colour difference (8-bit levels) at which a cell of a live picture is not sent again.
 
-A sensor's noise would else have nearly all sent each time: a third of the bytes
+Without it, sensor noise would change nearly all cells each time; it reduces the bytes sent to a third
 (`benchmarks/screen/previews.py`).
 """
 REST_S = 0.2
-"""How long a picture rests before it is sent in pixels: who leafs through a take wants none."""
+"""Delay before a picture is sent in pixels, in seconds; browsing through a take sends none."""
 
 
 class SharpTerminal:
-    """Sends pictures to a terminal that has kitty's protocol."""
+    """Sender of pictures to a terminal with kitty's protocol."""
 
     def __init__(self, picture: type[Any], cell: tuple[int, int]) -> None:
         """`picture`: textual-image's renderable; `cell`: width and height of a cell in pixels."""
         self._picture, self._cell = picture, cell
 
     def width_px(self, columns: int) -> int:
-        """How many pixels so many columns are."""
+        """Return the width of `columns` cells in pixels."""
         return min(columns, MOST_CELLS) * self._cell[0]
 
     def send(self, image: Image, columns: int, rows: int) -> "SharpPicture":
-        """Send an image, fitted into so many cells; takes a second, for a thread."""
+        """Send an image fitted into this space. Takes a second; call in a thread."""
         height, width = image.shape[:2]
         across, down = fitted_cells(width, height, min(columns, MOST_CELLS), min(rows, MOST_CELLS))
         scaled = resample(np.ascontiguousarray(image), across * self._cell[0], down * self._cell[1])
@@ -73,7 +73,7 @@ class SharpTerminal:
 
 
 class SharpPicture:
-    """A picture that the terminal has, and the cells that stand for it."""
+    """Picture stored in the terminal, and its placeholder cells."""
 
     def __init__(self, sent: Any, columns: int, rows: int) -> None:
         console = Console(width=columns, height=rows, file=io.StringIO(), color_system="truecolor")
@@ -82,18 +82,18 @@ class SharpPicture:
         self.columns, self.rows = columns, rows
 
     def strip(self, row: int, _plain: Style) -> Strip:
-        """A row of it."""
+        """Return a row of placeholder cells."""
         return Strip(self._lines[row], self.columns)
 
     def forget(self) -> None:
-        """Let the terminal forget it."""
+        """Delete the picture from the terminal."""
         self._sent.cleanup()
 
 
 def strip_of_middle(
     drawn: CellPicture | SharpPicture, line: int, size: Size, plain: Style, around: Style
 ) -> Strip:
-    """A line of a box of this size that has the picture in its middle; `around` is the style of the rest."""
+    """Return a line of a box with the picture in its centre; `around` is the style of the margin."""
     row = line - (size.height - drawn.rows) // 2
     left, right = (size.width - drawn.columns) // 2, (size.width - drawn.columns + 1) // 2
     if not 0 <= row < drawn.rows or left < 0:
@@ -102,11 +102,12 @@ def strip_of_middle(
 
 
 def find_sharp_terminal(choice: str, environment: Mapping[str, str] = os.environ) -> SharpTerminal | None:
-    """What draws in pixels here; None where glyphs have to do.
+    """Return the sender of pixel pictures, or None if only glyphs are available.
 
-    `choice`: "glyphs" never; "sharp" over ssh too, where a picture of megabytes may take long; else locally.
+    `choice`: "glyphs" disables pixels; "sharp" allows them over SSH too, where megabytes per picture may be
+    slow; any other value allows them locally.
 
-    Importing textual-image asks the terminal what it can, on standard input: only before the screen is there.
+    Call it before the screen starts: importing textual-image queries the terminal on standard input.
     """
     remote = choice != "sharp" and bool(environment.keys() & {"SSH_CONNECTION", "SSH_TTY"})
     terminals = (sys.__stdin__, sys.__stdout__)
@@ -117,24 +118,24 @@ def find_sharp_terminal(choice: str, environment: Mapping[str, str] = os.environ
         if found.Image is not found.TGPImage:
             return None
         cell = importlib.import_module("textual_image._terminal").get_cell_size()
-    except Exception:  # noqa: BLE001 - whatever is wrong with an optional package, glyphs are there
+    except Exception:  # noqa: BLE001 - any failure of an optional package falls back to glyphs
         return None
     return SharpTerminal(found.TGPImage, (cell.width, cell.height))
 
 
 def sharp_terminal_of(app: App[Any]) -> SharpTerminal | None:
-    """What draws in pixels on an app's terminal; in full colour only, as colours tell which picture it is."""
+    """Return an app's sender of pixel pictures, in full colour only: colours encode the picture's id."""
     found = getattr(app, "sharp_terminal", None)
     usable = isinstance(found, SharpTerminal) and palette_of(app) is Palette.TRUECOLOR
     return found if usable else None
 
 
 Source: TypeAlias = bytes | Image | Callable[[], "bytes | Image | None"]
-"""An image file's bytes, pixels (BGR or grey), or what loads one of these, called in a thread."""
+"""Bytes of an image file, pixels (BGR or grey), or a function that loads either, called in a thread."""
 
 
 class Picture(Widget):
-    """Shows an image as large as it fits, in its proportions; `words` stand where there is none."""
+    """Image as large as fits at its aspect ratio; without one, `words` are shown."""
 
     DEFAULT_CSS = """
     Picture { width: 1fr; height: 1fr; }
@@ -148,26 +149,26 @@ class Picture(Widget):
         noise: int = 0,
         id: str | None = None,
     ) -> None:
-        """`noise`: cells that differ by no more are left as they are, see NOISE."""
+        """`noise`: max difference of cells that are left unchanged, see NOISE."""
         super().__init__(id=id)
         self._source = source
         self._noise = noise
         self._words = printable(words)
         self._aids: tuple[Aid, ...] = ()
         self.cells: CellPicture | None = None
-        """What is drawn now."""
+        """Cells on display."""
         self._sharp_source: Source | None = None
         self._sharp: SharpPicture | None = None
         self._sharpening = False
         self._turn = 0
-        """Counts what was asked for, so that what is done too late is known."""
+        """Counter of requests, which identifies outdated work."""
         self._drawing = False
         self._stale = source is not None
 
     def show(self, source: Source | None, words: str | None = None, *, sharp: Source | None = None) -> None:
-        """Show this image instead; nothing happens where it is the same.
+        """Show this image, unless it is already shown.
 
-        `sharp`: the same with more pixels, which take the glyphs' place where the terminal can show them.
+        `sharp`: the image at higher resolution, which replaces the glyphs if the terminal supports it.
         """
         if words is not None and printable(words) != self._words:
             self._words = printable(words)
@@ -179,21 +180,21 @@ class Picture(Widget):
         self._draw_again()
 
     def show_aids(self, aids: Sequence[Aid]) -> None:
-        """Mark parts of the picture by these."""
+        """Mark parts of the picture with these aids."""
         if tuple(aids) != self._aids:
             self._aids = tuple(aids)
             self._draw_again()
 
     def on_mount(self) -> None:
-        """Dots are dark on a light theme."""
+        """Redraw on a theme change, because dots are dark on a light theme."""
         self.app.theme_changed_signal.subscribe(self, lambda _: self._draw_again())
 
     def on_unmount(self) -> None:
-        """Leave nothing in the terminal."""
+        """Delete the picture from the terminal."""
         self._put_sharp(None)
 
     def render_line(self, y: int) -> Strip:
-        """One line of the picture."""
+        """Return one line of the picture."""
         width, plain = self.size.width, self.rich_style
         drawn = self._sharp or self.cells
         if drawn is not None:
@@ -212,7 +213,7 @@ class Picture(Widget):
 
     @work
     async def _draw(self) -> None:
-        """Draw the newest image until no newer one is there; those between are never drawn."""
+        """Draw the newest image until no newer one is waiting; intermediate ones are skipped."""
         try:
             while self._stale and self.size:
                 self._stale = False
@@ -228,7 +229,7 @@ class Picture(Widget):
 
     @work
     async def _sharpen(self) -> None:
-        """Have pixels take the glyphs' place, unless another picture is wanted meanwhile."""
+        """Replace the glyphs by pixels, unless another picture is requested meanwhile."""
         try:
             while self._sharp is None and self.size:
                 terminal, source, turn = sharp_terminal_of(self.app), self._sharp_source, self._turn
@@ -261,7 +262,7 @@ class Picture(Widget):
             self.refresh(*(Region(left + start, top + row, end - start, 1) for row, start, end in spans))
 
     def _put_sharp(self, new: SharpPicture | None) -> bool:
-        """Show this instead of glyphs, or glyphs again; returns whether another had been there."""
+        """Show a pixel picture, or glyphs for None; return whether another one was replaced."""
         old, self._sharp = self._sharp, new
         if old is not None:
             old.forget()

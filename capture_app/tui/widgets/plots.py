@@ -1,6 +1,6 @@
-"""What is plotted of a camera: its phase over time as a strip, its errors' histogram, its exchanges' wedge.
+"""Plots of a camera: phase over time as a strip, phase error histogram, and wedge of clock exchanges.
 
-Drawn with block glyphs, which every monospaced font has (braille many lack).
+Drawn with block glyphs, which every monospaced font has; many lack braille.
 """
 
 import math
@@ -13,49 +13,49 @@ from capture_app.common.text import count, duration
 from capture_app.tui.widgets.lines import bar_rows, joined_cells
 
 QUARTERS = 2, 2, " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"
-"""Dots in a cell across and down, and the glyph of each set of them: four dots."""
+"""Dots per cell across and down, and the glyph of each combination of four dots."""
 LEVELS = 1, 3, " ▔─│▁│││"
-"""A thin line at one of three heights, or a stroke through several."""
+"""Thin line at one of three heights, or a stroke through several."""
 SHOWN_SHARE = 0.98
-"""Share of the frames that the axis spans; those farther off are counted at its ends."""
+"""Fraction of the frames that the axis spans; larger errors are counted at its ends."""
 LABEL_WIDTH = 8
 SHOWN_TRIPS_SHARE = 0.95
-"""Share of the exchanges that is shown, the shortest: a few long ones would make the rest a line."""
+"""Fraction of exchanges shown, shortest first: a few long ones would compress the rest into a line."""
 MEASURABLE_NS = 1000
-"""Round trips below this are of the clock's reading, not of a network."""
+"""Minimum displayed round trip; shorter ones measure clock reads, not the network."""
 EDGE = "$foreground 30%"
 SPAN_S = 30.0
 USUAL_TOLERANCE_NS = 100_000
 USUAL_PERIOD_NS = 33_333_333
 EMPTY = " ┈"
-"""What stands where there is no trace: nothing, and in the middle of the band a line."""
+"""Cells without a trace: blank, and a line in the middle of the band."""
 AXIS_WIDTH = 7
-"""Cells that the labels of the axis take."""
+"""Cells of the axis labels."""
 
 
 class Canvas:
-    """A grid of dots, some in each cell; (0, 0) is at the top left."""
+    """Grid of dots, several per cell; (0, 0) is at the top left."""
 
     def __init__(self, width: int, height: int, of: tuple[int, int, str]) -> None:
-        """`width` and `height` count cells; `of` is QUARTERS or LEVELS."""
+        """`width` and `height` in cells; `of` is QUARTERS or LEVELS."""
         self._across, self._down, self._glyphs = of
         self.dots = self._across * width, self._down * height
-        """How many dots there are across and down."""
+        """Number of dots across and down."""
         self._cells = [[0] * width for _ in range(height)]
 
     def put(self, x: int, y: int) -> None:
-        """Put a dot; beyond the edge nothing happens."""
+        """Set a dot; outside the grid, do nothing."""
         if 0 <= x < self.dots[0] and 0 <= y < self.dots[1]:
             place = self._across * (y % self._down) + x % self._across
             self._cells[y // self._down][x // self._across] |= 1 << place
 
     def row(self, y: int, empty: str = " ") -> str:
-        """A row of cells as text, `empty` where no dot is."""
+        """Return a row of cells as text, `empty` where no dot is set."""
         return "".join(self._glyphs[marks] if marks else empty for marks in self._cells[y])
 
 
 def histogram_rows(errors_ns: Sequence[int], tolerance_ns: int, width: int, height: int) -> list[Content]:
-    """Bars of how many frames were how far off; what is within the tolerance in another colour."""
+    """Draw the histogram of phase errors; bars within the tolerance have another colour."""
     if not errors_ns or width < 12 or height < 3:
         return [Content.styled("No frame on the grid yet.", "$foreground-muted")]
     sizes = sorted(abs(error) for error in errors_ns)
@@ -63,7 +63,7 @@ def histogram_rows(errors_ns: Sequence[int], tolerance_ns: int, width: int, heig
     bins = [0] * width
     for error in errors_ns:
         bins[max(0, min(int((error / reach + 1) / 2 * width), width - 1))] += 1
-    # Of a bar with anything in it, an eighth of a cell at least is seen.
+    # A non-empty bar is at least an eighth of a cell high.
     eighths = [max(round(8 * (height - 1) * size / max(bins)), 1) if size else 0 for size in bins]
     inside = [abs((x + 0.5) / width * 2 - 1) * reach <= tolerance_ns for x in range(width)]
     styles = ["$success on $success 9%" if each else "$warning" for each in inside]
@@ -73,13 +73,13 @@ def histogram_rows(errors_ns: Sequence[int], tolerance_ns: int, width: int, heig
 
 
 def _foot(left: str, middle: str, right: str, width: int) -> str:
-    """What stands below an axis, at its ends and in its middle."""
+    """Return the labels below an axis, at its ends and its middle."""
     gap = max(width - len(left) - len(right) - len(middle), 2)
     return left + " " * (gap // 2) + middle + " " * (gap - gap // 2) + right
 
 
 def histogram_title(errors_ns: Sequence[int], tolerance_ns: int) -> str:
-    """What the bars are of, in a few words."""
+    """Return the title of the histogram."""
     if not errors_ns:
         return "phase error"
     inside = sum(abs(error) <= tolerance_ns for error in errors_ns)
@@ -88,9 +88,9 @@ def histogram_title(errors_ns: Sequence[int], tolerance_ns: int) -> str:
 
 
 def wedge_rows(samples_ns: Sequence[tuple[int, int]], width: int, height: int) -> list[Content]:
-    """Draw offsets (less that of the shortest exchanges) over round trips, with the wedge they must lie in.
+    """Draw clock offsets, relative to the shortest exchanges, over round trips, with their bounds.
 
-    An exchange whose round trip is r longer than the shortest can be wrong by r/2 at most to either side.
+    An exchange whose round trip exceeds the shortest by r has an error of at most ± r/2.
     """
     if len(samples_ns) < 2 or width <= LABEL_WIDTH + 4 or height < 3:
         return [Content.styled("No exchanges with the leader yet.", "$foreground-muted")]
@@ -125,31 +125,31 @@ def wedge_rows(samples_ns: Sequence[tuple[int, int]], width: int, height: int) -
 
 
 def wedge_title(samples_ns: Sequence[tuple[int, int]]) -> str:
-    """What the plot is of, in a few words."""
+    """Return the title of the wedge plot."""
     return f"clock offset, {count(len(samples_ns), 'exchange')}" if samples_ns else "clock"
 
 
 @dataclass(frozen=True, slots=True)
 class PhaseAxis:
-    """The one axis of all cameras of a rig, from -limit to +limit; its middle, the band, is linear."""
+    """Common phase axis of a rig's cameras, -limit to +limit: a linear band, logarithmic outside."""
 
     tolerance_ns: int
-    """Errors up to this, either side of zero, are in the band; > 0."""
+    """Half width of the band, in ns; > 0."""
     limit_ns: int
-    """The end of the axis; more than the tolerance."""
+    """End of the axis, in ns; more than the tolerance."""
 
     @classmethod
     def of(cls, tolerances_ns: Sequence[int], period_ns: int | None) -> "PhaseAxis":
-        """The axis for a rig: the widest tolerance is the band, half a period the end."""
+        """Return a rig's axis: the widest tolerance is the band, half a period the end."""
         tolerance = max((ns for ns in tolerances_ns if ns > 0), default=USUAL_TOLERANCE_NS)
         return cls(tolerance, max((period_ns or USUAL_PERIOD_NS) // 2, 2 * tolerance))
 
     def __str__(self) -> str:
-        """What a strip's band and ends are, in a line."""
+        """Return the values of the band and of the ends."""
         return f"band ±{duration(self.tolerance_ns)} · ends ±{duration(self.limit_ns)}"
 
     def place(self, error_ns: float, band: float) -> float:
-        """Where an error is: 0 for -limit, 0.5 for none, 1 for +limit; `band`: the band's share of it all."""
+        """Return an error's position: 0 at -limit, 0.5 at zero, 1 at +limit; `band`: the band's fraction."""
         size = min(abs(error_ns), self.limit_ns)
         if size <= self.tolerance_ns:
             away = band / 2 * size / self.tolerance_ns
@@ -159,7 +159,7 @@ class PhaseAxis:
         return 0.5 + math.copysign(away, error_ns)
 
     def labels(self, height: int) -> list[str]:
-        """The text beside each row of a strip."""
+        """Return the labels beside the rows of a strip."""
         labels = [""] * height
         if height > 1:
             labels[0] = f"┐{duration(self.limit_ns, signed=True, gap='')}"
@@ -169,17 +169,17 @@ class PhaseAxis:
 
 
 def band_rows(height: int) -> int:
-    """How many rows of a strip are the band, in its middle."""
+    """Return the number of rows of the band, which is in the middle of the strip."""
     return 3 if height >= 7 else 1
 
 
 def band_share(height: int) -> float:
-    """The band's share of a strip of so many rows: it fills whole ones, or the middle of a single one."""
+    """Return the band's fraction of a strip: whole rows, or the middle third of a single row."""
     return band_rows(height) / height if height > 1 else 1 / 3
 
 
 def times_of(width: int, now_s: float) -> list[float]:
-    """The moments that the cells of a strip stand for, on a grid that does not move."""
+    """Return the times (s) of a strip's cells, on a fixed grid."""
     step = SPAN_S / width
     last = int(now_s / step)
     return [(last - width + 1 + n) * step for n in range(width)]
@@ -188,7 +188,7 @@ def times_of(width: int, now_s: float) -> list[float]:
 def strip_rows(
     errors_ns: Sequence[int | None], axis: PhaseAxis, *, width: int, height: int, dimmed: bool
 ) -> list[Content]:
-    """Draw the errors, one for each cell across; `dimmed` for a camera that is gone."""
+    """Draw the errors, one per cell across; `dimmed` for a lost camera."""
     trace, band = Canvas(width, height, LEVELS), band_share(height)
     levels = trace.dots[1]
     before: int | None = None
@@ -197,7 +197,7 @@ def strip_rows(
         if error is not None:
             y = min(int((1 - axis.place(error, band)) * levels), levels - 1)
         if y is not None:
-            # A jump over half of the axis is a phase that went around, not one that passed all between.
+            # A jump over half of the axis is a phase that wrapped around, so the points are not joined.
             joined = before is not None and abs(y - before) <= levels // 2
             begin = y if before is None or not joined else before + (y > before) - (y < before)
             for level in range(min(begin, y), max(begin, y) + 1):

@@ -1,4 +1,4 @@
-"""A list of rows, one of them chosen; a row is drawn when it comes into sight, and again when it changes."""
+"""List of rows with a cursor; rows are drawn when they become visible, and again when they change."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,7 +18,7 @@ Item = TypeVar("Item")
 
 
 class RowList(ScrollView, Generic[Item], can_focus=True):
-    """Shows items in rows, all of the same height."""
+    """List of items in rows of equal height."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("up,k", "move(-1)", "Row above", show=False, id="list.up"),
@@ -31,10 +31,10 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
 
     @dataclass
     class Chosen(Message):
-        """Another row is under the cursor, or none."""
+        """Another row is selected, or none."""
 
         opens: bool = False
-        """The row was clicked twice; what keys open one is the view's to say."""
+        """Whether the row was double-clicked; the view defines keys that open a row."""
 
     def __init__(
         self,
@@ -43,30 +43,30 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
         *,
         id: str | None = None,
     ) -> None:
-        """`draw_row` gives the `row_height` lines of an item, so wide; and whether it is the chosen one."""
+        """`draw_row` returns the `row_height` lines of an item, from its width and whether it is selected."""
         super().__init__(id=id)
         self.row_height, self._draw_row = row_height, draw_row
         self.items: dict[str, Item] = {}
-        """What is shown, by key."""
+        """Items on display, by key."""
         self.keys: tuple[str, ...] = ()
-        """The items' keys in the order of the rows."""
+        """Keys in the order of the rows."""
         self._at = 0
         self._drawn: dict[str, list[Strip]] = {}
 
-    # What the view does
+    # Methods for the view
 
     @property
     def chosen(self) -> str:
-        """The key under the cursor; empty where there is no row."""
+        """Key of the selected row; empty if there are no rows."""
         return self.keys[self._at] if self.keys else ""
 
     @property
     def item(self) -> Item | None:
-        """What is under the cursor."""
+        """Selected item."""
         return self.items.get(self.chosen)
 
     def show_items(self, items: Mapping[str, Item]) -> None:
-        """Show these by their keys; the cursor stays on its row, or where that was."""
+        """Show these items by key; the cursor stays on its row, or at its position if the row is removed."""
         before, self.items = self.chosen, dict(items)
         if tuple(items) != self.keys:
             self.keys = tuple(items)
@@ -80,7 +80,7 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
             self.post_message(self.Chosen())
 
     def show_again(self, key: str) -> None:
-        """Draw a row again: something in it has changed."""
+        """Redraw a row that has changed."""
         old = self._drawn.pop(key, None)
         if old is None or key not in self.keys or not self.is_attached:
             return
@@ -91,7 +91,7 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
                 self.refresh(seen)
 
     def show_all_again(self) -> None:
-        """Draw the rows in sight again; the others are drawn when they come into sight."""
+        """Redraw the visible rows; others are drawn when they become visible."""
         first, room = self.scroll_offset.y // self.row_height, self.size.height // self.row_height
         seen = self.keys[first : first + room + 2]
         self._drawn = {key: lines for key, lines in self._drawn.items() if key in seen}
@@ -99,7 +99,7 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
             self.show_again(key)
 
     def choose(self, key: str) -> None:
-        """Put the cursor on a row."""
+        """Select a row."""
         if key in self.keys:
             self._go(self.keys.index(key))
 
@@ -110,11 +110,11 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
         self._go(self._at + rows)
 
     def action_page(self, pages: int) -> None:
-        """Move the cursor by what is seen at once."""
+        """Move the cursor by pages."""
         self._go(self._at + pages * max(1, self.size.height // self.row_height))
 
     def on_click(self, event: events.Click) -> None:
-        """Choose the row that was clicked; a second click opens it."""
+        """Select the row that was clicked; a double click opens it."""
         at = (event.y + self.scroll_offset.y) // self.row_height
         if 0 <= at < len(self.keys):
             self._go(at)
@@ -124,12 +124,12 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
     # Drawing
 
     def notify_style_update(self) -> None:
-        """Draw anew: the colours have changed."""
+        """Redraw in the new colours."""
         super().notify_style_update()
         self._draw_anew()
 
     def render_line(self, y: int) -> Strip:
-        """A line of a row."""
+        """Return a line of a row."""
         at, line = divmod(y + self.scroll_offset.y, self.row_height)
         if not 0 <= at < len(self.keys):
             return Strip.blank(self.size.width, self.rich_style)

@@ -1,4 +1,4 @@
-"""A view of the whole screen over a mode: a line that says what it is of, what it shows, and the keys."""
+"""Base class of whole-screen views over a mode: title line, content and key footer."""
 
 from textual.widget import Widget
 
@@ -8,7 +8,7 @@ from capture_app.tui.widgets.lines import Lines
 
 
 class WholeScreen(Dialog[Result]):
-    """Shows its parts between the line on top, which is `title_line`, and the keys."""
+    """Screen with its parts between the title line, `title_line`, and the key footer."""
 
     DEFAULT_CSS = """
     WholeScreen { background: $background; }

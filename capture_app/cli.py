@@ -169,7 +169,7 @@ def run(arguments: Sequence[str]) -> int:
 
 
 def main() -> None:
-    """Run this process's command line; re-execute first if it contains a password, to hide that from `ps`."""
+    """Run this process's command line; first re-execute without its passwords, to hide them from `ps`."""
     shown = [hide_password(word) for word in sys.orig_argv]
     if shown != sys.orig_argv:
         os.execv(sys.executable, shown)  # noqa: S606 - this program once more

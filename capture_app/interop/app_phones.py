@@ -76,7 +76,7 @@ class AppPhones(RigFollower):
     def take_alone(self, request: BurstRequest) -> str:
         """Order a capture on a rig without cameras; return the order in words, empty without phones.
 
-        Raises BadInputError for a recording without a duration: no camera's burst would end it.
+        Raises BadInputError for a recording without a duration: nothing else would end it.
         """
         if not (phones := len(self._engine.present())):
             return ""

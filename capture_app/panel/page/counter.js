@@ -1,20 +1,20 @@
-// Counts a screen's refreshes by the timestamps of animation frames, ms.
+// Counter of a screen's refreshes, from the timestamps (ms) of animation frames.
 //
-// Callbacks come once a refresh, early or late by what the browser's clock hides, and not at all where the
-// page was too slow. So the number is that of a line through all timestamps so far, not of the callbacks: after a
-// refresh without a callback it goes on by two, and is right again. Until the line is known, and whenever
-// callbacks stop following it, there is no number.
+// The browser calls back once per refresh, with limited clock resolution, and skips refreshes for which the page
+// was too slow. The number therefore comes from a line fitted through all timestamps so far, not from counting
+// callbacks: after a skipped refresh it advances by two and stays correct. There is no number before the line is
+// fitted, or after callbacks stop following it.
 class RefreshCounter {
-  // How long the period is measured before the first number, and by how many callbacks at least.
+  // Minimum duration and number of callbacks of the first fit.
   static MEASURE_MS = 2000;
   static MEASURE_CALLBACKS = 40;
-  // Faster than any screen: a browser that calls back without waiting for one.
+  // A shorter period is faster than any screen: the browser does not wait for refreshes.
   static MIN_PERIOD_MS = 1.5;
   static MAX_PERIOD_MS = 60;
-  // Of a period: what a callback may be off the line, and what it may be drawn late by and still make its refresh.
+  // In periods: max residual of a callback, and max delay at which its drawing still makes the refresh.
   static MAX_OFF = 0.35;
   static MAX_LATE = 0.8;
-  // Of the last callbacks that were judged, so many off the line make it a wrong line.
+  // Number of recent callbacks judged, and max outliers among them before the line is rejected.
   static JUDGED = 60;
   static MAX_STRAYS = 8;
 
@@ -27,14 +27,14 @@ class RefreshCounter {
     this.begin();
   }
 
-  // Forget the line; numbers go on from the last one.
+  // Restart the fit; numbers continue from the last one.
   begin() {
     this.number = null;
     this.times = [];
     this.strays = [];
   }
 
-  // Take the timestamp of a callback and the time when it ran. Returns the number to draw, or null for none.
+  // Add a callback's timestamp and the time at which it ran. Returns the number to draw, or null.
   take(timestamp, ran) {
     if (this.times !== null) this.measure(timestamp);
     else this.follow(timestamp, ran);
@@ -52,7 +52,7 @@ class RefreshCounter {
     }
     const gaps = times.slice(1).map((t, i) => t - times[i]).sort((a, b) => a - b);
     const usual = gaps[gaps.length >> 1];
-    // Callbacks are numbered one by one, so that the usual gap's error does not add up.
+    // Callbacks are numbered gap by gap, so that the error of the median gap does not add up.
     let at = 0;
     const numbers = [0];
     for (let i = 1; i < times.length; i++) {
@@ -72,7 +72,7 @@ class RefreshCounter {
     } else {
       this.problem = "";
       this.period = slope;
-      // The line: refresh `zero` + k is at `origin` + k * period.
+      // Line: refresh `zero` + k is at `origin` + k * period.
       this.origin = t + (at - n) * slope;
       this.last += 1;
       this.zero = this.number = this.last;
@@ -91,7 +91,7 @@ class RefreshCounter {
       this.missed += number - this.last - 1 + (late ? 1 : 0);
       this.last = this.number = number;
       this.zero = number;
-      // A slow loop: the line gives in to a twentieth of what a callback is off, the period to far less.
+      // Slow control loop: the line follows a twentieth of a callback's residual, the period far less.
       this.origin += (steps + 0.05 * off) * this.period;
       this.period += 0.0006 * off * this.period;
     }

@@ -1,16 +1,16 @@
-// Where a panel stands on the screen, and which of its lamps are lit.
+// Placement of a panel on the screen, and drawing of its lit lamps.
 //
-// The reader takes it that a screen draws from one edge of the panel to the other in a known share of a refresh. So
-// the panel fills the screen that far along the way in which the screen is drawn, turned or stretched where needed:
-// the reader sees a flat panel from an unknown place in any case.
+// The reader assumes that a screen draws from one edge of the panel to the other in a known fraction of a refresh.
+// The panel therefore spans that fraction of the screen along the scan direction, rotated or stretched if needed.
+// The reader fits a flat panel from an unknown viewpoint, so stretching does not disturb it.
 class Drawing {
-  // Share of a refresh in which a screen draws all its lines; the rest is blanking (1080 of 1125 lines at 1080p60).
+  // Fraction of a refresh in which a screen draws all its lines; the rest is blanking (1080 of 1125 lines at 1080p60).
   static ACTIVE = 0.96;
   static BAR = 24;
-  // Directions turned by a quarter to the right, as the panel's own are when it is drawn turned.
+  // Scan direction in the panel's coordinates, by that of the screen, for a panel rotated by a quarter turn.
   static TURNED = { down: "right", right: "up", up: "left", left: "down" };
 
-  // `layout`: the description that all panels of screens share; `screens`: their names, rates, ways and markers.
+  // `layout`: description shared by all screen panels; `screens`: their names, rates, directions and markers.
   constructor(canvas, layout, screens, scanShare) {
     this.canvas = canvas;
     this.context = canvas.getContext("2d", { alpha: false });
@@ -23,7 +23,7 @@ class Drawing {
     this.share = 0;
   }
 
-  // Choose the panel for a rate in Hz and a way, in the screen's own directions, and find its place.
+  // Choose and place the panel for a rate in Hz and a scan direction in the screen's coordinates.
   place(rate, way, size) {
     const along = way === "down" || way === "up" ? "height" : "width";
     const other = along === "height" ? "width" : "height";
@@ -55,7 +55,7 @@ class Drawing {
     this.clear();
   }
 
-  // A rectangle of the panel, in pitches; its edges fall on the screen's own pixels.
+  // Fill a rectangle of the panel, given in pitches; its edges are rounded to the screen's pixels.
   fill(colour, x, y, width, height) {
     if (this.turned) [x, y, width, height] = [this.layout.height - y - height, x, height, width];
     const [left, right] = [x, x + width].map((at) => Math.round((this.left + at * this.step.width) * this.density));
@@ -70,7 +70,7 @@ class Drawing {
     this.tick = null;
   }
 
-  // Show a tick; null shows nothing, as a picture of it must not be read.
+  // Draw a tick; null clears the panel, so that no image of it can be read.
   show(tick) {
     if (tick === null || !this.panel) {
       if (this.tick !== null) this.clear();

@@ -1,14 +1,14 @@
-// The page: counts refreshes, draws each one's number, and says how that goes.
+// Main script: counts refreshes, draws the panel at each one's number, and reports the status.
 const part = (id) => document.getElementById(id);
 const panels = JSON.parse(part("panels").textContent);
 const counter = new RefreshCounter();
 const drawing = new Drawing(part("panel"), panels.layout, panels.screens, panels.scan_share);
-// Below this share of what the reader takes for granted it is worth a word.
+// Fraction of the scan extent assumed by the reader below which the page recommends full screen.
 const SHORT = 0.85;
 let placed = false;
 let saidAt = -Infinity;
 
-// The way in which the screen draws as one sees it now: a phone's turns with it.
+// Scan direction in the current orientation: a phone's rotates with the phone.
 function way() {
   const chosen = part("scan").value;
   if (chosen !== "auto") return chosen;
@@ -18,7 +18,7 @@ function way() {
 function size() {
   let sides = [screen.width, screen.height];
   const wide = screen.orientation?.type.startsWith("landscape");
-  // Some phones tell the sides as they are upright.
+  // Some phones report the sides of the upright orientation.
   if (wide !== undefined && wide !== sides[0] >= sides[1]) sides = sides.reverse();
   const [width, height] = [innerWidth, innerHeight];
   return {
@@ -99,7 +99,7 @@ addEventListener("keydown", (event) => {
 });
 document.addEventListener("visibilitychange", () => {
   if (document.hidden) return;
-  // No callbacks came meanwhile; the line may be another one now.
+  // A hidden page gets no callbacks, and its line may be wrong now.
   counter.begin();
   stayAwake();
 });

@@ -1,14 +1,14 @@
 // simulshot: the LED panel @name@, for an Arduino Uno or Nano (ATmega328P, 16 MHz).
 //
-// Of each array's ten columns one is lit for its share of ticks, then the next; of the ten LEDs of the row below
-// one is lit ten times as long. WIRING.md has the parts and the wires.
+// Each array lights one of its ten columns for a fixed number of ticks, then the next; in the row below, each of the
+// ten LEDs is lit ten times as long. WIRING.md lists the parts and the wires.
 //
-// Timer 1 counts the ticks by itself (clear on compare match), so no tick is late because an earlier one was: what is
-// left is by how many cycles the interrupt is answered (a quarter of a microsecond), and the board's oscillator.
+// Timer 1 counts the ticks in hardware (clear on compare match), so delays do not accumulate. The remaining errors are
+// the interrupt latency (a quarter of a microsecond) and the board's oscillator.
 
 const uint16_t TICK_US = @tick_us@;
 const uint8_t ARRAYS = @arrays@;
-const uint8_t TICKS[ARRAYS] = {@ticks@};  // for how many ticks each array's columns are lit
+const uint8_t TICKS[ARRAYS] = {@ticks@};  // ticks for which each array's columns are lit
 
 static_assert(F_CPU == 16000000UL, "the timer's clock below is for 16 MHz");
 static_assert(TICK_US >= 100 && TICK_US <= 32000, "shorter ticks end before the LEDs are set, longer ones overflow");
@@ -29,7 +29,7 @@ static void send(uint8_t bits) {
   }
 }
 
-// Three registers an array; what is sent first goes to the end of the chain.
+// Three registers per array; the byte sent first ends up at the end of the chain.
 static void sendAll() {
   for (uint8_t i = ARRAYS; i-- > 0;) {
     uint16_t columns = arrays[i].columns, row = arrays[i].row;
@@ -58,7 +58,7 @@ static void latch() {
 }
 
 ISR(TIMER1_COMPA_vect) {
-  latch();  // first: what has waited in the registers since the last tick is lit at once
+  latch();  // first: output what was shifted in during the last tick, without delay
   step();
   sendAll();
 }
@@ -68,14 +68,14 @@ void setup() {
   DDRB |= OFF | LATCH | DATA | CLOCK;
   SPCR = _BV(SPE) | _BV(MSTR);  // mode 0, high bit first
   SPSR = _BV(SPI2X);            // half the processor's clock: 8 MHz
-  sendAll();                    // all bits are 0 yet
+  sendAll();                    // all bits are still 0
   latch();
   PORTB &= ~OFF;
   for (uint8_t i = 0; i < ARRAYS; i++) arrays[i] = {1, 1, TICKS[i]};
   sendAll();
 
   noInterrupts();
-  TIMSK0 = 0;  // the interrupt of millis() would make ours wait
+  TIMSK0 = 0;  // the interrupt of millis() would delay ours
   TCCR1A = 0;
   TCCR1B = 0;
   TCNT1 = 0;

@@ -201,7 +201,7 @@ class RigView(ModeView):
             self.refresh_bindings()
             self.call_after_refresh(self._draw)  # a widget has no size before it is displayed
 
-    # Doing
+    # Actions
 
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Return whether an action is available, given the visible panel and the focus."""

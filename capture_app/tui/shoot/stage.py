@@ -16,7 +16,7 @@ LIVE, SHEET, COUNTDOWN = "live", "sheet", "countdown"
 
 
 class Stage(ContentSwitcher):
-    """Switcher between the three; `current` is the one shown."""
+    """Switcher between live previews, contact sheet and countdown; `current` is the one shown."""
 
     def __init__(self, rig: RigLink, record: RigRecord) -> None:
         self._rig = rig

@@ -22,7 +22,7 @@ LABEL_WIDTH = 8
 SHOWN_TRIPS_SHARE = 0.95
 """Fraction of exchanges shown, shortest first: a few long ones would compress the rest into a line."""
 MEASURABLE_NS = 1000
-"""Minimum displayed round trip; shorter ones measure clock reads, not the network."""
+"""Round trips below this are labelled 0: they measure clock reads, not the network."""
 EDGE = "$foreground 30%"
 SPAN_S = 30.0
 USUAL_TOLERANCE_NS = 100_000

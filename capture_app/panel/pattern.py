@@ -1,8 +1,8 @@
 """Pattern of a panel: which lamps are lit at which tick, and the markers that identify the panel.
 
-The layout is the paper's (section 6.1). An array of 10 x 10 lamps lights one column per tick, in turn. Below
-it are rows of 10 lamps; each lamp is lit for ten times the time of a lamp in the row above.
-Lamps are LEDs, or cells of a screen whose tick is a refresh. Lengths are in pitches of the array, x to the right and y down from
+The layout is the paper's (section 6.1). An array of 10 x 10 lamps lights one column per tick, in turn. Rows
+of 10 lamps follow below it; each lamp is lit ten times as long as a lamp in the row above. Lamps are LEDs, or
+cells of a screen whose tick is a refresh. Lengths are in pitches of the array, x to the right and y down from
 the frame's corner.
 """
 

@@ -299,7 +299,7 @@ def _neighbourhood(
 
 
 def _spread(model: LightModel, one: Candidate, times: Floats, tried: "list[tuple[float, float]]") -> float:
-    """Return about one sigma of exposure or row time: the first step, largest first, that still fits well."""
+    """Return about one sigma of exposure or row time: the largest step with a small likelihood loss."""
     few = times[:: max(1, len(times) // 60)]
     reach_ns, count = float(few[-1] - few[0]) / 2, len(few)
     centre = _refine(model, one, reach_ns, count).score

@@ -38,7 +38,7 @@ class Runs:
     """
 
     def __init__(self, root: Path, tell: Callable[[Run | None], None] = lambda _: None) -> None:
-        """`root`: the sessions folder; `tell`: called with the run whose state changed, None for any."""
+        """`root`: the sessions folder; `tell` is called with the run whose state changed, None for any."""
         self.root = root
         self.all: list[Run] = []
         """All runs, newest first; finished ones as stored in their files."""

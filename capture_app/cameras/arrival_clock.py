@@ -1,4 +1,4 @@
-"""A counter of a device that cannot be read, known by when what it stamps arrives here."""
+"""Host times for a device counter that cannot be read, from the arrivals of what the counter stamps."""
 
 from math import hypot, log, sqrt
 
@@ -6,30 +6,31 @@ from capture_app.sync.clock.likely_line import DRIFT, MAX_SKEW, ODD_HOSTS, SKEW,
 
 _BLOCK_NS, _BLOCKS = 1_000_000_000, 20
 _SET_NS = 1_000_000_000
-"""Nothing is that much quicker or slower than what came before it."""
+"""A larger change of the delay between two arrivals means that the counter was set."""
 _STEP = 1e-6
 _SIGMAS = 1.96
 
 
 class ArrivalClock:
-    """Nothing arrives before it is stamped, and the quickest tell the line, each rate as likely as it fits.
+    """Clock estimate from minimum delays of stamped arrivals, averaged over candidate rates by likelihood.
 
-    The host's times are late by the least delay from stamp to arrival, whatever that is. Delays beyond that
-    are taken to be exponential (Moon et al. 1999 take the likeliest line alone).
+    Nothing arrives before it is stamped, so the smallest delays define the line. Host times are late by the
+    minimum delay from stamp to arrival, which stays unknown. Delays beyond it are modelled as exponential
+    (Moon et al. 1999 take the likeliest line alone).
     """
 
     def __init__(self) -> None:
         self._quickest: dict[int, tuple[int, int]] = {}
-        """By second of the counter: the stamp that arrived soonest, and its delay."""
+        """Stamp with the smallest delay and that delay, by second of the counter."""
         self._origin_ns = self._delay_ns = self._last_delay_ns = 0
         self._line: LikelyLine | None = None
         self.spread_ns = 0.0
-        """How far the quickest of each second lie from the line, on average, when it was asked for last."""
+        """Mean distance of each second's smallest delay from the line, at the last fit."""
         self.usual_excess_ns = 0.0
-        """The mean delay beyond the least, where others know it: few arrivals do not tell it."""
+        """Mean delay beyond the minimum, if known from elsewhere: a few arrivals do not show it."""
 
     def add_arrival(self, counter_ns: int, arrival_ns: int) -> None:
-        """Take in when what has that stamp arrived, by the host's clock."""
+        """Add an arrival: the counter's stamp, and the host's time at which it arrived."""
         block, delay_ns = counter_ns // _BLOCK_NS, arrival_ns - counter_ns
         if abs(delay_ns - self._last_delay_ns) > _SET_NS:
             self._quickest.clear()  # the counter was set
@@ -43,14 +44,14 @@ class ArrivalClock:
         self._line = None
 
     def host_ns(self, counter_ns: int) -> int | None:
-        """The host's time of a reading of the counter; None where nothing is known of it yet."""
+        """Return the host's time of a counter reading; None before the first arrival."""
         if not self._quickest:
             return None
         line = self._fitted()
         return counter_ns + self._delay_ns + round(line.offset + line.skew * (counter_ns - self._origin_ns))
 
     def uncertainty_ns(self, counter_ns: int) -> int:
-        """95 % error of `host_ns`, the least delay left out."""
+        """Return the 95 % error of `host_ns`, without the unknown minimum delay."""
         away_ns = float(counter_ns - self._origin_ns)
         span_ns = float(self._origin_ns - min(self._quickest) * _BLOCK_NS) + abs(away_ns)
         bend_ns = DRIFT * span_ns**2 / 4.0
@@ -72,7 +73,7 @@ class ArrivalClock:
         beyond = late - skews[:, None] * at
         levels = beyond.min(axis=1)
         excess = beyond.sum(axis=1) - len(points) * levels
-        # By the median: a second that has just begun may have nothing quick yet.
+        # The median, because a second that has just begun may have no small delay yet.
         self.spread_ns = float((np.median(beyond, axis=1) - levels).min()) / log(2.0)
         mean_ns = max(self.spread_ns, self.usual_excess_ns, 1.0)
         logs = np.log(np.exp(-0.5 * (skews / SKEW) ** 2) + ODD_HOSTS) - excess / mean_ns

@@ -1,4 +1,4 @@
-"""What a camera is to a node: a stream of timestamped frames, and at best a way to move its phase."""
+"""Interface of camera drivers: a stream of timestamped frames and, where supported, phase control."""
 
 import threading
 from abc import ABC, abstractmethod
@@ -16,10 +16,10 @@ from capture_app.sync.wire.camera_commands import CameraCommand
 
 @dataclass(frozen=True, slots=True)
 class DeviceClock:
-    """How well the clock that a device stamps by is known in the host's; times in ns."""
+    """Accuracy of the mapping from a device's own clock to the host's; times in ns."""
 
     uncertainty_ns: int
-    """95 %."""
+    """Uncertainty at 95 %."""
     hard_bound_ns: int
 
 
@@ -41,7 +41,7 @@ class Camera(ABC):
         return self
 
     def listen(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
-        """Keep whom a driver tells of its frames, stamped in the host's clock, and of its failure."""
+        """Store the callbacks for frames, which drivers stamp in the host's clock, and for a failure."""
         self._on_frame, self._on_failure, clock = on_frame, on_failure, self._clock_of_node
         if not isinstance(clock, HostClock):
             self._on_frame = lambda frame: on_frame(
@@ -50,7 +50,7 @@ class Camera(ABC):
 
     @property
     def facts(self) -> CameraFacts:
-        """What this camera is and can do, known once it has started, mostly as soon as it is open.
+        """Properties and capabilities of this camera; known once it has started, mostly once it is open.
 
         Raises CameraError before that.
         """
@@ -60,46 +60,49 @@ class Camera(ABC):
 
     @property
     def calibration(self) -> CameraCalibration | None:
-        """Intrinsics and pose where they are known by construction, as those of a rendered view are."""
+        """Intrinsics and pose if they are known by construction, as for a rendered view; else None."""
         return None
 
     @property
     def device_clock(self) -> DeviceClock | None:
-        """The clock that the device itself stamps by against the host's; None where that is the host's."""
+        """Accuracy of the device's own clock against the host's; None if it stamps in the host's clock."""
         return None
 
     @abstractmethod
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
         """Start streaming; `on_frame` is called on the event loop for each frame in order.
 
-        `on_failure` is called once if the device goes away while streaming.
-        Raises CameraError where the device is missing, busy or refuses its settings.
+        `on_failure` is called once if the device disconnects while streaming.
+        Raises CameraError if the device is missing, busy or refuses its settings.
         """
 
     @abstractmethod
     async def apply(self, command: CameraCommand) -> None:
-        """Carry out a phase command; returns when the device has taken it, not when it took effect."""
+        """Send a phase command; return once the device has accepted it, not when it takes effect."""
 
     async def controls(self) -> tuple[ControlState, ...]:
-        """Exposure, gain, white balance and focus as they stand; those that this camera has."""
+        """Return the current exposure, gain, white balance and focus, as far as this camera has them."""
         return ()
 
     async def set_control(self, control: Control, value: float | None) -> None:
-        """Set a control, in its unit, and hold it there; None: let the camera choose it.
+        """Set a control, in its unit, to a fixed value; None lets the camera choose it.
 
-        `facts` may tell another exposure afterwards. Raises CameraError where it cannot.
+        The exposure in `facts` may change. Raises CameraError if the control cannot be set.
         """
         raise CameraError(f"a {self.facts.kind} camera has no control of its {control}")
 
     @abstractmethod
     async def stop(self) -> None:
-        """Stop streaming and let go of the device. Calling it twice is harmless."""
+        """Stop streaming and release the device. Calling it twice is harmless."""
 
 
 def wait_for_start(
     start_ns: int, period_ns: int, closing: threading.Event, now_ns: Callable[[], int]
 ) -> bool:
-    """Block until that clock's time in ns, or whole periods after it where it is over; False once closing."""
+    """Block until `start_ns` of the clock `now_ns`; if it has passed, until whole periods after it.
+
+    Return False if `closing` was set first.
+    """
     late_ns = now_ns() - start_ns
     if late_ns > 0:
         start_ns += -(-late_ns // period_ns) * period_ns
@@ -107,26 +110,26 @@ def wait_for_start(
 
 
 class CameraDriver(Protocol):
-    """A plugin of the group `simulshot.cameras`, mostly a module; its entry point names the kind."""
+    """A plugin of the group `simulshot.cameras`, usually a module; its entry point names the kind."""
 
     SPEC: str
-    """How a spec of this kind is written, as `webcam:NUMBER[,key=value…]`."""
+    """Syntax of a spec of this kind, such as `webcam:NUMBER[,key=value…]`."""
     HELP: str
-    """Which cameras these are, in one line."""
+    """One-line description of the cameras that this driver supports."""
     NEEDS: str
-    """The extra or system package that must be installed; empty where none is."""
+    """The extra or system package that must be installed; empty if none is needed."""
     OPTIONS: Mapping[str, str]
-    """The options of a spec, and what each means; a spec with any other is refused before `open_camera`."""
+    """Description of each option of a spec; a spec with any other option is refused before `open_camera`."""
 
     def open_camera(self, device: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
         """Open a camera for the node `name`, its timestamps in that node's clock.
 
         Raises BadInputError for an option that cannot be read, CameraError for a camera that is missing or
-        refuses, NotAvailableError for what this machine does not have.
+        refuses, NotAvailableError if this machine lacks something that the driver needs.
         """
 
     def list_cameras(self) -> list[CameraListing]:
-        """Return the cameras of this machine, also those that cannot be used; none where they have no list.
+        """Return the cameras of this machine, including unusable ones; empty if the driver cannot list any.
 
-        It does not fail where what the driver needs is not installed.
+        It does not fail if a package that the driver needs is not installed.
         """

@@ -1,4 +1,4 @@
-"""Frames as cameras give them, with pictures copied out of the driver's buffers: JPEG or pixels."""
+"""Frames as cameras deliver them, with images copied out of the driver's buffers: JPEG or pixels."""
 
 import os
 import threading
@@ -16,29 +16,29 @@ if TYPE_CHECKING:
 
 _JPEG_START = b"\xff\xd8"
 LOW_PRIORITY = 10
-"""Niceness of threads that encode pictures: the clock exchange comes first."""
+"""Niceness of threads that encode images, so that the clock exchange runs first."""
 
 
 class FramePicture(Protocol):
-    """A frame's picture, encoded only when it is saved."""
+    """A frame's image, encoded only when it is saved."""
 
     @property
     def held_bytes(self) -> int:
-        """How much memory it takes."""
+        """Memory that the image takes, in bytes."""
 
     def encode(self) -> bytes:
         """Return the image file's bytes (JPEG). May take a second: call it off the event loop."""
 
     def reduced(self, width: int) -> "NDArray[np.uint8]":
-        """Return the picture, BGR uint8 (H, W, 3), about `width` pixels wide or wider, as is cheap.
+        """Return the image, BGR uint8 (H, W, 3), at least about `width` pixels wide; the cheapest such size.
 
-        Raises ValueError for a picture that cannot be decoded. Call it off the event loop.
+        Raises ValueError for an image that cannot be decoded. Call it off the event loop.
         """
 
 
 @dataclass(frozen=True, slots=True)
 class GroundTruth:
-    """What the simulator knows of a frame."""
+    """Ground truth of a simulated frame."""
 
     true_ns: int
     """True start of the first row's exposure, in the host's monotonic clock."""
@@ -53,7 +53,7 @@ class CapturedFrame:
     sequence: int
     """The driver's frame number since the stream started; a gap is a dropped frame."""
     stream: int
-    """Counts the stream's starts: sequence numbers compare only within one stream."""
+    """Number of the stream's start; sequence numbers compare only within one stream."""
     timestamp_ns: int
     picture: FramePicture
     exposure_ns: int | None = None
@@ -62,18 +62,18 @@ class CapturedFrame:
     """Red and blue gains over green."""
     truth: GroundTruth | None = None
     clock_uncertainty_ns: int = 0
-    """95 % error of the timestamp's way into the node's clock, where the device stamps by one of its own."""
+    """95 % error of the conversion from the device's own clock to the node's; 0 without such a clock."""
 
 
 @dataclass(frozen=True, slots=True)
 class JpegPicture:
-    """A JPEG as the camera made it."""
+    """A JPEG as the camera encoded it."""
 
     data: bytes
 
     @property
     def held_bytes(self) -> int:
-        """How much memory it takes."""
+        """Memory that the image takes, in bytes."""
         return len(self.data)
 
     def encode(self) -> bytes:
@@ -81,9 +81,9 @@ class JpegPicture:
         return self.data
 
     def reduced(self, width: int) -> "NDArray[np.uint8]":
-        """Return the picture, BGR uint8 (H, W, 3), decoded at a half, a quarter or an eighth where that does.
+        """Return the image, BGR uint8 (H, W, 3), decoded at 1/2, 1/4 or 1/8 scale where `width` allows it.
 
-        Raises ValueError for bytes that are no picture.
+        Raises ValueError for bytes that cannot be decoded.
         """
         picture = decode_image(self.data, colour=True, at_least=width)
         if picture is None:
@@ -93,19 +93,19 @@ class JpegPicture:
 
 @dataclass(frozen=True, slots=True)
 class PixelPicture:
-    """A picture that is no JPEG yet."""
+    """An image that is not encoded yet."""
 
     held_bytes: int
-    """How much memory it takes."""
+    """Memory that the image takes, in bytes."""
     pixels: "Callable[[int | None], NDArray[np.uint8]]"
-    """Makes it, BGR (H, W, 3) or grey (H, W): whole for None, or of every so-manieth, about that wide."""
+    """Returns BGR (H, W, 3) or grey (H, W): all pixels for None, else every nth for about that width."""
 
     def encode(self) -> bytes:
         """Return a JPEG of quality 95."""
         return encode_image(self.pixels(None))
 
     def reduced(self, width: int) -> "NDArray[np.uint8]":
-        """Return the picture, BGR uint8 (H, W, 3), of every so-manieth pixel."""
+        """Return the image, BGR uint8 (H, W, 3), subsampled to every nth pixel."""
         import cv2
         import numpy as np
 
@@ -116,24 +116,24 @@ class PixelPicture:
 
 
 def step_to(full: int, width: int | None) -> int:
-    """Of every how many pixels a picture `full` wide is to be, to be at least `width` wide; None: of all."""
+    """Return the subsampling step that keeps an image `full` pixels wide at least `width` wide; None: 1."""
     return 1 if width is None else max(1, full // max(width, 1))
 
 
 @dataclass(frozen=True, slots=True)
 class PixelFormat:
-    """The picture as it lies in memory; sizes in pixels and bytes."""
+    """Memory layout of an image; sizes in pixels and bytes."""
 
     fourcc: str
     width: int
     height: int
     bytes_per_line: int
     buffer_bytes: int = 0
-    """Memory that one frame takes at most."""
+    """Maximum size of one frame in memory."""
 
 
 def raw_picture(data: bytes, layout: PixelFormat) -> PixelPicture:
-    """An uncompressed picture as it lay in the driver's buffer."""
+    """Return an uncompressed image as the driver's buffer contained it."""
     return PixelPicture(len(data), partial(_raw_pixels, data, layout))
 
 
@@ -145,7 +145,7 @@ def _raw_pixels(data: bytes, layout: PixelFormat, wanted: int | None) -> "NDArra
     width, height, stride, rows = layout.width, layout.height, layout.bytes_per_line, _rows(layout)
     plane = np.frombuffer(data, np.uint8, rows * stride).reshape(rows, stride)
     if layout.fourcc == "YUYV":
-        # Two pixels share their colour: pairs are kept or left out together.
+        # Two pixels share their colour, so the step selects whole pairs.
         pairs = plane[:, : 2 * width].reshape(height, width // 2, 4)[::step, ::step]
         packed = np.ascontiguousarray(pairs).reshape(pairs.shape[0], pairs.shape[1] * 2, 2)
         return np.asarray(cv2.cvtColor(packed, cv2.COLOR_YUV2BGR_YUYV), np.uint8)
@@ -156,7 +156,7 @@ def _raw_pixels(data: bytes, layout: PixelFormat, wanted: int | None) -> "NDArra
 
 
 def picture_from_buffer(data: bytes, layout: PixelFormat) -> JpegPicture | PixelPicture | None:
-    """The picture of a buffer's bytes; None where they cannot be a picture of that format."""
+    """Return the image in a buffer's bytes; None if the bytes cannot be an image of that format."""
     if layout.fourcc in ("MJPG", "JPEG"):
         return JpegPicture(data) if data.startswith(_JPEG_START) else None
     return raw_picture(data, layout) if len(data) >= layout.bytes_per_line * _rows(layout) else None
@@ -167,7 +167,7 @@ def _rows(layout: PixelFormat) -> int:
 
 
 def lower_priority() -> None:
-    """Let all other threads of this process go before the present one."""
-    # Linux knows a niceness for each thread; where there is none, all threads stay equal.
+    """Lower the calling thread's priority below all other threads of this process."""
+    # Linux has a niceness per thread; on systems without one, all threads stay equal.
     with suppress(OSError):
         os.setpriority(os.PRIO_PROCESS, threading.get_native_id(), LOW_PRIORITY)

@@ -1,4 +1,4 @@
-"""Camera specs, `KIND:DEVICE[,key=value…]`: the driver of a kind, opening a camera, reading its options."""
+"""Camera specs, `KIND:DEVICE[,key=value…]`: finding the driver, opening the camera, reading the options."""
 
 import functools
 import math
@@ -19,9 +19,9 @@ from capture_app.common.passwords import hide_password
 from capture_app.common.plugins import load_plugin, load_plugins, plugin_names
 
 GROUP = "simulshot.cameras"
-"""The entry points of camera drivers, by the kind that a spec begins with."""
+"""Entry-point group of camera drivers; an entry point's name is the kind that starts a spec."""
 ATTRIBUTES = ("SPEC", "HELP", "NEEDS", "OPTIONS", "open_camera", "list_cameras")
-"""What a driver has, see `CameraDriver`."""
+"""Attributes that a driver must have; see `CameraDriver`."""
 DEFAULT_SIZE = (640, 480)
 DEFAULT_FPS = 30.0
 _WHOLE = {"width": (1, 65_535), "height": (1, 65_535), "exposure-us": (1, 60_000_000)}
@@ -31,29 +31,29 @@ _NUMBERS = {
     "gain": (0.1, 1000.0),
     "row_us": (0.01, 1000.0),
 }
-"""Least and most of the options that drivers share."""
+"""Min and max of the options that drivers share."""
 
 
 @functools.cache
 def camera_kinds() -> tuple[str, ...]:
-    """Return the kinds of cameras that have a driver here; no driver is imported."""
+    """Return the installed camera kinds, without importing any driver."""
     return plugin_names(GROUP)
 
 
 def load_driver(kind: str) -> CameraDriver:
-    """Import the driver of a kind. Raises NotAvailableError where it does not load."""
+    """Import the driver of a kind. Raises NotAvailableError if it does not load."""
     return cast(CameraDriver, load_plugin(GROUP, kind, *ATTRIBUTES))
 
 
 def load_drivers() -> dict[str, CameraDriver]:
-    """Import all drivers, by kind, simulated cameras last; a broken one is named on stderr and left out."""
+    """Import all drivers, by kind, simulated cameras last; a broken one is reported on stderr and skipped."""
     loaded = load_plugins(GROUP, *ATTRIBUTES)
     return dict(sorted(loaded.items(), key=lambda item: item[0] == SIMULATED))
 
 
 @dataclass(frozen=True, slots=True)
 class CameraSpec:
-    """A camera's spec taken apart."""
+    """A parsed camera spec."""
 
     kind: str
     device: str
@@ -61,14 +61,14 @@ class CameraSpec:
 
     @property
     def label(self) -> str:
-        """What the camera may be named after it: its device, or the camera of a recording."""
+        """Default name for the camera: its device or host, or the camera chosen from a recording."""
         named = urlsplit(self.device).hostname or Path(self.device).name
         label = name_like(self.options.get("camera", named), "camera")
         return label if any(map(str.isalpha, label)) else name_like(f"{self.kind}-{label}", "camera")
 
 
 def parse_spec(spec: str) -> CameraSpec:
-    """Take a camera's spec apart, without looking for the camera. Raises BadInputError."""
+    """Parse a camera's spec without looking for the camera. Raises BadInputError."""
     spec = hide_password(spec)
     kind, _, rest = spec.strip().partition(":")
     if kind not in camera_kinds():
@@ -96,9 +96,9 @@ def _form(kind: str) -> str:
 def open_camera(spec: str, *, clock: NodeClock, name: str) -> Camera:
     """Open the camera of a spec for the node `name`, its timestamps in that node's clock.
 
-    Rendered scenes are loaded here, which takes a second: open before the event loop has work that is urgent.
+    Loading a rendered scene takes a second here, so open cameras before the event loop has urgent work.
     Raises BadInputError for a spec that cannot be read, CameraError for a camera that is missing or refuses,
-    NotAvailableError for what this machine does not have.
+    NotAvailableError if this machine lacks something that the driver needs.
     """
     parsed = parse_spec(spec)
     driver = load_driver(parsed.kind)
@@ -112,9 +112,9 @@ def open_camera(spec: str, *, clock: NodeClock, name: str) -> Camera:
 def read_number(
     options: Mapping[str, str], key: str, camera: str, *, least: float, most: float
 ) -> float | None:
-    """Read an option that is a number within bounds; None where it is not given. Raises BadInputError.
+    """Read a numeric option within bounds; None if it is not given. Raises BadInputError.
 
-    It may be a fraction, such as a rate of 30000/1001.
+    Fractions are accepted, such as a rate of 30000/1001.
     """
     text = options.get(key)
     if text is None:
@@ -133,22 +133,22 @@ def read_number(
 
 @dataclass(frozen=True, slots=True)
 class CameraRequest:
-    """What a user asked of a camera; None where its own choice, or the usual one, will do."""
+    """Settings that a user requested of a camera; None leaves one to the camera or to the default."""
 
     width: int | None = None
-    """In pixels, as the height."""
+    """In pixels, as is the height."""
     height: int | None = None
     fps: float | None = None
     format: str | None = None
-    """The pixel format, in the driver's words."""
+    """The pixel format, by the driver's name."""
     exposure_us: float | None = None
     gain: float | None = None
     row_us: float | None = None
-    """Step of a frame's duration."""
+    """Step of the frame duration, in us."""
 
     @property
     def size(self) -> tuple[int, int]:
-        """The size to ask for in pixels, in the usual shape where only one side is given."""
+        """Size to request in pixels; 4:3 if only one side is given."""
         width, height = self.width, self.height
         if width is not None:
             return width, height if height is not None else round(width * 3 / 4)
@@ -156,12 +156,12 @@ class CameraRequest:
 
     @property
     def period_s(self) -> Fraction | None:
-        """The frame period to ask for, as drivers have rates; None where none is asked for."""
+        """Frame period to request, as a fraction that drivers support; None if no rate was requested."""
         return None if self.fps is None else 1 / Fraction(self.fps).limit_denominator(1001)
 
     @property
     def period_us(self) -> int:
-        """The frame period to ask for, the usual one where none is."""
+        """Frame period to request, in us; the default one if no rate was requested."""
         return round(1e6 / (self.fps or DEFAULT_FPS))
 
 

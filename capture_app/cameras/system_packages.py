@@ -1,7 +1,7 @@
-"""Python modules that belong to the system, such as Debian's libcamera and gi: found from any environment.
+"""Import of system Python modules, such as Debian's libcamera and gi, from any Python environment.
 
 They are bindings of the system's own libraries, so pip has none that fit. An environment without
-`--system-site-packages` does not see them, and one with it would see everything else of the system, too.
+`--system-site-packages` does not see them; one with it sees every other system package, too.
 """
 
 import importlib
@@ -21,7 +21,7 @@ FOLDERS = (
     f"/usr/lib64/python{_VERSION}/site-packages",
     f"/usr/lib/python{_VERSION}/site-packages",
 )
-"""Where distributions keep their own Python's modules: Debian for all of its versions, then others."""
+"""Folders of the distributions' own Python modules: Debian's for all its versions, then others."""
 _BUILT_FOR = re.compile(r"\.cpython-(\d)(\d+)-")
 _SUFFIXES = frozenset(suffix.removeprefix(".") for suffix in EXTENSION_SUFFIXES)
 
@@ -29,9 +29,9 @@ _SUFFIXES = frozenset(suffix.removeprefix(".") for suffix in EXTENSION_SUFFIXES)
 def load_system_module(
     module: str, package: str, purpose: str, *, folders: Sequence[str | Path] = FOLDERS
 ) -> Any:
-    """Import a top-level module of the system's Python, and nothing else of it.
+    """Import one top-level module of the system's Python, without exposing any other.
 
-    `package` is Debian's that brings it, `purpose` what the error says it is for.
+    `package` is the Debian package that provides it; `purpose` says in the error what it is needed for.
 
     Raises:
         NotAvailableError: it is not installed, is built for another version of Python, or does not load.
@@ -62,18 +62,18 @@ def load_system_module(
 
 
 def is_installed(module: str, *, folders: Sequence[str | Path] = FOLDERS) -> bool:
-    """Whether the system's Python has the module, for whichever version."""
+    """Return whether the system's Python has the module, for any Python version."""
     return module in sys.modules or (find_spec(module) or _system_spec(module, folders)) is not None
 
 
 def _system_spec(module: str, folders: Sequence[str | Path]) -> ModuleSpec | None:
     found = (PathFinder.find_spec(module, [str(folder)]) for folder in folders)
-    # Without a loader it is a folder that some removed package has left.
+    # Without a loader it is a folder left behind by a removed package.
     return next((spec for spec in found if spec is not None and spec.loader is not None), None)
 
 
 def _load(spec: ModuleSpec) -> Any:
-    """Load a module from its place; its submodules are then found by its own path."""
+    """Load a module from its spec; its submodules are then found through its own path."""
     module = module_from_spec(spec)
     assert spec.loader is not None
     sys.modules[spec.name] = module
@@ -86,7 +86,7 @@ def _load(spec: ModuleSpec) -> Any:
 
 
 def _other_versions(spec: ModuleSpec) -> list[str]:
-    """The Pythons, oldest first, that a package's compiled parts are for where none is for this one."""
+    """Return the Python versions a package is compiled for, oldest first; empty if it fits this one."""
     compiled = [
         file.name for folder in spec.submodule_search_locations or () for file in Path(folder).glob("*.so")
     ]

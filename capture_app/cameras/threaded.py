@@ -1,4 +1,4 @@
-"""A camera whose driver blocks: a worker carries out what is asked of it, and threads tell the event loop."""
+"""Base of cameras with blocking drivers: a worker runs the calls, and threads report to the event loop."""
 
 import asyncio
 import contextlib
@@ -16,25 +16,25 @@ T = TypeVar("T")
 
 
 class ThreadedCamera(Camera):
-    """A camera with a worker of its own, so that a busy default executor never delays what it is asked."""
+    """A camera with its own worker, so that a busy default executor never delays its calls."""
 
     _loop: asyncio.AbstractEventLoop
     _was_started = False
 
     def __init__(self, name: str, worker: Executor | None = None) -> None:
-        """`name` is that of its threads."""
+        """Create the worker; its threads are named `name`."""
         self._worker = worker or ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
         self._closing = threading.Event()
 
     def listen(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
-        """See `Camera.listen`; on the loop that is told from now on. Raises CameraError the second time."""
+        """Store the callbacks and the running loop that calls them. Raises CameraError the second time."""
         if self._closing.is_set() or self._was_started:
             raise CameraError("the camera was started already", hint="open it again")
         self._loop, self._was_started = asyncio.get_running_loop(), True
         super().listen(on_frame, on_failure)
 
     async def stop(self) -> None:
-        """Stop streaming and let go of the device. Calling it twice is harmless."""
+        """Stop streaming and release the device. Calling it twice is harmless."""
         if not self._closing.is_set():
             self._closing.set()
             await self._let_go()
@@ -42,13 +42,13 @@ class ThreadedCamera(Camera):
 
     @abstractmethod
     async def _let_go(self) -> None:
-        """Do what is left to do once it is closing."""
+        """Release what the camera holds; `_closing` is set by then."""
 
     def _in_worker(self, work: Callable[..., T], *arguments: object) -> "asyncio.Future[T]":
         return asyncio.get_running_loop().run_in_executor(self._worker, work, *arguments)
 
     def _tell(self, news: Callable[..., object], *what: object) -> None:
-        """Have the loop call `news`; for any thread."""
+        """Have the loop call `news`; safe from any thread."""
         with contextlib.suppress(RuntimeError):  # the loop is closed: the process ends
             self._loop.call_soon_threadsafe(news, *what)
 

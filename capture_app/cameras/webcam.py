@@ -1,4 +1,4 @@
-"""Webcams by OpenCV: a thread waits for frames, which are stamped as they arrive."""
+"""Webcams through OpenCV: a thread waits for frames and stamps them as they arrive."""
 
 import asyncio
 import functools
@@ -34,21 +34,21 @@ OPTIONS = {
 MOST_FPS = 1000.0
 MOST_LISTED = 8
 MOST_MISSES = 10
-"""How many frames in a row may not come before it is gone."""
+"""Consecutive missing frames after which the webcam counts as disconnected."""
 MISS_PAUSE_S = 0.05
 
 
 def _pixels(image: "NDArray[np.uint8]", width: int | None) -> "NDArray[np.uint8]":
-    """See `PixelPicture.pixels`."""
+    """Return BGR pixels, subsampled as in `PixelPicture.pixels`."""
     step = step_to(image.shape[1], width)
     return image[::step, ::step]
 
 
 class Webcam:
-    """An open webcam, which streams from then on."""
+    """An open webcam, which streams from the start."""
 
     def __init__(self, index: int, request: CameraRequest) -> None:
-        """Open it by its number. Raises CameraError where there is none, or it is in use."""
+        """Open it by its number. Raises CameraError if it is missing or in use."""
         import cv2
 
         self.index = index
@@ -69,7 +69,7 @@ class Webcam:
         self.fps = told if 0.1 <= told <= MOST_FPS else request.fps or DEFAULT_FPS
 
     def next_frame(self) -> "tuple[int, NDArray[np.uint8]] | None":
-        """Wait for a frame: when it came in ns of the host's clock, and BGR (H, W, 3); None without one."""
+        """Wait for a frame; return its arrival (ns, host's clock) and BGR (H, W, 3), or None without one."""
         if not self._capture.grab():
             return None
         arrived_ns = time.monotonic_ns()
@@ -77,15 +77,15 @@ class Webcam:
         return (arrived_ns, image) if good else None
 
     def close(self) -> None:
-        """Let go of it."""
+        """Release the webcam."""
         self._capture.release()
 
 
 class WebcamCamera(ThreadedCamera):
-    """A webcam. It is opened when it is started, and opened anew where its stream is restarted."""
+    """A webcam as a camera; it is opened when started, and reopened to restart its stream."""
 
     def __init__(self, open_webcam: Callable[[], Webcam]) -> None:
-        """`open_webcam` may block; it is called on a thread of this camera's."""
+        """Create the camera; `open_webcam` may block and is called on this camera's thread."""
         super().__init__(KIND)
         self._open_webcam = open_webcam
         self._thread: threading.Thread | None = None
@@ -95,7 +95,7 @@ class WebcamCamera(ThreadedCamera):
         self._begun: asyncio.Future[None]
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
-        """Open and stream. Raises CameraError where it is missing or gives no pictures."""
+        """Open the webcam and stream. Raises CameraError if it is missing or delivers no frames."""
         self.listen(on_frame, on_failure)
         self._begun = self._loop.create_future()
         self._thread = threading.Thread(target=self._run, name="webcam", daemon=True)
@@ -103,7 +103,7 @@ class WebcamCamera(ThreadedCamera):
         await self._begun
 
     async def apply(self, command: CameraCommand) -> None:
-        """Restart the stream by opening the webcam anew; the delay counts from this call.
+        """Restart the stream by reopening the webcam; the delay counts from this call.
 
         Raises CameraError for any other command, or without a stream.
         """
@@ -164,7 +164,7 @@ class WebcamCamera(ThreadedCamera):
         )
 
     def _fail(self, error: CameraError) -> None:
-        # The thread still closes the webcam, and restarts nothing any more.
+        # The thread still closes the webcam, but restarts nothing any more.
         self._has_failed = True
         _settle(self._restarted)
         if not self._begun.done():
@@ -179,7 +179,7 @@ def _settle(awaited: asyncio.Future[None] | None) -> None:
 
 
 def _facts(webcam: Webcam, pixels: "NDArray[np.uint8]") -> CameraFacts:
-    """What is known: nothing of its exposure, nor which moment of a frame its arrival is."""
+    """Return the webcam's facts; exposure and the moment that an arrival marks are unknown."""
     height, width = pixels.shape[:2]
     return CameraFacts(
         kind=KIND,
@@ -193,9 +193,9 @@ def _facts(webcam: Webcam, pixels: "NDArray[np.uint8]") -> CameraFacts:
 
 
 def open_camera(number: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
-    """Make a webcam of its number; it is opened when it is started.
+    """Create a webcam from its number; it is opened when it is started.
 
-    Raises BadInputError for what is no number, or an option that cannot be read.
+    Raises BadInputError if `number` is not one, or for an option that cannot be read.
     """
     if not (number.isascii() and number.isdecimal() and int(number) < 256):
         raise BadInputError(f"webcam:{number} is not a webcam", hint="they have numbers: webcam:0")
@@ -204,7 +204,7 @@ def open_camera(number: str, options: Mapping[str, str], *, clock: NodeClock, na
 
 
 def list_cameras() -> list[CameraListing]:
-    """The webcams by their numbers; none on Linux, whose own driver stamps far better."""
+    """Return the webcams by number; none on Linux, where the V4L2 driver has far better timestamps."""
     if platform.system() == "Linux":
         return []
     found = []

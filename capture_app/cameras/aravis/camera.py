@@ -1,6 +1,6 @@
-"""A machine-vision camera that streams: one thread fetches frames, the worker talks to the camera, in order.
+"""Machine-vision camera that streams: one thread fetches frames, a worker runs all other calls in order.
 
-Its stamps are of a counter of its own, and are put into this machine's monotonic clock; all in ns.
+Its timestamps come from its own counter and are converted to this machine's monotonic clock; all in ns.
 """
 
 import contextlib
@@ -32,55 +32,55 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.wire.camera_commands import CameraCommand, SetFrameDuration
 
 FIRST_READINGS, READING_NS = 16, 1_000_000_000
-"""How many readings of the counter come before the stream starts, and how often one comes later."""
+"""Number of counter readings before the stream starts, and the interval between later ones."""
 SETTLING_NS, SOON_NS = 3_000_000_000, 100_000_000
-"""For so long it is read more often, until it is known how fast it runs."""
+"""Duration for which the counter is read at the shorter interval, until its rate is known."""
 FIRST_FRAME_NS, SILENCE_NS, MOST_WAIT_NS = 5_000_000_000, 3_000_000_000, 200_000_000
 NEAR_NS = 2_000_000_000
-"""A stamp that a counter's readings put this far from the frame's arrival is not of that counter."""
+"""If the readings map a stamp this far from its frame's arrival, the stamp is not of that counter."""
 MOST_TRIES = 3
 LATE_NS = 5_000_000
-"""How long after a frame is due its end is taken for granted."""
+"""Delay after a frame is due, at which its end is assumed."""
 
 
 class FrameClock:
-    """The host's time of each frame, by its arrival alone; the base for counters that tell more."""
+    """Maps frames to host times by arrival alone; base class for counters that allow better estimates."""
 
     is_readable = False
     """Whether the counter is read while the camera streams."""
 
     def add_reading(self, sent_ns: int, counter_ns: int, answered_ns: int) -> None:
-        """Take in what the counter showed between two times of the host."""
+        """Add a counter reading that was taken between two host times."""
 
     def stamp_ns(self, frame: DeviceFrame) -> int | None:
-        """Return the host's time of a frame; None while it is not known."""
+        """Return the host's time of a frame; None while it is unknown."""
         return frame.arrival_ns
 
     def uncertainty_ns(self, host_ns: int) -> int:
-        """Return the 95 % error of a host's time by readings of the counter; 0 without them."""
+        """Return the 95 % error of a host time from counter readings; 0 without readings."""
         return 0
 
     def accuracy(self, now_ns: int) -> DeviceClock | None:
-        """Return how well the counter is known at a time of the host; None where it is not read."""
+        """Return the accuracy of the counter at a host time; None if it is not read."""
         return None
 
 
 class ArrivalLine(FrameClock):
-    """A counter that cannot be read: a line of its stamps and when they arrive."""
+    """Clock of a counter that cannot be read: a line fit to its stamps and their arrivals."""
 
     def __init__(self) -> None:
         self._clock = ArrivalClock()
 
     def stamp_ns(self, frame: DeviceFrame) -> int | None:
-        """Return the host's time of a frame, late by the least delay of all that have arrived."""
+        """Return the host's time of a frame, late by the minimum delay of all arrivals."""
         self._clock.add_arrival(frame.counter_ns, frame.arrival_ns)
         return self._clock.host_ns(frame.counter_ns)
 
 
 class LatchedClock(FrameClock):
-    """A counter that can be read: each reading falls between the request and its answer.
+    """Clock of a counter that can be read: each reading falls between a request and its answer.
 
-    The sync engine's clock filter makes a line of them, as of the time messages of two machines.
+    The sync engine's clock filter fits them as it fits time messages between two machines.
     """
 
     is_readable = True
@@ -90,12 +90,12 @@ class LatchedClock(FrameClock):
         self._map: TimeMap | None = None
 
     def add_reading(self, sent_ns: int, counter_ns: int, answered_ns: int) -> None:
-        """Take in what the counter showed between two times of the host."""
+        """Add a counter reading that was taken between two host times."""
         self._filter.add(ClockSample(sent_ns, counter_ns, counter_ns, answered_ns))
         self._map = self._filter.time_map(answered_ns)
 
     def host_ns(self, counter_ns: int) -> int | None:
-        """The host's time of a reading of the counter; None where nothing is known of it yet."""
+        """Return the host's time of a counter reading; None before the first reading."""
         return None if self._map is None else self._map.local_from_leader(counter_ns)
 
     def stamp_ns(self, frame: DeviceFrame) -> int | None:
@@ -103,11 +103,11 @@ class LatchedClock(FrameClock):
         return self.host_ns(frame.counter_ns)
 
     def uncertainty_ns(self, host_ns: int) -> int:
-        """Return the 95 % error of a host's time that `host_ns` gave."""
+        """Return the 95 % error of a host time that `host_ns` returned."""
         return 0 if self._map is None else round(self._map.uncertainty_at(host_ns))
 
     def accuracy(self, now_ns: int) -> DeviceClock | None:
-        """How well the counter is known at a time of the host; None before the first reading."""
+        """Return the accuracy of the counter at a host time; None before the first reading."""
         if self._map is None:
             return None
         bound_ns = round(self._map.hard_bound_at(now_ns))
@@ -115,7 +115,7 @@ class LatchedClock(FrameClock):
 
 
 class FrameNumbers:
-    """Counts frames by the transport's numbers, which have 16 bits and no 0 in GigE Vision 1."""
+    """Converts the transport's frame numbers, of 16 bits without 0 in GigE Vision 1, to a sequence."""
 
     _CYCLE = 65_535
 
@@ -124,7 +124,7 @@ class FrameNumbers:
         self._sequence = 0
 
     def count(self, number: int) -> int | None:
-        """The number of a frame since the first one; None for one that came before."""
+        """Return a frame's number since the first one; None for a frame that is out of order."""
         if self._last is not None:
             step = number - self._last
             if step < -self._CYCLE // 2 and self._last <= self._CYCLE:
@@ -140,10 +140,10 @@ _log = logging.getLogger(__name__)
 
 
 class AravisCamera(ThreadedCamera):
-    """A machine-vision camera, connected when it is started: that takes seconds where it is missing."""
+    """A machine-vision camera, connected when it is started: a missing one takes seconds to notice."""
 
     def __init__(self, connect: Callable[[], AravisDevice], *, silence_ns: int = SILENCE_NS) -> None:
-        """A stream without a frame for `silence_ns` and some periods has failed."""
+        """Create the camera; a stream without a frame for `silence_ns` and three periods has failed."""
         super().__init__(KIND)
         self._connect = connect
         self._silence_ns = silence_ns
@@ -151,21 +151,21 @@ class AravisCamera(ThreadedCamera):
         self._device: AravisDevice
         self._clock = FrameClock()
         self._wanted_ns: deque[int] = deque()
-        """Durations of one coming frame each, until they are asked for."""
+        """Requested durations, each for one coming frame, that are not yet sent to the camera."""
         self._restore_at_ns: int | None = None
         self._numbers = FrameNumbers()
 
     @property
     def device_clock(self) -> DeviceClock | None:
-        """The camera's counter against the host's clock; None where it cannot be read."""
+        """Accuracy of the camera's counter against the host's clock; None if it cannot be read."""
         return self._clock.accuracy(time.monotonic_ns())
 
     async def controls(self) -> tuple[ControlState, ...]:
-        """Exposure and gain as they stand. Raises CameraError."""
+        """Return the current exposure and gain. Raises CameraError."""
         return await self._in_worker(self._connected.controls)
 
     async def set_control(self, control: Control, value: float | None) -> None:
-        """Set exposure (µs) or gain, and hold it there; None: let the camera choose. Raises CameraError."""
+        """Set exposure (µs) or gain to a fixed value; None lets the camera choose. Raises CameraError."""
         device = self._connected
         await self._in_worker(device.set_control, control, value)
         self._facts = self._facts_of(device.facts)
@@ -177,14 +177,14 @@ class AravisCamera(ThreadedCamera):
         return self._device
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
-        """Connect and stream. Raises CameraError where it is missing, busy, refuses or sends no pictures."""
+        """Connect and stream. Raises CameraError if it is missing, busy, refuses or sends no frames."""
         self.listen(on_frame, on_failure)
         await self._in_worker(self._open)
         self._fetching = threading.Thread(target=self._fetch, name="aravis-frames", daemon=True)
         self._fetching.start()
 
     async def apply(self, command: CameraCommand) -> None:
-        """Let one coming frame last that long. Raises CameraError for anything else, or without a stream."""
+        """Set the duration of one coming frame. Raises CameraError for other commands or without a stream."""
         if not isinstance(command, SetFrameDuration):
             raise CameraError("a machine-vision camera is moved by the duration of its frames only")
         if self._fetching is None or self._closing.is_set():
@@ -206,7 +206,7 @@ class AravisCamera(ThreadedCamera):
         device.start(lambda: self._tell(self._fail, f"{device.address} is not controlled any more"))
         first, second = self._first_frame(device), self._first_frame(device)
         reads = len({None if reading is None else reading[1] for reading in readings}) > 1
-        # The first stamp may be none yet.
+        # The first stamp may not be valid yet.
         by_latch_ns = latched.host_ns(second.counter_ns) if reads else None
         if by_latch_ns is not None and abs(by_latch_ns - second.arrival_ns) < NEAR_NS:
             self._clock = latched
@@ -226,10 +226,10 @@ class AravisCamera(ThreadedCamera):
         )
 
     def _facts_of(self, told: CameraFacts) -> CameraFacts:
-        """What the device tells of itself, with its stamps' moment where its counter can be read."""
+        """Return the device's facts; if its counter can be read, with the moment that its timestamps mark."""
         if not self._clock.is_readable:
             return told
-        # GenICam's SFNC has a frame's timestamp at its start; some cameras stamp the end of its exposure.
+        # GenICam's SFNC stamps a frame at its start; some cameras stamp the end of its exposure.
         doubt_ns = told.period_ns if told.exposure_ns is None else told.exposure_ns
         stamp = StampAccuracy(
             bias_ns=0, uncertainty_ns=doubt_ns, source=StampSource.PROFILE, exposure_ns=told.exposure_ns
@@ -237,7 +237,7 @@ class AravisCamera(ThreadedCamera):
         return replace(told, timestamp_source=TimestampSource.START_OF_EXPOSURE, stamp=stamp)
 
     def _fetch(self) -> None:
-        """Take frames until the camera is stopped or fails; durations are set as frames come."""
+        """Fetch frames until the camera is stopped or fails; set frame durations as frames arrive."""
         period_ns = self.facts.period_ns
         begun_ns = heard_ns = read_ns = fresh_ns = time.monotonic_ns()
         while not self._closing.is_set():
@@ -250,8 +250,8 @@ class AravisCamera(ThreadedCamera):
             elif now_ns - heard_ns > self._silence_ns + 3 * period_ns:
                 self._tell(self._fail, f"{self._device.address} sends no pictures any more")
                 return
-            # One that lacks packets is given up when the next one begins, and of several that this thread was
-            # late for only the first tells where the camera is: nothing to go by.
+            # An incomplete frame arrives only when the next one begins. After a delay of this thread, only
+            # the first of the queued frames shows where the camera is. The others time nothing.
             whole = frame is not None and frame.data is not None
             fresh = whole and now_ns - fresh_ns > period_ns // 2
             fresh_ns = now_ns if fresh else fresh_ns
@@ -264,7 +264,7 @@ class AravisCamera(ThreadedCamera):
     def _take(self, frame: DeviceFrame) -> None:
         sequence = self._numbers.count(frame.number)
         if frame.data is None or sequence is None:
-            return  # its number is missing from the stream: a dropped frame like any other
+            return  # its number is missing from the stream, as with any dropped frame
         stamp_ns = self._clock.stamp_ns(frame)
         if stamp_ns is None or abs(stamp_ns - frame.arrival_ns) > NEAR_NS:
             _log.debug("frame %d has a stamp of another time", frame.number)
@@ -282,10 +282,10 @@ class AravisCamera(ThreadedCamera):
         self._tell(self._deliver, captured)
 
     def _change_duration(self, now_ns: int, *, fresh: bool) -> None:
-        """Ask for the wished duration when a frame has come, and for the usual one when the next one has.
+        """Set the requested duration when a frame has come, and restore the period when the next one has.
 
-        So exactly one frame is changed, whether a camera heeds a new duration at once or from the next frame.
-        Where the next one is lost on its way, its time must do.
+        So exactly one frame changes, whether a camera applies a new duration at once or from the next frame.
+        If the next frame is lost in transit, the time at which it was due is used instead.
         """
         usual_ns, restore_at_ns = self.facts.period_ns, self._restore_at_ns
         if fresh and self._wanted_ns:
@@ -309,13 +309,13 @@ class AravisCamera(ThreadedCamera):
         try:
             reading = self._device.read_counter()
         except CameraError as error:
-            _log.debug("the counter was not read: %s", error)  # the heartbeat tells whether it is gone
+            _log.debug("the counter was not read: %s", error)  # the heartbeat detects a lost camera
             return
         if reading is not None:
             self._clock.add_reading(*reading)
 
     def _say(self, word: Callable[..., None], *arguments: int) -> None:
-        with contextlib.suppress(RuntimeError):  # it was stopped
+        with contextlib.suppress(RuntimeError):  # the worker was shut down
             self._worker.submit(word, *arguments)
 
     def _release(self) -> None:

@@ -1,4 +1,4 @@
-"""One machine-vision camera through aravis: set up, its counter read, its frames fetched; all calls block."""
+"""One machine-vision camera through aravis: setup, counter readings, frames; all calls block."""
 
 import contextlib
 import time
@@ -21,24 +21,24 @@ from capture_app.common.camera_facts import (
 from capture_app.common.errors import CameraError
 
 _WORDS = {Control.EXPOSURE: ("exposure_time", "exposure"), Control.GAIN: ("gain", "gain")}
-"""What the library's methods call a value, and call it where the camera may choose it."""
+"""Names of a value in the library's methods, and of the switch that makes it automatic."""
 KIND = "aravis"
 _RATES = ("AcquisitionFrameRate", "AcquisitionFrameRateAbs")
 _LATCHES = (("TimestampLatch", "TimestampLatchValue"), ("GevTimestampControlLatch", "GevTimestampValue"))
-"""Features that read the counter, in ns and in ticks: of SFNC 2 and of GigE Vision 1."""
+"""Features that read the counter: SFNC 2 in ns, GigE Vision 1 in ticks."""
 _CONTROL, _HIGH, _LOW, _LATCH = 0x0944, 0x0948, 0x094C, 2
-"""Registers of every GigE Vision device's bootstrap memory that do the same."""
+"""Registers in the bootstrap memory of every GigE Vision device that read the counter."""
 _BUFFERED_NS, _BUFFER_BYTES, _BUFFER_COUNTS = 500_000_000, 256 << 20, (4, 64)
 _SOCKET_BYTES = 8 << 20
 _MARGIN_NS = 100
-"""A duration that is this much longer is not cut to the step below."""
+"""Added to a duration so that it is not rounded down to the step below."""
 
 
 class DeviceControl:
-    """Exposure or gain of a camera of the library: its methods by the control's name."""
+    """Exposure or gain of a camera; calls the library's methods by the control's name."""
 
     def __init__(self, camera: Any, auto: Any, control: Control) -> None:
-        """`auto` has the library's words for who chooses it. Raises CameraError where there is none."""
+        """Create the control; `auto` is the library's enum of modes. Raises CameraError if it is missing."""
         self._camera, self._auto = camera, auto
         self.control = control
         self._value, self._choice = _WORDS.get(control, ("", ""))
@@ -51,22 +51,22 @@ class DeviceControl:
 
     @property
     def value(self) -> float:
-        """How it stands: microseconds, or the camera's own steps of gain."""
+        """Current value: microseconds, or the camera's own steps of gain."""
         return float(self._call(f"get_{self._value}"))
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Least and most."""
+        """Min and max."""
         least, most = self._call(f"get_{self._value}_bounds")
         return least, most
 
     @property
     def is_automatic(self) -> bool:
-        """Whether the camera chooses it, frame by frame."""
+        """Whether the camera chooses the value, frame by frame."""
         return self.can_be_automatic and self._call(f"get_{self._value}_auto") != self._auto.OFF
 
     def set(self, value: float | None) -> None:
-        """Set it and hold it there; None: let the camera choose, with CameraError where it cannot."""
+        """Set a fixed value; None lets the camera choose, and raises CameraError if it cannot."""
         if value is None and not self.can_be_automatic:
             raise CameraError(f"this camera does not choose its {self.control} itself")
         if self.can_be_automatic:
@@ -76,27 +76,27 @@ class DeviceControl:
             self._call(f"set_{self._value}", value)
 
     def state(self, facts: CameraFacts) -> ControlState:
-        """It as all cameras have it."""
+        """Return the control in the form that all cameras share."""
         least, most = self.bounds
         exposes = self.control is Control.EXPOSURE
         return ControlState(
             control=self.control,
             value=self.value,
-            # Gains are decibels with most, steps of the chip with some.
+            # Gain is in decibels on most cameras, in steps of the chip on some.
             unit=MICROSECONDS if exposes else steps_of(facts.model),
             automatic=self.is_automatic,
             can_be_automatic=self.can_be_automatic,
             least=least,
-            # A longer exposure would make frames late.
+            # A longer exposure would delay frames.
             most=min(most, facts.period_ns / 1000) if exposes else most,
         )
 
 
 class AravisDevice:
-    """A connected camera. Not thread-safe but for `next_frame`, which one other thread may call."""
+    """A connected camera. Not thread-safe except `next_frame`, which one other thread may call."""
 
     def __init__(self, address: str, request: CameraRequest) -> None:
-        """Connect and set up. Raises CameraError, BadInputError for what the camera does not offer."""
+        """Connect and set up. Raises CameraError, BadInputError for settings that it does not offer."""
         self.address = address
         self._aravis = load_aravis()
         with camera_errors(address):
@@ -107,7 +107,7 @@ class AravisDevice:
             self._stream = self._open_stream()
 
     def read_counter(self) -> tuple[int, int, int] | None:
-        """Host time before, counter, host time after, in ns; None where there is no counter to read."""
+        """Return host time before, counter, host time after, in ns; None without a readable counter."""
         camera = self._camera
         with camera_errors(self.address):
             for latch, value in _LATCHES:
@@ -126,12 +126,12 @@ class AravisDevice:
             return sent_ns, self._from_ticks(ticks, ""), answered_ns
 
     def controls(self) -> tuple[ControlState, ...]:
-        """Exposure and gain as they stand. Raises CameraError."""
+        """Return the current exposure and gain. Raises CameraError."""
         with camera_errors(self.address):
             return tuple(one.state(self.facts) for control in _WORDS if (one := self._control(control)))
 
     def set_control(self, control: Control, value: float | None) -> None:
-        """Set a control and hold it there; None: let the camera choose. `facts` tell the exposure then."""
+        """Set a control to a fixed value; None lets the camera choose. Updates the exposure in `facts`."""
         with camera_errors(self.address):
             DeviceControl(self._camera, self._aravis.Auto, control).set(value)
             exposure_ns, least_ns, most_ns = self._exposure()
@@ -140,18 +140,18 @@ class AravisDevice:
             )
 
     def set_period(self, period_ns: int) -> None:
-        """Let frames last so long from now on. Raises CameraError."""
+        """Set the frame duration (ns) of all following frames. Raises CameraError."""
         with camera_errors(self.address):
             self._camera.set_float(self._rate, 1e9 / (period_ns + _MARGIN_NS))
 
     def start(self, on_lost: Any) -> None:
-        """Let frames come; `on_lost` is called, on another thread, when the camera is not ours any more."""
+        """Start streaming; `on_lost` is called, on another thread, when the control of the camera is lost."""
         self._device.connect("control-lost", lambda _device: on_lost())
         with camera_errors(self.address):
             self._camera.start_acquisition()
 
     def next_frame(self, timeout_s: float) -> DeviceFrame | None:
-        """Wait for a frame, for so long at most. The stream's thread only."""
+        """Wait up to `timeout_s` for a frame. Only the stream's thread may call it."""
         buffer = self._stream.timeout_pop_buffer(max(1, round(timeout_s * 1e6)))
         if buffer is None:
             return None
@@ -166,10 +166,10 @@ class AravisDevice:
         return frame
 
     def close(self) -> None:
-        """Stop and let go of the camera; nothing of it may be used then."""
+        """Stop and release the camera; it cannot be used afterwards."""
         with contextlib.suppress(CameraError), camera_errors(self.address):
             self._camera.stop_acquisition()
-        # The library ends its threads and gives up the control with the last reference.
+        # The library ends its threads and releases control with the last reference.
         del self._stream, self._device, self._camera
 
     def _set_up(self, request: CameraRequest) -> CameraFacts:
@@ -239,7 +239,7 @@ class AravisDevice:
         return self._exposure()
 
     def _exposure(self) -> tuple[int | None, int | None, int | None]:
-        """Exposure, its least and its most in ns; the first is None where the camera chooses it."""
+        """Return exposure, min and max in ns; the exposure is None if the camera chooses it."""
         exposure = self._control(Control.EXPOSURE)
         if exposure is None:
             return None, None, None
@@ -254,7 +254,7 @@ class AravisDevice:
             return None
 
     def _set_rate(self, fps: float | None) -> tuple[int, int, int]:
-        """Frame period, the shortest and the longest, in ns."""
+        """Set the frame rate; return the frame period and its min and max, in ns."""
         camera = self._camera
         if self._rate is None:
             raise CameraError(
@@ -268,7 +268,7 @@ class AravisDevice:
                 f"{self.address} does not run at {rate:g} frames a second", hint=f"from {least:g} to {most:g}"
             )
         period_ns = round(1e9 / rate)
-        # Once by the library, which knows what vendors ask for before it; from then on by one write.
+        # First through the library, which sets what vendors require before it; later by a single write.
         camera.set_frame_rate(rate)
         self.set_period(period_ns)
         return period_ns, round(1e9 / most), round(1e9 / max(least, 0.1))
@@ -288,6 +288,6 @@ class AravisDevice:
 
     def _from_ticks(self, ticks: int, feature: str) -> int:
         if feature == _LATCHES[0][1]:
-            return ticks  # SFNC 2 has ns
+            return ticks  # SFNC 2 is in ns
         frequency = self._device.get_timestamp_tick_frequency() or 1_000_000_000
         return ticks * 1_000_000_000 // frequency

@@ -1,4 +1,4 @@
-"""GigE Vision and USB3 Vision cameras: finding and opening them."""
+"""Driver of GigE Vision and USB3 Vision cameras: discovery and opening."""
 
 import functools
 from collections.abc import Mapping
@@ -26,7 +26,7 @@ OPTIONS = {
 
 
 def open_camera(address: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
-    """Make a camera of its address (IP, serial number, or the name it is listed by); see OPTIONS.
+    """Create a camera from its address (IP, serial number, or its listed name); see OPTIONS.
 
     It is connected when it is started. Raises BadInputError for an option that cannot be read,
     NotAvailableError without the aravis library.
@@ -37,7 +37,7 @@ def open_camera(address: str, options: Mapping[str, str], *, clock: NodeClock, n
 
 
 def list_cameras() -> list[CameraListing]:
-    """The cameras that answer in this machine's networks and on its USB, which takes a second."""
+    """Return the cameras that answer on this machine's networks and USB; takes a second."""
     try:
         library = load_aravis()
     except NotAvailableError:

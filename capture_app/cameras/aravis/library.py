@@ -1,4 +1,4 @@
-"""The system's aravis library, loaded where a machine-vision camera is used, and its errors in words."""
+"""Access to the system's aravis library, loaded on first use, and its errors as messages for users."""
 
 import functools
 import importlib
@@ -21,17 +21,17 @@ _WORDS = {
     ),
     10: ("{} is in use by another program", "close it: only one can control a camera"),
 }
-"""What is wrong and what to do, by the codes of the library's errors of devices."""
+"""Message and hint by the error code of the library's device errors."""
 
 
 @functools.cache
 def load_aravis() -> Any:
-    """Return the library's module. Raises NotAvailableError where it is not installed or does not load."""
+    """Return the library's module. Raises NotAvailableError if it is not installed or does not load."""
     gi = load_system_module("gi", PACKAGE, PURPOSE)
     try:
         gi.require_version("Aravis", _VERSION)
         with warnings.catch_warnings():
-            # PyGObject's importer is of an older kind than Python's newest.
+            # PyGObject's importer is older than the import system of recent Python versions expects.
             warnings.simplefilter("ignore", ImportWarning)
             importlib.import_module("gi.repository.GLib")
             return importlib.import_module("gi.repository.Aravis")
@@ -44,7 +44,7 @@ def load_aravis() -> Any:
 
 @contextmanager
 def camera_errors(device: str) -> Iterator[None]:
-    """Raise CameraError for the library's errors while a device is used."""
+    """Convert the library's errors to CameraError while a device is used."""
     library_error = importlib.import_module("gi.repository.GLib").Error
     try:
         yield

@@ -1,4 +1,4 @@
-"""Frames as a machine-vision camera sends them, grey, Bayer or colour."""
+"""Frames as a machine-vision camera sends them: grey, Bayer or colour."""
 
 from dataclasses import dataclass
 from functools import partial
@@ -17,12 +17,12 @@ _CONVERSIONS = {
     "BayerGB": "COLOR_BayerGBRG2BGR",
     "BayerBG": "COLOR_BayerBGGR2BGR",
 }
-"""OpenCV's names of the patterns as GenICam's have them: by the first two pixels of the first row."""
+"""OpenCV's conversions by GenICam's Bayer patterns, which name the first two pixels of the first row."""
 USABLE_FORMATS = (
     *(f"{layout}8" for layout in (*_CONVERSIONS, "RGB", "BGR", "Mono")),
     *(f"{layout}{bits}" for layout in (*_CONVERSIONS, "Mono") for bits in (16, 12, 10)),
 )
-"""The pixel formats that can be saved, the best first; more than 8 bits lie in 16 each."""
+"""Pixel formats that can be saved, best first; values of more than 8 bits take 16 bits each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -30,22 +30,22 @@ class DeviceFrame:
     """One frame as the library delivered it."""
 
     number: int
-    """The transport's number: 16 bits without 0, or more."""
+    """Frame number of the transport: 16 bits without 0, or wider."""
     counter_ns: int
-    """The camera's stamp, by its own counter."""
+    """Timestamp by the camera's own counter."""
     arrival_ns: int
-    """When its first packet came, by the host's monotonic clock."""
+    """Arrival of its first packet, in the host's monotonic clock."""
     data: bytes | None
-    """None where packets of it are missing."""
+    """None if packets are missing."""
 
 
 def machine_picture(data: bytes, size: tuple[int, int], pixel_format: str) -> PixelPicture:
-    """A picture as the camera sent it; `size` is its width and height, `pixel_format` GenICam's name."""
+    """Return an image as the camera sent it; `size` is (width, height), `pixel_format` GenICam's name."""
     return PixelPicture(len(data), partial(_pixels, data, size, pixel_format))
 
 
 def _pixels(data: bytes, size: tuple[int, int], pixel_format: str, wanted: int | None) -> "NDArray[np.uint8]":
-    """See `PixelPicture.pixels`; of 8 bits."""
+    """Return 8-bit pixels as in `PixelPicture.pixels`."""
     import cv2
     import numpy as np
 
@@ -63,6 +63,6 @@ def _pixels(data: bytes, size: tuple[int, int], pixel_format: str, wanted: int |
 
 
 def split_format(pixel_format: str) -> tuple[str, int]:
-    """The layout and the bits of a usable format's name, such as BayerRG and 12."""
+    """Split a usable format's name into layout and bits, such as BayerRG and 12."""
     layout = pixel_format.rstrip("0123456789")
     return layout, int(pixel_format[len(layout) :])

@@ -1,9 +1,9 @@
-"""Cameras of libcamera: start, restart, and single frames that are made longer or shorter.
+"""Cameras of libcamera: start, restart, and frame durations set for single frames.
 
-The driver reports neither the row time nor where the automatic exposure settles; the first two seconds of a
-stream show both, before its frames are passed on. The exposure is then held. A frame lasts a whole number of
-rows, so a requested duration comes back shorter by up to one row, cut to microseconds: the row time is the
-one of which all reported durations are whole multiples.
+The driver reports neither the row time nor the value at which the automatic exposure settles. Both are
+measured in the first two seconds of a stream, before its frames are passed on. The exposure is then fixed.
+A frame lasts a whole number of rows, so a requested duration is reported shorter by up to one row, truncated
+to microseconds. The row time is the one of which all reported durations are whole multiples.
 """
 
 import asyncio
@@ -45,39 +45,39 @@ from capture_app.common.errors import CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream, SetFrameDuration
 
 ASKED = 32
-"""How many different durations leave no second answer, for rows of 5 us and longer."""
+"""Number of different durations that leaves one solution, for rows of 5 us and longer."""
 FEWEST = 12
-"""With fewer different ones, chance could make a row time."""
+"""With fewer different durations, a row time could fit by chance."""
 SPAN = 0.5
-"""Share of the frame period by which the durations asked for are longer at most."""
+"""Max extension of the requested durations beyond the frame period, as a fraction of it."""
 LONGEST_ROW_US = 250.0
 SHORTEST_ROW_US = 5.0
 _SEED = 1
-"""Durations are drawn at random: those at even distances could all be multiples of two rows."""
+"""Durations are random: evenly spaced ones could all be multiples of two rows."""
 _BELOW_US, _ABOVE_US = 0.5, 1.0
-"""A driver that rounds reports up to half a microsecond more than there is, one that cuts up to one less."""
+"""Rounding error of reports: up to 0.5 us too long if rounded, up to 1 us too short if truncated."""
 SILENT_S = 5.0
-"""A stream without a frame for so long, or for so many periods, has failed."""
+"""A stream has failed after this long, and after SILENT_PERIODS periods, without a frame."""
 SILENT_PERIODS = 30
 IN_EFFECT_FRAMES = 6
-"""What is set is in effect so many frames after the requests that are queued already, at the latest."""
+"""Max number of frames, after the requests already queued, until a setting takes effect."""
 UNSETTLED_FRAMES = 3
-"""The first frames after a start may be told wrongly."""
+"""First frames after a start, whose metadata may be wrong."""
 PERIOD_FRAMES = 15
 INSIDE_ROW = 0.25
-"""A duration is asked for by so many rows more than whole ones: a driver may cut or round it."""
+"""Fraction of a row added to a requested duration, because a driver may truncate or round it."""
 
 
 def durations_to_ask_us(period_us: int, longest_us: int) -> list[int]:
-    """Frame durations in us that, asked for one after the other, give the row time away."""
+    """Return frame durations in us from whose reported values the row time can be found."""
     span_us, rng = min(SPAN * period_us, longest_us - period_us), random.Random(_SEED)
     return [period_us + round(span_us * rng.random()) for _ in range(ASKED)]
 
 
 def find_row_time_us(reported_us: Iterable[int]) -> float | None:
-    """The longest row time in us of which all reported frame durations are whole multiples.
+    """Return the longest row time in us of which all reported frame durations are whole multiples.
 
-    None where there is none, or the durations are too few, or too alike, to tell.
+    None if there is no such time, or the durations are too few or too similar.
     """
     durations = sorted(set(reported_us))
     if len(durations) < FEWEST or durations[0] <= 0:
@@ -95,7 +95,7 @@ def find_row_time_us(reported_us: Iterable[int]) -> float | None:
 
 
 class LibcameraCamera(ThreadedCamera):
-    """A camera of libcamera; `driver.open_camera` makes one."""
+    """A camera of libcamera; `driver.open_camera` creates one."""
 
     def __init__(
         self,
@@ -106,7 +106,7 @@ class LibcameraCamera(ThreadedCamera):
         clock: StampClock | None = None,
         executor: Executor | None = None,
     ) -> None:
-        """Take a camera and configure it. Raises CameraError if it is missing, busy, or has no such mode."""
+        """Acquire and configure a camera. Raises CameraError if it is missing, busy, or has no such mode."""
         super().__init__(KIND, executor)
         self._library, self._wishes = library, wishes
         self._clock = clock or StampClock()
@@ -159,7 +159,7 @@ class LibcameraCamera(ThreadedCamera):
         self._stream.keep(first_exposure(controls, self._wishes))
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
-        """Start streaming, and learn from the first frames. Raises CameraError where it delivers none."""
+        """Start streaming and measure the first frames. Raises CameraError if none arrive."""
         self.listen(on_frame, on_failure)
         async with self._command_lock:
             self._library.listen()
@@ -175,10 +175,10 @@ class LibcameraCamera(ThreadedCamera):
                 await self._learn_rows(*self._limits_us)
 
     async def apply(self, command: CameraCommand) -> None:
-        """Let one coming frame last longer or shorter, or restart the stream: its delay counts from now.
+        """Change the duration of one coming frame, or restart the stream after a delay from this call.
 
-        Where stopping takes longer than the delay, whole frame periods are added, so that the start keeps its
-        place in the period. Raises CameraError for what the camera cannot do, or without a stream.
+        If stopping takes longer than the delay, whole frame periods are added, so that the start keeps its
+        phase. Raises CameraError for an unsupported command, or without a stream.
         """
         asked_ns = self._clock.now_ns()
         if isinstance(command, SetFrameDuration) and self.facts.phase_control is PhaseControl.FRAME_DURATION:
@@ -204,11 +204,11 @@ class LibcameraCamera(ThreadedCamera):
                 self._run()
 
     async def controls(self) -> tuple[ControlState, ...]:
-        """Those that the camera has, as they stood in its last frame."""
+        """Return the controls that the camera has, with their values in its last frame."""
         return read_states(self._controls, self._stream.settings, self._told, self._stream.period_us)
 
     async def set_control(self, control: Control, value: float | None) -> None:
-        """Set a control, or let the camera choose it. Raises CameraError where it cannot."""
+        """Set a control, or let the camera choose it. Raises CameraError if it cannot be set."""
         settings, forget = new_settings(self._controls, control, value, self._told)
         self._stream.keep(settings, forget=forget)
         exposure_us = self._stream.settings.get("ExposureTime")
@@ -222,10 +222,10 @@ class LibcameraCamera(ThreadedCamera):
         await self._in_worker(self._stream.release)
         self._library.hush()
 
-    # What the first frames show
+    # Measurements on the first frames
 
     async def _learn_rows(self, least_us: int, most_us: int) -> None:
-        """Learn the row time, choose the number of rows nearest to the period, hold the exposure."""
+        """Measure the row time, choose the number of rows nearest to the period, and fix the exposure."""
         period_us = self._wishes.period_us
         self._stream.asked_us.extend(durations_to_ask_us(period_us, most_us))
         in_effect = self._stream.queued + IN_EFFECT_FRAMES
@@ -245,7 +245,7 @@ class LibcameraCamera(ThreadedCamera):
             self._facts = with_exposure(self.facts, exposure_us, self._origin)
 
     async def _learn_period(self) -> None:
-        """Learn at which rate a camera runs whose frame durations cannot be set."""
+        """Measure the frame period of a camera whose frame durations cannot be set."""
         seen = (await self._next_frames(UNSETTLED_FRAMES + PERIOD_FRAMES))[UNSETTLED_FRAMES:]
         stamps_ns = [frame.stamp_ns for frame in seen if frame.stamp_ns is not None]
         usual_ns = usual_period_ns(median(b - a for a, b in pairwise(stamps_ns)))
@@ -253,7 +253,7 @@ class LibcameraCamera(ThreadedCamera):
         self._facts = with_exposure(facts, self._wishes.exposure_us, self._origin)
 
     async def _next_frames(self, count: int) -> list[FinishedFrame]:
-        """The next so many frames, which go nowhere else. Raises CameraError where they do not come."""
+        """Return the next `count` frames without passing them on. Raises CameraError if they never arrive."""
         self._first_frames, arrived = [], asyncio.get_running_loop().create_future()
         self._first_frames_wanted = count, arrived
         try:
@@ -292,13 +292,13 @@ class LibcameraCamera(ThreadedCamera):
             )
 
     def _run(self) -> None:
-        """Hand frames on from here, as a stream of their own."""
+        """Pass frames on from now, as a new stream."""
         self._streams += 1
         self._last_frame_ns = self._clock.now_ns()
         self._stream.running = True
 
     def _watch(self) -> None:
-        """Notice a stream that has fallen silent: the library does not tell of a camera that is gone."""
+        """Detect a stream without frames: the library does not report a disconnected camera."""
         if self._closing.is_set():
             return
         silent_s = (self._clock.now_ns() - self._last_frame_ns) / 1e9

@@ -1,4 +1,4 @@
-"""How a camera of libcamera is configured by what is asked of it, and what it is by its first frames."""
+"""Configuration of a libcamera camera from a user's request, and its facts as they become known."""
 
 import dataclasses
 import os
@@ -20,20 +20,20 @@ from capture_app.common.camera_facts import (
 from capture_app.common.errors import BadInputError, CameraError
 
 FOURCC = {"MJPEG": "MJPG", "NV12": "NV12", "YUYV": "YUYV", "R8": "GREY"}
-"""The library's formats that can be saved, the best first, and what V4L2 calls them."""
+"""The library's formats that can be saved, best first, with their V4L2 names."""
 BUFFERS = 6
-"""A process that is held up for as many frames loses none; a command takes effect after as many."""
+"""A process can be delayed by this many frames without a loss; a command takes effect after as many."""
 KIND = "libcamera"
 CHARACTER_DEVICES = Path("/sys/dev/char")
 _RASPBERRY_PI = "rpi"
-"""The vendor of controls that only the Raspberry Pi's pipelines have."""
+"""Vendor of controls that only the Raspberry Pi's pipelines have."""
 READOUT_DOUBT_ROWS, READOUT_DOUBT_NS = 16, 100_000
-"""Assumed: rows that a sensor sends before the picture's first, and the stamp's way to the kernel."""
+"""Assumed: rows that a sensor sends before the image's first, and the delay from stamp to kernel."""
 _USUAL_RATE, _ROUND_NS = 3e-4, 10_000
 
 
 def parse_options(options: Mapping[str, str]) -> CameraRequest:
-    """Read width, height, fps, format, exposure-us and gain. Raises BadInputError, naming the wrong one."""
+    """Read width, height, fps, format, exposure-us and gain. Raises BadInputError naming the wrong one."""
     asked = read_request(options, "a camera of libcamera")
     if asked.format is None:
         return asked
@@ -46,9 +46,9 @@ def parse_options(options: Mapping[str, str]) -> CameraRequest:
 
 
 def configure(module: Any, camera: Any, wishes: CameraRequest) -> tuple[Any, PixelFormat]:
-    """Configure an acquired camera; returns its stream and how a picture lies in memory.
+    """Configure an acquired camera; return its stream and the memory layout of its images.
 
-    Raises CameraError, with what it offers, where it has no such mode.
+    Raises CameraError, which lists what the camera offers, if it has no such mode.
     """
     name = camera.id
     configuration = camera.generate_configuration([module.StreamRole.VideoRecording])
@@ -83,11 +83,11 @@ def _text(size: tuple[int, int]) -> str:
 
 
 Origin = Literal["raspberry-pi", "webcam", "other"]
-"""Whose pipeline a camera has, as far as its stamps are known by that."""
+"""Pipeline that drives a camera, as far as it determines what its timestamps mark."""
 
 
 def origin_of(camera: Any) -> Origin:
-    """Whose pipeline a camera of the library has."""
+    """Return the kind of pipeline that drives a camera of the library."""
     if any(control.vendor == _RASPBERRY_PI for control in camera.controls):
         return "raspberry-pi"
     properties = {control.name: value for control, value in camera.properties.items()}
@@ -100,7 +100,7 @@ def origin_of(camera: Any) -> Origin:
 def facts_as_configured(
     camera: Any, layout: PixelFormat, wishes: CameraRequest, limits_us: tuple[int, int] | None
 ) -> CameraFacts:
-    """What is known of a camera before its first frame; `limits_us` are those of a frame's duration."""
+    """Return the facts known before the first frame; `limits_us` are the min and max frame duration."""
     properties = {control.name: value for control, value in camera.properties.items()}
     return CameraFacts(
         kind=KIND,
@@ -117,7 +117,7 @@ def facts_as_configured(
 
 
 def with_rows(facts: CameraFacts, rows: int, row_us: float) -> CameraFacts:
-    """The facts of a camera whose frames last so many rows, and whose rows are known."""
+    """Return the facts of a camera with a known row time, whose frames last `rows` rows."""
     row_ns = round(row_us * 1000)
     return replace(
         facts, period_ns=rows * row_ns, row_time_ns=row_ns, phase_control=PhaseControl.FRAME_DURATION
@@ -125,15 +125,16 @@ def with_rows(facts: CameraFacts, rows: int, row_us: float) -> CameraFacts:
 
 
 def with_exposure(facts: CameraFacts, exposure_us: float | None, origin: Origin) -> CameraFacts:
-    """The facts of a camera whose exposure is held, or None where it is not, and how late its stamps are.
+    """Return the facts for a fixed exposure, or None if it is automatic, with the delay of the timestamps.
 
-    The Raspberry Pi's driver stamps the first row on its way from the sensor: its exposure is over then,
-    though libcamera calls that the time at which it was exposed. Webcams are stamped as V4L2's are.
+    libcamera calls the stamp the time of exposure. Webcams are stamped as by V4L2.
+    The Raspberry Pi's driver stamps the first row as the sensor sends it. Its exposure is over by then,
+    although libcamera calls the stamp the time of exposure. Webcams are stamped as by V4L2.
     """
     row_ns = facts.row_time_ns
     exposure_ns = None if exposure_us is None else round(exposure_us * 1000)
     if exposure_ns is not None and row_ns is not None:
-        # What is told is cut to microseconds; what is asked for lies between two rows, and is cut, too.
+        # Reported values are truncated to microseconds; a requested one between two rows is truncated, too.
         exposure_ns = int((exposure_ns + 1000) / row_ns) * row_ns
     facts = replace(facts, exposure_ns=exposure_ns, stamp=None)
     if origin == "webcam":
@@ -150,7 +151,7 @@ def with_exposure(facts: CameraFacts, exposure_us: float | None, origin: Origin)
 
 
 def usual_period_ns(measured_ns: float) -> int:
-    """The frame period in ns that a camera means which runs about so: a whole rate's, or television's."""
+    """Return the nominal frame period in ns for a measured one: of a whole rate or its 1/1.001 variant."""
     rate = 1e9 / measured_ns
     whole = max(1, round(rate))
     usual = min((whole, whole / 1.001), key=lambda one: abs(one - rate))

@@ -1,4 +1,4 @@
-"""The controls of a camera of libcamera by their names: exposure, gain, white balance, focus, durations."""
+"""Controls of a libcamera camera by name: exposure, gain, white balance, focus, frame duration."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -10,11 +10,11 @@ from capture_app.common.errors import CameraError
 
 _MANUAL_FOCUS, _CONTINUOUS_FOCUS = 0, 2
 _WITH = "AeEnable"
-"""The switch that holds two values: setting one holds the other where it is."""
+"""Switch shared by exposure and gain: setting one fixes the other at its current value."""
 
 
 class KnownControls:
-    """What can be set for a camera, from one request on; libraries differ in what they have."""
+    """Controls that a camera accepts in requests; libraries differ in which they have."""
 
     def __init__(self, camera: Any) -> None:
         self._known = {control.name: (control, limits) for control, limits in camera.controls.items()}
@@ -23,28 +23,28 @@ class KnownControls:
         return name in self._known
 
     def limits(self, name: str) -> tuple[Any, Any] | None:
-        """Least and most of a control; None where there is none."""
+        """Return min and max of a control; None if the camera does not have it."""
         if name not in self._known:
             return None
         limits = self._known[name][1]
         return limits.min, limits.max
 
     def of(self, values: Mapping[str, Any]) -> dict[Any, Any]:
-        """Those of these values that the camera has a control for, as the library takes them."""
+        """Return those of the values for which the camera has a control, keyed as the library requires."""
         return {self._known[name][0]: value for name, value in values.items() if name in self._known}
 
 
 def first_exposure(controls: KnownControls, wishes: CameraRequest) -> dict[str, Any]:
-    """The exposure and gain that a stream starts with: the camera's own where nothing is asked."""
+    """Return the exposure and gain that a stream starts with; empty where nothing was requested."""
     asked = {"ExposureTime": wishes.exposure_us, "AnalogueGain": wishes.gain}
     fixed = {name: value for name, value in asked.items() if value is not None}
-    # One of two alone leaves the other automatic, until both are held.
+    # With only one of the two set, the other stays automatic until both are fixed.
     all_fixed = fixed and all(name in fixed for name in asked if name in controls)
     return {"AeEnable": False, **fixed} if all_fixed else fixed
 
 
 def held_exposure(metadata: Mapping[str, Any], wishes: CameraRequest) -> dict[str, Any]:
-    """The settings that hold exposure, gain and white balance where a frame had them, or where asked for."""
+    """Return settings that fix exposure, gain and white balance at a frame's values or at requested ones."""
     exposure_us = wishes.exposure_us or metadata.get("ExposureTime")
     gain = wishes.gain or metadata.get("AnalogueGain")
     colours = metadata.get("ColourGains")
@@ -56,7 +56,7 @@ def held_exposure(metadata: Mapping[str, Any], wishes: CameraRequest) -> dict[st
 
 @dataclass(frozen=True, slots=True)
 class _Control:
-    """A control of the library, and the switch that lets the camera choose it: what that is off, and on."""
+    """A control of the library, and the switch that makes it automatic, with its two values."""
 
     value: str
     unit: str
@@ -64,7 +64,7 @@ class _Control:
     manual: bool | int = False
     automatic: bool | int = True
     together: tuple[str, ...] = ()
-    """What the same switch decides, or what contradicts it."""
+    """Other values that the same switch governs, or that contradict this one."""
 
 
 _CONTROLS = {
@@ -78,7 +78,7 @@ _CONTROLS = {
 def read_states(
     known: KnownControls, settings: Mapping[str, Any], told: Mapping[str, Any], period_us: int
 ) -> tuple[ControlState, ...]:
-    """The controls as they stand by what is set, and what the last frame told; periods bound exposures."""
+    """Return the controls' state from the settings and the last frame; the period limits the exposure."""
     states: list[ControlState] = []
     for control, of in _CONTROLS.items():
         limits = known.limits(of.value)
@@ -102,9 +102,9 @@ def read_states(
 def new_settings(
     known: KnownControls, control: Control, value: float | None, told: Mapping[str, Any]
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
-    """What to set for a control in its unit, None for the camera's own choice; and what to set no longer.
+    """Return settings for a control in its unit, None for automatic; and names of settings to drop.
 
-    Raises CameraError where the camera has no such control.
+    Raises CameraError if the camera has no such control.
     """
     of = _CONTROLS[control]
     if of.value not in known or (value is None and of.switch not in known):

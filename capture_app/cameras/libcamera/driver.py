@@ -1,4 +1,4 @@
-"""Cameras of libcamera: finding and opening them."""
+"""Driver of libcamera cameras: discovery and opening."""
 
 from collections.abc import Iterator, Mapping
 
@@ -25,17 +25,17 @@ OPTIONS = {
 
 
 def open_camera(device: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
-    """Open a camera by the library's id of it, or its number in the list.
+    """Open a camera by the library's id for it, or by its number in the list.
 
-    See OPTIONS. Raises BadInputError for an option that cannot be read, CameraError where the camera is
-    missing, busy or has no such mode, NotAvailableError where the library is missing or too old.
+    See OPTIONS. Raises BadInputError for an option that cannot be read, CameraError if the camera is
+    missing, busy or has no such mode, NotAvailableError if the library is missing or too old.
     """
     wishes = parse_options(options)
     return LibcameraCamera(load_library(), device, wishes).in_clock(clock)
 
 
 def list_cameras() -> list[CameraListing]:
-    """The library's cameras but for those that V4L2 drives as well; or why none of them can be used."""
+    """Return the library's cameras except those that V4L2 drives too, or one entry with the load error."""
     if not is_installed("libcamera"):
         return []
     try:
@@ -46,7 +46,7 @@ def list_cameras() -> list[CameraListing]:
 
 
 def listings(library: Library) -> Iterator[CameraListing]:
-    """The cameras of a library but for webcams, which V4L2 lists, and drives better."""
+    """Yield the cameras of a library except webcams, which V4L2 lists and drives better."""
     for camera in library.cameras:
         properties = {control.name: value for control, value in camera.properties.items()}
         if origin_of(camera) == "webcam":

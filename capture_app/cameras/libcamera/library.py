@@ -1,4 +1,4 @@
-"""The library of this process: found, its cameras, and each finished request to the camera that it is of."""
+"""The process-wide libcamera manager: its cameras, and dispatch of finished requests to their cameras."""
 
 import asyncio
 import functools
@@ -13,7 +13,7 @@ from capture_app.common.errors import CameraError, NotAvailableError
 
 PACKAGE = "python3-libcamera"
 LEAST_VERSION = (0, 4)
-"""The oldest that was tried."""
+"""The oldest version that was tested."""
 
 OnRequest = Callable[[Any], None]
 
@@ -22,7 +22,7 @@ class Library:
     """libcamera's Python module with its camera manager, of which a process has one."""
 
     def __init__(self, module: Any) -> None:
-        """Raises NotAvailableError for a library that is too old."""
+        """Connect to the camera manager. Raises NotAvailableError if the library is too old."""
         self.module = module
         self._manager = module.CameraManager.singleton()
         version = str(self._manager.version)
@@ -42,7 +42,7 @@ class Library:
         return list(self._manager.cameras)
 
     def camera(self, device: str) -> Any:
-        """The camera with that id, or number in the list. Raises CameraError."""
+        """Return the camera with that id or number in the list. Raises CameraError."""
         cameras = self.cameras
         for number, camera in enumerate(cameras):
             if device in (camera.id, str(number)):
@@ -53,27 +53,27 @@ class Library:
         )
 
     def new_request(self, camera: Any, on_finish: OnRequest) -> Any:
-        """A request of a camera; `on_finish` is called with it each time that it is finished."""
+        """Create a request of a camera; `on_finish` is called with it each time it finishes."""
         cookie = next(self._cookies)
         self._handlers[cookie] = on_finish
         return camera.create_request(cookie)
 
     def forget(self, requests: list[Any]) -> None:
-        """Call nobody for these requests any more."""
+        """Remove the handlers of these requests."""
         for request in requests:
             self._handlers.pop(request.cookie, None)
 
     def listen(self) -> None:
-        """Dispatch finished requests on the running loop, until `hush` is called when all are forgotten."""
+        """Dispatch finished requests on the running loop, until `hush` finds no handler left."""
         asyncio.get_running_loop().add_reader(self._manager.event_fd, self.dispatch)
 
     def hush(self) -> None:
-        """Dispatch no more where no request is left."""
+        """Stop dispatching once no handler is left."""
         if not self._handlers:
             asyncio.get_running_loop().remove_reader(self._manager.event_fd)
 
     def dispatch(self) -> None:
-        """Hand out the requests that are finished."""
+        """Call the handlers of all finished requests."""
         for request in self._manager.get_ready_requests():
             handler = self._handlers.get(request.cookie)
             if handler is not None:
@@ -84,8 +84,8 @@ _library_of = functools.cache(Library)
 
 
 def load_library() -> Library:
-    """The library of this process. Raises NotAvailableError if it is missing, too old, or does not load."""
-    # It logs to stderr, where a user reads what this program says.
+    """Return the library of this process. Raises NotAvailableError if it is missing, too old, or broken."""
+    # It logs to stderr, where users read this program's messages.
     os.environ.setdefault("LIBCAMERA_LOG_LEVELS", "*:FATAL")
     module = load_system_module("libcamera", PACKAGE, "a camera of libcamera")
     return _library_of(module)

@@ -1,7 +1,7 @@
-"""The requests of one camera of libcamera: they are filled, handed on, and queued with new settings.
+"""Requests of one libcamera camera: filled, passed on, and queued again with new settings.
 
-Stamps are brought into the host's monotonic clock: libcamera's documentation says CLOCK_BOOTTIME; where the
-kernel's V4L2 stamps, it is CLOCK_MONOTONIC. The two part while the machine sleeps, and not otherwise.
+Timestamps are converted to the host's monotonic clock. libcamera documents CLOCK_BOOTTIME; stamps by the
+kernel's V4L2 are in CLOCK_MONOTONIC. The two differ only by the time that the machine has slept.
 """
 
 import mmap
@@ -18,9 +18,9 @@ from capture_app.cameras.libcamera.controls import KnownControls
 from capture_app.cameras.libcamera.library import Library
 
 _NOISE_NS = 1_000_000
-"""Two readings, one after the other, differ by less, and a sleep is longer."""
+"""Two consecutive clock readings differ by less than this; a sleep lasts longer."""
 _FOREIGN_NS = 60_000_000_000
-"""A stamp this far from now is of neither clock."""
+"""A stamp this far from now is in neither clock."""
 _TOLD = (
     "SensorTimestamp",
     "FrameDuration",
@@ -33,20 +33,20 @@ _TOLD = (
 
 
 class StampClock:
-    """Brings stamps into the monotonic clock."""
+    """Converts timestamps to the monotonic clock."""
 
     _asleep_ns = 0
 
     def now_ns(self) -> int:
-        """The monotonic clock now."""
+        """Return the monotonic clock's time."""
         return time.monotonic_ns()
 
     def boot_ns(self) -> int:
-        """The clock now that runs on while the machine sleeps."""
+        """Return the time of the clock that keeps running while the machine sleeps."""
         return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
 
     def monotonic_of(self, stamp_ns: int) -> int | None:
-        """The time in ns of a stamp that has just come; None where it is of another clock."""
+        """Return the monotonic time in ns of a stamp that just arrived; None if it is in another clock."""
         now_ns = self.now_ns()
         asleep_ns = self.boot_ns() - now_ns
         if abs(asleep_ns - self._asleep_ns) > _NOISE_NS:
@@ -58,19 +58,19 @@ class StampClock:
 
 @dataclass(frozen=True, slots=True)
 class FinishedFrame:
-    """What a finished request brought."""
+    """Frame and metadata of a finished request."""
 
     sequence: int
     stamp_ns: int | None
-    """In the monotonic clock; None for a stamp of no clock of this machine."""
+    """In the monotonic clock; None for a stamp in no clock of this machine."""
     told: dict[str, Any]
-    """What the library tells of it, by the names of its controls; durations and exposures in us."""
+    """The library's metadata by control name; durations and exposures in us."""
     picture: JpegPicture | PixelPicture | None
-    """None where it came damaged."""
+    """None if it is damaged."""
 
 
 class RequestStream:
-    """A configured camera's requests. `start`, `start_again_at`, `stop` and `release` block."""
+    """Requests of a configured camera. `start`, `start_again_at`, `stop` and `release` block."""
 
     def __init__(
         self,
@@ -84,11 +84,11 @@ class RequestStream:
         clock: StampClock,
         on_news: Callable[[FinishedFrame | RuntimeError], None],
     ) -> None:
-        """Allocate its buffers; `on_news` is called with each frame, or with why there are no more.
+        """Allocate its buffers; `on_news` is called with each frame, or with the error that ends the stream.
 
         It is called on the loop that the library listens on.
 
-        Raises RuntimeError of the library, OSError.
+        Raises RuntimeError from the library, OSError.
         """
         self._library, self._camera, self._clock = library, camera, clock
         self._on_news = on_news
@@ -109,29 +109,29 @@ class RequestStream:
             fd: mmap.mmap(fd, length, mmap.MAP_SHARED, mmap.PROT_READ) for fd, length in lengths.items()
         }
         self.settings: dict[str, Any] = {}
-        """What holds, by the names of the library's controls."""
+        """Settings in effect, by the library's control names."""
         self._new_settings: dict[str, Any] = {}
         self.asked_us: deque[int] = deque()
-        """How long one coming frame each lasts."""
+        """Requested durations in us, each for one coming frame."""
         self.period_us = period_us
-        """How long a frame lasts of which nothing else is asked."""
+        """Duration in us of frames without a requested one."""
         self.running = False
-        """Whether frames are handed on."""
+        """Whether frames are passed on."""
 
     @property
     def queued(self) -> int:
-        """How many frames come before one with new settings is even begun."""
+        """Number of frames already queued, which new settings cannot affect."""
         return len(self._requests)
 
     def keep(self, settings: dict[str, Any], *, forget: tuple[str, ...] = ()) -> None:
-        """Let these settings hold from the next request on, and over restarts; those to forget no longer."""
+        """Apply settings from the next request on, and after restarts; drop those in `forget`."""
         for kept in (self.settings, self._new_settings):
             for name in forget:
                 kept.pop(name, None)
             kept |= settings
 
     def start(self) -> None:
-        """Start the stream. Raises RuntimeError of the library."""
+        """Start the stream. Raises RuntimeError from the library."""
         self.asked_us.clear()
         self._new_settings = {}
         self._camera.start(self._controls.of(self.settings | self._duration()))
@@ -146,11 +146,11 @@ class RequestStream:
             self.start()
 
     def stop(self) -> None:
-        """Stop the stream: what is not finished is given up. Raises RuntimeError of the library."""
+        """Stop the stream and discard unfinished requests. Raises RuntimeError from the library."""
         self._camera.stop()
 
     def release(self) -> None:
-        """Let go of the buffers and the camera, which is stopped."""
+        """Release the buffers and the camera, which must be stopped."""
         self._library.forget(self._requests)
         self._requests, self._buffer_of, self._allocator = [], {}, None
         for memory in self._memory.values():
@@ -185,7 +185,7 @@ class RequestStream:
         self._on_news(frame)
 
     def _picture(self, buffer: Any) -> JpegPicture | PixelPicture | None:
-        """The picture in a finished buffer; None where it is damaged."""
+        """Return the image in a finished buffer; None if it is damaged."""
         filled = zip(buffer.planes, buffer.metadata.planes, strict=True)
         data = b"".join(
             self._memory[plane.fd][plane.offset : plane.offset + used.bytes_used] for plane, used in filled

@@ -1,1 +1,1 @@
-"""Recordings, sessions or videos, replayed as live cameras."""
+"""Recordings, that is sessions or videos, replayed as live cameras."""

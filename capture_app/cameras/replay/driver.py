@@ -1,4 +1,4 @@
-"""A recording as a live camera: played as it was taken, over and over."""
+"""Replay of a recording as a live camera, at its recorded times and in a loop."""
 
 import asyncio
 import time
@@ -31,21 +31,21 @@ OPTIONS = {
 }
 PHASES = (PhaseControl.RESET, PhaseControl.FRAME_DURATION, PhaseControl.NONE)
 DELIVERY_NS = 3_000_000
-"""From the end of a frame's readout to its callback, as drivers take."""
+"""Delay from the end of a frame's readout to its callback, as drivers have."""
 STALL_NS = 500_000_000
-"""A driver has few buffers: frames that are not fetched for this long are dropped."""
+"""A driver has few buffers: frames that are not fetched within this time are dropped."""
 
 
 def list_cameras() -> list[CameraListing]:
-    """None: recordings are named by their paths."""
+    """Return none: recordings are named by their paths."""
     return []
 
 
 def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
     """Open a session, a video or a folder of images as a camera; see OPTIONS.
 
-    Raises BadInputError for what is no recording, a camera it does not have, or an option that cannot be
-    read, IncompleteError for a session that is not complete.
+    Raises BadInputError for a path without a recording, a camera it does not have, or an unreadable option,
+    IncompleteError for a session that is not complete.
     """
     fps, phase = read_number(options, "fps", "a replay", least=0.1, most=10_000), options.get("phase")
     if phase is not None and phase not in PHASES:
@@ -58,7 +58,7 @@ def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name
 
 
 def _open(path: Path, camera: str | None, fps: float | None, node: str) -> "Recording":
-    # Heavy: whoever lists cameras does without.
+    # Imported here because they are heavy and listing cameras does not need them.
     from capture_app.cameras.replay.recordings import SessionRecording, SourceRecording
     from capture_app.session.importing.importer import open_sources
     from capture_app.session.reading.reader import Session
@@ -74,7 +74,7 @@ def _open(path: Path, camera: str | None, fps: float | None, node: str) -> "Reco
 
 
 def _choice(path: Path, names: list[str], camera: str | None, node: str) -> str:
-    """The camera that is asked for, the node's namesake, or the only one."""
+    """Return the requested camera, or the one named like the node, or the only one."""
     if camera is None and node not in names and len(names) > 1:
         raise BadInputError(
             f"{path} has several cameras", hint=f"choose one: camera={names[0]}; it has {', '.join(names)}"
@@ -99,20 +99,20 @@ class ReplayCamera(Camera):
 
     @property
     def calibration(self) -> CameraCalibration | None:
-        """That of the recording."""
+        """Calibration stored in the recording."""
         return self._recording.calibration
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
-        """Start playing. Raises CameraError if it plays already."""
+        """Start playing. Raises CameraError if it is already playing."""
         if self._playing is not None:
             raise CameraError(f"the replay of {self.facts.model} was started already")
         self.listen(on_frame, on_failure)
         self._play_from(time.monotonic_ns())
 
     async def apply(self, command: CameraCommand) -> None:
-        """Let the next frame last longer or shorter, or begin a new stream; its delay counts from this call.
+        """Change the duration of the next frame, or begin a new stream; its delay counts from this call.
 
-        Raises CameraError where it does not play, and for what no recording can do.
+        Raises CameraError if it is not playing, and for commands that a recording cannot follow.
         """
         asked_ns = time.monotonic_ns()
         if self._playing is None:
@@ -155,7 +155,7 @@ class ReplayCamera(Camera):
                 return
             await asyncio.sleep(max(0, due_ns - time.monotonic_ns()) / 1e9)
             if picture is None:
-                continue  # its number is missing from the stream: a dropped frame like any other
+                continue  # its number is missing from the stream, as with any dropped frame
             self._on_frame(
                 CapturedFrame(
                     sequence=frame.sequence,

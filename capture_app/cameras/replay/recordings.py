@@ -1,4 +1,4 @@
-"""What can be replayed, be it a session, a video or images, and when its frames are played."""
+"""Recordings that can be replayed (sessions, videos, images), and the timing of their playback."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Iterator, Sequence
@@ -22,12 +22,12 @@ from capture_app.session.reading.reader import Session
 KIND = "replay"
 USUAL_FPS = 30.0
 SPARSE = 1.5
-"""Instants that lie further apart than so many periods of a camera were picked out of its stream."""
+"""If instants are further apart than this many periods, they were picked out of the stream."""
 
 
 @dataclass(frozen=True, slots=True)
 class RecordedTiming:
-    """When each frame was taken, ascending, in ns since the recording's beginning; it lasts for `loop_ns`."""
+    """Ascending times of the frames, in ns from the recording's beginning; one loop lasts `loop_ns`."""
 
     period_ns: int
     loop_ns: int
@@ -35,45 +35,45 @@ class RecordedTiming:
 
     @property
     def slots(self) -> tuple[int, ...]:
-        """The camera's frame number of each frame, from 0; a gap is what it dropped."""
+        """Camera frame number of each frame, from 0; a gap is a dropped frame."""
         steps = (max(1, round((after - before) / self.period_ns)) for before, after in pairwise(self.at_ns))
         return tuple(accumulate(steps, initial=0))
 
     @property
     def loop_slots(self) -> int:
-        """Frame numbers from the first frame to where it comes again."""
+        """Number of frame numbers from the first frame to its next repetition."""
         again_ns = self.loop_ns - (self.at_ns[-1] - self.at_ns[0])
         return self.slots[-1] + max(1, round(again_ns / self.period_ns))
 
 
 @dataclass(frozen=True, slots=True)
 class PlayedFrame:
-    """One frame that is played; `start_ns` is when it begins, in ns of the host's monotonic clock."""
+    """One frame to play; `start_ns` is its start in ns of the host's monotonic clock."""
 
     index: int
-    """Number of the recorded frame."""
+    """Index of the recorded frame."""
     sequence: int
     stream: int
     start_ns: int
 
 
 class Playback:
-    """Plays frames by the times they were recorded with; after the last one the first one comes again."""
+    """Schedules frames at the intervals they were recorded with, in a loop."""
 
     def __init__(self, timing: RecordedTiming, *, anchored: bool = False) -> None:
-        """`anchored`: the recording begins whenever a whole number of its loops is over since time 0.
+        """Create the schedule; if `anchored`, the recording begins at every multiple of its loop from time 0.
 
-        So several cameras of one recording keep together. Else a stream begins when it is told to start.
+        That keeps several cameras of one recording together. Otherwise a stream begins when it is started.
         """
         self._timing, self._slots, self._loop_slots = timing, timing.slots, timing.loop_slots
         self._anchored = anchored
         self._turn = self._index = 0
-        """Loops that are over, and the next frame of this one."""
+        """Number of completed loops; index of the next frame in the current one."""
         self._base_ns = self._first_slot = 0
         self._stream = -1
 
     def start(self, at_ns: int) -> None:
-        """Begin a stream at that time with the next frame or, anchored, with the one that comes then."""
+        """Begin a stream at `at_ns` with the next frame or, if anchored, with the frame due at that time."""
         timing = self._timing
         self._stream += 1
         if self._anchored:
@@ -87,7 +87,7 @@ class Playback:
         self._first_slot = self._slot()
 
     def lengthen_frame(self, duration_ns: int) -> None:
-        """Let the next frame last so long instead of a period: all after it come so much later."""
+        """Set the duration (ns) of the next frame instead of a period, which shifts all later frames."""
         self._base_ns += duration_ns - self._timing.period_ns
 
     def next_frame(self) -> PlayedFrame:
@@ -109,13 +109,13 @@ class Playback:
 
 
 def timing_of_video(times_ns: Sequence[int], period_ns: int) -> RecordedTiming:
-    """The timing of frames that came at these ascending times."""
+    """Return the timing of frames with these ascending times."""
     at_ns = tuple(time - times_ns[0] for time in times_ns)
     return RecordedTiming(period_ns, at_ns[-1] + period_ns, at_ns)
 
 
 class Recording(ABC):
-    """One camera's recorded frames."""
+    """Recorded frames of one camera."""
 
     facts: CameraFacts
     timing: RecordedTiming
@@ -123,10 +123,10 @@ class Recording(ABC):
 
     @abstractmethod
     def picture(self, index: int) -> JpegPicture | None:
-        """The picture of a frame, None where it is broken. May block; raises OSError, BadInputError."""
+        """Return the image of a frame, None if it is broken. May block; raises OSError, BadInputError."""
 
     def record(self, index: int) -> ImageRecord | None:
-        """What is known of a frame besides its start, such as its exposure; None where nothing is."""
+        """Return a frame's metadata, such as its exposure; None if there are none."""
         return None
 
 
@@ -134,19 +134,19 @@ class SessionRecording(Recording):
     """One camera of a session, with its own period, jitter and drops, in the rig's common time."""
 
     def __init__(self, session: Session, camera: CameraRecord) -> None:
-        """Raises BadInputError for a camera without pictures, or a broken session."""
+        """Read a camera's frames. Raises BadInputError for a camera without images, or a broken session."""
         self._session = session
         facts, instants_ns = camera.facts, session.stored_manifest.burst.instants_ns
         lasts_ns = instants_ns[-1] - instants_ns[0]
         sparse = lasts_ns > SPARSE * facts.period_ns * (len(instants_ns) - 1)
         if sparse:
-            # One instant a period: a camera that has no frame in most of its periods would be of no use.
+            # Use one instant per period: a camera without a frame in most of its periods would be useless.
             lasts_ns = (len(instants_ns) - 1) * facts.period_ns
         placed = [
             (self._at_ns(image, instants_ns, facts.period_ns if sparse else None), image)
             for image in _images_of(session, camera.name, with_others=not sparse)
         ]
-        # Frames far before or after all instants: their number differs by camera, the loop must not.
+        # Drop frames far outside the instants: their number varies by camera, the loop length must not.
         kept = [one for one in placed if -facts.period_ns <= 2 * one[0] < 2 * lasts_ns + facts.period_ns]
         kept.sort(key=lambda one: one[0])
         if not kept:
@@ -165,23 +165,23 @@ class SessionRecording(Recording):
             phase_control=facts.phase_control if movable else PhaseControl.FRAME_DURATION,
             min_frame_duration_ns=None,
             max_frame_duration_ns=None,
-            # What was known of the bias is taken off the times; how surely remains.
+            # A known bias is already subtracted from the times; its uncertainty remains.
             stamp=replace(facts.stamp_accuracy, bias_ns=0) if tells_start else None,
         )
         calibration = session.calibration()
         self.calibration = calibration.cameras.get(camera.name) if calibration else None
 
     def picture(self, index: int) -> JpegPicture | None:
-        """See `Recording.picture`."""
+        """Return the image of a frame; see `Recording.picture`."""
         return _jpeg(self._session.image_bytes(self._images[index]))
 
     def record(self, index: int) -> ImageRecord:
-        """See `Recording.record`."""
+        """Return the frame's record; see `Recording.record`."""
         return self._images[index]
 
     @staticmethod
     def _at_ns(image: ImageRecord, instants_ns: Sequence[int], period_ns: int | None) -> int:
-        """When a frame began, since the first instant; with a period, its instant's number makes its time."""
+        """Return a frame's start since the first instant; with a period, instants are that far apart."""
         start_ns = image.exposure_start_ns
         if start_ns is None:
             start_ns = image.leader_ns - image.alignment_offset_ns
@@ -191,10 +191,10 @@ class SessionRecording(Recording):
 
 
 class SourceRecording(Recording):
-    """A video or a folder of images; frames without times of their own are evenly spaced."""
+    """A video or a folder of images; frames without embedded times are evenly spaced."""
 
     def __init__(self, source: Source, fps: float | None) -> None:
-        """`fps` goes before what the recording says. Raises BadInputError for what cannot be read."""
+        """Read the timing; `fps` overrides the recording's own. Raises BadInputError if it is unreadable."""
         self._source = source
         self._frames: Iterator[tuple[int, bytes, tuple[int, int]]] = iter(())
         self._read: tuple[int, bytes] = (-1, b"")
@@ -202,7 +202,7 @@ class SourceRecording(Recording):
         steps_ns = [after - before for before, after in pairwise(times_ns)]
         usual_ns = median(steps_ns) if steps_ns else 1e9 / (fps or USUAL_FPS)
         regular_ns = [step for step in steps_ns if step < SPARSE * usual_ns]
-        # Without the gaps that drops leave; the median alone would be a rounded one.
+        # The mean without the gaps of dropped frames; the median alone would be rounded.
         period_ns = round(sum(regular_ns) / len(regular_ns)) if regular_ns else round(usual_ns)
         if period_ns <= 0:
             raise BadInputError(f"the times of {source.path} do not ascend", hint="give its rate, as fps=30")
@@ -221,7 +221,7 @@ class SourceRecording(Recording):
         )
 
     def picture(self, index: int) -> JpegPicture | None:
-        """See `Recording.picture`; quick only for frames in their order, as a video is decoded."""
+        """Return the image of a frame; fast only for ascending frames, as a video is decoded in order."""
         if index <= self._read[0] or not self._read[1]:
             self._frames = self._source.frames(range(index, len(self.timing.at_ns)))
             self._read = (-1, b"")
@@ -232,7 +232,7 @@ class SourceRecording(Recording):
 
 
 def _images_of(session: Session, camera: str, *, with_others: bool) -> list[ImageRecord]:
-    """A camera's frames; `with_others`: those of its video that belong to no instant too."""
+    """Return a camera's frames; `with_others` includes frames of its video outside all instants."""
     images = [image for image in session.manifest.images if image.camera == camera]
     if with_others:
         images += [
@@ -246,7 +246,7 @@ def _images_of(session: Session, camera: str, *, with_others: bool) -> list[Imag
 
 
 def _times_ns(source: Source, fps: float | None) -> Sequence[int]:
-    """When each frame was taken, by the recording's own times, else by its rate."""
+    """Return each frame's time: embedded in the recording, else computed from its rate."""
     if fps is None:
         embedded = source.embedded_times()
         if embedded is not None:
@@ -260,7 +260,7 @@ def _times_ns(source: Source, fps: float | None) -> Sequence[int]:
 
 
 def _jpeg(data: bytes) -> JpegPicture | None:
-    """A picture's bytes as a camera gives them: JPEG as it is, others encoded anew."""
+    """Return an image as JPEG: unchanged if it is one, else encoded again."""
     if data.startswith(JPEG_BEGIN):
         return JpegPicture(data)
     image = decode_image(data, colour=True)

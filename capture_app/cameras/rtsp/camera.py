@@ -1,4 +1,4 @@
-"""An IP camera by RTSP: its video is decoded as it comes, and stamped by its sender's clock."""
+"""IP camera over RTSP: its video is decoded on arrival and stamped by its sender's clock."""
 
 import asyncio
 import itertools
@@ -42,24 +42,24 @@ EXTRA = "rtsp"
 NEEDS = f"PyAV: the extra {EXTRA}"
 OPTIONS = {"fps": "its frames a second, where it does not say them and they are not whole"}
 REPORTS_S, FIRST_REPORTS = 8.0, 2
-"""So long, or for so many, sender reports are waited for; RFC 3550 has one come each 2.5 to 7.5 s."""
+"""Max wait for sender reports, or for this many; RFC 3550 sends one every 2.5 to 7.5 s."""
 PICTURE_S, SILENCE_S, ASK_S = 30.0, 5.0, 2.0
 FIRST_QUESTIONS, SOON_S = 25, 0.04
 RATE_FRAMES, RATE_SHARE = 20, 0.05
-"""How many frames tell whether a camera keeps the rate that it says, to within this share."""
+"""Number of frames that check a camera's stated rate, and the tolerance of that check."""
 DELIVERY_NS = 500_000_000
-"""A frame arrives at most so long after it is read out, encoding it included; assumed, as no camera tells."""
+"""Max delay from a frame's readout to its arrival, encoding included; assumed, as no camera reports it."""
 MOST_WAITING = 30
-"""Frames that wait to be decoded."""
+"""Max number of frames waiting for the decoder."""
 
 
 def _pixels(frame: Any, width: int | None) -> "NDArray[np.uint8]":
-    """The pixels of a decoded frame, in the format of its video; see `PixelPicture.pixels`."""
+    """Return the pixels of a decoded frame, in the format of its video; see `PixelPicture.pixels`."""
     import numpy as np
     from av.video.reformatter import VideoReformatter
 
     step = step_to(frame.width, width)
-    # Its own reformatter: two threads may look at one picture.
+    # Its own reformatter, because two threads may read one image.
     smaller = VideoReformatter().reformat(frame, frame.width // step, frame.height // step, "bgr24")
     return np.asarray(smaller.to_ndarray(), np.uint8)
 
@@ -68,23 +68,23 @@ class RtspCamera(ThreadedCamera):
     """An IP camera; it is connected when it is started, which takes seconds."""
 
     def __init__(self, url: str, fps: float | None = None, *, reports_s: float = REPORTS_S) -> None:
-        """`reports_s` is how long sender reports are waited for. Raises BadInputError for a bad address."""
+        """Create the camera; it waits up to `reports_s` for sender reports. Raises BadInputError."""
         super().__init__(KIND)
         self._connection = Connection(url)
         self._asked_fps, self._reports_s = fps, reports_s
         self._tasks: list[asyncio.Task[None]] = []
         self._waiting: asyncio.Queue[tuple[int, AccessUnit]] = asyncio.Queue(MOST_WAITING)
-        """Each with its media time."""
+        """Access units with their media times."""
         self._clock: SenderClock
         self._begun_with: list[int] = []
-        """Media times of the first pictures, which are not delivered."""
+        """Media times of the first frames, which are not delivered."""
         self._last_ns = self._sequence = 0
         self._has_failed = False
         self._begun_s = 0.0
         self._ready: asyncio.Future[None]
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
-        """Connect and stream. Raises CameraError where it is missing, refuses or sends no pictures."""
+        """Connect and stream. Raises CameraError if it is missing, refuses or sends no frames."""
         self.listen(on_frame, on_failure)
         self._ready, self._begun_s = self._loop.create_future(), time.monotonic()
         try:
@@ -103,7 +103,7 @@ class RtspCamera(ThreadedCamera):
             raise
 
     async def apply(self, command: CameraCommand) -> None:
-        """Raise CameraError: neither its phase nor its frames can be moved."""
+        """Raise CameraError: an IP camera's phase and frame durations cannot be changed."""
         raise CameraError("an IP camera's stream cannot be moved")
 
     async def _let_go(self) -> None:
@@ -160,7 +160,7 @@ class RtspCamera(ThreadedCamera):
                     self._hand_on(picture_ns, picture)
 
     def _begin(self, media_ns: int, picture: Any) -> None:
-        """Begin once the rate is known and sender reports have come or were waited for."""
+        """Start delivery once the rate is known, and sender reports have arrived or timed out."""
         self._begun_with.append(media_ns)
         waited_s = time.monotonic() - self._begun_s
         if len(self._begun_with) <= RATE_FRAMES or (
@@ -170,7 +170,7 @@ class RtspCamera(ThreadedCamera):
         follows = self._clock.follow_reports()
         codec = self._connection.stream.codec.upper().replace("HEVC", "H265")
         period_ns = round(1e9 / self._rate())
-        # What is measured of its stamps holds for one way to time them.
+        # A measured stamp accuracy holds for one timing method, so the model's name says which.
         way = "sender reports" if follows else "arrival"
         half_ns = (2 * period_ns + DELIVERY_NS) // 2
         by_arrival = StampAccuracy(bias_ns=half_ns, uncertainty_ns=half_ns, source=StampSource.ASSUMED)
@@ -189,7 +189,7 @@ class RtspCamera(ThreadedCamera):
         self._ready.set_result(None)
 
     def _rate(self) -> float:
-        """Frames a second: as asked for or as the camera says, where it keeps to that; else as it is seen."""
+        """Return frames per second: requested or stated if the stream confirms it, else measured."""
         step_ns = median(after - before for before, after in pairwise(self._begun_with))
         if step_ns <= 0:
             raise CameraError("tells the same time of all its pictures")
@@ -216,7 +216,7 @@ class RtspCamera(ThreadedCamera):
 
 
 class _Decoder:
-    """Decodes pictures in the order they come, none between a lost packet and the next whole picture."""
+    """Decodes frames in order; after a lost packet it drops all frames up to the next key frame."""
 
     def __init__(self, stream: VideoStream) -> None:
         av = load_av()
@@ -225,7 +225,7 @@ class _Decoder:
         self._codec.extradata = stream.parameter_sets or None
 
     def decode(self, media_ns: int, unit: AccessUnit) -> list[tuple[int, Any]]:
-        """The pictures, as PyAV has them, that a unit completes, each with its media time."""
+        """Return the frames, as PyAV objects, that a unit completes, each with its media time."""
         self._is_damaged |= not unit.whole
         packet = self._av.Packet(unit.data)
         packet.pts = media_ns
@@ -243,12 +243,12 @@ class _Decoder:
 
 
 def load_av() -> Any:
-    """PyAV. Raises NotAvailableError."""
+    """Import PyAV. Raises NotAvailableError."""
     return load_optional("av", EXTRA, "an IP camera")
 
 
 def open_camera(address: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
-    """Make an IP camera of the address behind `rtsp:`; it is connected when it is started.
+    """Create an IP camera from the address after `rtsp:`; it is connected when it is started.
 
     Raises BadInputError for an address or an option that cannot be read, NotAvailableError without PyAV.
     """
@@ -258,5 +258,5 @@ def open_camera(address: str, options: Mapping[str, str], *, clock: NodeClock, n
 
 
 def list_cameras() -> list[CameraListing]:
-    """None: they are named by their addresses."""
+    """Return none: IP cameras are named by their addresses."""
     return []

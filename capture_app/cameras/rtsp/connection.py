@@ -1,4 +1,4 @@
-"""A connection to an IP camera by RTSP (RFC 2326); packets come between its answers, over TCP."""
+"""RTSP connection to an IP camera (RFC 2326), with packets interleaved between responses over TCP."""
 
 import asyncio
 import base64
@@ -17,7 +17,7 @@ from capture_app.common.text import printable
 
 PORT, TIMEOUT_S = 554, 5.0
 GONE = (OSError, EOFError, ValueError)
-"""What reading raises where a camera is gone, or sends what is not RTSP."""
+"""Errors of reading from a camera that has disconnected or sends something other than RTSP."""
 _MOST_BYTES = 1 << 18
 _ROUND_TRIPS = 100
 _CODECS = {"H264": "h264", "H265": "hevc"}
@@ -33,21 +33,21 @@ _REFUSALS = {
 
 @dataclass(frozen=True, slots=True)
 class VideoStream:
-    """What a camera says of its video."""
+    """A camera's description of its video."""
 
     codec: str
     """h264 or hevc."""
     payload_type: int
     ticks_per_s: int
     parameter_sets: bytes
-    """What a decoder should know first, as a byte stream; may be empty."""
+    """Parameter sets for the decoder, as a byte stream; may be empty."""
     fps: float | None
     control: str
-    """Its own address, perhaps relative."""
+    """Control URL of the stream, possibly relative."""
 
 
 def parse_description(text: str) -> VideoStream:
-    """Read the video out of a description in SDP (RFC 4566). Raises CameraError where it cannot be used."""
+    """Parse the video out of an SDP description (RFC 4566). Raises CameraError if it cannot be used."""
     section = re.search(r"^m=video \d+ \S+ (\d+).*?(?=^m=|\Z)", text, re.MULTILINE | re.DOTALL)
     if section is None:
         raise CameraError("describes no video", hint="its path may be that of sound")
@@ -81,14 +81,14 @@ def parse_description(text: str) -> VideoStream:
 
 
 class Connection:
-    """One camera's, which plays when it is open; errors name the camera by its host alone."""
+    """Connection to one camera, which plays once it is open; errors name the camera by its host alone."""
 
     stream: VideoStream
     server: str
-    """What the camera calls itself, perhaps empty."""
+    """Name that the camera gives itself; may be empty."""
 
     def __init__(self, url: str) -> None:
-        """Take a camera's address, with its password. Raises BadInputError for one that cannot be read."""
+        """Parse a camera's address, with its password. Raises BadInputError if it cannot be read."""
         parts: SplitResult = urlsplit(url)
         try:
             host, port = parts.hostname, parts.port or PORT
@@ -101,7 +101,7 @@ class Connection:
             )
         self.host = host
         self.round_trips_ns: deque[int] = deque(maxlen=_ROUND_TRIPS)
-        """How long the last answers to `ask` took."""
+        """Round-trip times of the last answers to `ask`."""
         self._port = port
         self._url = parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
         self._user, self._password = unquote(parts.username or ""), unquote(parts.password or "")
@@ -113,7 +113,7 @@ class Connection:
         self._early: deque[tuple[int, bytes, int]] = deque()
 
     async def open(self) -> None:
-        """Connect, and have the camera play. Raises CameraError."""
+        """Connect and start the stream. Raises CameraError."""
         try:
             async with asyncio.timeout(TIMEOUT_S):
                 self._reader, self._writer = await asyncio.open_connection(
@@ -132,18 +132,18 @@ class Connection:
             ) from error
 
     async def next_packet(self) -> tuple[int, bytes, int]:
-        """Wait for a packet: its channel, its bytes, its monotonic arrival in ns. Raises one of GONE."""
+        """Wait for a packet; return channel, bytes and monotonic arrival in ns. Raises one of GONE."""
         while not self._early:
             await self._read()
         return self._early.popleft()
 
     def ask(self) -> None:
-        """Ask something harmless: it keeps the camera sending, and the answer tells the round trip."""
+        """Send an OPTIONS request: it keeps the stream alive, and its answer measures the round trip."""
         self._asked_ns[self._number + 1] = time.monotonic_ns()
         self._send("OPTIONS", self._url)
 
     async def close(self) -> None:
-        """Say goodbye and hang up. Calling it twice is harmless."""
+        """End the session and close the connection. Calling it twice is harmless."""
         if self._writer is not None:
             with contextlib.suppress(OSError, TimeoutError):
                 if self._session:
@@ -159,7 +159,7 @@ class Connection:
         self.stream = parse_description(text)
         base = described.get("content-base") or described.get("content-location") or self._url
         control = self.stream.control
-        # Live servers end their base with a slash, others expect one to be put there.
+        # Live servers end their base with a slash, others expect the client to append it.
         track = base if control in ("", "*") else urljoin(base.rstrip("/") + "/", control)
         setup, _ = await self._ask("SETUP", track, "Transport: RTP/AVP/TCP;unicast;interleaved=0-1")
         self._session = setup.get("session", "").partition(";")[0]
@@ -168,7 +168,7 @@ class Connection:
         await self._ask("PLAY", base, "Range: npt=0.000-")
 
     async def _ask(self, method: str, url: str, *headers: str) -> tuple[dict[str, str], str]:
-        """What is answered: the first header of each name, and the body. Raises CameraError for a refusal."""
+        """Return the response: first header of each name, and body. Raises CameraError for a refusal."""
         for _ in range(2):
             self._send(method, url, *headers)
             while (answer := await self._read()) is None:
@@ -196,9 +196,9 @@ class Connection:
         self._writer.write("\r\n".join([*lines, "", ""]).encode())
 
     async def _read(self) -> tuple[int, list[tuple[str, str]], str] | None:
-        """Take in a packet, which is kept, or return an answer's status, headers and body.
+        """Queue a packet, or return a response's status, headers and body.
 
-        A camera's own requests need none here.
+        Requests from the camera need no answer here.
         """
         first = await self._reader.readexactly(1)
         if first == b"$":
@@ -231,9 +231,9 @@ class Connection:
 
 
 def answer_challenge(challenge: str, method: str, url: str, user: str, password: str) -> str:
-    """The header by which a user proves to know a password: digest (RFC 7616), or basic (RFC 7617).
+    """Return an Authorization header for a challenge: digest (RFC 7616) or basic (RFC 7617).
 
-    Raises CameraError for a way that is not known.
+    Raises CameraError for an unknown scheme.
     """
     if challenge.lower().startswith("basic"):
         return "Basic " + base64.b64encode(f"{user}:{password}".encode()).decode()

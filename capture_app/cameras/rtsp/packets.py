@@ -1,4 +1,4 @@
-"""RTP and RTCP packets (RFC 3550), and pictures' access units of H.264 (RFC 6184) and H.265 (RFC 7798)."""
+"""RTP and RTCP packets (RFC 3550), and access units of H.264 (RFC 6184) and H.265 (RFC 7798)."""
 
 import struct
 from collections.abc import Iterator
@@ -9,9 +9,9 @@ _SENDER_REPORT = 200
 
 
 def reported_ticks(data: bytes) -> list[int]:
-    """What the sender reports of a compound RTCP packet say that the stream's clock shows; 32 bits each.
+    """Return the RTP timestamps (32 bits) in the sender reports of a compound RTCP packet.
 
-    The camera's wall clock beside it is of no use here: it may be wrong by years.
+    The camera's wall clock in the same reports is not used: it may be wrong by years.
     """
     found, at = [], 0
     while at + 4 <= len(data):
@@ -24,29 +24,29 @@ def reported_ticks(data: bytes) -> list[int]:
 
 @dataclass(frozen=True, slots=True)
 class AccessUnit:
-    """One coded picture, in the byte stream that decoders take."""
+    """One coded frame, in the byte stream format that decoders take."""
 
     ticks: int
-    """Its RTP timestamp, 32 bits."""
+    """RTP timestamp, 32 bits."""
     arrival_ns: int
-    """When its first packet came."""
+    """Arrival time of its first packet."""
     data: bytes
     whole: bool
-    """Whether no packet is missing, of it or just before it."""
+    """Whether no packet is missing, in it or just before it."""
 
 
 class AccessUnits:
-    """Puts packets together."""
+    """Assembles access units from packets."""
 
     def __init__(self, codec: str, payload_type: int) -> None:
-        """`codec` is h264 or hevc."""
+        """Create an assembler; `codec` is h264 or hevc."""
         self._is_hevc, self._payload_type = codec == "hevc", payload_type
         self._next: int | None = None
         self._ticks = self._arrival_ns = 0
         self._data, self._whole = bytearray(), True
 
     def add(self, packet: bytes, arrival_ns: int) -> list[AccessUnit]:
-        """Take in an RTP packet; return the pictures that are complete with it."""
+        """Add an RTP packet; return the access units that it completes."""
         if len(packet) < 12 or packet[0] >> 6 != 2 or packet[1] & 0x7F != self._payload_type:
             return []
         sequence, ticks = struct.unpack_from(">HI", packet, 2)
@@ -71,7 +71,7 @@ class AccessUnits:
         return [done]
 
     def _pieces(self, payload: bytes) -> Iterator[bytes]:
-        """What a payload adds: one unit, several in one packet, or a fragment of one."""
+        """Yield the bytes that a payload adds: one unit, several in one packet, or a fragment of one."""
         head = 2 if self._is_hevc else 1
         kind = payload[0] >> 1 & 0x3F if self._is_hevc else payload[0] & 0x1F
         if kind == (48 if self._is_hevc else 24):

@@ -1,4 +1,4 @@
-"""When an IP camera's frames were, by its sender reports or by what arrives first."""
+"""Host times of an IP camera's frames, from its sender reports or from the earliest arrivals."""
 
 from collections.abc import Sequence
 from statistics import mean
@@ -7,34 +7,34 @@ from capture_app.cameras.arrival_clock import ArrivalClock
 
 _LATEST_NS, _CHANGE_NS = 2_000_000_000, 200_000_000
 _EARLIEST_NS = 5_000_000
-"""No frame of which a report tells the truth comes before it was, nor so much later; nor does that change."""
+"""Reports are credible if frames arrive at most 5 ms early or 2 s late by them, changing by at most 0.2 s."""
 _HALF = 1 << 31
 _S = 1_000_000_000
 
 
 class SenderClock:
-    """Puts a stream's RTP timestamps into the host's monotonic clock; media times are ns since it began.
+    """Maps a stream's RTP timestamps to the host's monotonic clock; media times are ns since its beginning.
 
-    A sender report tells what the stream's clock showed when it was sent, whatever the camera's wall clock
-    is. It arrived later by no less than nothing and, where it was quick, no more than the least round trip of
-    a question to that camera: in the middle of both it is put. A frame's own arrival is later by what the
-    camera takes to encode it and the link to carry it, too, which nothing tells: that is left in its time.
+    A sender report shows the stream's clock at the moment of sending, whatever the camera's wall clock shows.
+    Its network delay is at least zero. For a quick report it is at most the minimum round trip of a request
+    to that camera. The estimate takes the middle. A frame's own arrival also includes the camera's encoding
+    and the link's transmission time. Nothing measures those, so they stay in its time.
     """
 
     def __init__(self, ticks_per_s: int, round_trips_ns: Sequence[int]) -> None:
-        """`round_trips_ns` grows by how long a question to the camera and its answer took."""
+        """Create the clock; `round_trips_ns` grows by each round trip of a request to the camera."""
         self._ticks_per_s, self._round_trips_ns = ticks_per_s, round_trips_ns
         self._first: int | None = None
         self._newest = 0
         self._by_frames, self._by_reports = ArrivalClock(), ArrivalClock()
         self._last_frame_ticks: int | None = None
         self.reports = 0
-        """How many told the moment of their sending."""
+        """Number of reports that carry their moment of sending."""
         self._usual_ns: int | None = None
-        """From a frame to its quickest arrival, by the reports, once they are followed."""
+        """Minimum delay from a frame to its arrival, by the reports; None until reports are followed."""
 
     def media_ns(self, ticks: int) -> int:
-        """The media time of an RTP timestamp near the newest one, which wraps around."""
+        """Return the media time of an RTP timestamp near the newest one; handles wrap-around."""
         if self._first is None:
             self._first = self._newest = ticks
         step = (ticks - self._newest + _HALF) % (2 * _HALF) - _HALF
@@ -42,15 +42,15 @@ class SenderClock:
         return (self._newest + min(step, 0) - self._first) * _S // self._ticks_per_s
 
     def add_frame(self, ticks: int, arrival_ns: int) -> int:
-        """Take in when a frame's first packet came; returns its media time."""
+        """Add the arrival of a frame's first packet; return its media time."""
         self._last_frame_ticks = ticks
         media_ns = self.media_ns(ticks)
         self._by_frames.add_arrival(media_ns, arrival_ns)
         return media_ns
 
     def add_report(self, ticks: int, arrival_ns: int) -> None:
-        """Take in what a report tells of the stream's clock, and when it came."""
-        # Some cameras repeat the last frame's timestamp, which is not that of the report.
+        """Add a report: its reading of the stream's clock, and its arrival."""
+        # Some cameras repeat the last frame's timestamp instead of the report's own.
         if ticks != self._last_frame_ticks and self._first is not None:
             self.reports += 1
             if self._round_trips_ns:
@@ -58,7 +58,7 @@ class SenderClock:
             self._by_reports.add_arrival(self.media_ns(ticks), arrival_ns)
 
     def follow_reports(self) -> bool:
-        """Go by the reports from now on, where there are some that can be true; whether they are."""
+        """Use the reports from now on if they are credible; return whether they are."""
         frames_take_ns = self._frames_take_ns()
         if frames_take_ns is not None and -_EARLIEST_NS <= frames_take_ns <= _LATEST_NS:
             self._usual_ns = frames_take_ns
@@ -66,21 +66,21 @@ class SenderClock:
 
     @property
     def contradicts_itself(self) -> bool:
-        """Whether reports that are followed tell another time of the frames than before."""
+        """Whether the reports in use now give the frames a different time than before."""
         now_ns = self._frames_take_ns()
         return self._usual_ns is not None and now_ns is not None and abs(now_ns - self._usual_ns) > _CHANGE_NS
 
     def host_ns(self, media_ns: int) -> int:
-        """The host's time of a frame that was taken in."""
+        """Return the host's time of a frame that was added."""
         clock = self._by_frames if self._usual_ns is None else self._by_reports
         found_ns = clock.host_ns(media_ns)
         assert found_ns is not None
         return found_ns - (0 if self._usual_ns is None else self._half_trip_ns)
 
     def uncertainty_ns(self, media_ns: int) -> int:
-        """95 % error of it; where no reports are followed, but for the least time that frames take."""
+        """Return its 95 % error; without reports in use, the frames' minimum delay is left out."""
         if self._usual_ns is None:
-            # Encoding and link together are hardly ever as quick as they could be.
+            # Encoding and transmission hardly ever both take their minimum time.
             return self._by_frames.uncertainty_ns(media_ns) + round(self._by_frames.spread_ns)
         return self._half_trip_ns + self._by_reports.uncertainty_ns(media_ns)
 

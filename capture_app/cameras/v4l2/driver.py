@@ -1,4 +1,4 @@
-"""USB webcams and other Video4Linux2 cameras: finding and opening them."""
+"""Driver of USB webcams and other Video4Linux2 cameras: discovery and opening."""
 
 import errno
 import os
@@ -27,7 +27,7 @@ OPTIONS = {
     "format": "pixel format, such as MJPG, YUYV or GREY",
 }
 VIDEO4LINUX_MAJOR = 81
-"""Linux's number for the device nodes of Video4Linux."""
+"""Linux's major number of Video4Linux device nodes."""
 WAKING_TRIES = 5
 WAKING_PAUSE_S = 0.1
 
@@ -35,9 +35,9 @@ WAKING_PAUSE_S = 0.1
 def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:
     """Open a camera by its device node; see OPTIONS.
 
-    Raises BadInputError for an option that cannot be read; CameraError where the device is missing, not a
-    camera, busy, not permitted, without the mode asked for, or stamps frames in another clock;
-    NotAvailableError on a 32-bit system. May take half a second where the camera sleeps.
+    Raises BadInputError for an option that cannot be read; CameraError if the device is missing, not a
+    camera, busy, not permitted, without the requested mode, or stamps frames in another clock;
+    NotAvailableError on a 32-bit system. May take half a second if the camera sleeps.
     """
     wanted = parse_options(options)
     try:
@@ -54,9 +54,9 @@ def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name
 
 
 def open_video_node(path: str) -> VideoDevice:
-    """Open a node once it is known to be one of Video4Linux: opening others may have effects of its own.
+    """Open a node after checking that it is a Video4Linux node: opening others may have side effects.
 
-    Raises CameraError for another kind of node, OSError of the driver.
+    Raises CameraError for another kind of node, OSError from the driver.
     """
     status = Path(path).stat()
     if not (stat.S_ISCHR(status.st_mode) and os.major(status.st_rdev) == VIDEO4LINUX_MAJOR):
@@ -67,20 +67,20 @@ def open_video_node(path: str) -> VideoDevice:
         except OSError as error:
             if error.errno != errno.EBUSY:
                 raise
-            # A USB camera that sleeps answers so while its hub wakes up; uvcvideo never means "in use" here.
+            # A sleeping USB camera answers so while its hub wakes up; uvcvideo never means "in use" here.
             time.sleep(WAKING_PAUSE_S)
     return VideoDevice(path)
 
 
 def list_cameras(folder: Path = Path("/dev")) -> list[CameraListing]:
-    """The V4L2 cameras of this machine in the order of their numbers, with those that cannot be used."""
+    """Return the V4L2 cameras of this machine in the order of their numbers, including unusable ones."""
     nodes = [node for node in folder.glob("video*") if node.name[5:].isdecimal()]
     ordered = sorted(nodes, key=lambda node: int(node.name[5:]))
     return [listing for node in ordered for listing in _listings(node)]
 
 
 def _listings(node: Path) -> Iterator[CameraListing]:
-    """What one node is; nothing where it delivers no pictures."""
+    """Yield the listing of one node; nothing if it delivers no images."""
     spec = f"v4l2:{node}"
     try:
         with closing(open_video_node(str(node))) as device:

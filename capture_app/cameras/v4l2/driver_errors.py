@@ -1,4 +1,4 @@
-"""The errors of V4L2 drivers in a user's words."""
+"""Messages to users for the errors of V4L2 drivers."""
 
 import errno
 import os
@@ -27,7 +27,7 @@ _WORDS = {
 
 
 def driver_error(path: str, error: OSError) -> CameraError:
-    """The driver's error in words that say what to do."""
+    """Convert a driver's error to a message with a remedy."""
     words = _WORDS.get(error.errno or 0)
     if words is None:
         reason = os.strerror(error.errno) if error.errno else str(error)

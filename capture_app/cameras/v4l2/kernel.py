@@ -1,7 +1,7 @@
-"""Video4Linux2 as the kernel speaks it: a method for each ioctl that a camera needs.
+"""Video4Linux2's kernel interface: a method for each ioctl that a camera needs.
 
-Structs and constants are those of <linux/videodev2.h>, as 64-bit little-endian kernels lay them out. Every
-method raises OSError with the kernel's errno; `driver_error` turns that into words for a user.
+Structs and constants follow <linux/videodev2.h> in the layout of 64-bit little-endian kernels. Every method
+raises OSError with the kernel's errno; `driver_error` turns it into a message for users.
 """
 
 import errno
@@ -50,7 +50,7 @@ IOCTLS = {
     "ENUM_FRAMESIZES": (_BOTH, 74, FRAME_SIZE),
     "ENUM_FRAMEINTERVALS": (_BOTH, 75, FRAME_INTERVAL),
 }
-"""What VIDIOC_ names: which way its struct goes, its number, and the struct."""
+"""VIDIOC_ name to transfer direction, number and struct."""
 CAP_VIDEO_CAPTURE = 0x00000001
 CAP_VIDEO_CAPTURE_MPLANE = 0x00001000
 CAP_META_CAPTURE = 0x00800000
@@ -74,7 +74,7 @@ CONTROL_IDS = {
     "FOCUS_ABSOLUTE": 0x009A090A,
     "FOCUS_AUTO": 0x009A090C,
 }
-"""Numbers of controls, by what the kernel calls them after V4L2_CID_, or nearly so."""
+"""Control numbers, by the kernel's names without V4L2_CID_, some of them shortened."""
 EXPOSURE_AUTO, EXPOSURE_MANUAL, EXPOSURE_APERTURE_PRIORITY = 0, 1, 3
 BUF_TYPE_VIDEO_CAPTURE = 1
 MEMORY_MMAP = 1
@@ -86,14 +86,14 @@ _NOT_OFFERED = {errno.EINVAL, errno.ENOTTY}
 
 
 def request_number(ioctl: str) -> int:
-    """The number by which the kernel knows one of `IOCTLS`."""
+    """Return the kernel's request number of one of `IOCTLS`."""
     direction, number, layout = IOCTLS[ioctl]
     return direction << 30 | layout.size << 16 | ord("V") << 8 | number
 
 
 @dataclass(frozen=True, slots=True)
 class Capability:
-    """What a device node says it is; `flags` are the CAP_ bits of this node, not of its whole driver."""
+    """A device node's identity; `flags` are the CAP_ bits of this node, not of its whole driver."""
 
     driver: str
     card: str
@@ -102,13 +102,13 @@ class Capability:
 
 @dataclass(frozen=True, slots=True)
 class FrameSize:
-    """Picture sizes in pixels that a format comes in: one size, or ranges with their steps."""
+    """Image sizes in pixels of a format: one size, or ranges with their steps."""
 
     widths: range
     heights: range
 
     def nearest(self, width: int, height: int) -> tuple[int, int]:
-        """The offered (width, height) nearest to the one asked for."""
+        """Return the offered (width, height) nearest to the requested one."""
         return _nearest(width, self.widths), _nearest(height, self.heights)
 
 
@@ -119,19 +119,19 @@ def _nearest(wanted: int, offered: range) -> int:
 
 @dataclass(frozen=True, slots=True)
 class FrameInterval:
-    """Frame periods in seconds that a size comes in: one period, or a range."""
+    """Frame periods in seconds of a size: one period, or a range."""
 
     shortest: Fraction
     longest: Fraction
 
     def nearest(self, period: Fraction) -> Fraction:
-        """The offered period in seconds nearest to the one asked for."""
+        """Return the offered period in seconds nearest to the requested one."""
         return min(max(period, self.shortest), self.longest)
 
 
 @dataclass(frozen=True, slots=True)
 class Buffer:
-    """One buffer as the driver describes it; `timestamp_ns` in the clock that its flags name."""
+    """Driver's description of a buffer; `timestamp_ns` in the clock that its flags name."""
 
     index: int
     bytes_used: int
@@ -143,7 +143,7 @@ class Buffer:
 
 
 def check_layout() -> None:
-    """Raise NotAvailableError on a machine whose kernel lays these structs out otherwise."""
+    """Raise NotAvailableError on a machine whose kernel uses another layout of these structs."""
     if not sys.platform.startswith("linux") or struct.calcsize("P") != 8 or sys.byteorder != "little":
         raise NotAvailableError(
             "V4L2 cameras need a 64-bit little-endian Linux",
@@ -155,7 +155,7 @@ class VideoDevice:
     """An open /dev/video node."""
 
     def __init__(self, path: str) -> None:
-        """Open the node without blocking reads. Raises OSError, and NotAvailableError on a 32-bit system."""
+        """Open the node in non-blocking mode. Raises OSError, and NotAvailableError on a 32-bit system."""
         check_layout()
         self.path = path
         self.fd = os.open(path, os.O_RDWR | os.O_NONBLOCK | os.O_CLOEXEC)
@@ -167,19 +167,19 @@ class VideoDevice:
             self.fd = -1
 
     def capability(self) -> Capability:
-        """Who and what this node is."""
+        """Return the node's driver, model and capabilities."""
         answer = self._exchange("QUERYCAP", b"", b"", b"", 0, 0, 0)
         driver, card, _bus, _version, capabilities, device_caps = answer
         flags = device_caps if capabilities & CAP_DEVICE_CAPS else capabilities
         return Capability(_text(driver), _text(card), flags)
 
     def formats(self) -> tuple[str, ...]:
-        """The pixel formats as four-character codes, in the driver's order."""
+        """Return the pixel formats as four-character codes, in the driver's order."""
         answers = self._enumerate("ENUM_FMT", BUF_TYPE_VIDEO_CAPTURE, 0, b"", b"")
         return tuple(fields[4].decode("latin-1") for fields in answers)
 
     def sizes(self, fourcc: str) -> tuple[FrameSize, ...]:
-        """The sizes of a pixel format; empty where the driver does not say."""
+        """Return the sizes of a pixel format; empty if the driver does not report them."""
         asked = fourcc.encode("latin-1"), 0, 0, 0, 0, 0, 0, 0
         found = []
         for fields in self._enumerate("ENUM_FRAMESIZES", *asked):
@@ -191,7 +191,7 @@ class VideoDevice:
         return tuple(found)
 
     def intervals(self, fourcc: str, width: int, height: int) -> tuple[FrameInterval, ...]:
-        """The frame periods of a format and size; empty where the driver does not say."""
+        """Return the frame periods of a format and size; empty if the driver does not report them."""
         asked = fourcc.encode("latin-1"), width, height, 0, 0, 0, 0, 0, 0, 0
         found = []
         for fields in self._enumerate("ENUM_FRAMEINTERVALS", *asked):
@@ -203,7 +203,7 @@ class VideoDevice:
         return tuple(found)
 
     def set_format(self, fourcc: str, width: int, height: int) -> PixelFormat:
-        """Ask for a format; the driver answers with the one it took, which may differ."""
+        """Request a format; return the one that the driver set, which may differ."""
         code = fourcc.encode("latin-1")
         asked = BUF_TYPE_VIDEO_CAPTURE, width, height, code, FIELD_ANY, 0, 0
         answer = self._exchange("S_FMT", *asked)
@@ -211,7 +211,7 @@ class VideoDevice:
         return PixelFormat(code.decode("latin-1"), width, height, bytes_per_line, buffer_bytes)
 
     def period(self) -> Fraction | None:
-        """The frame period in seconds; None where the driver cannot say."""
+        """Return the frame period in seconds; None if the driver does not report it."""
         answer = self._if_offered("G_PARM", BUF_TYPE_VIDEO_CAPTURE, 0, 0, 0, 0)
         if answer is None:
             return None
@@ -219,13 +219,13 @@ class VideoDevice:
         return Fraction(numerator, denominator) if numerator and denominator else None
 
     def set_period(self, period: Fraction) -> Fraction | None:
-        """Ask for a frame period in seconds; returns the one the driver took, None where it cannot say."""
+        """Request a frame period in seconds; return the one that the driver set, None if unreported."""
         rate = period.numerator, period.denominator
         self._if_offered("S_PARM", BUF_TYPE_VIDEO_CAPTURE, CAP_TIME_PER_FRAME, 0, *rate)
         return self.period()
 
     def control_range(self, control: str) -> tuple[int, int] | None:
-        """Least and greatest value of a control, in the control's unit; None where there is no such one."""
+        """Return min and max of a control, in the control's unit; None if it does not exist."""
         asked = CONTROL_IDS[control], 0, b"", 0, 0, 0, 0, 0
         try:
             answer = self._exchange("QUERYCTRL", *asked)
@@ -235,7 +235,7 @@ class VideoDevice:
         return None if flags & CTRL_FLAG_DISABLED else (least, most)
 
     def control(self, control: str) -> int | None:
-        """Value of one of `CONTROL_IDS` in its own unit; None where it does not exist or cannot be read."""
+        """Return one of `CONTROL_IDS` in its own unit; None if it does not exist or cannot be read."""
         try:
             return int(self._exchange("G_CTRL", CONTROL_IDS[control], 0)[1])
         except OSError:
@@ -246,11 +246,11 @@ class VideoDevice:
         self._exchange("S_CTRL", CONTROL_IDS[control], value)
 
     def request_buffers(self, count: int) -> int:
-        """Have the driver allocate mappable buffers; returns how many it gave. 0 frees them."""
+        """Request mappable buffers from the driver; return the number allocated. 0 frees them."""
         return int(self._exchange("REQBUFS", count, BUF_TYPE_VIDEO_CAPTURE, MEMORY_MMAP)[0])
 
     def query_buffer(self, index: int) -> Buffer:
-        """Where a buffer lies, and the timestamp flags that its frames will carry."""
+        """Return a buffer's offset and length, and the timestamp flags that its frames will carry."""
         return self._exchange_buffer("QUERYBUF", index)
 
     def map(self, buffer: Buffer) -> mmap.mmap:
@@ -258,11 +258,11 @@ class VideoDevice:
         return mmap.mmap(self.fd, buffer.length, mmap.MAP_SHARED, mmap.PROT_READ, offset=buffer.offset)
 
     def queue(self, index: int) -> None:
-        """Give a buffer to the driver to be filled."""
+        """Queue a buffer for the driver to fill."""
         self._exchange_buffer("QBUF", index)
 
     def dequeue(self) -> Buffer:
-        """Take the oldest filled buffer. Raises BlockingIOError when there is none yet."""
+        """Dequeue the oldest filled buffer. Raises BlockingIOError if there is none yet."""
         return self._exchange_buffer("DQBUF", 0)
 
     def stream_on(self) -> None:
@@ -270,11 +270,11 @@ class VideoDevice:
         self._exchange("STREAMON", BUF_TYPE_VIDEO_CAPTURE)
 
     def stream_off(self) -> None:
-        """Stop streaming; every buffer, filled or not, is ours again."""
+        """Stop streaming; the driver returns every buffer, filled or not."""
         self._exchange("STREAMOFF", BUF_TYPE_VIDEO_CAPTURE)
 
     def _enumerate(self, ioctl: str, *fields: Any) -> Iterator[tuple[Any, ...]]:
-        """Yield the answers for index 0, 1 and so on, the first field; `fields` are those after it."""
+        """Yield the answers for index 0, 1 and so on, the first field; `fields` are the ones after it."""
         for index in range(_MAX_ENTRIES):
             answer = self._if_offered(ioctl, index, *fields)
             if answer is None:
@@ -282,7 +282,7 @@ class VideoDevice:
             yield answer
 
     def _if_offered(self, ioctl: str, *fields: Any) -> tuple[Any, ...] | None:
-        """See `_exchange`; None where the driver has nothing to answer."""
+        """Return the answer of `_exchange`; None if the driver does not offer the ioctl or entry."""
         try:
             return self._exchange(ioctl, *fields)
         except OSError as error:
@@ -291,7 +291,7 @@ class VideoDevice:
             return None
 
     def _exchange(self, ioctl: str, *fields: Any) -> tuple[Any, ...]:
-        """Hand the kernel an ioctl's struct of these fields; return those that it answers."""
+        """Pass an ioctl's struct of these fields to the kernel; return the fields of its answer."""
         layout = IOCTLS[ioctl][2]
         argument = bytearray(layout.pack(*fields))
         while True:

@@ -1,4 +1,4 @@
-"""Which modes a V4L2 camera offers, and which of them to use."""
+"""Modes that a V4L2 camera offers, and the choice among them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, replace
@@ -11,17 +11,17 @@ from capture_app.cameras.v4l2.kernel import VideoDevice
 from capture_app.common.errors import CameraError
 
 USABLE_FORMATS = ("MJPG", "JPEG", "YUYV", "NV12", "GREY")
-"""The pixel formats that can be saved, the best first: a camera's own JPEG is the smallest on the bus."""
+"""Pixel formats that can be saved, best first: a camera's own JPEG is the smallest on the bus."""
 
 DEFAULT_PERIOD = Fraction(1, 30)
 _LISTED_MODES = 8
 _RATE_TOLERANCE = 0.01
-"""Drivers round a frame rate: 29.97 and 30 fps are the same mode to a user."""
+"""Relative tolerance: drivers round frame rates, and 29.97 and 30 fps are one mode to a user."""
 
 
 @dataclass(frozen=True, slots=True)
 class Mode:
-    """A format and size that a camera offers, with its frame periods; none where it does not say."""
+    """A format and size that a camera offers, with its frame periods; empty if it does not report them."""
 
     fourcc: str
     width: int
@@ -29,7 +29,7 @@ class Mode:
     intervals: tuple[v4l2.FrameInterval, ...] = ()
 
     def nearest_period(self, wanted: Fraction) -> Fraction:
-        """The offered frame period in seconds nearest to the one wanted."""
+        """Return the offered frame period in seconds nearest to the requested one."""
         offered = (interval.nearest(wanted) for interval in self.intervals)
         return min(offered, key=lambda period: abs(period - wanted), default=wanted)
 
@@ -39,13 +39,13 @@ class Mode:
 
 
 def parse_options(options: Mapping[str, str]) -> CameraRequest:
-    """Read the options width, height (pixels), fps and format. Raises BadInputError, naming the wrong one."""
+    """Read the options width, height (pixels), fps and format. Raises BadInputError naming the wrong one."""
     asked = read_request(options, "a V4L2 camera")
     return asked if asked.format is None else replace(asked, format=asked.format.upper())
 
 
 def check_capture(path: str, capability: v4l2.Capability) -> None:
-    """Raise CameraError where a device node does not deliver pictures that can be used."""
+    """Raise CameraError if a device node does not deliver usable images."""
     flags = capability.flags
     if flags & v4l2.CAP_VIDEO_CAPTURE and flags & v4l2.CAP_STREAMING:
         return
@@ -59,7 +59,7 @@ def check_capture(path: str, capability: v4l2.Capability) -> None:
 
 
 def offered_modes(device: VideoDevice, near_size: tuple[int, int] = DEFAULT_SIZE) -> tuple[Mode, ...]:
-    """The usable modes of a camera; of a range of sizes only the one nearest to `near_size` (pixels)."""
+    """Return the usable modes of a camera; for a range of sizes the one nearest to `near_size` (pixels)."""
     modes: dict[Mode, None] = {}
     for fourcc in device.formats():
         if fourcc not in USABLE_FORMATS:
@@ -71,10 +71,10 @@ def offered_modes(device: VideoDevice, near_size: tuple[int, int] = DEFAULT_SIZE
 
 
 def choose_mode(path: str, offered: tuple[Mode, ...], wanted: CameraRequest) -> tuple[Mode, Fraction]:
-    """The best mode that is all that was asked for, and its frame period in seconds.
+    """Return the best mode that satisfies the request, and its frame period in seconds.
 
-    Without wishes: MJPG before raw formats, near 640x480, near 30 fps. Raises CameraError that lists
-    what the camera offers where it has no such mode.
+    Without a request: MJPG before raw formats, near 640x480, near 30 fps. Raises CameraError that lists
+    the camera's modes if none satisfies the request.
     """
     period = wanted.period_s or DEFAULT_PERIOD
     width, height = wanted.size
@@ -105,9 +105,9 @@ def choose_mode(path: str, offered: tuple[Mode, ...], wanted: CameraRequest) -> 
 
 
 def configure(device: VideoDevice, wanted: CameraRequest) -> tuple[PixelFormat, Fraction]:
-    """Set a camera to the best mode that was asked for; returns it and its frame period in seconds.
+    """Set a camera to the best requested mode; return its layout and its frame period in seconds.
 
-    Raises CameraError where the camera does not offer it or takes another, OSError from the driver.
+    Raises CameraError if the camera does not offer it or sets another, OSError from the driver.
     """
     modes = offered_modes(device, wanted.size)
     mode, period = choose_mode(device.path, modes, wanted)
@@ -125,12 +125,12 @@ def configure(device: VideoDevice, wanted: CameraRequest) -> tuple[PixelFormat, 
 
 
 def same_period(one: Fraction, other: Fraction) -> bool:
-    """Whether two frame periods are one mode to a user: they differ by less than 1 %."""
+    """Return whether two frame periods are one mode to a user: they differ by less than 1 %."""
     return abs(one - other) < _RATE_TOLERANCE * other
 
 
 def no_such_mode(path: str, wanted: CameraRequest, offered: tuple[Mode, ...]) -> CameraError:
-    """The error for a mode that the camera does not have, with those that it has."""
+    """Return the error for a missing mode, which lists the camera's modes."""
     asked = [wanted.format or ""]
     if wanted.width is not None and wanted.height is not None:
         asked.append(f"{wanted.width}x{wanted.height}")

@@ -1,9 +1,9 @@
-"""Stream of a V4L2 camera: driver timestamps, sequence numbers, controls, restarts, unplugging.
+"""Stream of a V4L2 camera: driver timestamps, sequence numbers, controls, restarts, disconnection.
 
 Timestamps are the driver's own, in CLOCK_MONOTONIC of the host, and are stored unchanged. The camera's facts
-say which moment of a frame they mean and how late they are: uvcvideo claims the start of the exposure, and
-stamps the arrival of a frame's first bytes. Exposure, gain, white balance and focus are the kernel's
-standard controls.
+say which moment of a frame they mark and their delay: uvcvideo claims the start of the exposure, but stamps
+the arrival of a frame's first bytes. Exposure, gain, white balance and focus are the kernel's standard
+controls.
 """
 
 import asyncio
@@ -36,13 +36,13 @@ from capture_app.common.errors import CameraError
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 _UNIT_NS = 100_000
-"""Step of the control of the exposure."""
+"""Step of the exposure control."""
 _BUFFERED_NS = 500_000_000
-"""A process that is held up for this long loses no frame, as long as memory allows."""
+"""A process can be delayed this long without losing a frame, as long as memory allows."""
 _BUFFER_BYTES = 64 << 20
 _BUFFER_COUNTS = 4, 24
 _FOREIGN_CLOCK_NS = 60_000_000_000
-"""A stamp this far from when its frame comes is not of this process's monotonic clock."""
+"""A stamp this far from its frame's arrival is not in this process's monotonic clock."""
 _UVC = "uvcvideo"
 _SOURCES = {
     v4l2.BUF_FLAG_SOURCE_START_OF_EXPOSURE: TimestampSource.START_OF_EXPOSURE,
@@ -51,7 +51,7 @@ _SOURCES = {
 
 
 def read_exposure(device: VideoDevice) -> tuple[int | None, float | None]:
-    """Exposure in ns and gain in the device's unit, None where the camera chooses them frame by frame."""
+    """Return exposure in ns and gain in the device's unit; None if the camera chooses them frame by frame."""
     automatic = device.control("EXPOSURE_AUTO")
     if automatic not in (None, v4l2.EXPOSURE_MANUAL):
         return None, None
@@ -64,17 +64,17 @@ def read_exposure(device: VideoDevice) -> tuple[int | None, float | None]:
 
 @dataclass(frozen=True, slots=True)
 class _Control:
-    """A control of a value, and the switch that lets the camera choose it: what that is off, and on."""
+    """A control and the switch that makes it automatic, with the switch's two values."""
 
     value: str
     switch: str
     manual: int = 0
     automatic: tuple[int, ...] = (1,)
-    """The first of these that the driver takes."""
+    """Candidates in order of preference; the first that the driver accepts is used."""
     unit: str | None = None
     """None for steps of that model."""
     scale: float = 1.0
-    """What one step is, in `unit`."""
+    """Size of one step, in `unit`."""
 
 
 _CONTROLS = {
@@ -82,7 +82,7 @@ _CONTROLS = {
         "EXPOSURE_ABSOLUTE",
         "EXPOSURE_AUTO",
         manual=v4l2.EXPOSURE_MANUAL,
-        # Webcams keep the aperture, which they cannot move; others call the same plainly automatic.
+        # Webcams cannot move the aperture and call this "aperture priority"; other cameras call it automatic.
         automatic=(v4l2.EXPOSURE_APERTURE_PRIORITY, v4l2.EXPOSURE_AUTO),
         unit=MICROSECONDS,
         scale=_UNIT_NS / 1000,
@@ -94,7 +94,7 @@ _CONTROLS = {
 
 
 def read_controls(device: VideoDevice, model: str) -> tuple[ControlState, ...]:
-    """Those that the device has."""
+    """Return the controls that the device has."""
     states = []
     for control, of in _CONTROLS.items():
         limits = device.control_range(of.value)
@@ -116,9 +116,9 @@ def read_controls(device: VideoDevice, model: str) -> tuple[ControlState, ...]:
 
 
 def set_control(device: VideoDevice, control: Control, value: float | None) -> None:
-    """Set a control in its unit, and hold it there; None: let the camera choose.
+    """Set a control in its unit to a fixed value; None lets the camera choose.
 
-    Raises CameraError where the device has no such control, OSError of the driver.
+    Raises CameraError if the device has no such control, OSError from the driver.
     """
     of = _CONTROLS[control]
     if value is None:
@@ -148,10 +148,10 @@ _log = logging.getLogger(__name__)
 
 
 class V4L2Camera(ThreadedCamera):
-    """A V4L2 camera that streams into mapped buffers; `driver.open_camera` makes one."""
+    """A V4L2 camera that streams into mapped buffers; `driver.open_camera` creates one."""
 
     def __init__(self, device: VideoDevice, layout: PixelFormat, period_ns: int) -> None:
-        """Take over a configured device. Raises CameraError for an unusable clock, OSError of the driver."""
+        """Take over a configured device. Raises OSError, CameraError for an unusable clock."""
         super().__init__("v4l2")
         self._device = device
         self._layout = layout
@@ -179,11 +179,11 @@ class V4L2Camera(ThreadedCamera):
         )
         self._tell_exposure()
         self._auto_priority = device.control("EXPOSURE_AUTO_PRIORITY")
-        """Set again in the end; meanwhile no frame is longer in the dark."""
+        """Original value, restored at release; 0 meanwhile, so that no frame lasts longer in the dark."""
         self._set_auto_priority(0)
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
-        """Start streaming. Raises CameraError where the device is gone, busy, or out of USB bandwidth."""
+        """Start streaming. Raises CameraError if the device is missing, busy, or out of USB bandwidth."""
         self.listen(on_frame, on_failure)
         async with self._command_lock:
             try:
@@ -197,8 +197,8 @@ class V4L2Camera(ThreadedCamera):
     async def apply(self, command: CameraCommand) -> None:
         """Restart the stream; the delay counts from this call.
 
-        Where stopping takes longer than the delay, whole frame periods are added, so that the start keeps
-        its place in the period. A device that goes away meanwhile is reported through `on_failure`.
+        If stopping takes longer than the delay, whole frame periods are added, so that the start keeps its
+        phase. A device that disconnects meanwhile is reported through `on_failure`.
         Raises CameraError for any other command, or without a stream.
         """
         asked_ns = time.monotonic_ns()
@@ -225,13 +225,13 @@ class V4L2Camera(ThreadedCamera):
         await self._in_worker(self._release)
 
     async def controls(self) -> tuple[ControlState, ...]:
-        """Those that the device has, as they stand; none of one that is gone."""
+        """Return the device's controls with their current values; empty after it was stopped."""
         if self._closing.is_set():
             return ()
         return await self._in_worker(read_controls, self._device, self.facts.model)
 
     async def set_control(self, control: Control, value: float | None) -> None:
-        """Set a control, or let the camera choose it. Raises CameraError where it cannot."""
+        """Set a control, or let the camera choose it. Raises CameraError if it cannot be set."""
         if self._closing.is_set():
             raise CameraError(f"{self._device.path} was stopped")
         try:
@@ -244,7 +244,7 @@ class V4L2Camera(ThreadedCamera):
         self._tell_exposure()
 
     def _tell_exposure(self) -> None:
-        """Have facts and frames tell the exposure as it stands, by which uvcvideo's stamps are late."""
+        """Update the exposure in facts and frames; uvcvideo's timestamps are late by it."""
         self._exposure_ns, self._gain = read_exposure(self._device)
         facts = structs.replace(self.facts, exposure_ns=self._exposure_ns)
         late = structs.replace(facts.assumed_stamp, source=StampSource.PROFILE)
@@ -270,12 +270,12 @@ class V4L2Camera(ThreadedCamera):
             self._device.queue(index)
 
     def _begin_stream(self) -> None:
-        # At once: what stops the camera meanwhile lets go of its device afterwards, and not in between.
+        # In one call: a concurrent stop releases the device after both steps, not between them.
         self._prepare()
         self._device.stream_on()
 
     def _restart(self, start_ns: int) -> None:
-        """In the worker: stop, wait until `start_ns` of the monotonic clock, start."""
+        """Stop, wait until `start_ns` of the monotonic clock, and start; runs in the worker."""
         self._device.stream_off()
         self._prepare()
         if wait_for_start(start_ns, self.facts.period_ns, self._closing, time.monotonic_ns):
@@ -287,7 +287,7 @@ class V4L2Camera(ThreadedCamera):
         asyncio.get_running_loop().add_reader(self._device.fd, self._drain)
 
     def _drain(self) -> None:
-        """Take what the driver has filled, at most one round of buffers."""
+        """Take filled buffers from the driver, at most as many as there are."""
         for _ in self._memory:
             try:
                 buffer = self._device.dequeue()
@@ -305,7 +305,7 @@ class V4L2Camera(ThreadedCamera):
     def _take(self, buffer: v4l2.Buffer, data: bytes) -> None:
         picture = None if buffer.flags & v4l2.BUF_FLAG_ERROR else picture_from_buffer(data, self._layout)
         if picture is None:
-            # Its sequence number is missing from the stream: a dropped frame like any other.
+            # Its sequence number is missing from the stream, as with any dropped frame.
             _log.debug("%s: frame %d came damaged", self._device.path, buffer.sequence)
             return
         if not self._clock_checked:
@@ -339,7 +339,7 @@ def _buffer_count(layout: PixelFormat, period_ns: int) -> int:
 
 
 def _timestamp_source(path: str, flags: int) -> TimestampSource:
-    """The moment that a driver's buffers are stamped at. Raises CameraError for another clock."""
+    """Return the moment that a driver's timestamps mark. Raises CameraError for another clock."""
     if flags & v4l2.BUF_FLAG_TIMESTAMP_MASK != v4l2.BUF_FLAG_TIMESTAMP_MONOTONIC:
         raise _foreign_clock(path)
     return _SOURCES.get(flags & v4l2.BUF_FLAG_SOURCE_MASK, TimestampSource.UNKNOWN)

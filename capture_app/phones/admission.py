@@ -1,4 +1,4 @@
-"""Which phones are let in: by a secret that is good once, and then by the key that the phone made itself."""
+"""Admission of phones: by a one-time secret first, then by the key that the phone generated itself."""
 
 import hashlib
 import re
@@ -12,57 +12,57 @@ from capture_app.common.names import free_name, name_like
 SECRET_BYTES = 16
 GOOD_FOR_S = 600.0
 TICKET_S = 30.0
-"""Between a phone's admission and its stream."""
+"""Validity of the ticket between a phone's admission and its stream."""
 MOST_PHONES = 64
 _KEY = re.compile(r"[0-9a-f]{32}")
 
 
 @dataclass(frozen=True, slots=True)
 class Admitted:
-    """A phone that was let in."""
+    """A phone that was admitted."""
 
     name: str
-    """Name of its camera in the rig; the same whenever it comes back."""
+    """Name of its camera in the rig; the same every time the phone reconnects."""
     key: str
-    """Digest of the key that it proves itself by."""
+    """Digest of the key by which the phone identifies itself."""
 
 
 class Admission:
-    """Keeps one invitation open, and remembers for as long as it lives who came by one."""
+    """Keeps one invitation open, and remembers in memory which phone used which secret."""
 
     def __init__(self, now_s: Callable[[], float]) -> None:
-        """`now_s` is a monotonic clock."""
+        """Create an admission without phones; `now_s` is a monotonic clock."""
         self._now_s = now_s
         self._secret, self._until_s = "", 0.0
         self._spent: dict[str, str] = {}
-        """Digests of the secrets that phones came by, and of those phones' keys."""
+        """Digest of each used secret to the digest of the key of the phone that used it."""
         self._phones: dict[str, Admitted] = {}
         self._tickets: dict[str, tuple[Admitted, float]] = {}
         self._put_off: set[str] = set()
-        """Digests of the keys of phones that were taken off the rig."""
+        """Digests of the keys of phones that were removed from the rig."""
 
     @property
     def secret(self) -> str:
-        """The secret of the next phone; another one when it was used, or has been shown for long enough."""
+        """Secret for the next phone; renewed once it is used or has expired."""
         if not self._secret or self._now_s() >= self._until_s:
             self._renew()
         return self._secret
 
     @property
     def good_for_s(self) -> int:
-        """How long the present secret is good."""
+        """Remaining validity of the current secret, in s."""
         return max(0, round(self._until_s - self._now_s()))
 
     def admit(self, secret: str, key: str, wish: str) -> Admitted:
-        """Let a phone in by a secret, or by the key that it came with before.
+        """Admit a phone by a secret, or by the key that it used before.
 
-        `wish` is what its user would call it. Raises UnknownMachineError with words for that user.
+        `wish` is the name that its user requests. Raises UnknownMachineError with a message for that user.
         """
         if not _KEY.fullmatch(key):
             raise UnknownMachineError("This page is not of this leader: scan the code that it shows.")
         digest, offered = _digest(key), _digest(secret)
         if digest in self._phones:
-            # It may have been told another secret meanwhile, which stays good for the next phone.
+            # It may have another secret by now, which stays valid for the next phone.
             return self._phones[digest]
         if digest in self._put_off and (not secret or offered in self._spent):
             raise UnknownMachineError(
@@ -88,12 +88,12 @@ class Admission:
         return admitted
 
     def put_off(self, admitted: Admitted) -> None:
-        """Let a phone in again by a new secret only."""
+        """Remove a phone, which is then admitted by a new secret only."""
         self._put_off.add(admitted.key)
         self._phones.pop(admitted.key, None)
 
     def ticket(self, admitted: Admitted) -> str:
-        """Return what opens one stream of that phone, soon."""
+        """Return a ticket that opens one stream of that phone within TICKET_S."""
         now_s = self._now_s()
         self._tickets = {text: held for text, held in self._tickets.items() if held[1] > now_s}
         ticket = secrets.token_urlsafe(SECRET_BYTES)
@@ -101,7 +101,7 @@ class Admission:
         return ticket
 
     def redeem(self, ticket: str) -> Admitted | None:
-        """Return whose stream a ticket opens; None for one that is not good, or not any more."""
+        """Return the phone whose stream a ticket opens; None for an unknown or expired ticket."""
         admitted, until_s = self._tickets.pop(ticket, (None, 0.0))
         return admitted if self._now_s() < until_s else None
 

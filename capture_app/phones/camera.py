@@ -1,4 +1,4 @@
-"""A phone as a camera of the rig while it is there; its pictures stay on it until they are wanted."""
+"""A connected phone as a camera of the rig; its images stay on the phone until they are requested."""
 
 import asyncio
 from collections.abc import Callable
@@ -35,7 +35,7 @@ TELL_EVERY_S = 0.5
 
 @dataclass(frozen=True, slots=True)
 class PhonePicture:
-    """A picture that lies on its phone until somebody wants it."""
+    """An image that stays on its phone until it is requested."""
 
     phone: Phone
     page: str
@@ -44,17 +44,17 @@ class PhonePicture:
 
     @property
     def held_bytes(self) -> int:
-        """How much memory it takes here."""
+        """Memory that the image takes here, in bytes."""
         return 1
 
     def encode(self) -> bytes:
-        """Return the phone's own JPEG. Raises CameraError where it does not come."""
+        """Return the phone's own JPEG. Raises CameraError if it does not arrive."""
         return self._fetch(None)
 
     def reduced(self, width: int) -> "NDArray[np.uint8]":
-        """Return the picture as the phone made it smaller, BGR uint8 (H, W, 3).
+        """Return the image as reduced by the phone, BGR uint8 (H, W, 3).
 
-        Raises CameraError where it does not come, ValueError where it cannot be decoded.
+        Raises CameraError if it does not arrive, ValueError if it cannot be decoded.
         """
         import cv2
         import numpy as np
@@ -77,26 +77,26 @@ class PhonePicture:
 
 
 class PhoneCamera(Camera):
-    """The camera of a phone that is here; its stamps are in the gateway's monotonic clock."""
+    """The camera of a connected phone; its timestamps are in the gateway's monotonic clock."""
 
     def __init__(self, phone: Phone) -> None:
-        """Take a phone's camera. Raises CameraError while it does not stream."""
+        """Take over a phone's camera. Raises CameraError while it does not stream."""
         self._phone = phone
         self._facts = phone.facts
         self._page = phone.page
 
     @property
     def facts(self) -> CameraFacts:
-        """What this camera is and can do; its exposure as it stands."""
+        """Properties and capabilities of this camera, with its current exposure."""
         return structs.replace(super().facts, exposure_ns=self._phone.exposure_ns)
 
     @property
     def device_clock(self) -> DeviceClock | None:
-        """The clock of the phone's browser against the gateway's."""
+        """Accuracy of the clock of the phone's browser against the gateway's."""
         return self._phone.clock.accuracy
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
-        """Hand on the frames of the stream that is running. Raises CameraError where it is not any more."""
+        """Pass on the frames of the running stream. Raises CameraError if that stream has ended."""
         loop, clock, page = asyncio.get_running_loop(), self._phone.clock, self._phone.page
         if self._phone.facts != self.facts or page != self._page:
             raise CameraError(f"{self._phone.name} has come back as another camera")
@@ -121,24 +121,24 @@ class PhoneCamera(Camera):
         self._phone.watch(deliver, fail)
 
     async def apply(self, command: CameraCommand) -> None:
-        """Start the stream anew at a moment; one that is over becomes whole periods later.
+        """Restart the stream after the command's delay; a time that has passed is moved by whole periods.
 
-        Raises CameraError for any other command, or while the phone is not here.
+        Raises CameraError for any other command, or while the phone is not connected.
         """
         if not isinstance(command, RestartStream):
             raise CameraError("a phone in a browser cannot change the length of single frames")
         await self._phone.restart(command.delay_ns)
 
     async def controls(self) -> tuple[ControlState, ...]:
-        """The controls that the phone's browser has, as they stand."""
+        """Return the controls that the phone's browser has, with their current values."""
         return self._phone.controls
 
     async def set_control(self, control: Control, value: float | None) -> None:
-        """Set a control, which the page holds through restarts. Raises CameraError where it cannot."""
+        """Set a control, which the page keeps through restarts. Raises CameraError if it cannot be set."""
         await self._phone.set_control(control, value)
 
     async def stop(self) -> None:
-        """Hand on no more frames; the phone's camera goes on. Calling it twice is harmless."""
+        """Stop passing frames on; the phone's camera keeps running. Calling it twice is harmless."""
         self._phone.unwatch()
 
 
@@ -146,12 +146,12 @@ class PhoneNodes:
     """Runs a node for each phone, in this process."""
 
     def __init__(self, leaders: tuple[Address, ...], spool: Path, talk: Callable[[str], None]) -> None:
-        """`leaders` are asked in turn; `talk` gets what a user may see."""
+        """Create it without nodes; `leaders` are tried in turn, `talk` gets messages for users."""
         self._leaders, self._spool, self._talk = leaders, spool, talk
         self._nodes = Background()
 
     def add(self, phone: Phone) -> None:
-        """Look after a phone from now on."""
+        """Run a node for a phone from now on."""
         self._nodes.start(self._look_after(phone))
 
     async def close(self) -> None:
@@ -184,7 +184,7 @@ class PhoneNodes:
 
 
 async def _until_gone(phone: Phone) -> None:
-    """Return when the phone's user has ended it, or nothing of it was seen for long."""
+    """Return when the phone's user has left, or no page was connected for PAGE_CLOSED_S."""
     while True:
         await phone.gone.wait()
         if phone.said_goodbye:
@@ -200,5 +200,5 @@ async def _tell_state(phone: Phone, node: CameraNode) -> None:
     while True:
         await asyncio.sleep(TELL_EVERY_S)
         state, words = node.standing
-        # Changed or not: a page that has come anew knows nothing.
+        # Sent even if unchanged: a page that was just loaded knows no state.
         await phone.tell_state(str(state or "joining"), words)

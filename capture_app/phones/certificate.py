@@ -1,4 +1,4 @@
-"""The certificate of the phones' page: of a kind that browsers take, made once and kept."""
+"""TLS certificate of the phones' page: of a kind that browsers accept, created once and stored."""
 
 import datetime
 import hashlib
@@ -14,7 +14,7 @@ from capture_app.trust.identity import private_part
 
 FILE = "phones.pem"
 LASTS = datetime.timedelta(days=800)
-"""Apple's browsers take none that lasts longer than 825 days."""
+"""Apple's browsers reject certificates valid for more than 825 days."""
 RENEWED_BEFORE = datetime.timedelta(days=30)
 _DAY = datetime.timedelta(days=1)
 _END = "-----END CERTIFICATE-----\n"
@@ -29,7 +29,7 @@ class PageCertificate:
     """SHA-256 of the certificate, as browsers show it."""
 
     def server_context(self) -> ssl.SSLContext:
-        """Return TLS for the page. Raises BadInputError where the file holds no key that fits."""
+        """Return a TLS context for the page. Raises BadInputError if the file holds no matching key."""
         context = ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER)
         context.minimum_version = ssl.TLSVersion.TLSv1_2
         try:
@@ -40,7 +40,7 @@ class PageCertificate:
 
 
 def load_certificate(file: Path) -> PageCertificate:
-    """Return a certificate of the user's own. Raises BadInputError where the file holds none with its key."""
+    """Return a certificate that the user provides. Raises BadInputError if the file lacks it or its key."""
     try:
         text = file.read_text("ascii")
         der = ssl.PEM_cert_to_DER_cert(text[text.index("-----BEGIN CERT") :].split("-----END CERT")[0] + _END)
@@ -52,10 +52,10 @@ def load_certificate(file: Path) -> PageCertificate:
 
 
 def own_certificate(folder: Path, hosts: Iterable[str], now: datetime.datetime) -> PageCertificate:
-    """Return the certificate that is kept in a folder; made anew where there is none or it ends soon.
+    """Return the certificate stored in a folder; created if it is missing or expires soon.
 
-    It stays the same as long as it can: a phone's user who has accepted it is not asked again.
-    Raises DiskError where it cannot be kept.
+    It stays the same as long as possible, so that users who accepted it are not asked again.
+    Raises DiskError if it cannot be stored.
     """
     path = folder / FILE
     try:
@@ -94,7 +94,7 @@ def _new_pem(hosts: Iterable[str], now: datetime.datetime) -> bytes:
     from cryptography.hazmat.primitives.asymmetric import ec
     from cryptography.x509.oid import ExtendedKeyUsageOID, NameOID
 
-    # Browsers know no Ed25519, which the keys of machines are.
+    # Browsers do not support Ed25519, the type of the machines' keys.
     key = ec.generate_private_key(ec.SECP256R1())
     name = x509.Name(
         [x509.NameAttribute(NameOID.COMMON_NAME, f"simulshot phones {socket.gethostname()}"[:64])]

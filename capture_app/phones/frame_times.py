@@ -1,4 +1,4 @@
-"""When a phone's frames were, by its page's clock: media times are even, but begin anywhere."""
+"""Times of a phone's frames in its page's clock: media times are even, but their zero is arbitrary."""
 
 from collections import deque
 from dataclasses import dataclass
@@ -8,16 +8,16 @@ from capture_app.phones.wire import FrameTold
 
 BLOCK_US, BLOCKS = 3e6, 10
 HELD_FRAMES = 8
-"""A stream's first frames wait for so many, whose least delay tells where its media times begin."""
+"""Number of first frames held back; their minimum delay locates the zero of the stream's media times."""
 RATE_FRAMES, RATE_SHARE = 20, 0.05
-"""How many frames tell whether a browser keeps the rate that it says, to within this share."""
+"""Number of frames that check a browser's stated rate, and the tolerance of that check."""
 USUAL_RATE = 30.0
 LEAST_RATE, MOST_RATE = 1.0, 1000.0
 
 
 @dataclass(frozen=True, slots=True)
 class TimedFrame:
-    """A frame with its number in its stream, gaps counted, and its time by the page's clock in us."""
+    """A frame with its number in its stream, counting gaps, and its time in the page's clock in us."""
 
     id: int
     stream: int
@@ -26,23 +26,23 @@ class TimedFrame:
 
 
 class FrameTimes:
-    """Turns what a page tells of its frames into numbered, timed frames, one stream after the other."""
+    """Converts a page's frame reports to numbered, timed frames, one stream after another."""
 
     def __init__(self, rate: float) -> None:
-        """`rate` in frames a second is as the browser sets it; 0 where it does not say."""
+        """Create the converter; `rate` in frames/s is the browser's setting, 0 if it states none."""
         self._rate = rate
         self._stream: int | None = None
         self._arrivals: deque[tuple[float, float]] = deque(maxlen=BLOCKS)
-        """Begin of a block of time and the least offset in it of the page's clock from the media's, in us."""
+        """Start of a time block, and its minimum offset of the page's clock from media time, in us."""
         self._held: list[FrameTold] = []
         self._holding = True
         self._sequence, self._last_us = 0, 0.0
         self._steps_us: list[float] = []
         self.period_ns: int | None = None
-        """The camera's period, as it keeps it; None while too few frames have come."""
+        """Measured period of the camera; None until enough frames have arrived."""
 
     def add(self, told: FrameTold) -> list[TimedFrame]:
-        """Take in a frame; return those that can be told now, none while a stream begins."""
+        """Add a frame; return the frames that can be timed now, none while a stream begins."""
         begins = told.stream != self._stream
         if begins:
             self._stream = told.stream
@@ -81,7 +81,7 @@ class FrameTimes:
         if not first:
             self._sequence += max(1, round((told.media_us - self._last_us) * 1000 / self.period_ns))
         self._last_us = told.media_us
-        # The least delay of the last half minute, when all went quickly, tells where media times begin; how
-        # long camera and phone took until then is not known here, and is part of the bias of the stamps.
+        # The minimum delay of the last half minute, when everything was fast, locates the media times' zero.
+        # The delay of camera and phone before that is not known here, and is part of the bias of the stamps.
         offset_us = min(offset_us for _, offset_us in self._arrivals)
         return TimedFrame(told.id, told.stream, self._sequence, told.media_us + offset_us)

@@ -29,7 +29,7 @@ from capture_app.phones.admission import Admission, Admitted
 from capture_app.phones.phone import Phone
 
 MOST_STRANGERS = 128
-"""Connections open at a time that are no phone's link; the newest beyond are closed."""
+"""Max number of open connections without an admitted phone; the newest beyond are closed."""
 MOST_GREETED = 64
 LOOK_EVERY_S = 0.5
 SCRIPTS = ("requirements.js", "controls.js", "opening.js", "page.js", "link.js", "camera.js")
@@ -42,9 +42,9 @@ DEFAULT_SIZE = (1280, 720)
 HEARTBEAT_S = 5.0
 HELLO_S = 10.0
 LEFT = 1000
-"""How a page closes its link when its user ends it."""
+"""Close code of a page whose user ends its link."""
 REPLACED = 4001
-"""How the link of a page is closed when the same phone has come by another."""
+"""Close code for a page that another page of the same phone replaces."""
 CLOSE_S = 2.0
 """Timeout of a page's answer to the closing of its link."""
 _PUT_OFF = b"The leader has put this phone off. To come back, scan the code that it shows now."
@@ -54,7 +54,7 @@ _POLICY = (
     " media-src 'self' blob: mediastream:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
 )
 _HEADERS = {
-    # A page that no other can reach into is given precise timers.
+    # Browsers give precise timers only to a page that is isolated from other origins.
     "Cross-Origin-Opener-Policy": "same-origin",
     "Cross-Origin-Embedder-Policy": "require-corp",
     "Cross-Origin-Resource-Policy": "same-origin",
@@ -71,15 +71,15 @@ def _is_ours(record: logging.LogRecord) -> bool:
 
 
 _faults = logging.getLogger(f"{__name__}.http")
-"""Where the web server tells of faults; those of what strangers send are none."""
+"""Log of the web server's errors; errors caused by what untrusted peers send are left out."""
 _faults.addFilter(_is_ours)
 
 
 class _Connection(web.RequestHandler):
-    """Notes when bytes come, before the task that they are for is woken up."""
+    """Records when bytes arrive, before the task that reads them is woken."""
 
     received_ns = 0
-    """When bytes came last, by the monotonic clock: perhaps late, never early."""
+    """Arrival of the last bytes, by the monotonic clock: possibly late, never early."""
 
     def data_received(self, data: bytes) -> None:
         self.received_ns = time.monotonic_ns()
@@ -87,19 +87,19 @@ class _Connection(web.RequestHandler):
 
 
 class Door:
-    """Accepts connections for a web server, and closes those that stay without being trusted."""
+    """Accepts connections for a web server, and closes those that stay untrusted for too long."""
 
     def __init__(self) -> None:
         self._since_s: dict[asyncio.BaseTransport, float] = {}
         self._trusted: set[asyncio.BaseTransport] = set()
         self._greeting: dict[asyncio.Task[None], None] = {}
-        """Connections that have not shown yet that they speak TLS, the oldest first."""
+        """Connections that have not completed the TLS handshake, oldest first."""
 
     @contextlib.asynccontextmanager
     async def opened(
         self, server: web.Server, listening: socket.socket, tls: ssl.SSLContext | None
     ) -> AsyncIterator[None]:
-        """Accept what comes on a socket that listens, until the block ends."""
+        """Accept connections on a listening socket until the block ends."""
         tasks = [asyncio.create_task(self._accept(server, listening, tls))]
         tasks.append(asyncio.create_task(self._sweep(server)))
         try:
@@ -114,9 +114,9 @@ class Door:
             try:
                 connection, _ = await asyncio.get_running_loop().sock_accept(listening)
             except OSError:
-                await asyncio.sleep(LOOK_EVERY_S)  # as where no file is left
+                await asyncio.sleep(LOOK_EVERY_S)  # for example if no file descriptor is left
                 continue
-            # TLS takes memory from the first moment on, and whoever has said nothing yet makes room.
+            # TLS takes memory from the first moment, so the oldest silent connection makes room for a new one
             if len(self._greeting) >= MOST_GREETED:
                 next(iter(self._greeting)).cancel()
             task = asyncio.create_task(self._greet(server, connection, tls))
@@ -139,7 +139,7 @@ class Door:
             raise
 
     def trust(self, transport: asyncio.BaseTransport | None) -> None:
-        """Let a connection stay: it is a phone's that was let in."""
+        """Keep a connection open: it belongs to an admitted phone."""
         if transport is not None:
             self._trusted.add(transport)
 
@@ -163,23 +163,23 @@ PAGE = Path(__file__).parent / "page"
 
 @dataclass(eq=False)
 class _Link:
-    """A page's link, the task that reads it, and how it is closed."""
+    """A page's link, the task that reads it, and the code and reason of its closing."""
 
     reading: asyncio.Task[None] = field(init=False)
     close_code: int = 0
     close_reason: bytes = b""
 
     def end(self, code: int, reason: bytes) -> None:
-        """Have the link closed, with a code and a reason for the page."""
+        """Close the link, with a code and a reason for the page."""
         # The reading task closes the link: when another does, aiohttp does not wait for the page's answer. A
-        # page that is still sending then has its connection reset and loses the code; not knowing that it
-        # is replaced, it comes back and takes the link from the newer page.
+        # page that is still sending then has its connection reset and loses the code. Without the code it
+        # does not know that it is replaced, so it reconnects and takes the link from the newer page.
         self.close_code, self.close_reason = code, reason
         self.reading.cancel()
 
 
 class PhoneGateway:
-    """Serves the page and its links; what becomes of a phone's frames is up to `on_phone`."""
+    """Serves the page and its links; `on_phone` decides how a phone's frames are used."""
 
     def __init__(
         self,
@@ -187,7 +187,7 @@ class PhoneGateway:
         on_phone: Callable[[Phone], None],
         size: tuple[int, int] = DEFAULT_SIZE,
     ) -> None:
-        """`on_phone` is told of each phone when its page is connected for the first time.
+        """Create the gateway; `on_phone` is called once for each phone, when its page first connects.
 
         `size` is the width and height in pixels that phones are asked for.
         """
@@ -198,11 +198,11 @@ class PhoneGateway:
         self._door = Door()
         self._links: set[_Link] = set()
         self._link_of: dict[str, _Link] = {}
-        """That of each phone, by its key."""
+        """Current link of each phone, by its key."""
 
     @contextlib.asynccontextmanager
     async def serving(self, listening: socket.socket, tls: ssl.SSLContext | None) -> AsyncIterator[None]:
-        """Serve on a socket that listens until the block ends; then all pages are told."""
+        """Serve on a listening socket until the block ends; then notify all pages."""
         app = web.Application(middlewares=[_guard], client_max_size=4096)
         app.on_response_prepare.append(_say_no_server)
         for part in PARTS:
@@ -274,12 +274,12 @@ class PhoneGateway:
         assert isinstance(connection, _Connection)
         hello = await _hello(socket_)
         self._door.trust(connection.transport)
-        # Two pages would tell of two clocks.
+        # Two pages would report two different clocks.
         self._end_link(admitted, _REPLACED)
         self._link_of[admitted.key] = link
 
         async def send(message: str | bytes) -> None:
-            # That a link has just broken off is noticed by who reads it.
+            # The reading task notices a link that has just broken.
             with contextlib.suppress(ConnectionError):
                 if not socket_.closed:
                     await (
@@ -332,18 +332,18 @@ async def _hello(link: web.WebSocketResponse) -> wire.Hello:
 
 @web.middleware
 async def _guard(request: web.Request, handler: Handler) -> web.StreamResponse:
-    """Refuse pages of others, and give our own what makes clocks precise and keeps other sites out."""
+    """Refuse requests from other origins; add headers for precise timers and isolation to responses."""
     origin = request.headers.get("Origin")
     if origin is not None and origin.rpartition("://")[2] != request.host:
         raise web.HTTPForbidden(text="this is for its own page only")
     response = await handler(request)
     if not response.prepared:
         response.headers.update(_HEADERS)
-        # Older browsers do not count a WebSocket of the page's own host to 'self'.
+        # Older browsers do not count a WebSocket to the page's own host as 'self'.
         response.headers["Content-Security-Policy"] = f"{_POLICY}; connect-src 'self' wss://{request.host}"
     return response
 
 
 async def _say_no_server(request: web.Request, response: web.StreamResponse) -> None:
-    """Tell nobody which program of which version this is."""
+    """Remove the header that names the server program and its version."""
     response.headers.popall("Server", None)

@@ -1,4 +1,4 @@
-"""One phone, however often its page comes and goes: its clock, its frames, the pictures it is asked for."""
+"""One phone across all connections of its page: its clock, its frames, and requests for its images."""
 
 import asyncio
 import logging
@@ -28,21 +28,22 @@ LEAST_SAMPLES = 300
 MAPPED_EVERY_NS = 500_000_000
 PENDING = 64
 BROWSER_NS = 60_000.0
-"""95 % of what a browser takes longer one way than the other between clock and socket; no exchange shows it.
-Headless Chromium over a loopback: see docs/accuracy-measurements.md."""
+"""95 % bound of the asymmetry that a browser adds between its clock and the socket; no exchange shows it.
+Headless Chromium over a loopback: see docs/accuracy-measurements.md.
+"""
 ORDER_S = 10.0
 MOST_EXPOSURE_US = 1e7
 DELIVERY_NS = 100_000_000
-"""A frame reaches a page at most so long after it is read out; assumed, as no browser tells."""
+"""Max delay from a frame's readout to its arrival at a page; assumed, as no browser reports it."""
 NEVER = "its page is not open: open it on the phone again"
 STARTING = "its camera is starting, or its clock is being measured"
 
 
 class PhoneClock:
-    """Estimates the gateway's monotonic time from the page's; times in ns, the page's as it tells them."""
+    """Estimates the gateway's monotonic time from the page's; times in ns unless named `_us`."""
 
     def __init__(self, resolution_us: float) -> None:
-        """`resolution_us` is the step of the page's clock, which rounds down."""
+        """Create the clock; `resolution_us` is the step of the page's clock, which rounds down."""
         self._step_ns = round(resolution_us * 1000)
         self._filter = ClockFilter()
         self._pending: dict[int, tuple[int, int, int]] = {}
@@ -51,21 +52,21 @@ class PhoneClock:
 
     @property
     def samples(self) -> int:
-        """Exchanges so far."""
+        """Number of exchanges so far."""
         return self._filter.samples
 
     @property
     def is_known(self) -> bool:
-        """Whether enough exchanges have come to tell times by."""
+        """Whether enough exchanges have arrived to convert times."""
         return self._map is not None
 
     def note_ping(self, ping: Ping, received_ns: int) -> None:
-        """Take in what a ping tells of an earlier one; `received_ns` is when it came, by our clock."""
+        """Add the exchange that a ping completes; `received_ns` is its arrival by the gateway's clock."""
         earlier = self._pending.pop(ping.answered, None) if ping.answered is not None else None
         if earlier is None:
             return
         t0_ns, t1_ns, t2_ns = earlier
-        # What came at the end of a step is told as its begin: later is safe here, earlier is not.
+        # An arrival at the end of a step is reported as its beginning: later is safe, earlier is not.
         t3_ns = round(ping.received_us * 1000) + self._step_ns
         self._filter.add(ClockSample(t0_ns, t1_ns, t2_ns, t3_ns))
         if self.samples >= LEAST_SAMPLES and (
@@ -75,35 +76,35 @@ class PhoneClock:
             self._map = self._filter.time_map(t3_ns)
 
     def note_pong(self, ping: Ping, received_ns: int, sent_ns: int) -> None:
-        """Note that a ping is being answered."""
+        """Record that a ping is being answered."""
         self._pending[ping.number] = round(ping.now_us * 1000), received_ns, sent_ns
         if len(self._pending) > PENDING:
             del self._pending[next(iter(self._pending))]
 
     def gateway_ns(self, page_us: float) -> int:
-        """Return the gateway's time of one of the page's, in us; the clock must be known."""
+        """Convert a page time in us to the gateway's time; the clock must be known."""
         assert self._map is not None
         return self._map.leader_from_local(round(page_us * 1000))
 
     def page_us(self, gateway_ns: int) -> float:
-        """Return the page's time in us of one of the gateway's; the clock must be known."""
+        """Convert a gateway time to the page's time in us; the clock must be known."""
         assert self._map is not None
         return self._map.local_from_leader(gateway_ns) / 1000
 
     def uncertainty_ns(self, page_us: float) -> int:
-        """How far off `gateway_ns` may be, in 95 of 100 cases."""
+        """Return the 95 % error of `gateway_ns`."""
         assert self._map is not None
         known_ns = hypot(self._map.uncertainty_at(round(page_us * 1000)), BROWSER_NS)
         return min(round(known_ns), self.hard_bound_ns(page_us))
 
     def hard_bound_ns(self, page_us: float) -> int:
-        """How far off it may be at most."""
+        """Return the max error of `gateway_ns`."""
         assert self._map is not None
         return round(self._map.hard_bound_at(round(page_us * 1000)))
 
     @property
     def accuracy(self) -> DeviceClock | None:
-        """How well the page's clock is known at present; None while it is not."""
+        """Current accuracy of the page's clock; None while it is unknown."""
         if self._map is None:
             return None
         page_us = self._map.epoch_local_ns / 1000
@@ -117,34 +118,34 @@ OnFrame = Callable[[TimedFrame], None]
 
 
 class Phone:
-    """A phone that was let in; `link_opened` and `link_closed` tell of its page's connection."""
+    """A phone that was admitted; `link_opened` and `link_closed` report its page's connection."""
 
     def __init__(self, name: str, now_ns: Callable[[], int], hello: wire.Hello) -> None:
-        """`now_ns` is the gateway's monotonic clock; `hello` is what its first page said."""
+        """Create a phone; `now_ns` is the gateway's monotonic clock, `hello` its first page's hello."""
         self.name = name
         self.came = asyncio.Event()
         """Set while its camera streams and its clock is known."""
         self.gone = asyncio.Event()
-        """Set while no page of it is connected."""
+        """Set while none of its pages is connected."""
         self.gone.set()
         self.back = asyncio.Event()
-        """Set while one is."""
+        """Set while one of its pages is connected."""
         self.said_goodbye = False
-        """Whether its user ended it, or the leader's."""
+        """Whether its user, or the leader's, ended it."""
         self.put_off: Callable[[], None] = lambda: None
-        """Closes its page's link, and keeps it off until it comes by a new code."""
+        """Closes its page's link, and refuses it until it uses a new code."""
         self._now_ns = now_ns
         self._send: Send | None = None
         self._hello, self.page = hello, hello.page
-        """The load of its page, whose frames the phone keeps."""
+        """Id of the page load whose frames the phone stores."""
         self.clock = PhoneClock(hello.resolution_us)
-        """The clock of the phone's page."""
+        """Estimate of the clock of the phone's page."""
         self._opened: wire.Opened | None = None
         self._why_away = NEVER
         self._times = FrameTimes(0.0)
         self._pictures: dict[tuple[str, int, bool], asyncio.Future[bytes]] = {}
         self.controls: tuple[ControlState, ...] = ()
-        """The camera's controls, as they stood when the page told of them last."""
+        """The camera's controls, as the page last reported them."""
         self._orders: dict[int, asyncio.Future[str]] = {}
         self._last_order = 0
         self._on_frame: OnFrame | None = None
@@ -152,11 +153,11 @@ class Phone:
 
     @property
     def facts(self) -> CameraFacts:
-        """What its camera is. Raises CameraError while it does not stream."""
+        """Facts of its camera. Raises CameraError while it does not stream."""
         opened, period_ns = self._opened, self._times.period_ns
         if opened is None or period_ns is None or not self.clock.is_known:
             raise CameraError(f"{self.name}: {self._why_away if opened is None else STARTING}")
-        # Stamps are arrivals where all goes quickly: after the exposure, the readout and the way to the page.
+        # Stamps are fastest arrivals: later than the start by exposure, readout and delivery to the page.
         exposure_ns, browser = self.exposure_ns, browser_name(self._hello.user_agent)
         exposed_ns = period_ns if exposure_ns is None else min(exposure_ns, period_ns)
         half_ns = (exposed_ns + period_ns + DELIVERY_NS) // 2
@@ -173,25 +174,25 @@ class Phone:
             stamp=StampAccuracy(bias_ns=half_ns, uncertainty_ns=half_ns, source=StampSource.ASSUMED),
         )
 
-    # The camera's side
+    # Methods for the camera
 
     def watch(self, on_frame: OnFrame, on_away: Callable[[str], None]) -> None:
-        """Hand on all frames from now on, and once that no more will come."""
+        """Pass on all frames from now on, and call `on_away` once when no more will come."""
         self._on_frame, self._on_away = on_frame, on_away
 
     def unwatch(self) -> None:
-        """Hand on nothing more."""
+        """Stop passing frames on."""
         self._on_frame = self._on_away = None
 
     async def restart(self, delay_ns: int) -> None:
-        """Let the phone start its camera anew in so long. Raises CameraError where it is not here."""
+        """Restart the phone's camera `delay_ns` from now. Raises CameraError if it is not connected."""
         at_us = self.clock.page_us(self._now_ns() + delay_ns)
         if self._send is None or self._opened is None:
             raise CameraError(f"{self.name}: {self._why_away}")
         await self._send(wire.order("restart", at_us=at_us))
 
     async def set_control(self, control: Control, value: float | None) -> None:
-        """Set a control, None: let the camera choose it. Raises CameraError where that was not done."""
+        """Set a control; None lets the camera choose. Raises CameraError if the page did not set it."""
         if self._send is None:
             raise CameraError(f"{self.name}: {self._why_away}")
         self._last_order += 1
@@ -210,20 +211,20 @@ class Phone:
 
     @property
     def exposure_ns(self) -> int | None:
-        """The exposure of the phone's frames, where its browser tells."""
+        """Exposure of the phone's frames, if its browser reports it."""
         exposure_us = self._value(Control.EXPOSURE)
         return None if exposure_us is None else round(min(max(exposure_us, 0.0), MOST_EXPOSURE_US) * 1000)
 
     @property
     def gain(self) -> float | None:
-        """The gain of the phone's frames, 1 for ISO 100, where its browser tells."""
+        """Gain of the phone's frames, 1 for ISO 100, if its browser reports it."""
         return self._value(Control.GAIN)
 
     def _value(self, control: Control) -> float | None:
         return next((state.value for state in self.controls if state.control is control), None)
 
     async def tell_state(self, state: str, words: str) -> None:
-        """Let its page show how its camera is; nothing where none is connected."""
+        """Send its page the state of its camera; do nothing if none is connected."""
         if self._send is not None:
             accuracy = self.clock.accuracy
             known = (
@@ -232,9 +233,9 @@ class Phone:
             await self._send(wire.order("state", name=self.name, state=state, words=words, clock=known))
 
     async def fetch(self, page: str, number: int, width: int | None = None) -> bytes:
-        """Return a frame's JPEG, or with a width a small one, waiting for a link that is broken.
+        """Return a frame's JPEG, or with a width a small one; waits for a broken link to reconnect.
 
-        Raises CameraError where the phone has it no more, or does not bring it.
+        Raises CameraError if the phone no longer has it, or does not deliver it.
         """
         key = page, number, width is not None
         small = {} if width is None else {"width": width}
@@ -261,19 +262,19 @@ class Phone:
             raise CameraError(f"{self.name} has it no more: it took too long to ask for it")
         return picture.result()
 
-    # The link's side
+    # Methods for the link
 
     def link_opened(self, send: Send, hello: wire.Hello) -> None:
-        """A page of this phone is connected; what it was asked for and has not brought is asked for again."""
+        """Connect a page of this phone; images that were requested but not delivered are requested again."""
         self._send, self._hello, self.said_goodbye = send, hello, False
         if hello.page != self.page:
-            # Another load of the page has another zero of its clock.
+            # The clock of another page load has another zero.
             self.page, self.clock = hello.page, PhoneClock(hello.resolution_us)
         self.gone.clear()
         self.back.set()
 
     def link_closed(self, send: Send, *, by_user: bool) -> None:
-        """The connection is closed; that of a page that another has replaced is nothing."""
+        """Disconnect the page; ignored for a page that another has replaced."""
         if self._send is not send:
             return
         self._send, self.said_goodbye = None, self.said_goodbye or by_user
@@ -282,7 +283,7 @@ class Phone:
         self._stand_still(NEVER)
 
     def take_text(self, message: wire.Opened | wire.Controls | wire.Away) -> None:
-        """Take in what the page says of its camera."""
+        """Process the page's report on its camera."""
         if isinstance(message, wire.Away):
             self._stand_still(message.why)
             return
@@ -294,14 +295,14 @@ class Phone:
             return
         before = self._opened
         if before is not None and (before.width, before.height) != (message.width, message.height):
-            # Its pictures are another camera's from now on.
+            # From now on its images count as another camera's.
             self._stand_still("it was turned, and joins anew")
         if before != message:
             self._times = FrameTimes(message.frame_rate)
         self._opened = message
 
     def take_binary(self, message: wire.Ping | wire.FrameTold | wire.PictureBytes, received_ns: int) -> None:
-        """Take in a ping that has been answered, a frame, or a picture."""
+        """Process a ping that has been answered, a frame, or an image."""
         match message:
             case wire.Ping():
                 self.clock.note_ping(message, received_ns)
@@ -325,7 +326,7 @@ class Phone:
 
 
 def browser_name(user_agent: str) -> str:
-    """Return what a browser is, in a word or two, from what it says of itself."""
+    """Return a short name of a browser and its device from the user agent."""
     for sign, name in (
         ("Firefox/", "Firefox"),
         ("Edg", "Edge"),

@@ -35,46 +35,46 @@ Pixels = Annotated[int, Meta(gt=0, le=16384)]
 
 
 class Hello(Struct, frozen=True, kw_only=True, tag_field="type", tag="hello"):
-    """The first words of a link."""
+    """First message of a link."""
 
     page: Words
-    """Id of this load of the page: pictures of another are gone."""
+    """Id of this page load: images of other loads are lost."""
     user_agent: Annotated[str, Meta(max_length=1000)] = ""
     model: Words = ""
-    """The phone's model, where the browser tells."""
+    """The phone's model, if the browser reports it."""
     resolution_us: Annotated[float, Meta(ge=0.0, le=1e6)]
-    """The step of the browser's clock."""
+    """Step of the browser's clock."""
 
 
 class Opened(Struct, frozen=True, kw_only=True, tag_field="type", tag="opened"):
-    """The phone's camera streams."""
+    """The phone's camera has started to stream."""
 
     width: Pixels
     height: Pixels
     frame_rate: Annotated[float, Meta(ge=0.0, le=1000.0)] = 0.0
-    """Frames a second as the browser sets them; 0 where it does not say."""
+    """Frames per second as set in the browser; 0 if it states none."""
     label: Words = ""
 
 
 class Controls(Struct, frozen=True, kw_only=True, tag_field="type", tag="controls"):
-    """The camera's controls as they stand, in units that mean the same with all cameras."""
+    """The camera's controls with their current values, in units that all cameras share."""
 
     controls: Annotated[tuple[ControlState, ...], Meta(max_length=len(Control))]
     answers: int | None = None
-    """The number of the order that this answers."""
+    """Number of the order that this answers."""
     problem: Words = ""
-    """Why it could not be carried out."""
+    """Error if the order could not be carried out."""
 
 
 class Away(Struct, frozen=True, kw_only=True, tag_field="type", tag="away"):
-    """The camera stands still until it is opened again."""
+    """The camera has stopped until it is opened again."""
 
     why: Words
 
 
 @dataclass(frozen=True, slots=True)
 class Ping:
-    """A clock request; `answered` is the number of the ping whose answer came last, with the time it came."""
+    """A clock request; `answered` is the last answered ping's number, `received_us` when that answer came."""
 
     number: int
     answered: int | None
@@ -84,7 +84,7 @@ class Ping:
 
 @dataclass(frozen=True, slots=True)
 class FrameTold:
-    """A frame of the phone's; times in us."""
+    """Report of a phone's frame; times in us."""
 
     id: int
     stream: int
@@ -95,7 +95,7 @@ class FrameTold:
 
 @dataclass(frozen=True, slots=True)
 class PictureBytes:
-    """A frame's JPEG, or a small one; no bytes where it is gone."""
+    """A frame's JPEG or its preview; no bytes if the phone no longer has it."""
 
     id: int
     is_preview: bool
@@ -107,13 +107,13 @@ _DECODER = msgspec.json.Decoder(Hello | Opened | Controls | Away)
 
 
 def decode_text(text: str) -> Said:
-    """Read what a page says in JSON. Raises ValueError."""
+    """Decode a page's JSON message. Raises ValueError."""
     message: Said = _DECODER.decode(text)
     return message
 
 
 def decode_binary(data: bytes) -> Ping | FrameTold | PictureBytes:
-    """Read a binary message of a page. Raises ValueError."""
+    """Decode a page's binary message. Raises ValueError."""
     kind = data[0] if data else 0
     try:
         if kind == PING:
@@ -139,10 +139,10 @@ def pong(number: int) -> bytes:
 
 
 def order(kind: str, **fields: object) -> str:
-    """Return what the page is told in JSON.
+    """Return a JSON message to the page.
 
-    picture    id: a frame's picture is wanted; preview: id, width in pixels of a small one
-    control    number, control, value: set it and hold it; null lets the camera choose it
+    picture    id: request a frame's image; preview: id, width in pixels of a small one
+    control    number, control, value: set it to a fixed value; null lets the camera choose it
     restart    at_us: stop the camera, and start it at that time of the link worker's clock
     state      name, state, words, clock: what the page shows of its camera
     """

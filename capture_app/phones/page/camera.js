@@ -1,4 +1,4 @@
-// Frames in, their times out; the pictures stay here, as JPEGs, until they are asked for.
+// Frame worker: sends the frames' times, and stores the images as JPEGs until they are requested.
 "use strict";
 const QUALITY = 0.9, PREVIEW_QUALITY = 0.6, WAITING = 6;
 const KEPT_MS = 5000, KEPT_WHILE_ASKED_MS = 30000, ASKED_MS = 10000;
@@ -7,7 +7,7 @@ let link = null, stream = 0, next = 0, waiting = 0, bytes = 0, askedMs = -Infini
 const ring = new Map();
 const now_us = () => performance.now() * 1000;
 
-// The stream that is read: frames as they come, by the browser's own reader.
+// Read the stream's frames as they arrive, through the browser's own reader.
 async function read(readable, own) {
   const reader = readable.getReader();
   for (;;) {
@@ -31,12 +31,12 @@ async function read(readable, own) {
 }
 
 function take(image, width, height, times) {
-  // A phone that is turned gives pictures of another shape.
+  // Rotating the phone changes the images' size.
   if (sized && !trial && (sized[0] !== width || sized[1] !== height)) postMessage({type: "turned", width, height});
   sized = [width, height];
   if (trial) trial.frames++;
   if (waiting >= WAITING) {
-    // It counts as a frame that was dropped: nobody is promised a picture that is never made.
+    // Count it as a dropped frame, so that no image is announced that is never encoded.
     if (trial) trial.skipped++;
     judge(width, height);
     return;
@@ -57,7 +57,7 @@ function take(image, width, height, times) {
   if (link && !trial) link.postMessage({type: "frame", id, stream: own, ...times});
 }
 
-// Whether this phone keeps up with pictures of this size, before anybody counts on it.
+// Report whether this phone keeps up with images of this size, before the stream is used.
 function judge(width, height) {
   if (!trial || trial.frames < 30) return;
   postMessage({type: "trial", width, height, ...trial});

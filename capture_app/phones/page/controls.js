@@ -1,4 +1,4 @@
-// Exposure, gain, white balance and focus, as far as a browser has them, in units that mean the same with all cameras.
+// Exposure, gain, white balance and focus, as far as a browser has them, in units that all cameras share.
 "use strict";
 const MOST_DIOPTRES = 100;
 const CONTROLS = {
@@ -10,7 +10,7 @@ const CONTROLS = {
     told: value => Math.min(MOST_DIOPTRES, 1 / value), kept: value => 1 / Math.max(value, 1e-3),
   },
 };
-// A camera that is opened again has forgotten what it was set to.
+// Values to set again, because a reopened camera has lost its settings.
 const heldControls = {};
 
 function controlStates(track) {
@@ -36,7 +36,7 @@ async function applyHeld(track, released = null) {
   if (Object.keys(wanted).length) await track.applyConstraints({advanced: [wanted]});
 }
 
-// Set a control and hold it; null: let the camera choose it.
+// Set a control to a fixed value; null lets the camera choose it.
 async function setControl(track, control, value) {
   const before = heldControls[control];
   delete heldControls[control];

@@ -1,9 +1,9 @@
-// The way to the leader, in a worker of its own: nothing that a picture costs may delay the clock's messages.
+// Link to the leader, in its own worker so that encoding images never delays clock messages.
 "use strict";
 const PING = 1, FRAME = 2, PICTURE = 3, PREVIEW = 4;
 const QUICK = 400, QUICK_MS = 4, SLOW_MS = 40, BUSY_BYTES = 20000, SLOWEST_MS = 500;
 let socket = null, camera = null, count = 0, last = null, timer = 0;
-// Every thread's times are told on the scale of this one's.
+// All threads' times are converted to this worker's clock.
 const now_us = () => performance.now() * 1000;
 
 function open(url, hello) {
@@ -25,7 +25,7 @@ function open(url, hello) {
   };
 }
 
-// The step of this browser's clock, in us: many coarsen it.
+// Return the step of this browser's clock, in us: many browsers coarsen it.
 function resolution() {
   let least = 1e6;
   for (let k = 0; k < 20; k++) {
@@ -63,7 +63,7 @@ function receive(data) {
   const message = JSON.parse(data);
   if (message.type === "picture" || message.type === "preview") camera.postMessage(message);
   else {
-    // The page's own clock has another zero than this worker's.
+    // The page's clock and this worker's have different zeros.
     if (message.type === "restart") message.at_ms = performance.timeOrigin + message.at_us / 1000;
     postMessage(message);
   }

@@ -1,7 +1,7 @@
-// The phone's camera: opened, tried out, read by whatever way the browser has, and closed.
+// The phone's camera: opened, tested, read through the API that the browser has, and closed.
 "use strict";
 const WANTED = document.documentElement.dataset.size.split("x").map(Number), SLOW_SHARE = 0.1;
-// A phone that is too slow for pictures of the size that was asked for takes half.
+// A phone that is too slow for the requested image size uses half of it.
 const SIZES = [WANTED, WANTED.map(side => Math.round(side / 2))];
 const camera = new Worker("camera.js");
 let stream = null, number = 0, device = null, size = 0, settings = null;
@@ -35,7 +35,7 @@ async function openCamera(trial) {
   return track;
 }
 
-// For browsers that show frames, and hand them to nobody: each is copied as it is shown.
+// For browsers without an API for reading frames: copy each frame when it is shown.
 function readVideo(own) {
   const video = seen("video");
   const look = (shown_ms, frame) => {

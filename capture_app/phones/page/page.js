@@ -1,4 +1,4 @@
-// What the user of the phone sees and does; the camera is opened here, read and sent in workers.
+// User interface of the phone's page; it opens the camera, and workers read and send its frames.
 "use strict";
 const RETRY_MS = 2000, CONTROLS_MS = 1000, REPLACED = 4001;
 const BLINKS = 8, LIT_MS = 200, DARK_MS = 350, UNEVEN_MS = 200, SPIN_MS = 4;
@@ -16,7 +16,7 @@ function random() {
   return Array.from(crypto.getRandomValues(new Uint8Array(16)), one => one.toString(16).padStart(2, "0")).join("");
 }
 
-// A private window may keep nothing: then this phone is a new one each time.
+// A private window may store nothing; the phone then counts as a new one each time.
 const memory = {
   get(name) { try { return localStorage.getItem("simulshot-" + name) || ""; } catch { return ""; } },
   set(name, value) { try { localStorage.setItem("simulshot-" + name, value); } catch { /* see above */ } },
@@ -111,7 +111,7 @@ async function join() {
       continue;
     }
     memory.set("joined", "yes");
-    // The secret has been used; what is left in the address would only confuse.
+    // The secret has been used, so it is removed from the address.
     history.replaceState(null, "", location.pathname + location.search);
     seen("name").textContent = body.name;
     document.title = body.name;
@@ -139,7 +139,7 @@ function tellOpened() {
   tellControls();
 }
 
-// What the camera chooses by itself changes with the light.
+// Send the controls when they change: automatic values follow the light.
 function tellControls(answer = null) {
   const controls = controlStates(stream && stream.getVideoTracks()[0]), now = JSON.stringify(controls);
   if (!linked || (!answer && now === controlsTold)) return;
@@ -165,7 +165,7 @@ async function restart(at_ms) {
   let left_ms = at_ms - performance.timeOrigin - performance.now();
   if (left_ms < 0) left_ms += Math.ceil(-left_ms / period_ms) * period_ms;
   const begin_ms = performance.now() + left_ms;
-  // Timers are some ms late: the rest is waited out.
+  // Timers are some ms late, so the last part is a busy wait.
   if (left_ms > SPIN_MS) await sleep(left_ms - SPIN_MS);
   while (performance.now() < begin_ms);
   try {
@@ -211,7 +211,7 @@ link.onmessage = event => {
   }
 };
 
-// The screen, and what happens when the page is not seen
+// The screen, and hiding of the page
 
 async function keepAwake() {
   try {
@@ -240,7 +240,7 @@ document.addEventListener("visibilitychange", async () => {
   await loseCamera();
 });
 
-// A light for all cameras, by which their times are compared
+// Blinking light, by which the times of all cameras are compared
 
 async function blink() {
   const track = stream && stream.getVideoTracks()[0];
@@ -258,7 +258,7 @@ async function blink() {
       await light(true);
       await sleep(LIT_MS);
       await light(false);
-      // Uneven, so that blinks fall anywhere in the frames.
+      // Uneven, so that blinks occur at any phase of the frames.
       await sleep(DARK_MS + UNEVEN_MS * Math.random());
     }
   } catch (error) {
@@ -287,7 +287,7 @@ async function begin() {
   offer("This phone becomes a camera of the rig. Put it where it shall stand, plug it in, and start.");
   let allowed = false;
   try { allowed = (await navigator.permissions.query({name: "camera"})).state === "granted"; } catch { /* asked at the start */ }
-  // A page that the phone had thrown out of memory comes back by itself.
+  // Restart automatically if the phone had discarded the page from memory.
   if (memory.get("joined") && allowed && !document.hidden) start();
 }
 

@@ -1,4 +1,4 @@
-// What a browser must have, in the words of its user. Old syntax on purpose: an old browser must be able to read it.
+// Browser requirements, with messages for users. Old syntax on purpose, so that old browsers can parse it.
 (function () {
   "use strict";
   var lacks = [];
@@ -32,7 +32,7 @@
   function load(name) {
     var script = document.createElement("script");
     script.src = name;
-    // In the order in which they are added.
+    // Run the scripts in the order in which they are added.
     script.async = false;
     script.onerror = function () {
       document.body.className = "bad";

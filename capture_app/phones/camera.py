@@ -146,7 +146,7 @@ class PhoneNodes:
     """Runs a node for each phone, in this process."""
 
     def __init__(self, leaders: tuple[Address, ...], spool: Path, talk: Callable[[str], None]) -> None:
-        """Create it without nodes; `leaders` are tried in turn, `talk` gets messages for users."""
+        """Create without nodes; `leaders` are tried in turn, `talk` gets messages for users."""
         self._leaders, self._spool, self._talk = leaders, spool, talk
         self._nodes = Background()
 

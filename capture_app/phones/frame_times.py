@@ -10,7 +10,7 @@ BLOCK_US, BLOCKS = 3e6, 10
 HELD_FRAMES = 8
 """Number of first frames held back; their minimum delay locates the zero of the stream's media times."""
 RATE_FRAMES, RATE_SHARE = 20, 0.05
-"""Number of frames that check a browser's stated rate, and the tolerance of that check."""
+"""Number of frames by which a browser's stated rate is checked, and the relative tolerance."""
 USUAL_RATE = 30.0
 LEAST_RATE, MOST_RATE = 1.0, 1000.0
 

@@ -29,7 +29,7 @@ from capture_app.phones.admission import Admission, Admitted
 from capture_app.phones.phone import Phone
 
 MOST_STRANGERS = 128
-"""Max number of open connections without an admitted phone; the newest beyond are closed."""
+"""Max number of open connections without an admitted phone; the newest in excess are closed."""
 MOST_GREETED = 64
 LOOK_EVERY_S = 0.5
 SCRIPTS = ("requirements.js", "controls.js", "opening.js", "page.js", "link.js", "camera.js")

@@ -92,13 +92,13 @@ class PhoneClock:
         return self._map.local_from_leader(gateway_ns) / 1000
 
     def uncertainty_ns(self, page_us: float) -> int:
-        """Return the 95 % error of `gateway_ns`."""
+        """Return the 95 % error of `gateway_ns`, in ns."""
         assert self._map is not None
         known_ns = hypot(self._map.uncertainty_at(round(page_us * 1000)), BROWSER_NS)
         return min(round(known_ns), self.hard_bound_ns(page_us))
 
     def hard_bound_ns(self, page_us: float) -> int:
-        """Return the max error of `gateway_ns`."""
+        """Return the bound on the error of `gateway_ns`, in ns."""
         assert self._map is not None
         return round(self._map.hard_bound_at(round(page_us * 1000)))
 
@@ -131,7 +131,7 @@ class Phone:
         self.back = asyncio.Event()
         """Set while one of its pages is connected."""
         self.said_goodbye = False
-        """Whether its user, or the leader's, ended it."""
+        """Whether the phone's user left, or the leader's user removed the phone."""
         self.put_off: Callable[[], None] = lambda: None
         """Closes its page's link, and refuses it until it uses a new code."""
         self._now_ns = now_ns

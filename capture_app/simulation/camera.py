@@ -1,6 +1,6 @@
-"""A simulated camera in real time: the virtual sensor's frames, delivered when a real driver would.
+"""Simulated camera in real time: the virtual sensor's frames, delivered when a real driver would.
 
-Their pictures and their truth are rendered when they are saved.
+Images and ground truth are rendered when they are saved.
 """
 
 import asyncio
@@ -33,32 +33,32 @@ if TYPE_CHECKING:
 MOST_GAIN = 16.0
 CHOSEN_KELVIN = 5000.0
 WANDER, WANDER_NS = 0.3, 10_000_000_000
-"""An exposure that the camera chooses goes up and down by this share, once in so long, as under clouds."""
+"""Amplitude, as a fraction, and period of the automatic exposure's variation, as under clouds."""
 DEPTH_STEPS_PER_M = 2048
 DELIVERY_NS = (2_000_000, 4_000_000)
-"""Least and most time from the end of a frame's readout to its callback."""
+"""Min and max delay from the end of a frame's readout to its callback."""
 STALL_NS = 500_000_000
-"""A driver has few buffers: frames that are not fetched for this long are dropped."""
+"""A driver has few buffers: frames that are not fetched within this time are dropped."""
 
 
 class SimulatedControls:
-    """What a simulated camera exposes by, as its profile allows; gain and white balance change no picture."""
+    """A simulated camera's controls within its profile; gain and white balance change no image."""
 
     def __init__(self, profile: SensorProfile, *, automatic: bool) -> None:
         self._profile = profile
         self._held_ns = self._chosen_ns = self._whole(profile.exposure_ns)
         self.automatic = automatic
-        """Whether it chooses its exposure itself."""
+        """Whether the camera chooses its exposure."""
         self.gain = 1.0
         self._white_balance_k: float | None = CHOSEN_KELVIN
 
     @property
     def exposure_ns(self) -> int:
-        """The exposure of the frames to come, in whole rows."""
+        """Exposure of the next frames, in whole rows."""
         return self._chosen_ns if self.automatic else self._held_ns
 
     def let_time_pass(self, true_ns: int) -> bool:
-        """Choose the exposure anew, where it is automatic; whether it has changed."""
+        """Update an automatic exposure; return whether it has changed."""
         if not self.automatic:
             return False
         before = self._chosen_ns
@@ -67,7 +67,7 @@ class SimulatedControls:
         return self._chosen_ns != before
 
     def states(self) -> tuple[ControlState, ...]:
-        """All, as they stand."""
+        """Return all controls with their current values."""
         least_ns, most_ns = self._whole(0), self._whole(self._profile.period_ns)
         exposure = ControlState(
             control=Control.EXPOSURE,
@@ -91,7 +91,7 @@ class SimulatedControls:
         return exposure, gain, white_balance
 
     def set(self, control: Control, value: float | None) -> None:
-        """Set one of them; None: let the camera choose. Raises CameraError where it cannot."""
+        """Set a control; None lets the camera choose. Raises CameraError if it cannot be set."""
         if control is Control.EXPOSURE:
             self.automatic = value is None
             if value is not None:
@@ -104,7 +104,7 @@ class SimulatedControls:
             raise CameraError(f"a simulated camera does not choose its {control}, or has none")
 
     def _whole(self, exposure_ns: float) -> int:
-        """An exposure that stretches no frame, in whole rows."""
+        """Return the exposure in whole rows, limited so that it stretches no frame."""
         rows = self._profile.whole_rows(round(exposure_ns))
         least = -(-self._profile.min_exposure_ns // self._profile.row_time_ns)
         return max(least, min(rows, self._profile.neutral_rows)) * self._profile.row_time_ns
@@ -112,7 +112,7 @@ class SimulatedControls:
 
 @dataclass(frozen=True, slots=True)
 class SimulatedPicture:
-    """A picture that is rendered when it is saved."""
+    """An image that is rendered when it is saved."""
 
     source: PictureSource
     frame: SensorFrame
@@ -121,7 +121,7 @@ class SimulatedPicture:
 
     @property
     def held_bytes(self) -> int:
-        """How much memory it takes: nothing worth counting, before it is rendered."""
+        """Memory that the image takes, in bytes: 0 before it is rendered."""
         return 0
 
     def encode(self) -> bytes:
@@ -129,14 +129,14 @@ class SimulatedPicture:
         return encode_image(self.source.render(self.frame, seed=self.seed), quality=self.quality)
 
     def reduced(self, width: int) -> "NDArray[np.uint8]":
-        """Render the frame in about that width, more plainly where that is quicker: BGR uint8 (H, W, 3)."""
+        """Render the frame at about that width, simplified if that is faster: BGR uint8 (H, W, 3)."""
         return self.source.reduced(self.frame, width, seed=self.seed)
 
 
 def encode_truth(source: PictureSource, frame: SensorFrame) -> bytes:
     """Return an .npz with `depth_m` (float32 HxW, 0 = none), `objects` (uint8), `movers` (bool) of a frame.
 
-    Depth is in whole steps of 1/2048 m: a quarter of a millimetre of error for a fifth of the bytes.
+    Depth is rounded to 1/2048 m: a quarter of a millimetre of error for a fifth of the bytes.
     """
     import numpy as np
 
@@ -148,7 +148,7 @@ def encode_truth(source: PictureSource, frame: SensorFrame) -> bytes:
 
 
 def stable_seed(text: str) -> int:
-    """A seed, 0 to 2**63 - 1, that is the same for the same text in every run."""
+    """Return a seed, 0 to 2**63 - 1, that is the same for the same text in every run."""
     return int.from_bytes(hashlib.blake2b(text.encode(), digest_size=8).digest()) >> 1
 
 
@@ -166,10 +166,10 @@ class SimulatedCamera(Camera):
         calibrated: bool = True,
         automatic: bool = False,
     ) -> None:
-        """`seed` is this camera's own; `fail_after_ns` after its start the device goes away.
+        """Create a camera with its own `seed`; the device disconnects `fail_after_ns` after its start.
 
         `automatic`: it chooses its exposure itself, until that is set.
-        `calibrated`: it tells the view's true calibration, as no real camera does.
+        `calibrated`: it reports the view's true calibration, as no real camera does.
         """
         self._calibrated = calibrated
         self._sensor = sensor
@@ -189,11 +189,11 @@ class SimulatedCamera(Camera):
 
     @property
     def calibration(self) -> CameraCalibration | None:
-        """The rendered view's own; None for the test card."""
+        """Calibration of the rendered view; None for the test card."""
         return self._source.calibration if self._calibrated else None
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
-        """Start streaming. Raises CameraError if it streams already."""
+        """Start streaming. Raises CameraError if it is already streaming."""
         if self._started:
             raise CameraError(f"the {self.facts.model} streams already")
         self._started = True
@@ -203,10 +203,10 @@ class SimulatedCamera(Camera):
         self._start_stream(true_ns)
 
     async def apply(self, command: CameraCommand) -> None:
-        """Change a coming frame at once; or stop now, and return when the stream is told to start again.
+        """Change a coming frame; or stop the stream, and return when it is due to start again.
 
-        The restart's delay counts from this call. Raises CameraError where the camera does not stream or
-        cannot do that.
+        The restart's delay counts from this call. Raises CameraError if the camera does not stream or
+        cannot follow the command.
         """
         if not self._started:
             raise CameraError(f"the {self.facts.model} does not stream")
@@ -225,16 +225,16 @@ class SimulatedCamera(Camera):
         await self._restarting
 
     async def controls(self) -> tuple[ControlState, ...]:
-        """Exposure, gain and white balance."""
+        """Return exposure, gain and white balance."""
         return self._controls.states()
 
     async def set_control(self, control: Control, value: float | None) -> None:
-        """Set one of them from the next frame on. Raises CameraError where it cannot."""
+        """Set a control from the next frame on. Raises CameraError if it cannot be set."""
         self._controls.set(control, value)
         self._expose()
 
     def _expose(self) -> None:
-        """Let the frames to come be exposed as the controls say."""
+        """Apply the controls' exposure to the next frames."""
         self._sensor.set_exposure(self._controls.exposure_ns)
         exposure_ns = None if self._controls.automatic else self._controls.exposure_ns
         self._facts = replace(self.facts, exposure_ns=exposure_ns)
@@ -244,7 +244,7 @@ class SimulatedCamera(Camera):
         self._halt()
 
     def _start_stream(self, true_ns: int) -> None:
-        """Start the sensor at the instant asked for: the event loop's lateness is not the camera's."""
+        """Start the sensor at the requested instant: a delay of the event loop is not the camera's."""
         self._end_restart()
         self._sensor.start(true_ns)
         self._await_next()
@@ -265,14 +265,14 @@ class SimulatedCamera(Camera):
             what = f"the {self.facts.model} went away"
             self._on_failure(CameraError(what, hint="as its option fail_after_s asks"))
             return
-        # The next timer first: the callback may stop the camera.
+        # Set the next timer first, because the callback may stop the camera.
         self._await_next()
         if not frame.dropped and now_true_ns - due_true_ns < STALL_NS:
             self._on_frame(self._captured(frame))
 
     def _captured(self, frame: SensorFrame) -> CapturedFrame:
         jpeg = self._source.jpeg(frame)
-        # The same frame looks the same in every run.
+        # The same frame gets the same noise in every run.
         seed = stable_seed(f"{self._seed}/{frame.stream}/{frame.sequence}")
         return CapturedFrame(
             sequence=frame.sequence,

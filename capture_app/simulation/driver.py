@@ -1,4 +1,4 @@
-"""Simulated cameras: listing the models, and opening one by the words of its spec."""
+"""Driver of simulated cameras: listing the models, and opening one from its spec."""
 
 import random
 from collections.abc import Callable, Mapping
@@ -52,11 +52,11 @@ _CHANGES: dict[str, tuple[float, Callable[[float], dict[str, Any]]]] = {
     "drops": (1, lambda share: {"drop_share": share}),
     "start_ms": (1e4, lambda ms: {"start_latency_ns": (round(ms * 1e6), 0)}),
 }
-"""The largest value of an option from 0 on, and what it changes of the profile."""
+"""Max value of an option, whose min is 0, and the change that it makes to the profile."""
 
 
 def list_cameras() -> list[CameraListing]:
-    """The simulated models."""
+    """Return the simulated models."""
     return [
         CameraListing(
             spec=f"sim:{profile.name}",
@@ -72,7 +72,7 @@ def list_cameras() -> list[CameraListing]:
 def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> SimulatedCamera:
     """Open a simulated camera of a model of `simulation.profiles` for the node `name`; see OPTIONS.
 
-    Raises BadInputError for an unknown profile, scene, view, option or value, and NotAvailableError where
+    Raises BadInputError for an unknown profile, scene, view, option or value, and NotAvailableError if
     this machine cannot render scenes.
     """
     model = _adjusted(find_profile(profile), options)
@@ -114,7 +114,7 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
 
 
 def _adjusted(profile: SensorProfile, options: Mapping[str, str]) -> SensorProfile:
-    """The profile with what the options change of it; the profile judges the exposure."""
+    """Return the profile with the options' changes; the profile validates the exposure."""
     for key, (most, change) in _CHANGES.items():
         value = read_number(options, key, _CAMERA, least=0, most=most)
         if value is not None:
@@ -123,7 +123,7 @@ def _adjusted(profile: SensorProfile, options: Mapping[str, str]) -> SensorProfi
 
 
 def _says(options: Mapping[str, str], key: str, word: str, *, otherwise: str = "") -> bool:
-    """Whether an option says its one word, which is the only one that it takes but for what it else is."""
+    """Return whether an option has the value `word`; its only other valid value is `otherwise`."""
     text = options.get(key, otherwise)
     if text not in (word, otherwise):
         raise BadInputError(f"{key}={text} of a simulated camera", hint=f"{word}, or leave it out")

@@ -14,17 +14,17 @@ from capture_app.sync.clock.clock_filter import ClockSample
 COLUMNS = ("t_s", "rtt_ms")
 LEAST_ROWS = 50
 MOST = 1e10
-"""No recording lasts so many s, and no round trip so many ms."""
+"""Upper bound of a recording's times in s, and of its round trips in ms."""
 TURNAROUND_NS = 30_000
-"""How long a leader takes from the receipt of a request to the reply."""
+"""Time that a leader takes from the receipt of a request to the reply."""
 START_TRUE_NS = 10**12
 
 
 def read_trace(path: Path, rng: random.Random) -> Link:
-    """Read a CSV with the columns t_s and rtt_ms as a link that replays it row by row, at its own pace.
+    """Read a CSV with the columns t_s and rtt_ms as a link that replays it row by row, at its mean interval.
 
-    A recording does not tell how a round trip divides: both ways get half the least round trip, and what a
-    row has above that is divided by chance. Raises BadInputError.
+    A recording does not show how a round trip divides. Both directions get half of the minimum round trip;
+    each row's excess over it is divided at random. Raises BadInputError.
     """
     try:
         with path.open(newline="", encoding="utf-8") as file:
@@ -51,10 +51,10 @@ def read_trace(path: Path, rng: random.Random) -> Link:
 
 
 class LocalClock(Protocol):
-    """A client's clock, steady or not."""
+    """A client's clock, with or without drift."""
 
     def local_from_true(self, true_ns: int) -> int:
-        """Reading of this clock in ns at a true time in ns."""
+        """Return this clock's reading in ns at a true time in ns."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,9 +70,9 @@ class Exchange:
 def exchanges(
     link: Link, clock: LocalClock, rng: random.Random, *, count: int, pace_ns: int
 ) -> list[Exchange]:
-    """Send `count` requests, one each `pace_ns`, and return those that came back, in the order they did.
+    """Send `count` requests, one every `pace_ns`; return the completed exchanges in order of arrival.
 
-    A duplicated datagram counts when it first arrives, as in the engine.
+    The first copy of a duplicated datagram counts, as in the engine.
     """
     return exchanges_at(link, clock, rng, range(START_TRUE_NS, START_TRUE_NS + count * pace_ns, pace_ns))
 
@@ -80,7 +80,7 @@ def exchanges(
 def exchanges_at(
     link: Link, clock: LocalClock, rng: random.Random, sent_true_ns: Iterable[int]
 ) -> list[Exchange]:
-    """Send a request at each of these true times in ns; return what comes back as `exchanges` does."""
+    """Send a request at each of these true times in ns; return completed exchanges as `exchanges` does."""
     channel, found = link.open(), []
     for sent_ns in sent_true_ns:
         there = channel.deliveries("to_leader", sent_ns, rng)

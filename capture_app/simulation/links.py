@@ -1,6 +1,6 @@
-"""Network links in virtual time: laws of one-way delays, and loss; true times are the simulation's.
+"""Network links in virtual time: distributions of one-way delays, and loss; times are true times.
 
-A link with a memory, as WiFi has it, gives each node that opens it a channel of its own.
+A link with memory, such as WiFi, gives each node that opens it its own channel.
 """
 
 import random
@@ -9,7 +9,7 @@ from typing import Literal, Protocol
 
 
 class DelayLaw(Protocol):
-    """A law of one-way delays."""
+    """A distribution of one-way delays."""
 
     def draw(self, rng: random.Random, true_ns: int = 0) -> int:
         """Return the delay in ns of one datagram sent at a true time in ns."""
@@ -17,14 +17,14 @@ class DelayLaw(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class ReplayedDelay:
-    """Recorded delays in ns, a new one each `every_ns` of true time, over and over, from `start` on."""
+    """Recorded delays in ns, one for each `every_ns` of true time, in a loop from index `start`."""
 
     delays_ns: tuple[int, ...]
     every_ns: int
     start: int = 0
 
     def draw(self, rng: random.Random, true_ns: int = 0) -> int:
-        """Return the delay that was recorded at that time, in ns."""
+        """Return the delay recorded for that time, in ns."""
         return self.delays_ns[(self.start + true_ns // self.every_ns) % len(self.delays_ns)]
 
 
@@ -32,7 +32,7 @@ Direction = Literal["to_leader", "to_client"]
 
 
 class Channel(Protocol):
-    """A link in use by one node."""
+    """A link as one node uses it."""
 
     def deliveries(self, direction: Direction, true_ns: int, rng: random.Random) -> list[int]:
         """Return the delays in ns at which copies of one datagram arrive: none, one or two."""
@@ -48,11 +48,11 @@ class Link:
     duplication: float = 0.0
 
     def open(self) -> Channel:
-        """Return the link as one node uses it from now on."""
+        """Return a channel of this link for one node."""
         return self
 
     def deliveries(self, direction: Direction, true_ns: int, rng: random.Random) -> list[int]:
-        """See `Channel.deliveries`."""
+        """Return the delays of a datagram's copies; see `Channel.deliveries`."""
         if rng.random() < self.loss:
             return []
         copies = 2 if rng.random() < self.duplication else 1

@@ -1,8 +1,8 @@
-"""Profiles of sensors: rows, exposures, frame lengths, latencies, noise; and the simulated models by name.
+"""Sensor profiles: rows, exposures, frame lengths, latencies, noise; and the simulated models by name.
 
-Frame length = max(frame_length_rows, floor(exposure / row_time) + margin_rows) rows, and the length of a long
-frame is held for `injection_gain` frames, as measured on real sensors; of a gain of 1.46 the second frame has
-0.46 of the stretch, in whole rows.
+Frame length = max(frame_length_rows, floor(exposure / row_time) + margin_rows) rows. A long frame's length is
+kept for `injection_gain` frames, as measured on real sensors. With a gain of 1.46 the second frame has 0.46
+of the stretch, in whole rows.
 """
 
 from dataclasses import dataclass, replace
@@ -16,7 +16,7 @@ from capture_app.common.errors import BadInputError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorProfile:
-    """What all devices of one model share; times in ns, lengths in rows, shares of frames in [0, 1]."""
+    """Properties that all devices of a model share; times in ns, lengths in rows, shares in [0, 1]."""
 
     name: str
     model: str
@@ -25,36 +25,36 @@ class SensorProfile:
     frame_length_rows: int
     """Frame length at short exposures, blanking included: the period in rows."""
     margin_rows: int
-    """Rows that a frame is longer than its exposure; the overhead of an injection."""
+    """Rows by which a frame is longer than its exposure; the overhead of an injection."""
     injection_gain: float = 1
-    """Frames that the length of a long frame is held for, 1 to 3; the last one in part."""
+    """Number of frames, 1 to 3, that keep the length of a long frame; the last one in part."""
     injection_jitter_ns: int = 0
-    """Standard deviation of what an injection moves the phase by beyond its whole rows."""
+    """Standard deviation of an injection's phase shift beyond its whole rows."""
     image_width: int = 640
     image_rows: int = 480
     exposure_ns: int = 4_000_000
     min_exposure_ns: int = 100_000
     max_exposure_ns: int = 200_000_000
     min_frame_rows: int | None = None
-    """Shortest frame of a set duration; None for `frame_length_rows`, of which the longest has four."""
+    """Min length that can be set; None: `frame_length_rows`. The max is 4 * `frame_length_rows`."""
     command_latency_frames: tuple[int, int] = (2, 4)
-    """Fewest and most frames from the one exposed when a command comes to the one that obeys it."""
+    """Min and max number of frames from the one exposed when a command arrives to the one that obeys it."""
     start_latency_ns: tuple[int, int] = (0, 0)
     """Mean and standard deviation of the time from the start command to the first frame."""
     timestamp_noise_ns: int = 0
     """Standard deviation of the timestamps."""
     timestamp_quantum_ns: float = 0.0
-    """Step that the timestamps are given in, after their noise; 0 for ns."""
+    """Step of the timestamps, applied after their noise; 0 for ns."""
     timestamps_cut: bool = True
-    """Whether timestamps are cut to their step, as a counter's are, or rounded to the nearest one."""
+    """Whether timestamps are truncated to their step, as a counter's are, or rounded to the nearest one."""
     stamp_bias_ns: int | None = None
-    """How late all timestamps are, which the camera's facts do not tell; None: they are right, and say so."""
+    """Delay of all timestamps, which the camera's facts omit; None: timestamps are exact, and say so."""
     outlier_share: float = 0.0
     outlier_ns: int = 1_000_000
-    """An outlier is late by up to this."""
+    """Max delay of an outlier."""
     drop_share: float = 0.0
     period_error_ppm: float = 0.0
-    """Crystals of this model are off by up to this, each device by its own."""
+    """Max period error of this model's crystals; each device has its own."""
 
     def __post_init__(self) -> None:
         """Raise BadInputError for values that no sensor can have."""
@@ -85,7 +85,7 @@ class SensorProfile:
 
     @property
     def frame_durations_ns(self) -> tuple[int, int] | tuple[None, None]:
-        """Shortest and longest time that a frame can be made to last; None where durations cannot be set."""
+        """Min and max frame duration that can be set; None if durations cannot be set."""
         if self.phase_control is not PhaseControl.FRAME_DURATION:
             return None, None
         least = self.min_frame_rows or self.frame_length_rows
@@ -102,11 +102,11 @@ class SensorProfile:
         return self.image_rows * self.row_time_ns
 
     def whole_rows(self, exposure_ns: int) -> int:
-        """Exposure in rows that the sensor makes of one in ns, inside its limits."""
+        """Return the exposure in whole rows for one in ns, within the sensor's limits."""
         return min(max(exposure_ns, self.min_exposure_ns), self.max_exposure_ns) // self.row_time_ns
 
     def stretches_rows(self, exposure_ns: int) -> tuple[int, ...]:
-        """Rows that each frame from an injected one on is longer by, for as many as are."""
+        """Return the rows by which frames are lengthened, from an injected frame to the last one affected."""
         stretch = max(0, self.whole_rows(exposure_ns) - self.neutral_rows)
         whole = floor(self.injection_gain)
         rows = (*([stretch] * whole), round((self.injection_gain - whole) * stretch))
@@ -117,7 +117,7 @@ class SensorProfile:
         return sum(self.stretches_rows(exposure_ns)) * self.row_time_ns
 
     def stamp(self, true_ns: int) -> int:
-        """The timestamp of an instant, in the steps that this model gives timestamps in."""
+        """Return the timestamp of an instant, in the steps of this model's timestamps."""
         if not self.timestamp_quantum_ns:
             return true_ns
         steps = true_ns / self.timestamp_quantum_ns
@@ -191,11 +191,11 @@ _MODELS = (
 )
 
 PROFILES: dict[str, SensorProfile] = {profile.name: profile for profile in _MODELS}
-"""All run at 33.333 ms, made of different whole rows, as the mixed devices of a real rig would be set up."""
+"""Profiles by name. All run at 33.333 ms, made of different whole rows, as a rig of mixed devices would."""
 
 
 def find_profile(name: str) -> SensorProfile:
-    """The profile of that name. Raises BadInputError that lists those there are."""
+    """Return the profile of that name. Raises BadInputError that lists the known ones."""
     try:
         return PROFILES[name]
     except KeyError:
@@ -205,9 +205,9 @@ def find_profile(name: str) -> SensorProfile:
 
 
 def facts_of(profile: SensorProfile, *, width: int, height: int) -> CameraFacts:
-    """The facts that a camera of that model reports, for pictures of so many pixels.
+    """Return the facts that a camera of that model reports, for images of that size in pixels.
 
-    Gain and overhead of its injections are not among them, nor is how late its timestamps are.
+    They omit the gain and overhead of its injections, and the delay of its timestamps.
     """
     facts = CameraFacts(
         kind=SIMULATED,

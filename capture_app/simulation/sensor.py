@@ -1,6 +1,6 @@
-"""A rolling-shutter image sensor in virtual time: whole rows, injected long frames, latency, noise, drops.
+"""Rolling-shutter image sensor in virtual time: whole rows, injected long frames, latency, noise, drops.
 
-Pure: true times in ns go in and come out, all randomness comes from the generator passed in.
+Inputs and outputs are true times in ns; all randomness comes from the generator passed in.
 """
 
 import random
@@ -11,7 +11,7 @@ from capture_app.common.errors import CameraError
 from capture_app.simulation.profiles import SensorProfile
 
 DELIVERY_NS = 5_000_000
-"""The time from a frame's last row to the driver's callback, unless another is asked for."""
+"""Default delay from a frame's last row to the driver's callback."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -21,30 +21,30 @@ class SensorFrame:
     sequence: int
     """Number since the stream started; dropped frames count."""
     stream: int
-    """Counts the starts from 0."""
+    """Number of the start, from 0."""
     start_true_ns: int
     """Start of the first row's exposure."""
     timestamp_true_ns: int
-    """The start as stamped: with noise, sometimes an outlier, and late by the device's bias."""
+    """Timestamp of the start: with noise, sometimes an outlier, and delayed by the device's bias."""
     readout_end_true_ns: int
-    """The last row is read out: no driver can deliver the frame earlier."""
+    """End of the last row's readout: no driver can deliver the frame earlier."""
     exposure_ns: int
     dropped: bool
-    """The driver never delivers it; only the gap in the sequence shows."""
+    """Whether the driver never delivers it; only the gap in the sequence shows."""
 
 
 class Sensor:
-    """One device: frames come from `next_frame` in order, commands change those that were not asked for yet.
+    """One device: `next_frame` returns frames in order, commands change frames that it has not returned yet.
 
-    The same generator state and the same calls give the same frames. `period_error_ppm` fixes this device's
-    crystal, else it is drawn from the profile's range.
+    The same generator state and the same calls give the same frames. `period_error_ppm` sets the error of
+    this device's crystal; without it, the error is drawn from the profile's range.
     """
 
     def __init__(
         self, profile: SensorProfile, rng: random.Random, *, period_error_ppm: float | None = None
     ) -> None:
         self.profile = profile
-        # Apart, so that a command changes neither the noise nor the drops of the frames that follow.
+        # Separate generators, so that a command changes neither the noise nor the drops of later frames.
         self._frame_rng = random.Random(rng.getrandbits(64))
         self._command_rng = random.Random(rng.getrandbits(64))
         self._start_rng = random.Random(rng.getrandbits(64))
@@ -52,20 +52,20 @@ class Sensor:
         self.period_error_ppm = drawn_ppm if period_error_ppm is None else period_error_ppm
         self._error_ppb = round(self.period_error_ppm * 1000)
         self.streaming = False
-        """Whether frames come."""
+        """Whether the sensor is streaming."""
         self.stream = -1
-        """Number of the stream under way or just ended; -1 before the first."""
+        """Number of the current or last stream; -1 before the first."""
         self._stream_start_true_ns = 0
         self._rows = 0
         self._late_ns = 0
-        """How much later than whole rows injections have moved the stream."""
+        """Total shift of the stream by injections beyond whole rows."""
         self._sequence = 0
         self._lateness_ns: dict[int, int] = {}
         self._exposure_rows: dict[int, int] = {}
         self._length_rows: dict[int, int] = {}
 
     def start(self, true_ns: int) -> None:
-        """Start a stream; its first frame comes after the start latency. Raises CameraError if it runs."""
+        """Start a stream; its first frame comes after the start latency. Raises CameraError if one runs."""
         if self.streaming:
             raise CameraError("the simulated sensor streams already")
         mean_ns, sd_ns = self.profile.start_latency_ns
@@ -78,23 +78,23 @@ class Sensor:
         self._length_rows.clear()
 
     def stop(self) -> None:
-        """End the stream and forget the commands under way. Calling it twice is harmless."""
+        """End the stream and discard pending commands. Calling it twice is harmless."""
         self.streaming = False
 
     def restart(self, true_ns: int) -> None:
-        """Stop, and start again at that time: a new stream, sequence numbers from 0."""
+        """Stop, and start a new stream at `true_ns`, with sequence numbers from 0."""
         self.stop()
         self.start(true_ns)
 
     def set_exposure(self, exposure_ns: int) -> None:
-        """Expose the frames to come for so long. Raises BadInputError where that does not fit a frame."""
+        """Set the exposure (ns) of later frames. Raises BadInputError if it does not fit a frame."""
         self.profile = replace(self.profile, exposure_ns=exposure_ns)
 
     def inject(self, exposure_ns: int, true_ns: int) -> None:
         """Give one coming frame this longer exposure; the command arrives at `true_ns`.
 
-        The exposure is clamped to the profile's limits and cut to whole rows. Commands obey in their order,
-        one frame each. Raises CameraError where the sensor cannot inject or does not stream.
+        The exposure is clamped to the profile's limits and truncated to whole rows. Commands take effect in
+        order, one frame each. Raises CameraError if the sensor cannot inject or does not stream.
         """
         if self.profile.phase_control is not PhaseControl.INJECTION:
             raise CameraError(
@@ -112,10 +112,10 @@ class Sensor:
             self._length_rows[sequence] = max(usual + stretch, self._length_rows.get(sequence, usual))
 
     def set_frame_duration(self, duration_ns: int, true_ns: int) -> None:
-        """Let one coming frame last this long; the command arrives at `true_ns`.
+        """Set the duration of one coming frame; the command arrives at `true_ns`.
 
-        The duration is clamped to the profile's limits and cut to whole rows. Commands obey in their order,
-        one frame each. Raises CameraError where the sensor cannot do that or does not stream.
+        The duration is clamped to the profile's limits and truncated to whole rows. Commands take effect in
+        order, one frame each. Raises CameraError if the sensor cannot set durations or does not stream.
         """
         least_ns, most_ns = self.profile.frame_durations_ns
         if least_ns is None or most_ns is None:
@@ -127,7 +127,7 @@ class Sensor:
         self._length_rows[self._obeying(true_ns)] = max(rows, exposed)
 
     def _obeying(self, true_ns: int) -> int:
-        """Sequence number of the frame that obeys a command which arrives at a true time in ns."""
+        """Return the sequence number of the frame that obeys a command arriving at a true time in ns."""
         latency = self._command_rng.randint(*self.profile.command_latency_frames)
         after_last = max(self._exposure_rows or self._length_rows, default=-1) + 1
         since_last_ns = true_ns - self._start_of(self._rows)
@@ -135,11 +135,11 @@ class Sensor:
         return max(exposed + latency, self._sequence, after_last)
 
     def next_frame(self) -> SensorFrame:
-        """The stream's next frame, dropped or not. Raises CameraError if there is no stream."""
+        """Return the stream's next frame, dropped or not. Raises CameraError if there is no stream."""
         if not self.streaming:
             raise CameraError("the simulated sensor does not stream")
         profile, rng, sequence = self.profile, self._frame_rng, self._sequence
-        # The same number of draws for every frame, whatever the shares: one frame's fate moves no other's.
+        # Draw equally often for every frame, whatever the fractions, so that no frame affects another.
         noise_ns = rng.gauss(0.0, 1.0) * profile.timestamp_noise_ns
         late_ns = rng.random() * profile.outlier_ns
         outlier, dropped = rng.random() < profile.outlier_share, rng.random() < profile.drop_share
@@ -161,7 +161,7 @@ class Sensor:
         )
 
     def _start_of(self, rows: int) -> int:
-        """True start in ns of the frame that many rows into the stream; integers, so that nothing adds up."""
+        """Return the true start in ns of the frame `rows` into the stream; integers, so no errors add up."""
         nominal_ns = rows * self.profile.row_time_ns
         stretched_ns = nominal_ns + nominal_ns * self._error_ppb // 10**9
         return self._stream_start_true_ns + stretched_ns + self._late_ns

@@ -80,7 +80,7 @@ class ArrivalLine(FrameClock):
 class LatchedClock(FrameClock):
     """Clock of a counter that can be read: each reading falls between a request and its answer.
 
-    The sync engine's clock filter fits them as it fits time messages between two machines.
+    The sync engine's clock filter fits the readings, like time messages between two machines.
     """
 
     is_readable = True
@@ -250,8 +250,8 @@ class AravisCamera(ThreadedCamera):
             elif now_ns - heard_ns > self._silence_ns + 3 * period_ns:
                 self._tell(self._fail, f"{self._device.address} sends no pictures any more")
                 return
-            # An incomplete frame arrives only when the next one begins. After a delay of this thread, only
-            # the first of the queued frames shows where the camera is. The others time nothing.
+            # Only fresh frames time a change. An incomplete frame is delivered only when the next one begins.
+            # Of frames that queued up while this thread was delayed, only the first counts.
             whole = frame is not None and frame.data is not None
             fresh = whole and now_ns - fresh_ns > period_ns // 2
             fresh_ns = now_ns if fresh else fresh_ns

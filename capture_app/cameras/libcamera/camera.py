@@ -53,11 +53,11 @@ SPAN = 0.5
 LONGEST_ROW_US = 250.0
 SHORTEST_ROW_US = 5.0
 _SEED = 1
-"""Durations are random: evenly spaced ones could all be multiples of two rows."""
+"""Seed of the random durations: evenly spaced ones could all be multiples of two rows."""
 _BELOW_US, _ABOVE_US = 0.5, 1.0
 """Rounding error of reports: up to 0.5 us too long if rounded, up to 1 us too short if truncated."""
 SILENT_S = 5.0
-"""A stream has failed after this long, and after SILENT_PERIODS periods, without a frame."""
+"""A stream has failed without a frame for this long and for SILENT_PERIODS periods."""
 SILENT_PERIODS = 30
 IN_EFFECT_FRAMES = 6
 """Max number of frames, after the requests already queued, until a setting takes effect."""

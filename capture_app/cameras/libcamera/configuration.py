@@ -127,7 +127,6 @@ def with_rows(facts: CameraFacts, rows: int, row_us: float) -> CameraFacts:
 def with_exposure(facts: CameraFacts, exposure_us: float | None, origin: Origin) -> CameraFacts:
     """Return the facts for a fixed exposure, or None if it is automatic, with the delay of the timestamps.
 
-    libcamera calls the stamp the time of exposure. Webcams are stamped as by V4L2.
     The Raspberry Pi's driver stamps the first row as the sensor sends it. Its exposure is over by then,
     although libcamera calls the stamp the time of exposure. Webcams are stamped as by V4L2.
     """

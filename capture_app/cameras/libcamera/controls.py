@@ -30,7 +30,7 @@ class KnownControls:
         return limits.min, limits.max
 
     def of(self, values: Mapping[str, Any]) -> dict[Any, Any]:
-        """Return those of the values for which the camera has a control, keyed as the library requires."""
+        """Return the values for which the camera has a control, keyed as the library requires."""
         return {self._known[name][0]: value for name, value in values.items() if name in self._known}
 
 

@@ -35,7 +35,7 @@ def open_camera(device: str, options: Mapping[str, str], *, clock: NodeClock, na
 
 
 def list_cameras() -> list[CameraListing]:
-    """Return the library's cameras except those that V4L2 drives too, or one entry with the load error."""
+    """Return the library's cameras that V4L2 does not drive, or one entry with the load error."""
     if not is_installed("libcamera"):
         return []
     try:

@@ -42,11 +42,11 @@ EXTRA = "rtsp"
 NEEDS = f"PyAV: the extra {EXTRA}"
 OPTIONS = {"fps": "its frames a second, where it does not say them and they are not whole"}
 REPORTS_S, FIRST_REPORTS = 8.0, 2
-"""Max wait for sender reports, or for this many; RFC 3550 sends one every 2.5 to 7.5 s."""
+"""Max wait for this many sender reports; under RFC 3550 one is sent every 2.5 to 7.5 s."""
 PICTURE_S, SILENCE_S, ASK_S = 30.0, 5.0, 2.0
 FIRST_QUESTIONS, SOON_S = 25, 0.04
 RATE_FRAMES, RATE_SHARE = 20, 0.05
-"""Number of frames that check a camera's stated rate, and the tolerance of that check."""
+"""Number of frames by which a camera's stated rate is checked, and the relative tolerance."""
 DELIVERY_NS = 500_000_000
 """Max delay from a frame's readout to its arrival, encoding included; assumed, as no camera reports it."""
 MOST_WAITING = 30

@@ -1,1 +1,1 @@
-"""Images of a scene as a rolling-shutter camera sees them."""
+"""Images of a scene as rolling-shutter cameras capture them."""

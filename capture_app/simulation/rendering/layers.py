@@ -1,6 +1,6 @@
-"""What a camera of the scene, a pinhole, sees: what stands still, lit once for all frames, and what moves.
+"""Layers of a pinhole camera's view: static parts, lit once for all frames, and moving parts.
 
-Rows are read one after the other, so moving parts and their shadows are cast for each row at its own time.
+Rows are read one after another, so moving parts and their shadows are cast for each row at its own time.
 """
 
 from collections.abc import Iterable, Sequence
@@ -17,12 +17,12 @@ from capture_app.simulation.scenes.definition import Floats
 from capture_app.simulation.scenes.moving_bodies import Poses
 
 SUBPIXELS = ((-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25))
-"""Where in a pixel its four samples lie: right and down of the centre, in px."""
+"""Offsets of a pixel's four samples from its centre, right and down, in px."""
 _SKY_RAYS = 16
 _SKY_REACH_M = 1.7
-"""Things farther off cast no shade on each other: the room is open to the light."""
+"""Max distance in m at which objects shade each other from the sky: the room is open to the light."""
 _BOUNCE = np.array([0.085, 0.105, 0.125], np.float32)
-"""Light, warm, that comes back from whatever hides the sky."""
+"""Warm light reflected by whatever hides the sky."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -38,7 +38,7 @@ class View:
 
     @property
     def principal_point(self) -> tuple[float, float]:
-        """Image point of the optical axis in px: the middle of the picture."""
+        """Image point of the optical axis in px: the middle of the image."""
         return (self.width - 1) / 2, (self.height - 1) / 2
 
     @property
@@ -49,11 +49,11 @@ class View:
 
     @property
     def centre(self) -> Floats:
-        """Place of the camera in the world, in m."""
+        """Position of the camera in the world, in m."""
         return (-self.rotation.T @ self.translation).astype(np.float32)
 
     def directions(self, right: float = 0.0, down: float = 0.0) -> Floats:
-        """World directions (H, W, 3) of unit depth through the pixels, moved by a part of a pixel."""
+        """Return world directions (H, W, 3) of unit depth through the pixels, offset by part of a pixel."""
         cx, cy = self.principal_point
         x = (np.arange(self.width) + right - cx) / self.focal_px
         y = (np.arange(self.height) + down - cy) / self.focal_px
@@ -61,7 +61,7 @@ class View:
         return (grid @ self.rotation).astype(np.float32)
 
     def project(self, points: ArrayLike) -> NDArray[np.float64]:
-        """Image points and depth (N, 3: px, px, m) of world points (N, 3) in m."""
+        """Return image points and depth (N, 3: px, px, m) of world points (N, 3) in m."""
         camera = np.asarray(points, np.float64) @ self.rotation.T + self.translation
         cx, cy = self.principal_point
         x = self.focal_px * camera[:, 0] / camera[:, 2] + cx
@@ -69,7 +69,7 @@ class View:
         return np.stack([x, y, camera[:, 2]], axis=1)
 
     def calibration(self) -> CameraCalibration:
-        """Return this camera as a session's calibration keeps it; the rig's frame is the world's."""
+        """Return this camera as a session's calibration stores it; the rig's frame is the world's."""
         cx, cy = self.principal_point
         right, down, ahead = ((float(a), float(b), float(c)) for a, b, c in self.rotation)
         x, y, z = (float(v) for v in self.translation)
@@ -80,7 +80,10 @@ class View:
 
 
 def look_at(name: str, place: ArrayLike, target: ArrayLike, *, scale: float = 1.0) -> View:
-    """Upright camera of 640x480 px (times `scale`) and 520 px focal length that looks at `target`, in m."""
+    """Return an upright camera of 640x480 px (times `scale`) and 520 px focal length that looks at `target`.
+
+    `place` and `target` are in m.
+    """
     centre = np.asarray(place, np.float64)
     ahead = np.asarray(target, np.float64) - centre
     ahead /= np.linalg.norm(ahead)
@@ -93,7 +96,7 @@ def look_at(name: str, place: ArrayLike, target: ArrayLike, *, scale: float = 1.
 
 @dataclass(frozen=True)
 class StillLayer:
-    """One sample of each pixel (H, W): linear light from the sky and from the sun kept apart."""
+    """One sample of each pixel (H, W), with linear light from the sky and from the sun separate."""
 
     directions: Floats
     depth: Floats
@@ -104,7 +107,7 @@ class StillLayer:
 
 
 def cast_depth(view: View, room: Body, directions: Floats) -> tuple[Floats, NDArray[np.uint8]]:
-    """Depth (H, W) in m and thing (H, W) of the room; 0 where there is none."""
+    """Return depth (H, W) in m and object number (H, W) of the room; 0 where the ray hits nothing."""
     hits = room.cast(bundle_rays(view.centre, directions))
     seen = np.isfinite(hits.distance)
     depth = np.where(seen, hits.distance, 0).astype(np.float32)
@@ -113,7 +116,7 @@ def cast_depth(view: View, room: Body, directions: Floats) -> tuple[Floats, NDAr
 
 
 def still_layer(view: View, room: Body, number: int) -> StillLayer:
-    """The layer of a view of the room by that one of a pixel's SUBPIXELS."""
+    """Return the layer of a view of the room for sample `number` of SUBPIXELS."""
     directions = view.directions(*SUBPIXELS[number])
     rays = bundle_rays(view.centre, directions)
     hits = room.cast(rays)
@@ -132,10 +135,10 @@ def still_layer(view: View, room: Body, number: int) -> StillLayer:
 
 
 def _sky_light(room: Body, points: Floats, normals: Floats, number: int) -> Floats:
-    """Mean radiance (N, 3) from the sky and from what hides it.
+    """Return the mean radiance (N, 3) from the sky and from whatever hides it.
 
-    All points of a layer share the directions, so that shade is free of noise; the next layer's lie
-    between them.
+    All points of a layer share the directions, which keeps the shade free of noise. The next layer's
+    directions fall between them.
     """
     directions = _sphere(_SKY_RAYS, number / len(SUBPIXELS))
     facing = np.maximum(directions @ normals.T, 0)
@@ -144,7 +147,7 @@ def _sky_light(room: Body, points: Floats, normals: Floats, number: int) -> Floa
         lit = np.flatnonzero(share > 0.02)
         rays = bundle_rays(points[lit], direction)
         share[lit[room.occludes(rays, near=0.0, far=_SKY_REACH_M)]] = 0
-    # Radiance of the directions that are open, and the bounce from all the others.
+    # Radiance of the open directions, and the bounce from all others.
     light = facing.T @ (lighting.sky_radiance(directions) - _BOUNCE) + total[:, None] * _BOUNCE
     return np.asarray(light / np.maximum(total, 1e-3)[:, None], np.float32)
 
@@ -173,28 +176,28 @@ Rectangle = tuple[slice, slice]
 
 @dataclass(frozen=True)
 class MovingPart:
-    """A rigid body, its poses by row and the part of the picture that holds it."""
+    """A rigid body, its poses by row, and the rectangle of the image that contains it."""
 
     body: Body
     rotation: Floats
     translation: Floats
     rectangle: Rectangle
     shadow: tuple[float, float, float]
-    """Middle across and along the sun's rays and radius of what it shades, in m, at any row."""
+    """Centre across and along the sun's rays, and radius, in m, of the region it shades at any row."""
 
     def to_part_frame(self, points: Floats, rows: NDArray[np.intp]) -> Floats:
-        """World points (N, 3) at the times of the rows (N), in the part's frame."""
+        """Transform world points (N, 3), at the times of their rows (N), to the part's frame."""
         turned = np.matmul((points - self.translation[rows])[:, None], self.rotation[rows])
         return np.asarray(turned[:, 0], np.float32)
 
 
 def moving_part(view: View, body: Body, pose: Poses) -> MovingPart:
-    """A part with a pose for each row of the view; one outside the picture has an empty rectangle."""
+    """Return a part with a pose for each row of the view; outside the image its rectangle is empty."""
     rotation, translation = pose.rotation.astype(np.float32), pose.translation.astype(np.float32)
     centres = rotation @ body.centre + translation
     image = view.project(centres)
     reach = body.radius * view.focal_px / np.maximum(image[:, 2] - body.radius, 0.1) + 2
-    # A row sees the part at that row's time only.
+    # A row sees the part at its own time only.
     rows = np.flatnonzero(np.abs(np.arange(view.height) - image[:, 1]) < reach)
     rectangle = (slice(0), slice(0))
     if len(rows):
@@ -203,14 +206,14 @@ def moving_part(view: View, body: Body, pose: Poses) -> MovingPart:
         rectangle = (slice(rows[0], rows[-1] + 1), slice(left, max(left, right)))
     plane = centres @ lighting.SUN_PLANE.T
     middle = (plane.min(0) + plane.max(0)) / 2
-    # The sun's spread moves a ray by less than 5 cm on its way through the room.
+    # The angular size of the sun moves a ray by less than 5 cm across the room.
     radius = body.radius + 0.05 + float(np.ptp(plane, axis=0).max())
     return MovingPart(body, rotation, translation, rectangle, (float(middle[0]), float(middle[1]), radius))
 
 
 @dataclass(frozen=True)
 class VisiblePart:
-    """The pixels (flat indices, N) where one part is the nearest thing, and what the rays met there."""
+    """The pixels (flat indices, N) where one part is the nearest object, and the hits of their rays."""
 
     part: MovingPart
     pixels: NDArray[np.intp]
@@ -221,7 +224,7 @@ class VisiblePart:
 def find_visible(
     view: View, directions: Floats, depth: Floats, parts: Iterable[MovingPart]
 ) -> list[VisiblePart]:
-    """What each part shows of itself in front of `depth` (H, W), which is brought up to date in place."""
+    """Return each part's visible pixels in front of `depth` (H, W), which is updated in place."""
     found = []
     width = view.width
     for part in parts:
@@ -249,7 +252,7 @@ def find_visible(
 def light_changes(
     view: View, still: StillLayer, parts: Sequence[MovingPart], room: Body, sky: OpenSky, to_sun: Floats
 ) -> tuple[NDArray[np.intp], Floats]:
-    """Pixels (flat indices, N) that the parts change in a layer, and by how much light (N, 3)."""
+    """Return the pixels (flat indices, N) that the parts change in a layer, and the light changes (N, 3)."""
     depth = still.depth.copy()
     changed, change = [], []
     from_sky, from_sun = still.from_sky.reshape(-1, 3), still.from_sun.reshape(-1, 3)
@@ -295,7 +298,7 @@ def _shade(
 def in_shadow(
     points: Floats, rows: NDArray[np.intp], parts: Iterable[MovingPart], to_sun: Floats
 ) -> NDArray[np.bool_]:
-    """Whether a part is between each world point (N, 3) and the sun, at the times of the rows (N)."""
+    """Return whether a part is between each world point (N, 3) and the sun, at the times of the rows (N)."""
     hidden = np.zeros(len(points), np.bool_)
     across, along = lighting.SUN_PLANE @ points.T
     for part in parts:

@@ -1,4 +1,4 @@
-"""The studio's light: the sun through a tall window behind the cameras, and a soft sky and room around.
+"""The studio's light: sun through a tall window behind the cameras, and soft light from sky and room.
 
 Directions point from a surface to the light; colours are linear BGR.
 """
@@ -11,25 +11,25 @@ _TO_SUN = np.array([-0.60, -0.44, -0.66])
 TO_SUN: Floats = (_TO_SUN / np.linalg.norm(_TO_SUN)).astype(np.float32)
 SUN = np.array([0.62, 0.84, 1.0], np.float32) * 2.7
 SUN_SPREAD = 0.012
-"""Half width of the sun with its haze, in radians: how soft shadows become with distance."""
+"""Half width of the sun with its haze, in radians; it sets how shadows soften with distance."""
 
 _TO_WINDOW = np.array([-0.70, -0.42, -0.58], np.float32)
 TO_WINDOW: Floats = _TO_WINDOW / np.linalg.norm(_TO_WINDOW)
 
-# Two directions across the sun's rays: the window's own axes, as its light falls into the room.
+# Two directions across the sun's rays: the window's own axes, projected along its light.
 _ACROSS = np.cross(TO_SUN, [0.0, 1.0, 0.0]).astype(np.float32)
 ACROSS: Floats = _ACROSS / np.linalg.norm(_ACROSS)
 ALONG: Floats = np.cross(TO_SUN, ACROSS).astype(np.float32)
 SUN_PLANE: Floats = np.stack([ACROSS, ALONG])
 
 WINDOW = (-3.40, -0.70, -0.40, 2.20)
-"""The lit part of the sun's rays, in m along ACROSS (from, to) and ALONG (from, to)."""
+"""Lit part of the sun's rays, in m along ACROSS (from, to) and ALONG (from, to)."""
 BARS = (3, 3)
-"""Panes across and along, with bars between."""
+"""Number of panes across and along, with bars between them."""
 
 
 def sky_radiance(directions: Floats) -> Floats:
-    """Radiance (N, 3) of the surroundings in unit directions (N, 3)."""
+    """Return the radiance (N, 3) of the surroundings in unit directions (N, 3)."""
     up = -directions[:, 1:2]
     window = np.maximum(directions @ TO_WINDOW, 0.0)[:, None] ** 3
     ceiling = np.maximum(up, 0.0)
@@ -44,7 +44,7 @@ def sky_radiance(directions: Floats) -> Floats:
 
 
 def window_share(points: Floats) -> Floats:
-    """Share (N) of the sun's disc that the window lets through to points (N, 3) in m."""
+    """Return the fraction (N) of the sun's disc that the window lets through to points (N, 3) in m."""
     a, b = SUN_PLANE @ points.T
     left, right, top, bottom = WINDOW
     lit = _inside(a, left, right) * _inside(b, top, bottom)
@@ -62,7 +62,7 @@ def _inside(values: Floats, start: float, end: float, blur: float = 0.02) -> Flo
 
 
 def cosine_directions(count: int) -> Floats:
-    """Directions (count, 3) about +z, dense as the cosine, evenly spread."""
+    """Return directions (count, 3) about +z, with cosine density and even spacing."""
     number = np.arange(count) + 0.5
     radius = np.sqrt(number / count)
     angle = 2 * np.pi * (number * 0.618034)
@@ -72,7 +72,7 @@ def cosine_directions(count: int) -> Floats:
 
 
 class OpenSky:
-    """Light that reaches an unshadowed surface from the sky, looked up by its normal."""
+    """Light from the sky on an unshadowed surface, looked up by its normal."""
 
     def __init__(self, resolution: int = 24) -> None:
         axis = np.linspace(-1, 1, resolution, dtype=np.float32)
@@ -87,13 +87,13 @@ class OpenSky:
         self._scale = (resolution - 1) / 2
 
     def irradiance(self, normals: Floats) -> Floats:
-        """Mean radiance (N, 3) over the hemisphere of unit normals (N, 3), by cosine."""
+        """Return the cosine-weighted mean radiance (N, 3) over the hemisphere of unit normals (N, 3)."""
         index = np.rint((normals + 1) * self._scale).astype(np.int32)
         return np.asarray(self._table[index[:, 0], index[:, 1], index[:, 2]], np.float32)
 
 
 def tangents(normals: Floats) -> tuple[Floats, Floats]:
-    """Two unit vectors (N, 3) each, at right angles to the normals and to each other."""
+    """Return two sets of unit vectors (N, 3), orthogonal to the normals and to each other."""
     helper = np.where(
         np.abs(normals[:, 1:2]) < 0.9, np.array([0, 1, 0], np.float32), np.array([1, 0, 0], np.float32)
     )
@@ -103,7 +103,7 @@ def tangents(normals: Floats) -> tuple[Floats, Floats]:
 
 
 def sun_direction(number: int, count: int) -> Floats:
-    """Direction (3) to one of `count` points spread over the sun's disc."""
+    """Return the direction (3) to one of `count` points distributed over the sun's disc."""
     radius = SUN_SPREAD * np.sqrt((number + 0.5) / count)
     angle = 2 * np.pi * 0.618034 * number
     towards = TO_SUN + radius * (np.cos(angle) * ACROSS + np.sin(angle) * ALONG)

@@ -1,10 +1,11 @@
 """Photographs of a panel, and the paper's LED panel (section 6.1) as simulated cameras see it.
 
-Made without the arithmetic of the reader: each row of each lamp is watched at many moments of its exposure,
-and each pixel is traced back through the lens onto the panel.
+They share no arithmetic with the panel reader: each row of each lamp is sampled at many moments of its
+exposure, and each pixel is traced back through the lens onto the panel.
 
-Two panels stand side by side: with a tick of 200 us a picture gives its time to microseconds within 20 ms,
-with 10 ms to a millisecond within a second. The reader is told nothing of the panel or of where it stands.
+Two panels stand side by side. The one with a tick of 200 us gives an image's time to microseconds within
+20 ms; the one with 10 ms gives it to a millisecond within a second. The reader gets no information on the
+panel or its position.
 """
 
 from dataclasses import dataclass
@@ -31,19 +32,19 @@ SUBPIXELS = 2
 """Rays across a pixel, and down."""
 _WALL, _WHITE, _BLACK, _GROUND, _COVER = 0.16, 0.55, 0.03, 0.035, 0.3
 _LENS_RING = 0.05
-"""Light that surfaces throw back, of 1 where the sensor is full; lamps that are off throw back the last."""
+"""Reflectance of surfaces, with 1 for a full sensor; unlit lamps have the last value."""
 MOMENTS = 200
-"""Moments of a row's exposure at which its lamps are watched."""
+"""Number of moments of a row's exposure at which its lamps are sampled."""
 _LED_LIGHT, _SCREEN_LIGHT = (0.25, 0.5, 1.0), (1.0, 1.0, 1.0)
 """Blue, green and red of lamps: orange LEDs, white cells."""
 WIDTH, HEIGHT = 640, 480
 PANEL = panel_named("led-pair")
 CYCLE_NS = round(PANEL.cycle_ns)
-"""Pictures tell their time within this: 1 s."""
+"""Period within which an image's time is unambiguous: 1 s."""
 _CORNERS = ((27.0, 108.0), (611.0, 92.0), (620.0, 379.0), (19.0, 366.0))
-"""Where the frame is seen, from a little to one side."""
+"""Image positions of the frame's corners, seen from slightly to one side."""
 UNEVEN = 0.05
-"""LEDs differ in brightness by this (standard deviation)."""
+"""Relative standard deviation of the LEDs' brightness."""
 
 
 @lru_cache(maxsize=8)
@@ -52,8 +53,9 @@ def see_panel(
 ) -> tuple[Floats, NDArray[np.int64], Floats]:
     """Trace every pixel's rays back through the lens onto the panel.
 
-    The light (height, width) of what does not shine; lamp, row and column (3, n) of each pixel that a lamp
-    shines on, more than once of one on an edge; and how bright that lamp makes it (n,), 1 for its mean.
+    Returns three arrays: the light (height, width) of unlit surfaces; lamp, row and column (3, n) of each
+    pixel that a lamp lights, with several entries for a pixel on an edge; and the lamp's brightness there
+    (n,), with mean 1.
     """
     still = np.zeros((height, width))
     found: list[tuple[NDArray[np.int64], Floats]] = []
@@ -73,7 +75,7 @@ def see_panel(
 def _trace(
     panel: Panel, width: int, height: int, corners: Corners, distortion: float, dx: float, dy: float
 ) -> tuple[Floats, Floats]:
-    """Where on the panel (x, y) each pixel's ray ends."""
+    """Return the panel position (x, y) at which each pixel's ray ends."""
     y, x = np.mgrid[:height, :width].astype(float)
     half = width / 2
     across, down = (x + dx - half) / half, (y + dy - height / 2) / half
@@ -86,7 +88,7 @@ def _trace(
 
 
 def _surface(panel: Panel, x: Floats, y: Floats, hidden: tuple[int, ...]) -> Floats:
-    """Light that places of the panel and of the wall around it throw back."""
+    """Return the light reflected by points of the panel and of the wall around it."""
     on = (x > 0) & (y > 0) & (x < panel.width) & (y < panel.height)
     light = np.where(on, _WHITE, _WALL)
     for left, top, width, height in panel.dark:
@@ -102,12 +104,12 @@ def _surface(panel: Panel, x: Floats, y: Floats, hidden: tuple[int, ...]) -> Flo
 
 
 def _lamp_at(panel: Panel, x: Floats, y: Floats) -> tuple[NDArray[np.int64], Floats]:
-    """The lamp that each ray hits, -1 for none, and how bright it is there."""
+    """Return the lamp that each ray hits, -1 for none, and its brightness there."""
     which, profile = np.full(x.shape, -1), np.zeros(x.shape)
     ground = (x > 0) & (y > 0) & (x < panel.width) & (y < panel.height)
     rows, columns = np.nonzero(ground)
     x, y = x[rows, columns], y[rows, columns]
-    # Lamps stand on a lattice of half pitches, so that no two share a cell of it.
+    # Lamps are placed on a lattice of half pitches, so that no two share a cell of it.
     lattice = np.full((round(2 * panel.width) + 3, round(2 * panel.height) + 3), -1)
     places = np.array([[lamp.x, lamp.y] for lamp in panel.lamps])
     lattice[tuple(np.rint(2 * places).astype(int).T)] = np.arange(len(places))
@@ -129,36 +131,35 @@ def _lamp_at(panel: Panel, x: Floats, y: Floats) -> tuple[NDArray[np.int64], Flo
 
 @dataclass(frozen=True)
 class Photograph:
-    """How a photograph is taken; lengths in pixels, times in ns, light as a share of a full sensor."""
+    """Settings of a photograph; lengths in pixels, times in ns, light as a fraction of a full sensor."""
 
     panel: Panel
     width: int
     height: int
     corners: tuple[tuple[float, float], ...]
-    """Where the frame's corners are seen (x, y), but for the lens: clockwise from
-    upper left."""
+    """Image positions (x, y) of the frame's corners without lens distortion: clockwise from upper left."""
     exposure_ns: float
     row_time_ns: float
     distortion: float = 0.0
-    """Radial, first term, by half of the picture's width."""
+    """First radial coefficient, for radii normalized by half the image's width."""
     defocus: float = 0.0
     """Standard deviation of the blur."""
     lamp_light: float = 0.8
-    """Light of a lamp that is lit all the time."""
+    """Light of a lamp that is always lit."""
     ambient: float = 1.0
     uneven: float = 0.0
-    """Lamps differ in brightness by this share (standard deviation), in all photographs alike."""
+    """Relative standard deviation of the lamps' brightness, identical in all photographs."""
     vignette: float = 0.0
     """Loss of light in the corners."""
     gamma: float = 2.2
     full_well: float = 6000.0
-    """Electrons of a full pixel, whose square root is its noise; 0 = none."""
+    """Electrons of a full pixel, whose square root is its noise; 0 = no noise."""
     read_noise: float = 4.0
     hidden: tuple[int, ...] = ()
-    """Corners whose markers something covers."""
+    """Corners whose markers are covered."""
 
     def take(self, start_ns: float, rng: np.random.Generator) -> Image:
-        """The picture, BGR uint8 (height, width, 3), whose first row's exposure starts at that panel time."""
+        """Return the image, BGR uint8 (height, width, 3), exposed from panel time `start_ns` in row 0."""
         scene = self._blur(self._look(start_ns, rng))
         y, x = np.mgrid[: self.height, : self.width]
         away = (x - self.width / 2) ** 2 + (y - self.height / 2) ** 2
@@ -166,7 +167,7 @@ class Photograph:
         return self._develop(scene, rng)
 
     def _look(self, start_ns: float, rng: np.random.Generator) -> Floats:
-        """Light (height, width, 3) that comes through a sharp lens."""
+        """Return the light (height, width, 3) through a sharp lens."""
         still, (lamp, row, column), weight = see_panel(
             self.panel, self.width, self.height, self.corners, self.distortion, tuple(sorted(self.hidden))
         )
@@ -183,7 +184,7 @@ class Photograph:
     def _shares(
         self, start_ns: float, lamps: NDArray[np.int64], rows: NDArray[np.int64], rng: np.random.Generator
     ) -> Floats:
-        """Share of its exposure in which each of these lamps shines as seen from those rows, (n,)."""
+        """Return the fraction (n,) of its exposure in which each lamp is lit, as seen from its row."""
         of = self.panel.lamps
         start, lit, period = (
             np.array([getattr(lamp, name) for lamp in of])[lamps, None] for name in ("start", "lit", "period")
@@ -194,23 +195,23 @@ class Photograph:
         return np.asarray(((tick - start) % period < lit).mean(axis=1))
 
     def _ticks(self, moments: Floats, lamps: NDArray[np.int64], rng: np.random.Generator) -> Floats:
-        """The panel's ticks that these lamps (n,) show at moments (n, ...) of its time."""
+        """Return the panel's ticks that these lamps (n,) show at moments (n, ...) of its time."""
         return np.floor(moments / self.panel.tick_ns)
 
     def _blur(self, scene: Floats) -> Floats:
         return np.asarray(cv2.GaussianBlur(scene, (0, 0), self.defocus)) if self.defocus else scene
 
     def _tone(self, scene: Floats) -> Floats:
-        """The levels, 0 to 1, of linear light."""
+        """Return the levels, 0 to 1, of linear light."""
         return np.asarray(np.clip(scene, 0, 1) ** (1 / self.gamma))
 
     def _develop(self, scene: Floats, rng: np.random.Generator) -> Image:
-        """Noise and tone curve."""
+        """Apply noise and tone curve."""
         scene = np.clip(scene, 0, None)
         if self.full_well:
             sigma = np.sqrt(scene / self.full_well + (self.read_noise / self.full_well) ** 2)
             grain = rng.standard_normal(scene.shape)
-            # What a colour filter leaves out is filled in from its neighbours.
+            # Demosaicing fills in values from neighbouring pixels, which correlates their noise.
             scene = scene + sigma * 1.4 * np.asarray(cv2.GaussianBlur(grain, (0, 0), 0.6))
         return np.rint(255 * self._tone(scene)).astype(np.uint8)
 
@@ -218,10 +219,10 @@ class Photograph:
 def render(
     start_ns: int, *, exposure_ns: int, row_time_ns: float, rng: np.random.Generator, true_ppm: float = 0.0
 ) -> Image:
-    """Return the picture (HEIGHT x WIDTH x 3, BGR) whose first row's exposure starts at `start_ns`.
+    """Return the image (HEIGHT x WIDTH x 3, BGR) whose first row's exposure starts at `start_ns`.
 
-    Each row is exposed `row_time_ns` after the one above it, for `exposure_ns`; `true_ppm` is the error of
-    the camera's crystal. The panel's time is 0 at 0 ns.
+    Each row's exposure starts `row_time_ns` after the row above it and lasts `exposure_ns`; `true_ppm` is the
+    error of the camera's crystal. The panel's time is 0 at 0 ns.
     """
     stretch = 1.0 + true_ppm * 1e-6
     photograph = Photograph(

@@ -1,4 +1,4 @@
-"""Where the images of a simulated camera come from: a rendered scene, a panel, a test card, or a file."""
+"""Image sources of a simulated camera: a rendered scene, a panel, a test card, or a file."""
 
 from __future__ import annotations
 
@@ -29,31 +29,31 @@ _END, _START = b"\xff\xd9", b"\xff\xd8"
 
 @dataclass(frozen=True, slots=True)
 class PictureSource(ABC):
-    """Renders one camera's frames, of flat things by default; each is a pure function of frame and seed."""
+    """Renders one camera's frames, flat by default; each is a pure function of frame and seed."""
 
     width: int
-    """The pictures' width in pixels, as `height`."""
+    """Width of the images in pixels, as is `height`."""
     height: int
 
     @property
     def calibration(self) -> CameraCalibration | None:
-        """Intrinsics and pose of the view; None where there is nothing to measure."""
+        """Intrinsics and pose of the view; None if the images show nothing measurable."""
         return None
 
     @abstractmethod
     def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
-        """Return the picture, BGR uint8 of height x width x 3."""
+        """Return the image, BGR uint8 (height, width, 3)."""
 
     def reduced(self, frame: SensorFrame, width: int, *, seed: int) -> NDArray[np.uint8]:
-        """Return the picture, BGR uint8, about `width` pixels wide if that is quicker to render."""
+        """Return the image, BGR uint8, about `width` pixels wide if that is faster to render."""
         return self.render(frame, seed=seed)
 
     def jpeg(self, frame: SensorFrame) -> bytes | None:
-        """Return the picture as the JPEG that it comes as; None where it is rendered."""
+        """Return the image as its source's JPEG; None if it is rendered."""
         return None
 
     def ground_truth(self, frame: SensorFrame) -> GroundTruthArrays:
-        """Return depth in m (0 = none), object numbers and moving pixels, each of height x width."""
+        """Return depth in m (0 = none), object numbers and moving pixels, each (height, width)."""
         import numpy as np
 
         shape = (self.height, self.width)
@@ -62,19 +62,19 @@ class PictureSource(ABC):
 
 @dataclass(frozen=True, slots=True)
 class ColourBars(PictureSource):
-    """Colour bars, with the camera's name, the frame's number and time, and a hand that turns in a second."""
+    """Colour bars with the camera's name, the frame's number and time, and a hand with a period of 1 s."""
 
     camera: str
 
     def reduced(self, frame: SensorFrame, width: int, *, seed: int) -> NDArray[np.uint8]:
-        """Return a card of that width, BGR uint8, or of its own if that is less."""
+        """Return the card, BGR uint8, at that width, or at its own width if that is smaller."""
         width = min(width, self.width)
         return ColourBars(width, max(1, self.height * width // self.width), self.camera).render(
             frame, seed=seed
         )
 
     def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
-        """Return the card, BGR uint8 of height x width x 3; `seed` moves its faint grain."""
+        """Return the card, BGR uint8 (height, width, 3); `seed` changes its faint grain."""
         import cv2
         import numpy as np
 
@@ -125,13 +125,13 @@ class SceneView(PictureSource):
         return self.scene.calibration().cameras[self.view]
 
     def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
-        """Return the rendered view, BGR uint8 of height x width x 3."""
+        """Return the rendered view, BGR uint8 (height, width, 3)."""
         return self.scene.render(
             self.view, frame.start_true_ns, frame.exposure_ns, self.row_time_ns, seed=seed
         )
 
     def reduced(self, frame: SensorFrame, width: int, *, seed: int) -> NDArray[np.uint8]:
-        """Return the view about that wide, BGR uint8, of one sample a pixel and without motion blur."""
+        """Return the view at about that width, BGR uint8, with one sample per pixel and no motion blur."""
         draft = self.scene.draft(min(1.0, width / self.width))
         row_time_ns = self.row_time_ns * self.height // draft.views[self.view].height
         return draft.render(self.view, frame.start_true_ns, frame.exposure_ns, row_time_ns, seed=seed)
@@ -148,7 +148,7 @@ class PanelView(PictureSource):
     row_time_ns: int
 
     def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
-        """Return the picture, BGR uint8 of height x width x 3."""
+        """Return the image, BGR uint8 (height, width, 3)."""
         import numpy as np
 
         from capture_app.simulation.rendering.panel_photograph import render
@@ -172,9 +172,9 @@ def open_picture_source(
 ) -> PictureSource:
     """Open the test card of that size (`bars`), the LED panel (`led-panel`), or a view of a rendered scene.
 
-    The panel and scenes have their own size. `scale` shrinks the card and scenes; a scene has `samples` rays
-    of each pixel. An empty `view` is the one named like the camera. Raises BadInputError for a scene or view
-    that does not exist and NotAvailableError where this machine cannot render scenes.
+    The panel and scenes have their own size. `scale` shrinks the card and scenes; a scene casts `samples`
+    rays per pixel. An empty `view` selects the one named like the camera. Raises BadInputError for a scene
+    or view that does not exist and NotAvailableError if this machine cannot render scenes.
     """
     if scene == TEST_CARD:
         if view:
@@ -202,15 +202,15 @@ def open_picture_source(
 
 @dataclass(frozen=True, slots=True)
 class Replay(PictureSource):
-    """The JPEGs of a file, one after the other and again from the first, each as it is in the file."""
+    """The JPEGs of a file, in order and in a loop, unchanged."""
 
     jpegs: tuple[bytes, ...]
 
     @classmethod
     def open(cls, path: Path) -> Replay:
-        """Read a file of JPEGs, one behind the other, as recordings have them.
+        """Read a file of concatenated JPEGs, as recordings have them.
 
-        Raises BadInputError where it cannot be read, is too large to keep in memory, or is no such file.
+        Raises BadInputError if it cannot be read, is too large to keep in memory, or is not such a file.
         """
         with reading(path):
             size = path.stat().st_size
@@ -228,11 +228,11 @@ class Replay(PictureSource):
         return cls(*known, jpegs)
 
     def jpeg(self, frame: SensorFrame) -> bytes | None:
-        """Return the next of the file's, a copy as a driver makes one of its buffer."""
+        """Return the file's next JPEG, as a copy, because a driver copies its buffer."""
         return bytes(bytearray(self.jpegs[frame.sequence % len(self.jpegs)]))
 
     def render(self, frame: SensorFrame, *, seed: int) -> NDArray[np.uint8]:
-        """Return the picture decoded, BGR uint8 of height x width x 3."""
+        """Return the decoded image, BGR uint8 (height, width, 3)."""
         import numpy as np
 
         picture = decode_image(self.jpegs[frame.sequence % len(self.jpegs)], colour=True)

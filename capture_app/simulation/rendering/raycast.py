@@ -1,4 +1,4 @@
-"""A rigid body of textured triangles that rays are cast at (Embree, through Open3D, on the CPU)."""
+"""Ray casting against a rigid body of textured triangles (Embree, through Open3D, on the CPU)."""
 
 import sys
 from collections.abc import Mapping, Sequence
@@ -19,7 +19,7 @@ _PLOTS = "open3d.visualization.draw_plotly", "draw_plotly", "draw_plotly_server"
 
 
 class Texture:
-    """A picture in linear light with its smaller versions, sampled by bilinear lookups in two of them."""
+    """An image in linear light with its mipmaps, sampled by bilinear lookups in two levels."""
 
     def __init__(self, picture: NDArray[np.uint8]) -> None:
         level = LINEAR[picture]
@@ -30,7 +30,7 @@ class Texture:
             self.levels.append(level)
 
     def sample(self, uv: Floats, lod: Floats) -> Floats:
-        """Linear BGR (N, 3) at texture coordinates (N, 2), `lod`: log2 of texels per sample (N)."""
+        """Return linear BGR (N, 3) at texture coordinates (N, 2); `lod` is log2 of texels per sample (N)."""
         lod = np.clip(lod, 0.0, len(self.levels) - 1.001)
         low = lod.astype(np.int32)
         out = np.empty((len(uv), 3), np.float32)
@@ -45,7 +45,7 @@ class Texture:
         level = self.levels[number]
         height, width = level.shape[:2]
         where = (uv - np.floor(uv)) * np.array([width, height], np.float32) - 0.5
-        # cv2.remap takes maps of at most 32767 rows or columns: fold the list into rows of 1024.
+        # cv2.remap takes maps of at most 32767 rows or columns, so fold the list into rows of 1024.
         folded = np.zeros((-(-len(where) // 1024) * 1024, 2), np.float32)
         folded[: len(where)] = where
         found = cv2.remap(
@@ -55,7 +55,7 @@ class Texture:
 
 
 def bundle_rays(origins: Floats, directions: Floats) -> Floats:
-    """Rays (N, 6) from one origin (3) or each its own (N, 3), in one direction or each its own."""
+    """Return rays (N, 6) with one origin (3) or one each (N, 3), and one direction or one each."""
     shape = np.broadcast_shapes(origins.shape, directions.shape)
     rays = np.empty((*shape[:-1], 6), np.float32)
     rays[..., :3], rays[..., 3:] = origins, directions
@@ -64,7 +64,7 @@ def bundle_rays(origins: Floats, directions: Floats) -> Floats:
 
 @dataclass(frozen=True)
 class Hits:
-    """What rays met: distance in ray lengths (inf: nothing), triangle, place in the triangle."""
+    """Hits of rays: distance in ray lengths (inf: nothing), triangle, position in the triangle."""
 
     distance: Floats
     triangle: NDArray[np.int64]
@@ -76,12 +76,12 @@ class Hits:
 
 
 class Body:
-    """Meshes that move as one, by the textures' names; `things` gives each mesh's number."""
+    """Meshes that move together, with textures by name; `things` gives each mesh's object number."""
 
     def __init__(
         self, meshes: Sequence[Mesh], textures: Mapping[str, Texture], things: Sequence[int] | None = None
     ) -> None:
-        # Half of what Open3D takes to load are plots that a web server shows.
+        # Half of Open3D's load time is plotting code for a web server.
         plots = ModuleType(_PLOTS[0])
         vars(plots).update(dict.fromkeys(_PLOTS[1:]))
         sys.modules.setdefault(plots.__name__, plots)
@@ -99,7 +99,7 @@ class Body:
         self._texels_per_m = self._density(vertices[triangles])
         self.centre: Floats = (vertices.min(0) + vertices.max(0)) / 2
         self.radius = float(np.linalg.norm(vertices - self.centre, axis=1).max())
-        """Radius in m of the sphere about `centre` that holds the body."""
+        """Radius in m of the sphere about `centre` that contains the body."""
         self._tensor = o3d.core.Tensor
         self._scene = o3d.t.geometry.RaycastingScene(nthreads=1)
         self._scene.add_triangles(self._tensor(vertices), self._tensor(triangles.astype(np.uint32)))
@@ -113,8 +113,8 @@ class Body:
         return np.asarray(np.sqrt(texel_area / np.maximum(area, 1e-9)), np.float32)
 
     def cast(self, rays: Floats) -> Hits:
-        """First triangle met by each ray (N, 6): origin and direction in the body's own frame, in m."""
-        # One thread: the nodes of a simulated rig are processes that already fill the cores.
+        """Return the first triangle hit by each ray (N, 6): origin and direction in the body's frame, m."""
+        # One thread, because the nodes of a simulated rig are processes that already use all cores.
         found = self._scene.cast_rays(self._tensor(rays), nthreads=1)
         return Hits(
             distance=found["t_hit"].numpy(),
@@ -123,14 +123,14 @@ class Body:
         )
 
     def occludes(self, rays: Floats, *, near: float, far: float) -> NDArray[np.bool_]:
-        """Whether each ray (N, 6) meets the body between `near` and `far` ray lengths."""
+        """Return whether each ray (N, 6) hits the body between `near` and `far` ray lengths."""
         found = self._scene.test_occlusions(self._tensor(rays), tnear=near, tfar=far, nthreads=1)
         return np.asarray(found.numpy(), np.bool_)
 
     def surface_at(self, hits: Hits, directions: Floats, footprint: Floats) -> tuple[Floats, Floats]:
-        """Linear BGR (N, 3) and the unit normal (N, 3) that faces the ray, for hits that met something.
+        """Return linear BGR (N, 3) and the unit normal (N, 3) that faces the ray, for rays that hit the body.
 
-        `footprint` (N): width of a sample in m where it lies on the surface, seen face on.
+        `footprint` (N) is the width in m of a sample on the surface, seen face on.
         """
         weights = np.stack([1 - hits.barycentric.sum(1), *hits.barycentric.T], axis=1)[:, :, None]
         normal = (self._normals[hits.triangle] * weights).sum(1)
@@ -139,7 +139,7 @@ class Body:
         facing = (normal * directions).sum(1) / length
         normal = np.where(facing[:, None] > 0, -normal, normal)
         uv = (self._uv[hits.triangle] * weights).sum(1)
-        # Slanted surfaces are squeezed along one direction only: blur by half of that, in octaves.
+        # A slanted surface is compressed along one direction only, so blur by half of that, in octaves.
         stretched = footprint * self._texels_per_m[hits.triangle] / np.sqrt(np.maximum(np.abs(facing), 0.05))
         lod = np.log2(np.maximum(stretched, 1.0)).astype(np.float32)
         colour = np.empty((len(uv), 3), np.float32)

@@ -31,14 +31,14 @@ from capture_app.simulation.scenes.stages import DEFINITIONS
 SCENES = tuple(DEFINITIONS)
 
 _BLUR_STEP_NS = 4_000_000
-"""Each of a pixel's samples is taken again for every so much exposure, up to 4 times."""
+"""Exposure per repetition of a pixel's samples, up to 4 repetitions."""
 _STEPS = 8192
 _WHITE = 6.0
-"""Linear light that the table ends at."""
+"""Linear light at the end of the tone curve's table."""
 
 
 class Scene:
-    """A room with moving things and the cameras that look at it; what stands still is kept once drawn."""
+    """A room with moving objects and its cameras; static layers are cached once rendered."""
 
     def __init__(
         self, name: str, definition: SceneDefinition, *, scale: float = 1.0, samples: int = 4
@@ -49,7 +49,7 @@ class Scene:
         moving_things = sorted({part.thing for part in stage.parts.values()})
         self.name = name
         self.things = ("nothing", *(f.thing for f in stage.fixtures), *moving_things)
-        """Names of the things by their number in the ground truth's `objects`."""
+        """Names of the objects by their number in the ground truth's `objects`."""
         self.moving_things = frozenset(moving_things)
         self._scale = scale
         self.views = self._views(scale)
@@ -63,13 +63,13 @@ class Scene:
         self._still_depth: dict[str, tuple[Floats, NDArray[np.uint8]]] = {}
         self._lock = threading.Lock()
         self._samples = samples
-        """How many of each pixel, and again for long exposures."""
+        """Number of samples per pixel, repeated for long exposures."""
         self._drafts: dict[float, Scene] = {}
 
     def draft(self, scale: float) -> "Scene":
-        """This scene in pictures of `scale` times the size, one sample a pixel: quick to render.
+        """Return this scene with images of `scale` times the size and one sample per pixel: fast to render.
 
-        It shares what stands in it, and is made once for each scale, rounded to a percent.
+        It shares the static parts, and is cached for each scale, rounded to a percent.
         """
         scale = max(0.05, round(scale, 2))
         with self._lock:
@@ -84,7 +84,7 @@ class Scene:
     def render(
         self, view: str, start_ns: int, exposure_ns: int, row_time_ns: int, *, seed: int
     ) -> NDArray[np.uint8]:
-        """BGR uint8 picture (H, W, 3); row r is exposed from start_ns + r * row_time_ns on.
+        """Render a BGR uint8 image (H, W, 3); the exposure of row r starts at start_ns + r * row_time_ns.
 
         The same arguments give the same bytes, in any process of the same machine.
         Raises BadInputError for a view that the scene does not have.
@@ -107,9 +107,9 @@ class Scene:
     def ground_truth(
         self, view: str, start_ns: int, exposure_ns: int, row_time_ns: int
     ) -> tuple[Floats, NDArray[np.uint8], NDArray[np.bool_]]:
-        """Depth along the optical axis in m (0 = none), `things` by number, moving pixels, each (H, W).
+        """Return depth along the optical axis in m (0 = none), object numbers, moving pixels, each (H, W).
 
-        True at the centres of the pixels and the middle of each row's exposure.
+        They are exact at the pixels' centres and in the middle of each row's exposure.
         Raises BadInputError for a view that the scene does not have.
         """
         camera = self._view(view)
@@ -130,7 +130,7 @@ class Scene:
         return depth, things, movers_mask
 
     def calibration(self) -> Calibration:
-        """True intrinsics and poses of all views, by name; the rig's frame is the scene's, in m."""
+        """Return true intrinsics and poses of all views, by name; the rig's frame is the scene's, in m."""
         cameras = {name: view.calibration() for name, view in self.views.items()}
         return Calibration(cameras=cameras, source=f"the simulated scene {self.name}")
 
@@ -162,16 +162,16 @@ class Scene:
 
 
 def _samples(layers: list[StillLayer], repeats: int, exposure_ns: int) -> Iterator[tuple[StillLayer, int]]:
-    """Every layer `repeats` times, each at a time of its own spread evenly over the exposure."""
+    """Yield every layer `repeats` times, each at its own time, evenly distributed over the exposure."""
     count = repeats * len(layers)
     for number in range(count):
         yield layers[number % len(layers)], exposure_ns * (2 * number + 1) // (2 * count)
 
 
 def load(name: str, *, scale: float = 1.0, samples: int = len(SUBPIXELS)) -> Scene:
-    """Scene of that name, built once a process; `scale` shrinks its pictures from 640x480.
+    """Return the scene of that name, built once per process; `scale` shrinks its images from 640x480.
 
-    `samples`: of each pixel, and again for long exposures.
+    `samples` is the number of samples per pixel, repeated for long exposures.
 
     Raises BadInputError for a scene that does not exist, NotAvailableError without Open3D.
     """
@@ -187,7 +187,7 @@ def _built(name: str, scale: float, samples: int) -> Scene:
 
 @functools.cache
 def _curve() -> NDArray[np.uint8]:
-    """8-bit values of linear light 0 to _WHITE: Narkowicz's fit of the ACES film curve, then sRGB."""
+    """Return 8-bit values of linear light 0 to _WHITE: Narkowicz's fit of the ACES film curve, then sRGB."""
     light = np.linspace(0, _WHITE, _STEPS)
     tone = np.clip(light * (2.51 * light + 0.03) / (light * (2.43 * light + 0.59) + 0.14), 0, 1)
     srgb = np.where(tone <= 0.0031308, 12.92 * tone, 1.055 * tone ** (1 / 2.4) - 0.055)
@@ -202,9 +202,9 @@ def _vignette(height: int, width: int) -> Floats:
 
 
 def develop(light: Floats, exposure_ns: int, rng: np.random.Generator) -> NDArray[np.uint8]:
-    """BGR uint8 picture of linear light (H, W, 3) as a sensor with automatic gain takes it.
+    """Convert linear light (H, W, 3) to a BGR uint8 image, as a sensor with automatic gain does.
 
-    Shorter exposures need more gain and are noisier: photon noise goes with its square root.
+    Shorter exposures need more gain and are noisier: photon noise grows with the square root of the light.
     """
     seen = light * _vignette(light.shape[0], light.shape[1])
     gain = float(np.clip(np.sqrt(8e6 / max(exposure_ns, 1)), 0.5, 2.5))

@@ -1,4 +1,4 @@
-"""The definition of a scene: things that stand still, bodies that move, and the cameras."""
+"""Definition of a scene: static parts, moving parts, and cameras."""
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
@@ -16,12 +16,12 @@ Picture = NDArray[np.uint8]
 Point = tuple[float, float, float]
 
 FILES = Path(__file__).parent / "files"
-"""NAME.npz: the meshes of the scene NAME, in the order of its table `meshes`; TEXTURE.webp, without loss."""
+"""NAME.npz: meshes of the scene NAME, in the order of its table `meshes`; TEXTURE.webp: lossless textures."""
 
 
 @dataclass(frozen=True)
 class Mesh:
-    """Triangles (T, 3) over vertices (V, 3) in m, with a normal and a texture coordinate each.
+    """Triangles (T, 3) over vertices (V, 3) in m; each vertex has a normal and a texture coordinate.
 
     Axes as OpenCV's camera: x right, y down, z away from the viewer.
     """
@@ -35,7 +35,7 @@ class Mesh:
 
 @dataclass(frozen=True)
 class Part:
-    """Meshes of one rigid part, about its joint if it moves, and the thing it belongs to."""
+    """Meshes of one rigid part, relative to its joint if it moves, and the object it belongs to."""
 
     thing: str
     meshes: Sequence[Mesh]
@@ -43,7 +43,7 @@ class Part:
 
 @dataclass(frozen=True)
 class Stage:
-    """All that can be seen of a scene: its parts that stand still, and by their names those that move."""
+    """All visible parts of a scene: static parts, and moving parts by name."""
 
     fixtures: list[Part]
     parts: dict[str, Part]
@@ -53,17 +53,17 @@ class Stage:
 
 @dataclass(frozen=True)
 class SceneDefinition:
-    """One scene."""
+    """Cameras, parts and motion of one scene."""
 
     cameras: Mapping[str, tuple[Point, Point]]
-    """Where each camera is and the point that it looks at, in m."""
+    """Position of each camera and the point that it looks at, in m."""
     stage: Callable[[], Stage]
     poses: Callable[[Series], dict[str, Poses]]
     """Poses of the moving parts at the times, in s, by the part's name."""
 
 
 def read_stage(name: str, **drawn: Picture) -> Stage:
-    """Read a scene's meshes and their textures from `FILES`; textures that are `drawn` are not read."""
+    """Read a scene's meshes and textures from `FILES`; textures passed in `drawn` are not read."""
     kinds = ("vertices", "normals", "uv", "triangles")
     with np.load(FILES / f"{name}.npz") as data:
         table = data["meshes"]

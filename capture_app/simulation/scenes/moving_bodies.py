@@ -1,6 +1,6 @@
-"""How things move: a child of rigid parts that jumps or walks, and a pinwheel that turns.
+"""Motion of rigid parts: a child that jumps or walks, and a pinwheel that turns.
 
-All motion is a smooth periodic function of time, for ever.
+All motion is a smooth periodic function of time.
 """
 
 from typing import NamedTuple
@@ -26,24 +26,24 @@ UPPER_ARM_M = 0.19
 NECK_Y = -0.395
 
 HOP_S = 0.65
-"""One hop of the jumping child."""
+"""Duration of one hop of the jumping child."""
 CONTACT_S = 0.12
 TAKE_OFF_M_S = 9.81 * (HOP_S - CONTACT_S) / 2
-"""2.6 m/s: what gravity turns round within the flight."""
+"""2.6 m/s: the speed that gravity reverses within the flight."""
 SWAY_M = 0.13
 TURN_S = 3.9
 FIGURE_AT = (-0.30, 2.44)
 """x and z in m of the middle of the sway."""
 LEG_M = 0.505
-"""Hip to ankle when the feet leave the floor: knees a little bent."""
+"""Distance from hip to ankle when the feet leave the floor, with slightly bent knees."""
 
 LAP_S = 6.5
-"""One round of the walking child; a whole part of CYCLE_NS."""
+"""Duration of one round of the walking child; it divides CYCLE_NS."""
 GAIT_S = 0.65
 WALK_CENTRE = (0.0, 2.75)
 """x and z in m of the middle of the path."""
 WALK_REACH_M = (1.55, 0.42)
-"""Half axes of the path along x and z: 1.5 m/s where they pass each other, in the middle."""
+"""Half axes of the path along x and z: 1.5 m/s where the children pass each other, in the middle."""
 
 
 class Poses(NamedTuple):
@@ -53,14 +53,14 @@ class Poses(NamedTuple):
     translation: Series
 
     def point(self, x: float, y: float, z: float) -> Series:
-        """World positions (n, 3) of a point of the part, in m."""
+        """Return the world positions (n, 3) of a point of the part, in m."""
         return np.asarray(self.rotation @ np.array([x, y, z]) + self.translation)
 
 
 def turn(axis: int, angle: ArrayLike) -> NDArray[np.float64]:
-    """Rotation matrices (..., 3, 3) by the angles (...), in radians, about x, y or z (0, 1, 2).
+    """Return rotation matrices (..., 3, 3) by angles (...), in radians, about x, y or z (0, 1, 2).
 
-    A positive angle takes y to z, z to x, or x to y.
+    A positive angle rotates y to z, z to x, or x to y.
     """
     out = np.zeros((*np.shape(angle), 3, 3))
     a, b = (axis + 1) % 3, (axis + 2) % 3
@@ -72,7 +72,7 @@ def turn(axis: int, angle: ArrayLike) -> NDArray[np.float64]:
 
 
 def joint(parent: Poses, at: tuple[float, float, float], rotation: Series) -> Poses:
-    """Poses of a part whose origin is at a point of its parent, rotated against it by (n, 3, 3)."""
+    """Return poses of a part whose origin is a point of its parent, rotated against it by (n, 3, 3)."""
     return Poses(parent.rotation @ rotation, parent.point(*at))
 
 
@@ -89,7 +89,7 @@ class LimbTurns(NamedTuple):
 def child_poses(
     hips: Poses, torso_turn: Series, head_turn: Series, left: LimbTurns, right: LimbTurns
 ) -> dict[str, Poses]:
-    """Poses of all parts of a child by name, from the pose of its hips and the rotations of its joints."""
+    """Return poses of a child's parts by name, from the pose of its hips and its joints' rotations."""
     torso = joint(hips, (0.0, 0.02, 0.0), torso_turn)
     parts = {"hips": hips, "torso": torso, "head": joint(torso, (0.0, NECK_Y, -0.005), head_turn)}
     for side, name, turns in ((-1.0, "left", left), (1.0, "right", right)):
@@ -105,19 +105,19 @@ def child_poses(
 
 
 def cycle_seconds(times_ns: NDArray[np.int64]) -> Series:
-    """Seconds within the cycle, exact to a ns wherever in 64 bits the times lie."""
+    """Return seconds within the cycle, exact to 1 ns for any 64-bit times."""
     return (times_ns % CYCLE_NS).astype(np.float64) / 1e9
 
 
 def turning_wheel(time_s: Series) -> dict[str, Poses]:
-    """Poses of the pinwheel's blades, which face the cameras with a slight slant."""
+    """Return poses of the pinwheel's blades, which face the cameras with a slight slant."""
     slant = turn(1, np.full_like(time_s, 0.16)) @ turn(0, np.full_like(time_s, 0.07))
     turning = turn(2, 2 * np.pi * WHEEL_TURNS_PER_S * time_s)
     return {"wheel": Poses(slant @ turning, np.broadcast_to(np.array(WHEEL_HUB), (len(time_s), 3)))}
 
 
 def hop_height(time_s: Series) -> Series:
-    """Height in m of the hips over their place at take-off: a flight, then a springy landing."""
+    """Return the hips' height in m above their position at take-off: a flight, then a springy landing."""
     phase = time_s % HOP_S
     flight = phase - CONTACT_S
     landing = -TAKE_OFF_M_S * phase * (1 - phase / CONTACT_S)
@@ -125,14 +125,14 @@ def hop_height(time_s: Series) -> Series:
 
 
 def jumping_child(time_s: Series) -> dict[str, Poses]:
-    """Poses of the jumping child's parts at the times (n), by the part's name.
+    """Return poses of the jumping child's parts at n times, by the part's name.
 
-    Where the hop stands still, at its top and at its lowest point, the sideways sway runs at 0.7 of its
-    full speed: two pictures some tens of ms apart always show the child in two places.
+    At the top and the lowest point, where the hop has no speed, the sideways sway runs at 0.7 of its full
+    speed. Two images some tens of ms apart therefore always show the child in two places.
     """
     height = hop_height(time_s)
     airborne = np.sin(np.pi * np.clip((time_s % HOP_S - CONTACT_S) / (HOP_S - CONTACT_S), 0, 1)) ** 2
-    # Still only midway between the lowest point and the top, where the hop is fast.
+    # The sway stops only midway between the lowest point and the top, where the hop is fast.
     sway = np.pi * (time_s - CONTACT_S / 2) / HOP_S + np.pi / 4
     yaw = 0.42 * np.sin(2 * np.pi * time_s / TURN_S)
     roll = 0.09 * np.cos(sway)
@@ -163,7 +163,7 @@ def jumping_child(time_s: Series) -> dict[str, Poses]:
 
 
 def walking_child(time_s: Series, *, ahead: float, prefix: str) -> dict[str, Poses]:
-    """Poses by the part's name of a child that is `ahead` laps further on; names begin with `prefix`."""
+    """Return poses by part name of a child that is `ahead` laps further on; names begin with `prefix`."""
     round_ = 2 * np.pi * (time_s / LAP_S + ahead)
     gait = 2 * np.pi * (time_s / GAIT_S + 2 * ahead)
     speed = np.stack([-WALK_REACH_M[0] * np.sin(round_), WALK_REACH_M[1] * np.cos(round_)])
@@ -194,5 +194,5 @@ def walking_child(time_s: Series, *, ahead: float, prefix: str) -> dict[str, Pos
 
 
 def _height(swing: Series, knee: Series) -> Series:
-    """From hip to ankle, downwards in m."""
+    """Return the distance from hip to ankle, downwards in m."""
     return np.asarray(THIGH_M * np.cos(swing) + SHIN_M * np.cos(knee - swing))

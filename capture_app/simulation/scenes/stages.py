@@ -1,7 +1,7 @@
 """The scenes: the `studio`, two children who pass each other (`crossing`), a held `board`, the `pinwheel`.
 
-Of the pinwheel a picture shows hardly anything that stands still, so whoever takes the wheel of two
-different moments for one gets the cameras' poses wrong.
+An image of the pinwheel shows hardly anything static. Treating the wheel of two different moments as one
+object therefore gives wrong camera poses.
 """
 
 from functools import partial
@@ -25,29 +25,29 @@ from capture_app.simulation.scenes.moving_bodies import (
 STUDIO_CAMERAS: dict[str, tuple[Point, Point]] = {
     "cam00": ((-0.08, 0.0, 0.0), (-0.015, 0.13, 2.9)),
     "cam01": ((0.08, 0.0, 0.0), (0.015, 0.13, 2.9)),
-    # The wide pair: nearly one place, turned 13 degrees to either side.
+    # The wide pair: almost the same position, turned 13 degrees to either side.
     "cam02": ((-0.03, -0.10, 0.0), (-0.03 - 2.9 * 0.2309, 0.07, 2.9)),
     "cam03": ((0.03, -0.10, 0.0), (0.03 + 2.9 * 0.2309, 0.07, 2.9)),
     "cam04": ((0.26, -0.04, 0.02), (0.02, 0.13, 2.8)),
     "cam05": ((-0.26, -0.05, 0.02), (-0.02, 0.13, 2.8)),
     "cam06": ((0.0, -0.30, 0.02), (0.0, 0.14, 2.8)),
 }
-"""Where each camera is and the point that it looks at, in m."""
+"""Position of each camera and the point that it looks at, in m."""
 PAGE_M = (0.297, 0.210)
-"""The sheet that `reconstruct board` fills."""
+"""Size in m of the sheet that `reconstruct board` fills."""
 TEXELS_PER_MM = 4
 CENTRE = (0.0, -0.05, 0.60)
 REACH_M = (0.31, 0.27, 0.07)
-"""How far the board is moved to either side, up and down, and to and from the cameras."""
+"""Amplitude in m of the board's motion: sideways, vertically, and in depth."""
 TILT_RAD = (0.50, 0.62, 0.20)
-"""How far it is turned about x, y and z."""
+"""Amplitude in radians of its rotation about x, y and z."""
 CYCLE_S = CYCLE_NS / 1e9
 TIMES_A_CYCLE = {"right": 9, "down": 5, "away": 4, "x": 11, "y": 13, "z": 7}
-"""Whole numbers, none a multiple of another, so that places and tilts mix."""
+"""Whole cycles per CYCLE_S, none a multiple of another, so that positions and tilts mix."""
 
 
 def _turned(number: int) -> tuple[Point, Point]:
-    """One of three cameras nearly in one place, turned 22 degrees from each other."""
+    """Return one of three cameras at almost the same position, turned 22 degrees from each other."""
     angle = np.deg2rad(22.0 * (number - 1))
     x = 0.015 * (number - 1)
     return (x, -0.10, 0.0), (x + 2.9 * float(np.tan(angle)), 0.06, 2.9)
@@ -64,7 +64,7 @@ def _sheet() -> Picture:
 
 
 def _held(time_s: Series) -> dict[str, Poses]:
-    """Poses of the sheet, slow enough to be sharp: at most 0.2 m/s."""
+    """Return poses of the sheet, slow enough for sharp images: at most 0.2 m/s."""
     wave = {name: np.sin(2 * np.pi * times * time_s / CYCLE_S) for name, times in TIMES_A_CYCLE.items()}
     place = np.stack([wave["right"], wave["down"], wave["away"]], axis=-1) * REACH_M + CENTRE
     tilts = (turn(axis, TILT_RAD[axis] * wave[name]) for axis, name in enumerate("xyz"))
@@ -73,7 +73,7 @@ def _held(time_s: Series) -> dict[str, Poses]:
 
 
 def _looking(right: float, down: float, ahead: float) -> tuple[Point, Point]:
-    """A camera at that place from the hub, in m, turned to the hub."""
+    """Return a camera that looks at the hub from that offset to it, in m."""
     x, y, z = WHEEL_HUB
     return (x + right, y + down, z - ahead), (x, y + 0.015, z)
 
@@ -105,4 +105,4 @@ DEFINITIONS = {
     ),
     "board": SceneDefinition(STUDIO_CAMERAS, lambda: read_stage("board", sheet=_sheet()), _held),
 }
-"""In the studio a child jumps and a pinwheel turns; its room is that of the crossing and the board, too."""
+"""Scenes by name. In the studio a child jumps and a pinwheel turns; crossing and board share its room."""

@@ -1,1 +1,1 @@
-"""Camera drivers behind one interface; a backend is imported when it is asked for."""
+"""Camera drivers behind one interface; a backend is imported on first use."""

@@ -36,7 +36,7 @@ class Camera(ABC):
     _on_failure: OnFailure
 
     def in_clock(self, clock: NodeClock) -> Self:
-        """Return the camera; from its start on it stamps frames in a node's clock instead of the host's."""
+        """Make the camera stamp frames in a node's clock instead of the host's, from its start; return it."""
         self._clock_of_node = clock
         return self
 

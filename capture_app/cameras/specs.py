@@ -133,7 +133,7 @@ def read_number(
 
 @dataclass(frozen=True, slots=True)
 class CameraRequest:
-    """Settings that a user requested of a camera; None leaves one to the camera or to the default."""
+    """Settings that a user requested of a camera; None selects the camera's choice or the default."""
 
     width: int | None = None
     """In pixels, as is the height."""

@@ -116,7 +116,7 @@ class Door:
             except OSError:
                 await asyncio.sleep(LOOK_EVERY_S)  # for example if no file descriptor is left
                 continue
-            # TLS takes memory from the first moment, so the oldest silent connection makes room for a new one
+            # TLS takes memory from the first moment, so the oldest silent connection yields to a new one.
             if len(self._greeting) >= MOST_GREETED:
                 next(iter(self._greeting)).cancel()
             task = asyncio.create_task(self._greet(server, connection, tls))

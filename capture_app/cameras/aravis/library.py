@@ -31,7 +31,7 @@ def load_aravis() -> Any:
     try:
         gi.require_version("Aravis", _VERSION)
         with warnings.catch_warnings():
-            # PyGObject's importer is older than the import system of recent Python versions expects.
+            # PyGObject's importer uses an older import API than the newest Python.
             warnings.simplefilter("ignore", ImportWarning)
             importlib.import_module("gi.repository.GLib")
             return importlib.import_module("gi.repository.Aravis")

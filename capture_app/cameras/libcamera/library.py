@@ -38,7 +38,7 @@ class Library:
 
     @property
     def cameras(self) -> list[Any]:
-        """The library's cameras."""
+        """All cameras of the library."""
         return list(self._manager.cameras)
 
     def camera(self, device: str) -> Any:

@@ -22,7 +22,7 @@ from capture_app.session.reading.reader import Session
 KIND = "replay"
 USUAL_FPS = 30.0
 SPARSE = 1.5
-"""If instants are further apart than this many periods, they were picked out of the stream."""
+"""Instants further apart than this many periods are a selection from the camera's stream."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -41,7 +41,7 @@ class RecordedTiming:
 
     @property
     def loop_slots(self) -> int:
-        """Number of frame numbers from the first frame to its next repetition."""
+        """Count of frame numbers from the first frame to its repetition in the next loop."""
         again_ns = self.loop_ns - (self.at_ns[-1] - self.at_ns[0])
         return self.slots[-1] + max(1, round(again_ns / self.period_ns))
 

@@ -42,7 +42,7 @@ EXTRA = "rtsp"
 NEEDS = f"PyAV: the extra {EXTRA}"
 OPTIONS = {"fps": "its frames a second, where it does not say them and they are not whole"}
 REPORTS_S, FIRST_REPORTS = 8.0, 2
-"""Max wait for this many sender reports; under RFC 3550 one is sent every 2.5 to 7.5 s."""
+"""Max wait for sender reports, and the number to wait for; RFC 3550 sends one every 2.5 to 7.5 s."""
 PICTURE_S, SILENCE_S, ASK_S = 30.0, 5.0, 2.0
 FIRST_QUESTIONS, SOON_S = 25, 0.04
 RATE_FRAMES, RATE_SHARE = 20, 0.05

@@ -1,38 +1,38 @@
-"""How much later than its times say a camera's images were taken: what every way to measure it gives."""
+"""Measured time offset of one camera, in the form that every measuring method returns."""
 
 from msgspec import Struct, structs
 
 DIGITS = {"offset_ms": 3, "sd_ms": 3, "row_time_ns": None, "row_time_sd_ns": None}
-"""Digits after the point that are told; None: a whole number."""
+"""Decimal places to which each field is rounded; None: a whole number."""
 
 
 class CameraTime(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """How much later than its times say a camera's images were taken, against the reference's; or why not.
+    """How much later a camera's images were taken than its recorded times say, relative to the reference's.
 
-    By light: that of the first row, or of the middle one where the session tells no row time.
+    An offset measured by light is that of the first row, or of the middle row if the session has no row time.
     """
 
     offset_ms: float | None = None
     sd_ms: float | None = None
-    """A standard deviation."""
+    """Standard deviation of the offset."""
     source: str = ""
-    """What it was measured by: light, motion, or reference."""
+    """What the offset was measured by: light, motion, or reference."""
     against: tuple[str, ...] = ()
-    """The cameras that what moves was compared with."""
+    """The cameras with which its moving objects were compared."""
     edges: int | None = None
-    """Number of a lamp's edges by which it was measured."""
+    """Number of lamp edges used for the measurement."""
     reason: str = ""
-    """Why it cannot be told."""
+    """Why the offset could not be measured; empty if it was."""
     rate_ppm: float | None = None
-    """How much faster the times of a recording without common times must run to be the reference's."""
+    """Rate correction that a recording without common times needs to match the reference's clock, ppm."""
     rate_sd_ppm: float | None = None
     at_ms: float | None = None
-    """The time of its own at which the offset is this one."""
+    """Time on the camera's own clock at which the offset holds."""
     row_time_ns: float | None = None
-    """What its pictures tell of the readout of a row."""
+    """Readout time of one row, measured from the images."""
     row_time_sd_ns: float | None = None
 
     def rounded(self) -> "CameraTime":
-        """With as many digits as are told."""
+        """Return a copy rounded to the decimal places in `DIGITS`."""
         known = {name: value for name in DIGITS if (value := getattr(self, name)) is not None}
         return structs.replace(self, **{name: round(value, DIGITS[name]) for name, value in known.items()})

@@ -1,8 +1,8 @@
-"""Time offset of two cameras by what moves: crossings of epipolar lines, and the offset that they agree on.
+"""Time offset of two cameras from moving points: crossings of epipolar lines, and the offset they agree on.
 
-A point that camera A shows at a time lies on its epipolar line in camera B at that same time only. B's
-images show it before and after; where its path crosses the line, in B's own time, is when A's image was
-taken. Motion along the line tells nothing.
+A point in an image of camera A is on its epipolar line in camera B only at the time of that image.
+B's images show the point before and after. Its path in B crosses the line at the time, on B's clock, at
+which A's image was taken. Motion along the line carries no information.
 """
 
 from collections.abc import Iterable
@@ -21,32 +21,32 @@ from reconstruction.time_offsets.pair_geometry import (
 )
 
 MATCH_PX = 0.5
-"""Error of a match across its epipolar line, to begin with; then it is measured."""
+"""Initial error of a match across its epipolar line; it is then estimated from the matches."""
 LEAST_MATCH_PX = 0.1
 LEAST_STILL_PX = 0.2
 LEAST_ACROSS_PX = 1.0
-"""Points that cross their line by less within a frame tell nothing."""
+"""Points that move across their line by less than this in a frame period are ignored."""
 BIN_MS = 0.25
 NEAR_PX = 4.0
-"""Matches that are further from what most agree on are wrong ones."""
+"""Matches farther than this from the offset with the most votes are outliers."""
 FARTHEST_STILL_PX = 6.0
-"""Matches of what stands still that are further from their epipolar lines are wrong ones."""
+"""Matches of static points farther than this from their epipolar lines are outliers."""
 LEAST_VOTES = 6.0
-"""Fewest crossings that must agree."""
+"""Minimum number of crossings that must agree."""
 DISTINCT = 1.6
-"""Ratio of the crossings that agree to those on any other offset: wrong ones agree on everything."""
+"""Minimum ratio of agreeing crossings to those at any other offset; wrong matches vote for every offset."""
 MIN_POINTS = 3
-"""Fewer points of an instant may all be wrong matches."""
+"""Minimum points of an instant; fewer may all be wrong matches."""
 MIN_INSTANTS = 3
-"""With fewer instants there is no error bar that could be believed."""
+"""Minimum number of instants; with fewer the error bar is not reliable."""
 SHARP_FRAMES = 1 / 6
-"""What an instant tells less sharply is not told: a wheel that turns looks alike at several offsets."""
+"""Maximum standard deviation of an instant's offset, in periods: a turning wheel looks alike at several."""
 SYSTEMATIC_MS = 0.25
-"""What is left of rows, exposures and the paths between images; one standard deviation."""
+"""Systematic error left by rows, exposures and the paths between images; one standard deviation."""
 SHARED_PX = 0.1
-"""What all points of one part of the picture err by together, however many they are."""
+"""Error that all points in one part of the image share, independent of their number."""
 INSTANT_PX = 0.12
-"""What those of one instant err by together besides."""
+"""Additional error that the points of one instant share."""
 ROUNDS = 20
 
 
@@ -54,9 +54,9 @@ ROUNDS = 20
 class Crossings:
     """Crossings (n,) of epipolar lines, one for each pair of matched points.
 
-    `instant` of A's image, `offset_ms`: how much later than its times say B's images were taken, against A's;
-    `across_px_per_ms`: how fast the point crosses the line; `counts`: for how many points it counts;
-    `geometry` (n, TERMS), of `geometry_terms`.
+    `instant` is that of A's image. `offset_ms` is how much later B's images were taken than their recorded
+    times say, relative to A's. `across_px_per_ms` is the point's speed across the line. `counts` is the
+    number of points that it counts for. `geometry` (n, TERMS) is from `geometry_terms`.
     """
 
     instant: Array
@@ -67,33 +67,34 @@ class Crossings:
 
     @classmethod
     def join(cls, parts: Iterable[Self]) -> Self:
-        """All of them in one."""
+        """Concatenate sets of crossings."""
         none = np.zeros(0)
         every = [cls(none, none, none, none, np.zeros((0, TERMS))), *parts]
         return cls(*(np.concatenate([getattr(one, of.name) for one in every]) for of in fields(cls)))
 
     def later(self, by_ms: float | Array) -> Self:
-        """The same, as if the second camera were later by so much."""
+        """Return the crossings with the second camera's offset increased by `by_ms`."""
         return replace(self, offset_ms=self.offset_ms + by_ms)
 
     def by(self, geometry: Array) -> Self:
-        """The same by another geometry, (TERMS,) of `geometry_terms`."""
+        """Return the crossings corrected for a geometry error (TERMS,), in units of `geometry_terms`."""
         return self.later(-(self.geometry @ geometry) / self.across_px_per_ms)
 
     def only(self, chosen: Array) -> Self:
-        """Those that are chosen (bool)."""
+        """Return the crossings selected by a mask (bool)."""
         return replace(self, **{of.name: getattr(self, of.name)[chosen] for of in fields(self)})
 
 
 Path = tuple[Array, Array]
-"""Points in the image before, an image and the one after: where, (3, n, 2) px, NaN where a point was not
-followed, and when, (3, n) ms."""
+"""Points in the previous image, an image and the next one.
+
+Positions (3, n, 2) px, NaN where a point could not be tracked; times (3, n) ms."""
 
 
 def find_crossings(views: tuple[View, View], instant: int, a: Path, b: Path, counts: Array) -> Crossings:
-    """Where the points of A's image at an instant cross by B's path, and those of B's image by A's.
+    """Find where B's paths cross the epipolar lines of A's points at an instant, and A's paths those of B's.
 
-    `counts` (n,): for how many points each counts.
+    `counts` (n,): the number of points that each one counts for.
     """
     later = _crossed(views, a, b)
     earlier = _crossed(views[::-1], b, a)
@@ -108,10 +109,10 @@ def find_crossings(views: tuple[View, View], instant: int, a: Path, b: Path, cou
 
 
 def _crossed(views: tuple[View, View], seen: Path, path: Path) -> tuple[Array, Array]:
-    """The offset (n,) ms at which points in the middle of their path are crossed by the other, and how fast.
+    """Return the offsets (n,) ms at which paths cross the lines of the points seen, and the crossing speeds.
 
-    The distance from the line is a parabola through the three images, or a line through two; NaN for
-    crossings outside them.
+    The distance from the line is a parabola through the three images, or a line through two. Crossings
+    outside these images are NaN.
     """
     (places, seen_ms), (others, times_ms) = seen, path
     before, now, after = (_errors(views, places[1], at) for at in others)
@@ -140,11 +141,11 @@ def _errors(views: tuple[View, View], at_a: Array, at_b: Array) -> Array:
 
 
 StillErrors = tuple[Array, Array]
-"""Epipolar errors (n,) px of what stands still, and their geometry as of `Crossings`."""
+"""Epipolar errors (n,) px of static points, and their geometry as in `Crossings`."""
 
 
 def still_errors(views: tuple[View, View], at_a: Array, at_b: Array) -> StillErrors:
-    """Of matches (n, 2) px, without those that are wrong."""
+    """Return the epipolar errors of static matches (n, 2) px, without outliers."""
     errors = epipolar_errors_px(*views, at_a, at_b) if len(at_a) else np.zeros(0)
     near = np.abs(errors) < FARTHEST_STILL_PX
     if not near.any():
@@ -153,7 +154,7 @@ def still_errors(views: tuple[View, View], at_a: Array, at_b: Array) -> StillErr
 
 
 class InstantOffset(Struct, frozen=True):
-    """How late the second camera is by one instant's image of the first alone; `points` is how many agree."""
+    """Delay of the second camera measured from one instant alone; `points` is how many agree."""
 
     instant: int
     late_ms: float
@@ -163,9 +164,9 @@ class InstantOffset(Struct, frozen=True):
 
 @dataclass(frozen=True)
 class OffsetFit:
-    """How late the second camera is against the first, and the same by each instant alone.
+    """Delay of the second camera relative to the first, in total and for each instant alone.
 
-    `reason` says why it is not known; `offset_ms` and `sd_ms` are None then.
+    If it is unknown, `reason` says why, and `offset_ms` and `sd_ms` are None.
     """
 
     offset_ms: float | None = None
@@ -173,20 +174,20 @@ class OffsetFit:
     reason: str = ""
     instants: tuple[InstantOffset, ...] = ()
     votes: float = 0.0
-    """About how many crossings agree."""
+    """Approximate number of crossings that agree."""
 
     def later(self, by_ms: float) -> "OffsetFit":
-        """The same, of a second camera that is later by so much."""
+        """Return the fit with the second camera's offset increased by `by_ms`."""
         moved = tuple(structs.replace(one, late_ms=one.late_ms + by_ms) for one in self.instants)
         offset_ms = None if self.offset_ms is None else self.offset_ms + by_ms
         return replace(self, offset_ms=offset_ms, instants=moved)
 
 
 def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> OffsetFit:
-    """The offset that most crossings agree on, fitted with the errors of the geometry.
+    """Fit the offset that most crossings agree on, together with the errors of the geometry.
 
-    A calibration that is off moves crossings by a distance, and so by a time that depends on how fast a point
-    crosses its line. What of an offset such an error could explain is in the error bar.
+    A calibration error moves crossings by a distance, and so by a time that depends on how fast a point
+    crosses its line. The error bar includes any part of the offset that such an error could explain.
     """
     found = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > LEAST_ACROSS_PX)
     if found.counts.sum() < LEAST_VOTES:
@@ -211,7 +212,7 @@ def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> Of
 
 
 def _most_agreed(found: Crossings, period_ms: float) -> tuple[float, float, float]:
-    """The offset with the most votes, ms, how many they are, and the most that is a frame or more away."""
+    """Return the offset with the most votes (ms), its votes, and the most votes a period or more from it."""
     reach = float(np.abs(found.offset_ms).max()) + 1
     grid = np.arange(-reach, reach, BIN_MS)
     widths = np.clip(MATCH_PX / np.abs(found.across_px_per_ms), 2 * BIN_MS, None)
@@ -224,10 +225,10 @@ def _most_agreed(found: Crossings, period_ms: float) -> tuple[float, float, floa
 
 
 class _Fit:
-    """The offset and the geometry of a pair: iteratively reweighted least squares (Cauchy weights).
+    """Offset and geometry errors of a pair: iteratively reweighted least squares (Cauchy weights).
 
-    distance = speed * offset + geometry, the same without speed of what stands still; each of the geometry's
-    terms is zero within a standard deviation before anything is seen.
+    The model is distance = speed * offset + geometry; static points have no speed term. Each geometry term
+    has a zero-mean prior of one standard deviation.
     """
 
     def __init__(self, moving: Crossings, still: StillErrors, start: Array | None = None) -> None:
@@ -242,7 +243,7 @@ class _Fit:
         )
         seen = np.concatenate([moving.offset_ms * moving.across_px_per_ms, still_px])
         prior = np.diag([0.0 if count else 1.0, *np.ones(TERMS)])
-        # The most that each can weigh, px^-2: what is shared does not get less by more points.
+        # Maximum total weight of each group, px^-2: more points do not reduce a shared error.
         shared_px2 = SHARED_PX**2 + INSTANT_PX**2 / max(1, len(np.unique(moving.instant)))
         most = (
             _parts(moving.geometry, moving.instant) / shared_px2,
@@ -258,7 +259,7 @@ class _Fit:
             sds = np.concatenate([np.full(count, match_px), np.full(len(seen) - count, rest_px)])
             weights = np.concatenate([moving.counts, np.ones(len(seen) - count)])
             weights = weights / sds**2 / (1 + (miss / (1.5 * sds)) ** 2)
-            # Geman and McClure's, not Cauchy's: wrong matches of what stands still err alike at all instants.
+            # Geman-McClure weights, not Cauchy's: wrong static matches have the same error at all instants.
             weights[count:] /= 1 + (miss[count:] / (1.5 * rest_px)) ** 2
             for of, its in zip((np.s_[:count], np.s_[count:]), most, strict=True):
                 weights[of] *= min(1.0, its / max(1e-9, float(weights[of].sum())))
@@ -269,29 +270,29 @@ class _Fit:
 
     @property
     def geometry(self) -> Array:
-        """By how many standard deviations each of `geometry_terms` is off, (TERMS,)."""
+        """Errors of the geometry (TERMS,), each in standard deviations of its term in `geometry_terms`."""
         return self.values[1:]
 
     @property
     def sd_ms(self) -> float:
-        """Of the offset: by the scatter of the instants, or by what the geometry could explain."""
+        """Standard deviation of the offset: the larger of the instants' scatter and the geometry's part."""
         count, instant = len(self.moving.counts), self.moving.instant.astype(int)
         inverse = np.linalg.inv(self._normal)
         pull = self._weights[:count] * self._miss[:count] * (self._rows[:count] @ inverse[0])
-        # A cluster's points err together: what each instant alone pulls the offset by (Liang and Zeger 1986);
-        # and paths of an instant use the pictures beside it (Newey and West 1987).
+        # The points of a cluster share errors: use each instant's pull on the offset (Liang and Zeger 1986).
+        # The paths of an instant use its neighbouring images (Newey and West 1987).
         pulls = np.bincount(instant - instant.min(), pull)
         beside = sum(2 * (1 - k / 3) * float(pulls[k:] @ pulls[:-k]) for k in (1, 2))
         instants = len(np.unique(instant))
         drawn = float(np.sqrt(max(pulls @ pulls, pulls @ pulls + beside) * instants / max(1, instants - 1)))
         free = max(1, instants - 1)
-        # Few instants tell their own scatter poorly: Student's t over the normal law, at 95 %.
+        # Few instants estimate their scatter poorly: ratio of Student's t to the normal quantile, at 95 %.
         drawn *= 1 + 1.2 / free + 2.4 / free**2
         return float(np.sqrt(max(drawn**2, inverse[0, 0])))
 
 
 def _parts(geometry: Array, instant: Array) -> float:
-    """In how many parts of the picture there are points at an instant, on the average."""
+    """Return the mean number of image parts that contain points at an instant."""
     if not len(instant):
         return 0.0
     cells = np.floor(4 * places(geometry)) @ np.array([1.0, 100.0])
@@ -303,7 +304,7 @@ def _spread(misses: Array, least: float) -> float:
 
 
 def _by_instant(fit: _Fit, period_ms: float) -> tuple[InstantOffset, ...]:
-    """Every instant's own offset, where its points give it."""
+    """Return the offset of each instant whose points determine it well enough."""
     moved, instants = fit.moving.by(fit.geometry), []
     for instant in np.unique(moved.instant):
         its = moved.only(moved.instant == instant)
@@ -322,6 +323,6 @@ def _by_instant(fit: _Fit, period_ms: float) -> tuple[InstantOffset, ...]:
 
 def _weighted_median(values: Array, weights: Array) -> float:
     order = np.argsort(values)
-    # Half of each weight lies on either side of its value, so that equal weights give the plain median.
+    # Half of each weight is on either side of its value, so that equal weights give the plain median.
     middles = np.cumsum(weights[order]) - 0.5 * weights[order]
     return float(np.interp(0.5 * weights.sum(), middles, values[order]))

@@ -1,7 +1,7 @@
-"""Time offsets of cameras, and how long their rows take, by a lamp that blinks before them.
+"""Time offsets and row times of cameras, measured from a blinking lamp in view.
 
-The rows that were exposing as it was switched are lit in part: a ramp as long as the exposure (and as the
-lamp takes), bent by the camera's tone curve. On rising and falling edges it is bent to opposite sides.
+Rows that are exposing when the lamp switches are lit in part. They show a ramp as long as the exposure (and
+the lamp's own rise time), bent by the camera's tone curve. Rising and falling edges bend to opposite sides.
 """
 
 import warnings
@@ -18,61 +18,61 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.camera_time import CameraTime
 
 STEP = 2
-"""Images so many apart differ fully by a lamp that was switched between them."""
+"""Images this far apart show the full difference when the lamp switches between them."""
 BESIDE = 2
-"""Images to either side of a change that show what was before, and what after."""
+"""Images on each side of a change that show the states before and after it."""
 CLEAR = 6.0
-"""Ratio of a lamp's change of brightness to what it otherwise changes by."""
+"""Minimum ratio of a lamp's brightness change to the other changes of brightness."""
 LEAST_SHARE = 0.02
-"""Least share of the brightness that a lamp changes it by."""
+"""Minimum change of brightness by a lamp, as a fraction of the brightness."""
 LEAST_RISE = 8.0
-"""Grey levels by which a pixel must differ to tell anything."""
+"""Minimum difference of a pixel between dark and lit, in grey levels."""
 WHITE = 250
 LEAST_SD = 0.01
-"""What the mains' flicker, a compressed picture and the like leave of a row's share."""
+"""Minimum error of a row's lit fraction, due to mains flicker, image compression and the like."""
 ROW_PIXELS = 12
-"""Fewer pixels of a row that differ tell nothing of it."""
+"""Minimum number of pixels of a row that differ between dark and lit."""
 WIDTHS_MS = tuple(np.geomspace(0.4, 60.0, 28))
 BENDS = (0.55, 0.8, 1.1)
 """Exponents of the tone curve between dark and lit."""
 MOST_FITTED = 6
-"""Edges by which the ramp is found: more tell hardly more."""
+"""Maximum number of edges used to fit the ramp; more hardly improve it."""
 FITTED_ROWS = 100
 COVERED = 0.5
-"""Least share of an edge's ramp that must lie on rows that were read."""
+"""Minimum fraction of an edge's ramp that must be covered by rows that were read out."""
 LEAST_ROWS = 6
 MISFIT = 0.12
 STEPS = 61
 RAMP_ERROR = 0.015
-"""What a tone curve of another form, or light that flickers, moves an edge by, as a share of its ramp."""
+"""Error of an edge from a different tone curve or flickering light, as a fraction of its ramp."""
 SHARED_ROWS = 8
-"""Rows that share their errors: those of a compressed picture's blocks."""
+"""Number of rows that share their errors: the height of a block in a compressed image."""
 REACH_MS = 300.0
-"""Offsets up to this are looked for."""
+"""Maximum offset searched for."""
 NEAR_MS = 20.0
-"""Edges that an offset brings so near to each other may be one: as much as images hide between them."""
+"""Maximum distance of edges that may be the same after an offset: the gap that images can hide."""
 LEAST_EDGES = 3
-"""With fewer in common there is no error bar that could be believed."""
+"""Minimum number of common edges; with fewer the error bar is not reliable."""
 SLOW_MS = 15.0
-"""A lamp that takes longer than this to light up has no edge."""
+"""Maximum rise time of a lamp beyond the exposure; a slower lamp has no edge."""
 TOLD_ROWS, UNTOLD_ROWS = 0.03, 0.3
-"""How wrong a row time may be, as a share: one that the session tells, and one that is taken for granted."""
+"""Relative standard deviation of a row time that the session records, and of one that is assumed."""
 USUAL_READOUT = 0.7
-"""Share of the period that a readout takes where no row time is told."""
+"""Fraction of the period that a readout is assumed to take if no row time is recorded."""
 BEND_MS = 2.0
-"""By how much rising edges may seem later, and falling ones earlier."""
+"""Standard deviation of the apparent delay of rising edges, and advance of falling ones."""
 SYSTEMATIC_MS = 0.02
 LIGHT = "light"
-"""What an offset was measured by."""
+"""Source name of an offset measured from a lamp."""
 NO_LAMP = "no lamp blinks before it"
 
 
 @dataclass(frozen=True)
 class BlinkEdge:
-    """One change of the lamp, over the few images around it.
+    """One switching of the lamp, in the few images around it.
 
-    `images` are instants; `lit` (images, rows): how far a row is from dark to bright, NaN where it does not
-    show the lamp; `sd` is its error.
+    `images` are instants. `lit` (images, rows) is a row's level from dark (0) to bright (1), and NaN for rows
+    that do not show the lamp. `sd` is its error.
     """
 
     rising: bool
@@ -82,7 +82,7 @@ class BlinkEdge:
 
 
 def find_blink_edges(dataset: Dataset, camera: str) -> list[BlinkEdge]:
-    """All changes of a lamp that the camera's images show, in order."""
+    """Find every switching of a lamp in a camera's images, in order."""
     there = dataset.instants(camera)
     if len(there) < 2 * (STEP + BESIDE):
         return []
@@ -92,7 +92,7 @@ def find_blink_edges(dataset: Dataset, camera: str) -> list[BlinkEdge]:
     for number, (at, rising) in enumerate(changes):
         before = changes[number - 1][0] if number else -BESIDE
         after = changes[number + 1][0] if number + 1 < len(changes) else len(there) + BESIDE
-        # Of each change the image it falls into and those beside it show it.
+        # Each change shows in the image that it falls into and in both neighbours.
         first, last = at - 1, at + 1
         early = [k for k in range(first - BESIDE, first) if k > before + 1 and k >= 0]
         late = [k for k in range(last + 1, last + 1 + BESIDE) if k < after - 1 and k < len(there)]
@@ -106,11 +106,11 @@ def find_blink_edges(dataset: Dataset, camera: str) -> list[BlinkEdge]:
 
 
 def _changes(brightness: Array) -> list[tuple[int, bool]]:
-    """The images in which the brightness (n,) changes for long, and whether it rises."""
+    """Return the images in which the brightness (n,) changes lastingly, and whether it rises."""
     steps = np.zeros(len(brightness))
     steps[STEP // 2 : -STEP // 2] = brightness[STEP:] - brightness[:-STEP]
     size = np.abs(steps)
-    # Of a lamp that is slow most images change.
+    # With a slow lamp most images change.
     usual = float(np.quantile(size, 0.2)) / 0.253
     least = max(CLEAR * usual, LEAST_SHARE * float(np.median(brightness)), 0.5)
     large = size > least
@@ -122,7 +122,7 @@ def _changes(brightness: Array) -> list[tuple[int, bool]]:
                 found[-1] = (int(k), rising)
         else:
             found.append((int(k), rising))
-    # A lamp makes equal steps up and down; what is much less is something else.
+    # A lamp makes equal steps up and down; much smaller steps have another cause.
     usual_step = float(np.median([size[k] for k, _ in found])) if found else 0.0
     return [(k, rising) for k, rising in found if size[k] > 0.3 * usual_step]
 
@@ -147,7 +147,7 @@ def _edge(
 
 
 def _lit_rows(image: Array, dark: Array, rise: Array, told: Array) -> tuple[Array, Array]:
-    """How far each row (n,) is from dark to bright, and the error; without what something moving spoils."""
+    """Return each row's level (n,) from dark to bright, and its error, without pixels spoiled by motion."""
     over = image.astype(np.float32) - dark
     with np.errstate(invalid="ignore", divide="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # rows without a pixel that tells
@@ -164,24 +164,24 @@ def _lit_rows(image: Array, dark: Array, rise: Array, told: Array) -> tuple[Arra
 
 @dataclass(frozen=True)
 class RowTimes:
-    """The middles of the exposures of a camera's rows: of each instant's first row, and of a row more, ms."""
+    """Mid-exposure times of a camera's rows, ms: each instant's first row, and the time from row to row."""
 
     start_ms: dict[int, float]
     row_ms: float
 
     def of(self, edge: BlinkEdge) -> Array:
-        """(images, rows)."""
+        """Return the mid-exposure times (images, rows) of an edge's rows, ms."""
         starts = np.array([self.start_ms[k] for k in edge.images])
         return np.asarray(starts[:, None] + self.row_ms * np.arange(edge.lit.shape[1]))
 
 
 Ramp = tuple[float, float]
-"""How long rows show an edge, ms, and the exponent of how that looks."""
+"""Duration for which rows show an edge, ms, and the exponent of the tone curve."""
 
 
 @dataclass(frozen=True)
 class EdgeTime:
-    """When the middle of the exposure of a row was at the edge, ms, and that row; None where none tells."""
+    """Time of an edge, ms, and the row whose mid-exposure was at that time."""
 
     at_ms: float
     row: float
@@ -189,7 +189,10 @@ class EdgeTime:
 
 
 def rough_time(edge: BlinkEdge, times: Array) -> float | None:
-    """Between which rows (their times of the edge's shape) most are dark before, and lit after."""
+    """Return the time (ms) that best splits rows into unlit before and lit after; None with too few rows.
+
+    `times` are the rows' times, in the shape of `edge.lit`. A falling edge is split the other way round.
+    """
     known = np.isfinite(edge.lit)
     if known.sum() < LEAST_ROWS:
         return None
@@ -204,7 +207,7 @@ def rough_time(edge: BlinkEdge, times: Array) -> float | None:
 
 
 def fit_ramp(edges: Sequence[BlinkEdge], rows: RowTimes) -> Ramp | None:
-    """The ramp that fits the clearest edges best; None where no edge shows enough rows."""
+    """Fit one ramp to at most `MOST_FITTED` edges; None if no edge shows enough rows."""
     chosen = [edge for edge in edges if rough_time(edge, rows.of(edge)) is not None]
     chosen = [chosen[int(k)] for k in np.linspace(0, len(chosen) - 1, min(MOST_FITTED, len(chosen)))]
     if not chosen:
@@ -228,7 +231,7 @@ def fit_ramp(edges: Sequence[BlinkEdge], rows: RowTimes) -> Ramp | None:
 
 
 def find_edge_time(edge: BlinkEdge, rows: RowTimes, ramp: Ramp) -> EdgeTime | None:
-    """When the edge was; None where too little of its ramp lies on rows that were read."""
+    """Find the time of an edge; None if too little of its ramp is covered by rows that were read out."""
     times = rows.of(edge)
     near = rough_time(edge, times)
     if near is None:
@@ -250,7 +253,7 @@ def find_edge_time(edge: BlinkEdge, rows: RowTimes, ramp: Ramp) -> EdgeTime | No
     misfit = float(np.sqrt(np.mean(np.clip(miss, -0.4, 0.4) ** 2)))
     if misfit > MISFIT:
         return None
-    # How much a shift changes what rows show, against their errors; those beside each other share theirs.
+    # Change of the rows' levels with a shift, relative to their errors; neighbouring rows share errors.
     told = np.sqrt(np.sum((1 / width_ms / np.maximum(edge.sd[inside], misfit)) ** 2) / SHARED_ROWS)
     weights = np.where(inside, 1 - np.abs(2 * part - 1), 0)
     row = float((weights * np.arange(edge.lit.shape[1])).sum() / weights.sum())
@@ -259,7 +262,7 @@ def find_edge_time(edge: BlinkEdge, rows: RowTimes, ramp: Ramp) -> EdgeTime | No
 
 @dataclass(frozen=True)
 class _Samples:
-    """Rows that show an edge: times, shares and errors (n,)."""
+    """Rows that show an edge: times, levels and errors (n,)."""
 
     rising: bool
     times: Array
@@ -272,7 +275,7 @@ class _Samples:
         return cls(edge.rising, times[part][known], edge.lit[part][known], edge.sd[part][known])
 
     def place(self, near: float, reach: float, width: float, bend: float) -> tuple[float, float]:
-        """The time within the reach of another at which the ramp fits best, and how badly it does."""
+        """Return the best-fitting time of the ramp within `reach` of `near`, and its cost."""
         places = near + np.linspace(-1, 1, STEPS) * reach
         parts = (self.times[None] - places[:, None]) / width + 0.5
         misses = _shape(parts, bend, self.rising) - self.lit[None]
@@ -287,16 +290,16 @@ class _Samples:
 
 
 def _shape(part: Array, bend: float, rising: bool) -> Array:
-    """How lit rows are that had a part of the ramp behind them."""
+    """Return the level of rows at a given fraction of the ramp."""
     past = np.clip(part, 0, 1)
     return np.asarray(past**bend if rising else (1 - past) ** bend)
 
 
 @dataclass(frozen=True)
 class SeenLamp:
-    """What one camera saw: rough times (ms, by its own) and directions of all edges, exact ones of some.
+    """Lamp edges seen by one camera: rough times (ms, its own) and directions of all, exact times of some.
 
-    `told`: the session tells its row time.
+    `told`: the session records the camera's row time.
     """
 
     rows: RowTimes
@@ -309,9 +312,9 @@ class SeenLamp:
 
 
 def measure_light_offsets(dataset: Dataset, reference: str | None = None) -> dict[str, CameraTime]:
-    """The offset of every camera, by a lamp that blinks before it; that of the reference is 0.
+    """Measure the offset of every camera from a lamp that blinks in view; the reference's offset is 0.
 
-    `reference` None: the camera that tells most of the lamp's edges.
+    `reference` None: the camera with the most exactly timed edges.
     """
     seen = {name: see_lamp(dataset, name) for name in dataset.cameras}
     first = reference or max(seen, key=lambda name: len(seen[name].exact))
@@ -359,7 +362,7 @@ def see_lamp(dataset: Dataset, camera: str) -> SeenLamp:
 
 
 def _row_times(dataset: Dataset, camera: str) -> tuple[RowTimes, bool]:
-    """The middles of its rows' exposures; and whether the session tells them."""
+    """Return the mid-exposure times of a camera's rows, and whether the session records them."""
     height = dataset.size(camera)[1]
     epoch_ns = dataset.instants_ns[0]
     record = dataset.session.camera(camera)
@@ -375,9 +378,9 @@ def _row_times(dataset: Dataset, camera: str) -> tuple[RowTimes, bool]:
 
 
 def _same_edges(reference: SeenLamp, other: SeenLamp) -> dict[int, int]:
-    """Which of the reference's edges each of another camera's is, by the offset that brings most together.
+    """Match another camera's edges to the reference's, by the offset that matches the most edges.
 
-    The least of such offsets: a lamp that blinks evenly has many.
+    A lamp that blinks evenly has many such offsets; the smallest one is used.
     """
     gaps = other.rough_ms[:, None] - reference.rough_ms[None]
     alike = other.rising[:, None] == reference.rising[None]
@@ -393,7 +396,7 @@ def _same_edges(reference: SeenLamp, other: SeenLamp) -> dict[int, int]:
 def _solve(
     first: str, edges: Mapping[str, Mapping[int, EdgeTime]], seen: Mapping[str, SeenLamp]
 ) -> dict[str, CameraTime]:
-    """Least squares over all edges: when each was, and of each camera its offset, row time and bend.
+    """Solve for the time of every edge and each camera's offset, row time and bend, by least squares.
 
     The camera's own time of an edge = the edge's - offset - error of the row time * row + bend * direction.
     """
@@ -431,7 +434,7 @@ def _solve(
 
 
 def _robust_fit(design: Array, values: Array, sds: Array, priors: Array, spare: int) -> tuple[Array, Array]:
-    """What fits best, and its errors: iteratively reweighted least squares with Cauchy weights."""
+    """Return the best fit and its errors: iteratively reweighted least squares with Cauchy weights."""
     weights = 1 / sds**2
     for _ in range(20):
         normal = design.T @ (weights[:, None] * design) + np.diag(priors)

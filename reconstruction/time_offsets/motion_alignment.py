@@ -1,4 +1,4 @@
-"""Offsets and rates of a recording without common times: by how much moves, then by points that move."""
+"""Offsets and rates of recordings without common times: from the amount of motion, then moving points."""
 
 from collections.abc import Sequence
 from functools import lru_cache, partial
@@ -17,26 +17,26 @@ from reconstruction.time_offsets.pair_offset import ImageTimes, PairOffsets, Rou
 from reconstruction.time_offsets.rig_offsets import MOTION, likely_pairs
 
 SIDE_PX = 160
-"""Pictures are made this small: what is asked is only how much changes."""
+"""Longer side to which images are reduced; only the amount of change matters."""
 STEPS = 3.0
-"""Steps of a period."""
+"""Resampling steps per frame period."""
 LEAST_OVERLAP_S = 1.0
 CANDIDATES = 8
 APART_STEPS = 4
 
 
 Activity = tuple[Array, Array]
-"""Times (n,) ms, and how much moved before a camera then: grey levels that a pixel changes by within 1 ms."""
+"""Times (n,) ms, and the motion in view of a camera: mean change of a pixel in 1 ms, grey levels."""
 REACH_FRAMES = 2.5
-"""What a rough offset may be wrong by."""
+"""Maximum error of a rough offset, in frame periods."""
 TRIAL_INSTANTS = 8
 MOST_INSTANTS = 60
 DISTINCT = 1.5
-"""The offset that is right has so many times as many crossings that agree as any other."""
+"""Minimum ratio of the correct offset's agreeing crossings to those of any other offset."""
 
 
 def measure_activity(dataset: Dataset, camera: str) -> Activity:
-    """What changes from each of a camera's images to its next, in the middle between their times."""
+    """Measure the change from each of a camera's images to the next, timed at the middle between them."""
     there = dataset.instants(camera)
     epoch_ns = dataset.instants_ns[0]
     before: Array | None = None
@@ -48,7 +48,7 @@ def measure_activity(dataset: Dataset, camera: str) -> Activity:
         at_ms = (dataset.record(camera, instant).leader_ns - epoch_ns) / 1e6
         if before is not None:
             difference = np.abs(small - before)
-            # A light that is switched is no motion.
+            # Switching a light is not motion.
             difference = np.clip(difference - np.median(difference), 0, None)
             times.append((at_ms + last_ms) / 2)
             changes.append(float(difference.mean()) / (at_ms - last_ms))
@@ -57,7 +57,7 @@ def measure_activity(dataset: Dataset, camera: str) -> Activity:
 
 
 def rough_offsets_ms(first: Activity, second: Activity, period_ms: float) -> Sequence[float]:
-    """Offsets that bring the second's times to the first's so that both are busy together, the best first."""
+    """Return the offsets (ms) of the second camera at which both activities correlate, best first."""
     step = period_ms / STEPS
     if min(len(times_ms) for times_ms, _ in (first, second)) < 8:
         return []
@@ -83,7 +83,7 @@ def _logarithm(change: Array) -> Array:
 
 
 def _correlation(a: Array, b: Array, lag: int) -> float:
-    """Of what overlaps when b begins `lag` steps after a; what is long counts for more."""
+    """Return the correlation of the overlap when b begins `lag` steps after a, weighted by its length."""
     begin, end = max(0, lag), min(len(a), lag + len(b))
     if end - begin < 2:
         return -1.0
@@ -96,7 +96,7 @@ def _correlation(a: Array, b: Array, lag: int) -> float:
 
 
 class MotionAlignment:
-    """The times of a calibrated rig's cameras against each other's, each image's points found once."""
+    """Alignment of a calibrated rig's cameras in time; the points of each image are detected once."""
 
     def __init__(self, rig: Rig, progress: Progress) -> None:
         self.rig = rig
@@ -107,11 +107,11 @@ class MotionAlignment:
         self._activity = lru_cache(maxsize=None)(partial(measure_activity, self.dataset))
 
     def measure(self) -> dict[str, CameraTimes]:
-        """Each camera's times against the first's, by the times of the session."""
+        """Measure each camera's times relative to the first camera's, starting from the session's times."""
         return chain_cameras(self.dataset.cameras, self.against)
 
     def against(self, first: str, second: str) -> CameraTimes:
-        """The times of the second camera against the first's; without an offset, why there is none."""
+        """Measure the second camera's times relative to the first's; the result has an offset or a reason."""
         if frozenset((first, second)) not in self._pairs:
             return CameraTimes(reason="it looks where no camera does whose offset is known")
         self.progress.total += 1
@@ -125,7 +125,7 @@ class MotionAlignment:
         return self._line(first, second, fit)
 
     def _rough(self, first: str, second: str) -> RoughOffset | str:
-        """The offset near which most points agree, of those that make both cameras busy together."""
+        """Return the candidate offset on which most points agree, or the reason why there is none."""
         period_ms = self.dataset.period_ns / 1e6
         reach_ms = REACH_FRAMES * period_ms
         tried: list[tuple[float, float]] = []
@@ -149,7 +149,7 @@ class MotionAlignment:
         epoch_ms = self.dataset.instants_ns[0] / 1e6
         reference_ms = np.array([times.middle_ms(first, one.instant) for one in fit.instants]) + epoch_ms
         camera_ms = reference_ms - np.array([one.late_ms for one in fit.instants])
-        # What an instant's points share their number does not average out.
+        # More points do not average out the error that an instant's points share.
         sds_ms = np.array([np.hypot(one.sd_ms, SYSTEMATIC_MS) for one in fit.instants])
         return fit_clock_line(
             camera_ms / 1e3, reference_ms / 1e3, sds_ms / 1e3, MOTION, systematic_s=2 * SYSTEMATIC_MS / 1e3

@@ -1,4 +1,4 @@
-"""Small things that move, by the middle of their outlines: a ball shows hardly any corner to follow."""
+"""Outlines of small moving objects, tracked by their centres: a ball has hardly any corners to track."""
 
 from dataclasses import dataclass
 
@@ -9,28 +9,31 @@ from reconstruction.common.geometry import Array
 
 LEAST_AREA_PX = 20.0
 MOST_SHARE = 0.02
-"""Of the picture: larger things have parts that move by themselves, and corners."""
+"""Maximum area, as a fraction of the image; larger objects have corners, and parts that move separately."""
 MOST_ASPECT = 2.0
 LEAST_SOLID = 0.8
-"""Share of its convex outline that a thing fills."""
+"""Minimum fraction of its convex hull that an object fills."""
 MOST_THINGS = 4
-"""Small things of a picture that are looked at, the largest of them."""
+"""Maximum number of objects per image; the largest are used."""
 GROWTH = 1.5
-"""How much larger one thing may be from picture to picture."""
+"""Maximum ratio of an object's areas in two successive images."""
 REACH = 6.0
-"""How far it may go from picture to picture, in widths."""
+"""Maximum distance that an object moves between successive images, in object widths."""
 EDGE_PX = 2
 
 
 @dataclass(frozen=True)
 class Outlines:
-    """Middles (n, 2) px and areas (n,) px of the small things that move in a picture."""
+    """Centres (n, 2) px and areas (n,) px of the small moving objects in an image."""
 
     at: Array
     area: Array
 
     def nearest(self, others: "Outlines | None") -> Array:
-        """Where each thing is in another picture, (n, 2) px; NaN where it is not told from others."""
+        """Return each object's place in another image, (n, 2) px; NaN if the match is missing or ambiguous.
+
+        An object matches if it is the only one of similar size nearby.
+        """
         found = np.full_like(self.at, np.nan)
         if others is None or not len(others.at):
             return found
@@ -44,7 +47,10 @@ class Outlines:
 
 
 def find_outlines(image: Array, background: Array, movers: Array) -> Outlines:
-    """The small compact things of a grey picture (uint8) that move (bool) before its background."""
+    """Find small compact objects in a grey image (uint8) that stand out from the background and move.
+
+    `movers` is the mask (bool) of moving pixels.
+    """
     difference = image.astype(np.float32) - background
     difference = np.abs(cv2.GaussianBlur(difference - float(np.median(difference)), (0, 0), 0.7))
     least = max(12.0, 6 * 1.4826 * float(np.median(difference)))
@@ -75,7 +81,7 @@ def _solid(mask: Array) -> bool:
 
 
 def _measured(difference: Array, mask: Array, corner: tuple[int, int]) -> tuple[Array, float]:
-    """Middle and area of a thing (bool), its border by how much of each pixel differs."""
+    """Return the centre and area of an object (bool); border pixels count by how much they differ."""
     mostly = float(np.median(difference[mask]))
     near = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     weights = np.clip(difference / (0.8 * mostly), 0, 1) * near
@@ -86,7 +92,7 @@ def _measured(difference: Array, mask: Array, corner: tuple[int, int]) -> tuple[
 
 
 def alike(a: Outlines, b: Outlines) -> tuple[Array, Array]:
-    """Indices (n,) in a and b of things that may be one: any two of about the same size."""
+    """Return the indices (n,) in a and b of objects that may be the same: all pairs of similar size."""
     pairs = [
         (i, j)
         for i, one in enumerate(a.area)

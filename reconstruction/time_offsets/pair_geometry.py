@@ -1,4 +1,4 @@
-"""Epipolar geometry of two views, and what a calibration that is off does to it."""
+"""Epipolar geometry of two views, and the effect of calibration errors on it."""
 
 from dataclasses import replace
 
@@ -7,18 +7,18 @@ import numpy as np
 from reconstruction.common.geometry import Array, View, other_from_reference
 
 ODDS_PX = (1.0, 0.5, 0.3, 0.15)
-"""How far a calibration may move what it has right on the whole: by terms of no, first, second, third degree
-in the place in the picture; one standard deviation."""
+"""Standard deviations of a calibration's smooth image errors, px: terms of degree 0, 1, 2 and 3 in the
+position in the image."""
 DIRECTION = 3e-3
-"""How far off the direction from one camera to the other may be, rad."""
+"""Standard deviation of the direction from one camera to the other, rad."""
 TERMS = 12
 
 
 def epipolar_errors_px(a: View, b: View, at_a: Array, at_b: Array) -> Array:
-    """Signed distances (n,) of matched pixels (n, 2) from the epipolar geometry of two views, px.
+    """Return the signed distances (n,) of matched pixels (n, 2) from the epipolar geometry of two views, px.
 
-    To first order (Sampson 1982; Hartley and Zisserman, 2nd edition, section 11.4.3). The views must not
-    stand at one place.
+    To first order (Sampson 1982; Hartley and Zisserman, 2nd edition, section 11.4.3). The views must be at
+    different places.
     """
     rotation, translation = other_from_reference(a, b)
     x, y, z = translation / np.linalg.norm(translation)
@@ -30,10 +30,10 @@ def epipolar_errors_px(a: View, b: View, at_a: Array, at_b: Array) -> Array:
 
 
 def geometry_terms(a: View, b: View, at_a: Array, at_b: Array) -> Array:
-    """What each error of the calibration, of one standard deviation, adds to `epipolar_errors_px` (n, TERMS).
+    """Return what one standard deviation of each calibration error adds to `epipolar_errors_px`, (n, TERMS).
 
-    Rotation, lens and distortion move what is seen smoothly over the picture, at any depth; the direction
-    between the cameras moves it by depth, as a delay does before a camera that drives.
+    Errors of rotation, lens and distortion shift image points smoothly over the image, at any depth. An error
+    of the direction between the cameras shifts them by depth, as a delay does with a moving camera.
     """
     x, y = (2 * at_a[:, i] / size - 1 for i, size in enumerate((a.width, a.height)))
     smooth = [
@@ -52,7 +52,7 @@ def geometry_terms(a: View, b: View, at_a: Array, at_b: Array) -> Array:
 
 
 def places(geometry: Array) -> Array:
-    """Where points of these terms are in the picture, (n, 2), from -1 to 1 across and down."""
+    """Return the image positions (n, 2) that belong to the terms, from -1 to 1 across and down."""
     return np.asarray(geometry[:, 1:3] / ODDS_PX[1])
 
 

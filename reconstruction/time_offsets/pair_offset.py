@@ -1,4 +1,4 @@
-"""How late one camera of a session is against another, by all that moves before both."""
+"""Time offset of one camera of a session relative to another, from objects that move in front of both."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
@@ -28,37 +28,37 @@ from reconstruction.time_offsets.outlines import Outlines, alike, find_outlines
 
 MAX_POINTS = 400
 MAX_SIDE_PX = 960
-"""Where what moves is larger, points are looked for in a smaller picture of it."""
+"""Longer side beyond which a moving region is reduced before points are detected in it."""
 MARGIN_PX = 16
-"""Picture around what moves that is looked at, so that points at its edge are described too."""
+"""Margin around a moving region, so that points at its edge get descriptors too."""
 MAX_DRIFT_PX = 0.5
-"""A point followed to the neighbouring image and back must return to within this."""
+"""Maximum distance from its start of a point tracked to the neighbouring image and back."""
 WINDOW_PX = 15
 MATCH_RATIO = 0.8
-"""Greatest distance of a match against that of the second best."""
+"""Maximum ratio of a match's distance to the second best's."""
 LEVELS = 4
-"""Levels of the pyramid in which points are followed."""
+"""Levels of the image pyramid for tracking."""
 REACH_MS = 300.0
-"""Offsets up to this are looked for."""
+"""Maximum offset searched for."""
 FARTHEST_PERIODS = 2.5
-"""Points are not followed to an image further away than this."""
+"""Maximum time between images for tracking, in frame periods."""
 STILL_INSTANTS = 9
-"""At so many, spread over the session, what stands still is looked at."""
+"""Number of instants, spread over the session, at which static points are matched."""
 MAX_FRAMES = 20
-"""Frames to either side that are looked at, at most."""
+"""Maximum offset searched for, in frames to either side."""
 INSTANTS = 6, 48
-"""Fewest and most instants of a pair."""
+"""Minimum and maximum number of instants of a pair."""
 IMAGES = 150
-"""Images of all cameras together: the more there are, the fewer instants of each pair."""
+"""Approximate number of images of all cameras together; more cameras mean fewer instants of each pair."""
 OUTLINE_COUNTS = 4.0
-"""For how many points the middle of a small thing counts: all of its outline tells it."""
+"""Number of points that an object's centre counts for: its whole outline determines it."""
 
 
 @dataclass(frozen=True)
 class MovingPoints:
     """Points of one image: `at` (n, 2) px, unit descriptors (n, 128), `before` and `after` (n, 2) px.
 
-    The latter are the places in the image before and the one after, NaN where a point was not followed.
+    `before` and `after` are the positions in the previous and the next image, NaN where tracking failed.
     """
 
     at: Array
@@ -70,7 +70,7 @@ class MovingPoints:
 def find_moving_points(
     image: Array, movers: Array, before: Array | None, after: Array | None
 ) -> MovingPoints:
-    """SIFT points (RootSIFT) of a grey image (uint8) on its movers (bool), followed by Lucas-Kanade.
+    """Detect SIFT points (RootSIFT) in the moving regions of a grey image (uint8), tracked by Lucas-Kanade.
 
     Descriptors are square roots of SIFT's, normalized to sum 1 (Arandjelovic and Zisserman 2012).
     """
@@ -95,7 +95,7 @@ def find_moving_points(
 
 
 def _follow(image: Array, other: Array | None, at: Array) -> Array:
-    """Where points (n, 2) lie in another image; NaN where they do not return."""
+    """Track points (n, 2) to another image; NaN where they do not return."""
     if other is None or not len(at):
         return np.full_like(at, np.nan)
     there, drift = track_there_and_back(image, other, at, WINDOW_PX, LEVELS)
@@ -107,11 +107,11 @@ Image = tuple[str, int]
 
 
 RoughOffset = tuple[float, float]
-"""About how late the second camera of a pair is, and by how much that may be wrong, ms."""
+"""Approximate delay of a pair's second camera, and the maximum error of this delay, ms."""
 
 
 class PairOffsets:
-    """Time offsets between cameras of a calibrated rig, each image's points found once."""
+    """Time offsets between cameras of a calibrated rig; the points of each image are detected once."""
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
@@ -125,17 +125,17 @@ class PairOffsets:
         self._motion = lru_cache(maxsize=None)(partial(measure_camera_motion, rig.dataset))
 
     def moving(self, cameras: Iterable[str]) -> dict[str, CameraMotion]:
-        """Those of the cameras that move while they record: before them nothing stands still."""
+        """Return the cameras that move while they record; they have no static background."""
         found = {name: self._motion(name) for name in cameras}
         return {name: one for name, one in found.items() if one is not None and one.moves}
 
     def measure(
         self, first: str, second: str, limit: int | None = None, *, rough: RoughOffset | None = None
     ) -> OffsetFit:
-        """How much later than its times say the second camera's images were taken, against the first's.
+        """Measure how much later than its recorded times the second camera is, relative to the first.
 
-        At so many instants at most, those at which something moves before both; None = as many as usual.
-        `rough`: near which offset to look, instead of around none.
+        Uses at most `limit` instants (None: the default) at which something moves in front of both cameras.
+        `rough` is an approximate offset to search around, instead of 0.
         """
         views = self.rig.views
         for name in (first, second):
@@ -170,7 +170,7 @@ class PairOffsets:
         return fit_offset(crossings, still, self.dataset.period_ns / 1e6).later(near_ms)
 
     def _match(self, times: "ImageTimes", a: Image, b: Image, all_moves: bool) -> Crossings:
-        """Of what moves in both images, by corners and by outlines."""
+        """Return the crossings of corners and outlines that move in both images."""
         here, there = self._points(*a, all_moves), self._points(*b, all_moves)
         corners = match_descriptors(here.descriptors, there.descriptors, MATCH_RATIO)
         things = alike(self._outlines(*a), self._outlines(*b))
@@ -185,7 +185,7 @@ class PairOffsets:
     def _path(
         self, times: "ImageTimes", image: Image, points: MovingPoints, corners: Array, things: Array
     ) -> Path:
-        """Of some points and things of an image."""
+        """Return the paths of selected points and objects of an image."""
         camera, instant = image
         before, after = self._neighbours(camera, instant)
         outlines = self._outlines(camera, instant)
@@ -199,7 +199,7 @@ class PairOffsets:
         return np.stack(path), np.stack(when)
 
     def _neighbours(self, camera: str, instant: int) -> tuple[int | None, int | None]:
-        """The camera's own images before and after; what recordings without common times pair leaves gaps."""
+        """Return the camera's previous and next image; recordings paired without common times have gaps."""
         data, found = self.dataset, []
         for step in (-1, 1):
             near = (instant + step * k for k in range(1, 4))
@@ -229,7 +229,7 @@ class PairOffsets:
         return find_outlines(self.dataset.grey(camera, instant), motion.background(camera), movers)
 
     def _still_matches(self, first: str, second: str, instants: int) -> tuple[Array, Array]:
-        """Where both show what stands still, (n, 2) px each, at so many instants."""
+        """Return matched static points, (n, 2) px in each camera, from the given number of instants."""
         found = [(np.zeros((0, 2)), np.zeros((0, 2)))]
         some = evenly_spread(self.dataset.instants(first, second), instants) if instants else []
         for place, k in enumerate(some):
@@ -242,7 +242,7 @@ class PairOffsets:
         return at_a, at_b
 
     def _find_staying(self, camera: str, instant: int, other: int) -> Array:
-        """Which of an image's features are in the same place in another image of the camera (bool)."""
+        """Return which of an image's features are at the same place in another image of the camera (bool)."""
         at = self.rig.features(instant)[camera].positions
         there = _follow(self.dataset.grey(camera, instant), self.dataset.grey(camera, other), at)
         with np.errstate(invalid="ignore"):
@@ -250,9 +250,9 @@ class PairOffsets:
 
 
 class ImageTimes:
-    """When the rows of some cameras' images were taken by the session's record, ms since its first instant.
+    """Times of the rows of some cameras' images from the session's record, ms since its first instant.
 
-    The middle of each row's exposure where all of these cameras tell it, else the image's one time.
+    A row's time is its mid-exposure if all of these cameras record row exposures, else the image's one time.
     """
 
     def __init__(self, dataset: Dataset, cameras: Sequence[str]) -> None:
@@ -265,23 +265,23 @@ class ImageTimes:
         )
 
     def at_ms(self, camera: str, instant: int) -> float:
-        """The image's one time."""
+        """Return the image's one time."""
         return (self.dataset.record(camera, instant).leader_ns - self._epoch_ns) / 1e6
 
     def middle_ms(self, camera: str, instant: int) -> float:
-        """The time of the image's middle row."""
+        """Return the time of the image's middle row."""
         middle = self.dataset.size(camera)[1] / 2
         return float(self.of_rows_ms(camera, instant, np.array([middle]))[0])
 
     def of_rows_ms(self, camera: str, instant: int, rows: Array) -> Array:
-        """The times of rows (n,), px from the top; NaN where there is no such image."""
+        """Return the times of rows (n,), px from the top; NaN if there is no such image."""
         if not self.dataset.has_image(camera, instant):
             return np.full(len(rows), np.nan)
         known = self._rows(camera, instant) if self._by_rows else None
         if known is None:
             return np.full(len(rows), self.at_ms(camera, instant))
         start_ms = (known.middle_ns(0) - self._epoch_ns) / 1e6
-        # Images that were made smaller have fewer rows than the camera read.
+        # Reduced images have fewer rows than the camera read out.
         row_ms = known.row_time_ns / 1e6 * known.rows / self.dataset.size(camera)[1]
         return np.asarray(start_ms + row_ms * rows)
 

@@ -1,4 +1,4 @@
-"""Time offsets of all cameras of a rig against one of them, from the offsets of their pairs."""
+"""Time offsets of all cameras of a rig relative to one of them, from the offsets of camera pairs."""
 
 from collections.abc import Mapping, Sequence
 from itertools import combinations
@@ -14,12 +14,12 @@ from reconstruction.time_offsets.crossings import OffsetFit
 from reconstruction.time_offsets.pair_offset import PairOffsets
 
 PARTNERS = 3
-"""Each camera is measured against so many others, the ones that look at things most alike."""
+"""Number of cameras that each camera is measured against: the nearest in viewing direction."""
 WIDEST_DEG = 60.0
-"""Cameras that look in directions further apart recognize hardly anything of each other's pictures."""
+"""Maximum angle between viewing directions; cameras farther apart see hardly anything in common."""
 
 MOTION = "motion"
-"""What an offset was measured by."""
+"""Source name of an offset measured from motion."""
 Pair = tuple[str, str]
 
 
@@ -31,12 +31,12 @@ def measure_rig_offsets(
     preferred: str | None = None,
     finder: PairOffsets | None = None,
 ) -> dict[str, CameraTime]:
-    """The offset of every camera of a calibrated rig; that of the reference is 0.
+    """Measure the offset of every camera of a calibrated rig; the reference's offset is 0.
 
-    `reference` None: a camera that most others can be measured against, the `preferred` one if it is such.
-    Offsets of pairs are adjusted by least squares.
-    Pairs that share no motion, or only motion along their epipolar lines, tell nothing; a camera that no
-    chain of pairs joins to the reference has a reason instead. `finder` is one that has seen these images.
+    `reference` None: the camera that can be measured against the most others; `preferred` breaks a tie.
+    The offsets of pairs are adjusted by least squares. Pairs without common motion, or with motion only along
+    their epipolar lines, contribute nothing. A camera that no chain of pairs joins to the reference gets a
+    reason instead of an offset. `finder` is a `PairOffsets` to reuse that has already read these images.
     """
     data = rig.dataset
     finder = finder or PairOffsets(rig)
@@ -51,7 +51,7 @@ def measure_rig_offsets(
 
 
 def likely_pairs(rig: Rig) -> list[Pair]:
-    """Pairs of calibrated cameras, each with its `PARTNERS` most alike in viewing direction."""
+    """Return pairs of calibrated cameras, each with its `PARTNERS` nearest in viewing direction."""
     views = rig.views
     angles = {
         pair: angle_deg(views[pair[0]].axis, views[pair[1]].axis)
@@ -70,9 +70,9 @@ def adjust_offsets(
     measured: Mapping[Pair, OffsetFit],
     preferred: str | None = None,
 ) -> dict[str, CameraTime]:
-    """Least squares over the pairs (first, second): the second's offset minus the first's.
+    """Adjust the offsets of pairs (first, second), the second's minus the first's, by least squares.
 
-    `reference` and `preferred` as of `measure_rig_offsets`.
+    `reference` and `preferred` are as in `measure_rig_offsets`.
     """
     known = {
         pair: (fit.offset_ms, fit.sd_ms)
@@ -94,7 +94,7 @@ def adjust_offsets(
         normal = design.T @ (design / sds[:, None] ** 2)
         offsets = np.linalg.solve(normal, design.T @ (values / sds**2))
         left = (values - design @ offsets) / sds
-        # Pairs that contradict each other by more than their errors make these too small.
+        # Pairs that disagree by more than their errors show that the errors are too small.
         spare = len(rows) - len(others)
         factor = max(1.0, float(np.sqrt((left**2).sum() / spare))) if spare else 1.0
         errors = factor * np.sqrt(np.diagonal(np.linalg.inv(normal)))
@@ -108,7 +108,7 @@ def adjust_offsets(
 
 
 def _joined_to(reference: str, pairs: Mapping[Pair, object]) -> set[str]:
-    """The cameras that a chain of pairs joins to the reference, itself among them."""
+    """Return the cameras that a chain of pairs joins to the reference, including itself."""
     joined, before = {reference}, 0
     while len(joined) > before:
         before = len(joined)
@@ -117,7 +117,7 @@ def _joined_to(reference: str, pairs: Mapping[Pair, object]) -> set[str]:
 
 
 def _why(name: str, measured: Mapping[Pair, OffsetFit], known: Mapping[Pair, object]) -> str:
-    """Why a camera's offset cannot be told: most of its pairs' own reason."""
+    """Return why a camera's offset is unknown: the most frequent reason of its pairs."""
     if any(name in pair for pair in measured if pair in known):
         return "it was measured only against cameras whose own offset is not known"
     reasons = [fit.reason for pair, fit in measured.items() if name in pair]

@@ -1,4 +1,4 @@
-"""Time offsets of all cameras of a session, by a blinking lamp where it shows one, else by what moves."""
+"""Time offsets of all cameras of a session, from a blinking lamp if one is seen, else from motion."""
 
 import tempfile
 import time
@@ -28,13 +28,14 @@ class TimeResult(Struct, frozen=True, kw_only=True):
     calibration: str
     seconds: float
     applied: bool = False
-    """The session's own times have become these."""
+    """Whether the measured times were written into the session."""
 
 
 def measure_times(session: Path, reference: str | None = None, *, apply: bool = False) -> TimeResult:
-    """Measure the time offsets of a session's cameras; of a recording without common times however large.
+    """Measure the time offsets of a session's cameras.
 
-    `apply` gives the session these times; else nothing is written.
+    Offsets of recordings without common times may be of any size. `apply` writes these times into the
+    session; otherwise nothing is written.
 
     Raises:
         SimulshotError: the session cannot be used, has no such camera, or its cameras cannot be calibrated.
@@ -77,7 +78,7 @@ def measure_times(session: Path, reference: str | None = None, *, apply: bool = 
 def _common_times(
     dataset: Dataset, reference: str | None, progress: Progress
 ) -> tuple[dict[str, CameraTime], str]:
-    """The offset of each camera, by a lamp where it shows one, else by what moves; the calibration used."""
+    """Return each camera's offset, from a lamp if it sees one, else from motion; and the calibration used."""
     progress.step("lamp")
     lit = measure_light_offsets(dataset, reference)
     untold = [name for name, one in lit.items() if one.offset_ms is None]

@@ -1,9 +1,9 @@
-"""Calibration by a board: each camera's lens (Zhang 2000), the rig pair by pair, then all corners together.
+"""Calibration from a board: each lens (Zhang 2000), the rig pair by pair, then a joint bundle adjustment.
 
-Pair by pair, errors add up along the rig, and each lens knows only its own pictures. The bundle is adjusted
-by Levenberg and Marquardt's method on Huber's loss (Triggs et al., Bundle Adjustment - A Modern Synthesis,
-2000), with OpenCV's derivatives: OpenCV 5's own `calibrateMultiview` was 3 to 100 times further off on the
-same simulated boards once corners were misread.
+The pairwise stage accumulates errors along the rig, and each lens uses only its own images. The bundle
+adjustment therefore uses all corners. It is Levenberg-Marquardt on a Huber loss (Triggs et al., Bundle
+Adjustment - A Modern Synthesis, 2000), with OpenCV's derivatives. The errors of OpenCV 5's own
+`calibrateMultiview` were 3 to 100 times larger on the same simulated boards once corners were misread.
 """
 
 from collections.abc import Mapping, Sequence
@@ -30,18 +30,20 @@ MAX_BOARDS = 40
 Lens = tuple[Array, Array]
 """The camera matrix 3x3 in px and OpenCV's distortion (5,)."""
 HUBER_PX = 1.0
-"""Corners that miss by more count less and less: they were misread."""
+"""Residual beyond which a corner counts less and less: it was probably misread."""
 MAX_STEPS = 30
 ENOUGH = 1e-5
-"""The share by which the loss falls in the last step."""
+"""Relative decrease of the loss below which the adjustment stops."""
 LENS = 6
-"""fx, fy, cx, cy, k1, k2: few boards, or boards at one angle, do not determine the higher terms."""
+"""Number of lens parameters, fx, fy, cx, cy, k1, k2.
+
+Few boards, or boards at one angle, do not determine the higher terms."""
 BUNDLE_MOMENTS_EACH, BUNDLE_MOMENTS = 20, 150
-"""Moments of each camera and pair, and in all, that are adjusted together: the time grows with their cube."""
+"""Maximum moments of each camera and pair, and in total, in the adjustment; its time is cubic in them."""
 
 
 def calibrate_lens(name: str, size: tuple[int, int], board: Board, seen: Sequence[Corners]) -> Lens:
-    """The lens of a camera of this size (px) that saw the board so often.
+    """Calibrate the lens of a camera of this size (px) from the board's corners in its images.
 
     Raises:
         BadInputError: it saw the board too rarely.
@@ -63,7 +65,7 @@ def calibrate_lens(name: str, size: tuple[int, int], board: Board, seen: Sequenc
 
 
 def lenses_of_recordings(dataset: Dataset, board: Board, paths: Sequence[Path]) -> dict[str, Lens]:
-    """The lenses of a session's cameras from recordings in which some of them see the board, each for itself.
+    """Calibrate lenses of a session's cameras from recordings in which single cameras see the board.
 
     Raises:
         BadInputError: a recording is of none of these cameras, of another size, or shows too little.
@@ -86,7 +88,7 @@ def lenses_of_recordings(dataset: Dataset, board: Board, paths: Sequence[Path]) 
 
 
 def refuse_other_sizes(recording: Dataset, dataset: Dataset, cameras: Sequence[str]) -> None:
-    """Raise BadInputError where a recording has pictures of another size of these cameras."""
+    """Raise BadInputError if a recording's images of these cameras have another size."""
     for name in cameras:
         if recording.size(name) != dataset.size(name):
             sizes = ["x".join(map(str, of.size(name))) for of in (recording, dataset)]
@@ -97,13 +99,13 @@ def refuse_other_sizes(recording: Dataset, dataset: Dataset, cameras: Sequence[s
 
 
 Sightings = Mapping[tuple[str, int], tuple[Array, Array]]
-"""By camera and moment, the corners' places on the board (n, 3; m) and their pixels (n, 2)."""
+"""Board corners by camera and moment: places on the board (n, 3; m) and pixels (n, 2)."""
 
 
 def adjust_bundle(
     views: Mapping[str, View], seen: Sightings, keep_lenses: frozenset[str] = frozenset()
 ) -> dict[str, View]:
-    """The views as all corners together have them; the first one stays where it is, and so do some lenses."""
+    """Fit all views to all corners together; the first view's pose and lenses in `keep_lenses` stay fixed."""
     names = list(views)
     cameras = {name: _pose(view.rotation, view.translation) for name, view in views.items()}
     lenses = dict(views)
@@ -152,12 +154,12 @@ def adjust_bundle(
 
 
 def _pose(rotation: Array, translation: Array) -> Array:
-    """A rotation's vector and a translation, (6,) together."""
+    """Return the rotation vector and the translation as one vector (6,)."""
     return np.concatenate([cv2.Rodrigues(rotation)[0].ravel(), translation])
 
 
 def _first_boards(views: Mapping[str, View], seen: Sightings) -> dict[int, Array]:
-    """`rig_from_board` of each moment, by the camera that sees most of it."""
+    """Return `rig_from_board` of each moment, from the camera that sees most corners."""
     best: dict[int, tuple[int, str]] = {}
     for (name, moment), (points, _) in seen.items():
         best[moment] = max(best.get(moment, (0, "")), (len(points), name))
@@ -175,7 +177,7 @@ def _first_boards(views: Mapping[str, View], seen: Sightings) -> dict[int, Array
 def _linearized(
     view: View, camera: Array, board: Array, points: Array, pixels: Array
 ) -> tuple[Array, tuple[Array, Array, Array]]:
-    """Errors (n, 2) in px, and their derivatives (2n, .) by lens, camera and board."""
+    """Return the residuals (n, 2), px, and their derivatives (2n, .) by lens, camera and board."""
     turn, move, *rates = cv2.composeRT(board[:3], board[3:], camera[:3], camera[3:])
     found, by = cv2.projectPoints(points, turn, move, view.matrix, view.distortion)
     turn_by_board, _, turn_by_camera, _, move_by_board, move_by_board_move = rates[:6]
@@ -208,7 +210,7 @@ def _stepped_lens(view: View, step: Array) -> View:
 
 
 BoardCorners = dict[tuple[str, int], Corners]
-"""By camera and moment, pixels of the board's corners; moments are instants, counted over all recordings."""
+"""Pixels of the board's corners, by camera and moment; moments are instants counted over all recordings."""
 
 
 def detect_board(recordings: Sequence[Dataset], board: Board) -> BoardCorners:
@@ -227,7 +229,7 @@ def detect_board(recordings: Sequence[Dataset], board: Board) -> BoardCorners:
 
 
 def count_coverage(dataset: Dataset, board: Board, corners: BoardCorners) -> BoardCoverage:
-    """What the board has covered in recordings of this dataset's cameras."""
+    """Count which parts of the cameras' images the board has covered."""
     counted = CoverageCount(board, {name: dataset.size(name) for name in dataset.cameras})
     for seen in corners_by_moment(corners).values():
         counted.add(seen)
@@ -235,7 +237,7 @@ def count_coverage(dataset: Dataset, board: Board, corners: BoardCorners) -> Boa
 
 
 def corners_by_moment(corners: BoardCorners) -> dict[int, dict[str, Corners]]:
-    """What each camera saw of the board at each moment, in the moments' order."""
+    """Group corners by moment, then camera, in the order of moments."""
     found: dict[int, dict[str, Corners]] = {}
     for (camera, moment), seen in corners.items():
         found.setdefault(moment, {})[camera] = seen
@@ -243,7 +245,7 @@ def corners_by_moment(corners: BoardCorners) -> dict[int, dict[str, Corners]]:
 
 
 def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, Array]]:
-    """For pairs of cameras, the pixels of corners that both see at the same instant."""
+    """Return, for pairs of cameras, the pixels of corners that both see at the same instant."""
     shared: dict[tuple[str, str], tuple[list[Array], list[Array]]] = {}
     for seen in corners_by_moment(corners).values():
         for a, b in combinations(sorted(seen), 2):
@@ -257,9 +259,9 @@ def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, 
 def calibrate_from_board(
     dataset: Dataset, board: Board, corners: BoardCorners, known: Mapping[str, Lens] | None = None
 ) -> Calibration:
-    """Intrinsics of every camera, each camera's place from boards it shares, then all together.
+    """Calibrate every lens, place the cameras by boards that they share, then adjust everything together.
 
-    `known`: lenses that were calibrated before, and stay.
+    `known`: lenses that are calibrated already and stay fixed.
 
     Raises:
         BadInputError: the board was seen too rarely, or a camera shares no boards with the others.
@@ -292,7 +294,7 @@ def calibrate_from_board(
 
 
 def _bundle_moments(corners: BoardCorners) -> set[int]:
-    """Moments for the bundle adjustment: some of each pair of cameras and of each camera, not too many."""
+    """Choose moments for the bundle adjustment: a limited number of each camera pair and each camera."""
     groups: dict[frozenset[str], list[int]] = {}
     for moment, seen in corners_by_moment(corners).items():
         for who in [*combinations(seen, 2), *((name,) for name in seen)]:
@@ -308,7 +310,7 @@ def _pixels(seen: dict[int, Array], ids: list[int]) -> Array:
 def _rig_poses(
     dataset: Dataset, places: Array, corners: BoardCorners, lenses: dict[str, tuple[Array, Array]]
 ) -> dict[str, tuple[Array, Array]]:
-    """`cam_from_rig`: the first camera is the rig; each other is joined to the one it shares most with."""
+    """Return `cam_from_rig`, chained from the first camera through those that share most boards."""
     shared: dict[frozenset[str], list[tuple[int, list[int]]]] = {}
     for k, seen in corners_by_moment(corners).items():
         for a, b in combinations(seen, 2):
@@ -337,9 +339,9 @@ def _rig_poses(
 def _relative_pose(
     points: list[Array], pixels: tuple[list[Array], list[Array]], lenses: tuple[Lens, Lens]
 ) -> tuple[Array, Array]:
-    """Rotation (3, 3) and translation (3,) from one camera to the other: of the boards that agree, the mean.
+    """Return rotation (3, 3) and translation (3,) between two cameras: the mean of boards that agree.
 
-    OpenCV's stereoCalibrate begins with a median of rotation vectors, which fails where they are half a turn.
+    OpenCV's stereoCalibrate starts from a median of rotation vectors, which fails near half a turn.
     """
     rotations, translations = [], []
     for at, in_a, in_b in zip(points, *pixels, strict=True):

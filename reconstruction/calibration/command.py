@@ -1,4 +1,4 @@
-"""`reconstruct calibrate`: find a session's calibration, judge it, store it in the session and keep it."""
+"""`reconstruct calibrate`: find and judge a session's calibration, and store it for session and rig."""
 
 from dataclasses import dataclass
 from pathlib import Path
@@ -47,26 +47,26 @@ FOUND_HERE = (CalibrationSource.SFM, CalibrationSource.BOARD, CalibrationSource.
 
 @dataclass(frozen=True, kw_only=True)
 class CalibrateOptions:
-    """`recordings`: the sessions that show the board, none = the session itself."""
+    """Options of `reconstruct calibrate`; `recordings`: sessions that show the board, none = this session."""
 
     source: CalibrationSource | Path = CalibrationSource.SFM
-    """A path: another session, or a calibration that can be imported."""
+    """Source of the calibration; a path is another session or a calibration file to import."""
     board: Board = DEFAULT_BOARD
     recordings: tuple[Path, ...] = ()
     lens_recordings: tuple[Path, ...] = ()
-    """Sessions that show the board to single cameras, for their lenses."""
+    """Sessions in which single cameras see the board, for their lenses."""
     field_of_view_deg: float | None = None
-    """How wide the cameras see, for structure from motion; None = by EXIF, else unknown."""
+    """Horizontal field of view, for structure from motion; None = from EXIF, else unknown."""
     distance: tuple[Marks, float] | None = None
-    """Two marked points and how far apart they are in metres: sets the scale."""
+    """Two marked points and their distance in metres, which sets the scale."""
     scale_by_board: bool = False
-    """Set the scale by the board, where it lies in the scene."""
+    """Set the scale from a board that is in the scene."""
     ground: Path | None = None
     """A session in which the board lies on the ground."""
     vertical: Marks | None = None
     """Two points one above the other, the first on the ground."""
     keep: bool | None = None
-    """Keep the calibration for the rig's later sessions; None = if it was found here."""
+    """Store the calibration for the rig's later sessions; None = only if it was computed here."""
     force: bool = False
 
     @property
@@ -81,7 +81,7 @@ class CalibrateOptions:
 
 
 class CalibrateResult(msgspec.Struct, frozen=True, kw_only=True):
-    """What was found, and whether it was stored in the session."""
+    """Result of `reconstruct calibrate`: the calibration, its quality, and where it was stored."""
 
     session: str
     source: str
@@ -91,12 +91,12 @@ class CalibrateResult(msgspec.Struct, frozen=True, kw_only=True):
     unit: str
     quality: CalibrationQuality
     check: RigCheck | None = None
-    """Whether a camera has moved since; only of a calibration that was not found here."""
+    """Check for moved cameras; only for a calibration that was not computed here."""
     board: BoardCoverage | None = None
-    """For a board: what it has covered, and what would make the calibration better."""
+    """For a board: the image parts that it covered, and what would improve the calibration."""
     stored: bool
     kept: bool = False
-    """Whether it is kept for the rig's later sessions."""
+    """Whether it was stored for the rig's later sessions."""
 
 
 def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
@@ -143,7 +143,7 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
 
 
 def cover(session: Path, options: CalibrateOptions) -> BoardCoverage:
-    """What the board has covered in a session, or in its recordings.
+    """Return the image parts that the board covered in a session, or in its recordings.
 
     Raises:
         SimulshotError: a session cannot be read, or is of other cameras.
@@ -189,7 +189,7 @@ def _rescaled(dataset: Dataset, found: Calibration, options: CalibrateOptions) -
 
 
 def _keep(dataset: Dataset, calibration: Calibration) -> bool:
-    """Keep it for later sessions; where that cannot be, the session has it all the same."""
+    """Store the calibration for later sessions; on failure say so, as the session itself has it."""
     try:
         keep_calibration(dataset, calibration)
     except BadInputError as error:

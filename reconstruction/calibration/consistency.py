@@ -1,7 +1,7 @@
-"""Whether a calibration still holds for a session, and which camera has moved, by points that stand still.
+"""Check of a calibration against points at rest: whether it still holds, and which camera has moved.
 
-A camera that turned along the line to its neighbour breaks no epipolar constraint of a pair, so points that
-three cameras see are asked too.
+A camera that turned along the line to its neighbour violates no epipolar constraint of a pair. The check
+therefore also uses points that three cameras see.
 """
 
 from collections.abc import Mapping, Sequence
@@ -16,49 +16,49 @@ from reconstruction.common.geometry import Array, View, angle_deg, angles_deg
 from reconstruction.pairs import MIN_MATCHES, Features, match_features, size_above_features
 
 NEIGHBOURS = 4
-"""Each camera is held against this many nearest others that look the same way."""
+"""Number of nearest cameras with a similar viewing direction that each camera is compared with."""
 MAX_AXIS_ANGLE_DEG = 45.0
-"""Between cameras with a larger angle between their axes features match by chance only."""
+"""Maximum angle between viewing axes; beyond it features match by chance only."""
 MIN_PAIR_POINTS = 50
-"""Points that two cameras need to share to be asked."""
+"""Minimum common points of two cameras that are compared."""
 MIN_TRACKS = 15
-"""Points that three cameras need to share to be asked."""
+"""Minimum common points of three cameras that are compared."""
 RANSAC_PX = 2.0
 MIN_INLIER_SHARE = 0.4
-"""Pairs of which no epipolar geometry at all explains more were matched wrongly."""
+"""Minimum fraction of a pair's matches that one epipolar geometry must explain; else they are wrong."""
 INCONSISTENT_PX = 1.0
-"""Standard deviation of reprojection errors above which cameras contradict each other; as REFUSED_PX in
-pictures MAX_SIDE_PX wide or narrower."""
+"""Standard deviation of reprojection errors above which cameras are inconsistent. Like REFUSED_PX, it
+applies to images at most MAX_SIDE_PX wide."""
 REFUSED_PX = 3.0
-"""A camera that moved by more makes depth worthless: rows of a pair no longer meet."""
+"""Shift of a camera beyond which depth is worthless: the rows of a pair no longer match."""
 MIN_BLAME = 0.3
-"""A camera that contradicts others in a smaller share of its pairs and triples was matched wrongly there."""
+"""Minimum fraction of inconsistent pairs and triples of a moved camera; below it the matches are wrong."""
 MIN_RAY_ANGLE_DEG = 1.0
 FAR_PX = 1000.0
 FAR_AWAY = 1e6
-"""Against the size of a rig."""
+"""Distance of points at infinity, large compared to any rig."""
 
 
 Groups = dict[tuple[str, ...], Array]
-"""Pixels (k, n, 2) of points that all of k cameras see."""
+"""Pixels (k, n, 2) of points that all k cameras see, by the cameras' names."""
 OTHER_RIG = 0.5, 0.05
-"""Share of the pairs and triples of cameras that contradict each other in another rig's calibration, and by
-what share of the picture."""
+"""Minimum fraction of inconsistent pairs and triples with another rig's calibration, and the minimum error
+as a fraction of the image width."""
 USUAL_WIDTH = 640
-"""In smaller pictures exchanged cameras contradict each other by fewer pixels."""
+"""Image width below which the limit shrinks: exchanged cameras then differ by fewer pixels."""
 MOST_SUSPECTS = 12
-"""The most cameras of which it is tried whether two were exchanged."""
+"""Maximum number of inconsistent cameras among which exchanged pairs are searched for."""
 
 
 class MovedCamera(Struct, frozen=True, kw_only=True):
-    """A camera that stands otherwise than it is calibrated; several names: one of these."""
+    """A camera whose pose differs from its calibration; several names mean one of these."""
 
     cameras: tuple[str, ...]
     shift_px: float
-    """How far what it sees is from where the calibration has it, median."""
+    """Median distance of its points from where the calibration puts them."""
 
     def __str__(self) -> str:
-        """As in `cam02 moved: 4.0 px`."""
+        """Describe the camera as in `cam02 moved: 4.0 px`."""
         return f"{' or '.join(self.cameras)} moved: {self.shift_px:.1f} px"
 
 
@@ -66,23 +66,23 @@ class RigCheck(Struct, frozen=True, kw_only=True):
     """How well a calibration fits points at rest."""
 
     points: int
-    """That two cameras or more share."""
+    """Number of points that two or more cameras share."""
     error_px: float | None
-    """Median over all pairs and triples of cameras, as a standard deviation; None where nothing is shared."""
+    """Median over all pairs and triples of cameras, as a standard deviation; None without shared points."""
     unchecked: tuple[str, ...]
-    """Cameras that share too little with others."""
+    """Cameras that share too few points with others."""
     moved: tuple[MovedCamera, ...]
     holds: bool
-    """Whether no camera moved by so much that depth is worthless."""
+    """Whether no camera moved so far that depth is worthless."""
 
     def __str__(self) -> str:
-        """Who moved, in words."""
+        """Describe the moved cameras."""
         return ", ".join(map(str, self.moved)) or "no camera has moved"
 
 
 @dataclass(frozen=True)
 class _Group:
-    """Two or three cameras, their pixels (k, n, 2) of points that all see, and how badly they agree."""
+    """Two or three cameras, their pixels (k, n, 2) of common points, and the reprojection errors of these."""
 
     cameras: tuple[str, ...]
     pixels: Array
@@ -114,7 +114,7 @@ def check_rig(views: Mapping[str, View], features: Mapping[str, Features]) -> Ri
 
 
 def _shared_points(views: Mapping[str, View], features: Mapping[str, Features]) -> Groups:
-    """The pixels of points that neighbours share, in twos and in threes."""
+    """Return the pixels of points that pairs and triples of neighbours share."""
     matches = {pair: _sure_matches(views, pair, features) for pair in _neighbours(views, features)}
     matches = {pair: at for pair, at in matches.items() if len(at[0]) >= MIN_PAIR_POINTS}
     return {pair: np.stack(at) for pair, at in matches.items()} | _triples(matches)
@@ -141,7 +141,7 @@ def _neighbours(views: Mapping[str, View], features: Mapping[str, Features]) -> 
 def _sure_matches(
     views: Mapping[str, View], pair: tuple[str, str], features: Mapping[str, Features]
 ) -> tuple[Array, Array]:
-    """Matches that some epipolar geometry explains, whatever the calibration says."""
+    """Return the matches that fit one epipolar geometry, independent of the calibration."""
     a, b = (views[name] for name in pair)
     at_a, at_b = match_features(features[pair[0]], features[pair[1]])
     if len(at_a) < MIN_MATCHES:
@@ -155,7 +155,7 @@ def _sure_matches(
 
 
 def _triples(matches: Mapping[tuple[str, str], tuple[Array, Array]]) -> dict[tuple[str, ...], Array]:
-    """For three cameras, the pixels (3, n, 2) of points that all three pairs of them agree on."""
+    """Return, for three cameras, the pixels (3, n, 2) of points on which all three pairs agree."""
     partner = {
         pair: {tuple(x): tuple(y) for x, y in zip(a.tolist(), b.tolist(), strict=True)}
         for pair, (a, b) in matches.items()
@@ -181,9 +181,10 @@ def _measured(views: Mapping[str, View], names: Sequence[str], pixels: Array) ->
 
 
 def triangulate(views: Sequence[View], pixels: Array) -> Array:
-    """Points (n, 3) of the rig from pixels (k, n, 2) of k views (Hartley and Sturm's linear method).
+    """Triangulate points (n, 3) in the rig's frame from pixels (k, n, 2) of k views (linear method).
 
-    Where that is behind a view, as rays part, the point is far away between the rays.
+    The method is Hartley and Sturm's. If the rays diverge, so that a point would be behind a view, the point is
+    put far away between them.
     """
     rows, towards = [], np.zeros((pixels.shape[1], 3))
     for view, at in zip(views, pixels, strict=True):
@@ -202,7 +203,7 @@ def triangulate(views: Sequence[View], pixels: Array) -> Array:
 
 
 def reprojection_errors(view: View, points: Array, at: Array) -> Array:
-    """Distances (n,) in px of points (n, 3) of the rig from pixels (n, 2); at most FAR_PX."""
+    """Return the distances (n,), px, of projected rig points (n, 3) from pixels (n, 2); at most FAR_PX."""
     there = points @ view.rotation.T + view.translation
     front = there[:, 2] > 1e-9
     distance = np.linalg.norm(view.project(np.where(front[:, None], there, (0.0, 0.0, 1.0))) - at, axis=1)
@@ -210,7 +211,7 @@ def reprojection_errors(view: View, points: Array, at: Array) -> Array:
 
 
 def _blamed(groups: Sequence[_Group], limit: float) -> list[tuple[str, ...]]:
-    """The fewest cameras without which nothing contradicts; together where no more can be told."""
+    """Return the fewest cameras that explain all inconsistencies; cameras blamed equally form one group."""
     blamed: list[tuple[str, ...]] = []
     left = list(groups)
     while bad := [group for group in left if group.deviation > limit]:
@@ -237,7 +238,7 @@ def _shift(
     groups: Sequence[_Group],
     blamed: Sequence[tuple[str, ...]],
 ) -> float:
-    """How far a camera sees points from where others have them; else how far from their epipolar lines."""
+    """Return a camera's median distance from points that others triangulate, else from epipolar lines, px."""
     (name, *unsure) = names
     guilty = {camera for group in blamed for camera in group}
     away = []
@@ -264,7 +265,7 @@ Views = dict[str, View]
 
 
 def plainly_fits(views: Views, features: Mapping[str, Features]) -> bool:
-    """Whether every camera's few features, wrong matches and all, fit those of a neighbour."""
+    """Return whether every camera's features, including wrong matches, fit those of a neighbour."""
     matched = {(a, b): match_features(features[a], features[b]) for a, b in _neighbours(views, features)}
     groups: Groups = {pair: np.stack(at) for pair, at in matched.items() if len(at[0]) >= MIN_PAIR_POINTS}
     asked = {name for pair in groups for name in pair}
@@ -272,9 +273,10 @@ def plainly_fits(views: Views, features: Mapping[str, Features]) -> bool:
 
 
 def find_mixups(views: Views, features: Mapping[str, Features]) -> list[str]:
-    """Whose pictures are upside down, which cameras are exchanged, or that all is another rig's; in words.
+    """Describe upside-down images and exchanged cameras, or that the calibration is another rig's.
 
-    What mends the most is said to be wrong, one after the other, and only if that mends everything.
+    Each step assumes the fault whose correction removes most inconsistencies. These faults are reported only
+    if together they remove all of them.
     """
     groups = _shared_points(views, features)
     limit = _mixed_up_px(views)
@@ -315,13 +317,13 @@ def _odd(views: Views, groups: Groups, limit: float) -> list[tuple[str, ...]]:
 
 
 def _turned(name: str, views: Views) -> str:
-    # Of two cameras neither can be told from the other.
+    # With two cameras it cannot be decided which one is wrong.
     who = " or ".join(views) if len(views) == 2 else name
     return f"the pictures of {who} are upside down against the calibration"
 
 
 def upside_down(view: View) -> View:
-    """The view of the same camera with its pictures turned by half a turn."""
+    """Return the view of the same camera with its images rotated by 180 degrees."""
     turn = np.diag([-1.0, -1.0, 1.0])
     matrix = view.matrix.copy()
     matrix[:2, 2] = (view.width - 1, view.height - 1) - matrix[:2, 2]

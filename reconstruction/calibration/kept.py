@@ -1,6 +1,6 @@
-"""Calibrations of rigs, kept in the user's data folder and found again by cameras and modes.
+"""Calibrations of rigs, stored in the user's data folder and found by cameras and modes.
 
-A session without a calibration takes that of its rig, if it still holds.
+A session without a calibration uses its rig's, if that one still holds.
 """
 
 import hashlib
@@ -23,11 +23,11 @@ from reconstruction.pairs import Features, detect_features
 from reconstruction.session.dataset import Dataset
 
 GLANCE = 320, 500
-"""Pixels of a picture's longer side and points in it that are enough where all is right."""
+"""Longer side (px) and number of points of a reduced image for a first, quick check."""
 
 
 class CameraMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What a camera must be and how it must be set for its calibration to hold."""
+    """Model and mode of a camera for which its calibration holds."""
 
     kind: str
     model: str
@@ -36,7 +36,7 @@ class CameraMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
 
 
 class KeptCalibration(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A calibration with the cameras that it is of, and the session that it was made for."""
+    """A stored calibration with its cameras' modes and the session it was made for."""
 
     modes: dict[str, CameraMode]
     session: str
@@ -47,18 +47,18 @@ class KeptCalibration(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_
 
     @property
     def with_origin(self) -> Calibration:
-        """The calibration, whose source says where it was kept from."""
+        """The calibration, with the session that it comes from in its source."""
         source = f"{self.calibration.source or 'unknown'}, kept from {self.session} of {self.created[:10]}"
         return msgspec.structs.replace(self.calibration, source=source)
 
 
 def shelf() -> Path:
-    """The folder of the kept calibrations, a file each: in $XDG_DATA_HOME/simulshot on Linux."""
+    """Return the folder of stored calibrations, one file each; in $XDG_DATA_HOME/simulshot on Linux."""
     return user_data_path("simulshot") / "calibrations"
 
 
 def keep_calibration(dataset: Dataset, calibration: Calibration) -> None:
-    """Keep a session's calibration in the place of what was known of these cameras.
+    """Store a session's calibration in place of any earlier one of these cameras.
 
     Raises:
         BadInputError: it has no scale and would replace one in metres, or cannot be written.
@@ -79,9 +79,9 @@ def keep_calibration(dataset: Dataset, calibration: Calibration) -> None:
 
 
 def find_calibration(dataset: Dataset) -> KeptCalibration | None:
-    """The newest of those that know most of a session's cameras in their modes; two at least.
+    """Return the newest stored calibration with the most of a session's cameras in their modes; at least two.
 
-    One that cannot be read is left alone.
+    Files that cannot be read are ignored.
     """
     modes = camera_modes(dataset)
     found = [kept for path in sorted(shelf().glob("*.json")) if (kept := _read(path)) is not None]
@@ -90,7 +90,7 @@ def find_calibration(dataset: Dataset) -> KeptCalibration | None:
     if best is None or best[0] < max(2, (len(modes) + 1) // 2):
         return None
     kept = best[1]
-    # Without cameras that are set otherwise now.
+    # Leave out cameras whose mode has changed.
     same = {
         name: camera
         for name, camera in kept.calibration.cameras.items()
@@ -106,7 +106,7 @@ def _path(modes: dict[str, CameraMode]) -> Path:
 
 
 def write_calibration(path: Path, calibration: Calibration | KeptCalibration) -> None:
-    """Write a calibration's file; its folder is made where there is none.
+    """Write a calibration's file, creating its folder if necessary.
 
     Raises:
         BadInputError: it cannot be written.
@@ -119,7 +119,7 @@ def write_calibration(path: Path, calibration: Calibration | KeptCalibration) ->
 
 
 def camera_modes(dataset: Dataset) -> dict[str, CameraMode]:
-    """The mode of each of a session's cameras."""
+    """Return the mode of each of a session's cameras."""
     facts = {camera.name: camera.facts for camera in dataset.session.manifest.cameras}
     return {
         name: CameraMode(kind=of.kind, model=of.model, width=of.width, height=of.height)
@@ -135,12 +135,12 @@ def _read(path: Path) -> KeptCalibration | None:
 
 
 def settle_calibration(dataset: Dataset) -> None:
-    """Hold a session's own calibration against its pictures, or give it the one kept of its rig, and say so.
+    """Check a session's own calibration against its images, or adopt its rig's stored one and say so.
 
-    Recordings that were imported name no rig, and get none.
+    Imported recordings do not identify a rig and adopt none.
 
     Raises:
-        BadInputError: its own cannot be of its pictures; all that is wrong with it.
+        BadInputError: its own calibration does not fit its images; the message lists all faults.
     """
     own = dataset.calibration()
     if own is not None:
@@ -172,7 +172,7 @@ def settle_calibration(dataset: Dataset) -> None:
 
 
 def _middle_features(dataset: Dataset, cameras: Iterable[str], *least: int) -> dict[str, Features]:
-    """By camera, the features of its picture in the middle of the session, if that can be read."""
+    """Return by camera the features of its middle image, if that can be read."""
     found = {}
     for name in cameras:
         there = dataset.instants(name)
@@ -184,7 +184,7 @@ def _middle_features(dataset: Dataset, cameras: Iterable[str], *least: int) -> d
 
 
 def describe_check(check: RigCheck) -> str:
-    """What a check came to, in words."""
+    """Describe the result of a check."""
     if check.error_px is None:
         return "it cannot be checked, as the cameras share too little that stands still"
     text = f"{check} (points at rest fit within {check.error_px:.1f} px)"

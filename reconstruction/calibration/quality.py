@@ -1,4 +1,4 @@
-"""How good a calibration is, by the reprojection errors of points that two cameras share."""
+"""Quality of a calibration, from the reprojection errors of points that two cameras share."""
 
 from collections.abc import Mapping
 
@@ -13,7 +13,7 @@ from reconstruction.pairs import CELLS, MIN_MATCHES, grid_cells
 SharedPoints = Mapping[tuple[str, str], tuple[Array, Array]]
 """For pairs of cameras, pixels (n, 2) of the same points in the first and in the second."""
 INLIER_PX = 4.0
-"""A point with a larger reprojection error was matched wrongly, or the calibration is wrong."""
+"""Maximum reprojection error of an inlier; beyond it the match or the calibration is wrong."""
 MIN_POINTS = 50
 MIN_INLIER_SHARE = 0.4
 MAX_REPROJECTION_PX = 2.0
@@ -21,20 +21,20 @@ MIN_ANGLE_DEG = 0.3
 
 
 class CalibrationQuality(Struct, frozen=True, kw_only=True):
-    """Judged by points that pairs of cameras share; an inlier's reprojection error is below `INLIER_PX`."""
+    """Quality from points that camera pairs share; an inlier's reprojection error is below `INLIER_PX`."""
 
     points: int
     inlier_share: float
     reprojection_error_px: float | None
-    """Median over the inliers, of a point's two errors the larger."""
+    """Median over the inliers of the larger of a point's two errors."""
     triangulation_angle_deg: float | None
     """Median angle between an inlier's two rays."""
     coverage: dict[str, float]
-    """By camera, the share of the cells of an 8 x 6 grid with an inlier."""
+    """By camera, the fraction of an 8 x 6 grid's cells that contain an inlier."""
 
 
 def judge_calibration(views: Mapping[str, View], shared: SharedPoints) -> CalibrationQuality:
-    """Triangulate every shared point (Hartley and Sturm's linear method) and take its reprojection errors."""
+    """Judge a calibration by the reprojection errors of triangulated points (Hartley and Sturm, linear)."""
     errors, angles, fits = [], [], []
     cells: dict[str, set[tuple[int, int]]] = {name: set() for name in views}
     for (a, b), (at_a, at_b) in shared.items():
@@ -58,7 +58,7 @@ def judge_calibration(views: Mapping[str, View], shared: SharedPoints) -> Calibr
 
 
 def refuse_bad_calibration(quality: CalibrationQuality, cameras: int) -> None:
-    """Raise BadInputError with the reason where a rig's calibration is not fit to measure with."""
+    """Raise BadInputError with the reason if a rig's calibration is not fit for measurements."""
     error, angle = quality.reprojection_error_px, quality.triangulation_angle_deg
     share = f"{100 * quality.inlier_share:.0f} %"
     unjudged = why = ""
@@ -87,7 +87,7 @@ def refuse_bad_calibration(quality: CalibrationQuality, cameras: int) -> None:
 
 
 def _triangulate(a: View, b: View, at_a: Array, at_b: Array) -> tuple[Array, Array]:
-    """For every point the larger of its two reprojection errors, px, and the angle of its rays, degrees."""
+    """Return each point's larger reprojection error, px, and the angle between its rays, degrees."""
     points = triangulate((a, b), np.stack((at_a, at_b)))
     error = np.maximum(reprojection_errors(a, points, at_a), reprojection_errors(b, points, at_b))
     return error, angles_deg(a.rays(at_a) @ a.rotation, b.rays(at_b) @ b.rotation)

@@ -1,4 +1,4 @@
-"""A session's cameras: their calibration, refused where no rig can have it, and their best pairs."""
+"""Calibrated cameras of a session: a checked calibration, features at rest, and the best camera pairs."""
 
 from collections.abc import Container, Mapping, Sequence
 from functools import lru_cache
@@ -24,32 +24,32 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SceneMotion
 
 FOCAL_LIMITS = (0.05, 200.0)
-"""Focal length in widths of the picture: a fisheye's is a third, a telescope's some hundred."""
+"""Minimum and maximum focal length, in longer sides of the image: a fisheye has 1/3, a telescope some 100."""
 MAX_ASPECT = 4.0
-"""Greatest ratio of the two focal lengths: pixels of a squeezed picture are two to one."""
+"""Maximum ratio of the two focal lengths; pixels of an anamorphic image are 2:1."""
 MAX_CENTRE = 3.0
-"""How far off the picture's middle the lens may look, in pictures."""
+"""Maximum distance of the principal point from the image's middle, in image sizes."""
 MAX_UNEVEN = 1e-3
-"""Greatest difference of the rotation times its transpose from the identity."""
+"""Maximum difference between the rotation times its transpose and the identity."""
 MAX_REACH = 1e12
-"""Distance of a camera from the origin, in units of the calibration."""
+"""Maximum distance of a camera from the origin, in the calibration's unit."""
 MAX_FOLD = 0.1
-"""How far off the border's pixels may come back from undistorting and distorting, in sizes of the picture.
+"""Maximum error of border pixels after undistorting and distorting, as a fraction of the image size.
 
-The median counts: the model of many a wide lens folds in the very corners."""
+The limit applies to the median, as the model of many wide lenses folds in the extreme corners."""
 
 KEPT_FEATURES, KEPT_INSTANTS = 64, 9
-"""Images and instants whose features are kept: some MB each."""
+"""Number of images and of instants whose features are cached; some MB each."""
 SAME_SHARE = 1e-6
-"""Poses that differ by less than this share of the rig's extent from its origin are the same."""
+"""Relative difference below which poses are equal; positions relative to the rig's extent from its origin."""
 NEIGHBOURS_M = 5e-4, 150.0
-"""How far from each other neighbouring cameras may be."""
+"""Minimum and maximum distance between neighbouring cameras, metres."""
 MAX_STRETCH = 8.0
-"""How much wider or narrower a picture may become without its distortion."""
+"""Maximum factor by which undistorting may widen or narrow an image."""
 
 
 def impossible(camera: CameraCalibration) -> str:
-    """What no real camera can have of a calibration; empty where nothing is."""
+    """Return why no real camera can have this calibration; empty if it is plausible."""
     rotation, translation = np.array(camera.rotation), np.array(camera.translation)
     lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion])
     if not all(np.isfinite(numbers).all() for numbers in (rotation, translation, lens)):
@@ -98,7 +98,7 @@ def _distortion_problem(camera: CameraCalibration) -> str:
     if not off <= MAX_FOLD * max(view.width, view.height):
         return f"its distortion folds the picture (pixels at the border come back {off:.3g} px off)"
     plain = np.linalg.norm((border - view.matrix[:2, 2]) / np.diagonal(view.matrix)[:2], axis=1)
-    # The principal point itself, where it lies on the border, has no stretch.
+    # The stretch is undefined at the principal point, which may be on the border.
     away = plain > 1e-6
     stretch = float(np.median(np.linalg.norm(rays[away, :2], axis=1) / plain[away]))
     if not 1 / MAX_STRETCH <= stretch <= MAX_STRETCH:
@@ -107,10 +107,10 @@ def _distortion_problem(camera: CameraCalibration) -> str:
 
 
 class Rig:
-    """The cameras of one session; everything is found once and then fixed for all conditions."""
+    """The cameras of one session; everything is computed once and then fixed for all conditions."""
 
     def __init__(self, dataset: Dataset, stages: Path, step: int = 1) -> None:
-        """`stages` is the folder of the stage cache; `step` as of `SceneMotion`."""
+        """`stages` is the folder of the stage cache; `step` is as in `SceneMotion`."""
         self.dataset = dataset
         self.motion = SceneMotion(dataset, step)
         self.stages = StageCache(stages, dataset.fingerprint())
@@ -119,7 +119,7 @@ class Rig:
         self.image_features = lru_cache(maxsize=KEPT_FEATURES)(
             lambda camera, instant: detect_features(dataset.grey(camera, instant), contrast=FAINT_CONTRAST)
         )
-        """The features of an image, of what moves in it too."""
+        """The features of an image, including those of moving objects."""
         self.features = lru_cache(maxsize=KEPT_INSTANTS)(self._features_at_rest)
         """Each camera's features at rest in the image nearest to an instant."""
 
@@ -135,15 +135,15 @@ class Rig:
 
     @property
     def middle_features(self) -> dict[str, Features]:
-        """`features` of the middle of the session."""
+        """The `features` at the middle of the session."""
         return self.features(len(self.dataset.instants_ns) // 2)
 
     def calibrate(self) -> None:
-        """Set the views: the session's own, else found from its images.
+        """Set the views from the session's calibration, else from its images.
 
         Raises:
-            NotAvailableError: it takes COLMAP, which is not installed here.
-            BadInputError: none can be found.
+            NotAvailableError: COLMAP is required and is not installed here.
+            BadInputError: no calibration can be found.
         """
         found = self.dataset.calibration() or self.stages.record(
             "calibration", Calibration, lambda: guess_calibration(self.motion)
@@ -151,7 +151,7 @@ class Rig:
         self.use_calibration(found)
 
     def use_calibration(self, calibration: Calibration) -> None:
-        """Set the views from a calibration that is known.
+        """Set the views from a given calibration.
 
         Raises:
             BadInputError: it was made for images of another shape.
@@ -160,7 +160,7 @@ class Rig:
         self.views = calibrated_views(self.dataset, calibration)
 
     def check_pair(self, pair: tuple[str, str] | None) -> None:
-        """Refuse a pair of cameras that the session does not have."""
+        """Raise BadInputError if the session does not have these two different cameras."""
         for name in pair or ():
             self.dataset.session.camera(name)
         if pair is not None and pair[0] == pair[1]:
@@ -169,7 +169,7 @@ class Rig:
     def choose_stereo_pair(
         self, asked: tuple[str, str] | None, instant: int, among: Container[str] | None = None
     ) -> PairChoice:
-        """The pair for depth, asked for or chosen (`among` some) by what both see around an instant."""
+        """Return the requested pair for depth, else the one (of `among`) with most common points then."""
         choice = PairChoice(asked, "asked for")
         if asked is None:
             views = {name: view for name, view in self.views.items() if among is None or name in among}
@@ -180,7 +180,7 @@ class Rig:
         return choice
 
     def choose_panorama_pair(self, asked: tuple[str, str] | None, instant: int) -> PairChoice:
-        """The pair for a panorama, asked for or chosen by overlap."""
+        """Return the requested pair for a panorama, else one chosen by overlap."""
         if asked is not None:
             return PairChoice(asked, "asked for")
         points = self.features(instant)
@@ -196,7 +196,7 @@ class Rig:
         return found
 
     def moving_share(self, instants: list[int]) -> float:
-        """Largest share of any camera's pixels that move, the mean over these instants."""
+        """Return the largest fraction of moving pixels of any camera, averaged over these instants."""
         shares = [0.0]
         for name in self.dataset.cameras:
             there = [k for k in instants if self.dataset.has_image(name, k)]
@@ -206,10 +206,10 @@ class Rig:
 
 
 def calibrated_views(dataset: Dataset, calibration: Calibration) -> dict[str, View]:
-    """The calibrated cameras among the session's, at the size of their images.
+    """Return the views of the session's calibrated cameras, at the size of their images.
 
     Raises:
-        BadInputError: a calibration was made for images of another shape, or by other cameras, or is unsound.
+        BadInputError: the calibration is for images of another shape or for other cameras, or is implausible.
     """
     views, faults = sound_views(dataset, calibration)
     refuse_faults(dataset, faults)
@@ -217,10 +217,10 @@ def calibrated_views(dataset: Dataset, calibration: Calibration) -> dict[str, Vi
 
 
 def sound_views(dataset: Dataset, calibration: Calibration) -> tuple[dict[str, View], list[str]]:
-    """The calibrated cameras whose calibration can be of their images, and what is wrong with the others.
+    """Return the cameras whose calibration is plausible for their images, and the faults of the others.
 
     Raises:
-        BadInputError: it is of other cameras.
+        BadInputError: the calibration is of other cameras.
     """
     if not calibration.cameras.keys() & set(dataset.cameras):
         raise BadInputError(
@@ -247,7 +247,7 @@ def sound_views(dataset: Dataset, calibration: Calibration) -> tuple[dict[str, V
 
 
 def _misplaced(views: Mapping[str, View], unit: str) -> tuple[set[str], list[str]]:
-    """Cameras that are said to be one, in one place with one direction; what is wrong with all places."""
+    """Return cameras that have the same pose as another, and the faults of all poses."""
     size = max((float(np.linalg.norm(view.centre)) for view in views.values()), default=0.0)
     twins: set[str] = set()
     faults, nearest = [], dict.fromkeys(views, np.inf)
@@ -268,7 +268,7 @@ def _misplaced(views: Mapping[str, View], unit: str) -> tuple[set[str], list[str
 
 
 def refuse_faults(dataset: Dataset, faults: Sequence[str]) -> None:
-    """Raise BadInputError with all that is wrong with a calibration, if anything is."""
+    """Raise BadInputError with all faults of a calibration, if it has any."""
     if faults:
         found = f"the calibration of {dataset.name} has {len(faults)} faults: " if len(faults) > 1 else ""
         raise BadInputError(

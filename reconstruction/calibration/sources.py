@@ -1,4 +1,4 @@
-"""Where a calibration can come from: a board, what stands still, the session, its rig, another session."""
+"""Sources of a calibration: a board, points at rest, the session, its rig, or another session."""
 
 import tempfile
 from dataclasses import dataclass, replace
@@ -33,11 +33,11 @@ from reconstruction.session.conditions import evenly_spread
 from reconstruction.session.dataset import Dataset
 
 TRIED_IMAGES = 4
-"""Images of each camera in which the board is looked for with columns and rows exchanged."""
+"""Images of each camera that are searched for the board with columns and rows exchanged."""
 
 
 class CalibrationSource(StrEnum):
-    """Where a calibration comes from; a path is another session, or a calibration that can be imported."""
+    """Source of a calibration; a path instead is another session, or a calibration file to import."""
 
     SESSION = "session"
     SFM = "sfm"
@@ -48,28 +48,28 @@ class CalibrationSource(StrEnum):
 
     @classmethod
     def named(cls, text: str) -> "CalibrationSource | Path":
-        """The source of this name, else a path."""
+        """Return the source of this name, else a path."""
         return cls(text) if text in set(cls) else Path(text)
 
 
 @dataclass(frozen=True)
 class Candidate:
-    """A calibration, and pixels of points that pairs of cameras share to judge it by."""
+    """A calibration, and pixels of points that pairs of cameras share, by which it is judged."""
 
     calibration: Calibration
     shared: SharedPoints
     board: BoardCoverage | None = None
-    """What the board has covered."""
+    """The image parts that the board covered."""
     check: RigCheck | None = None
-    """Whether a camera has moved since, of a calibration that was not found here."""
+    """Check for moved cameras, for a calibration that was not computed here."""
 
 
 def from_board(
     dataset: Dataset, board: Board, recordings: tuple[Path, ...], lens_recordings: tuple[Path, ...] = ()
 ) -> Candidate:
-    """The calibration by recordings of a board, or by the session itself; judged by the board's corners.
+    """Calibrate from recordings of a board, or from the session itself; the board's corners judge the result.
 
-    `lens_recordings`: of single cameras, which tell their lenses.
+    `lens_recordings`: recordings of single cameras, for their lenses.
     """
     opened = open_recordings(dataset, recordings)
     corners = detect_board(opened, board)
@@ -90,7 +90,7 @@ def _say_if_ambiguous(dataset: Dataset, board: Board) -> None:
 
 
 def _refuse_turned_board(dataset: Dataset, board: Board) -> None:
-    """Raise BadInputError where columns and rows were mixed up: markers are counted along the rows."""
+    """Raise BadInputError if columns and rows were mixed up: markers are counted along the rows."""
     detector = BoardDetector(replace(board, across=board.down, down=board.across))
     for name in dataset.cameras:
         for instant in evenly_spread(dataset.instants(name), TRIED_IMAGES):
@@ -102,7 +102,7 @@ def _refuse_turned_board(dataset: Dataset, board: Board) -> None:
 
 
 def from_still_points(dataset: Dataset, field_of_view_deg: float | None = None) -> Candidate:
-    """The calibration by structure from motion; how wide the cameras see is a help."""
+    """Calibrate by structure from motion; a known field of view helps."""
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         rig = Rig(dataset, Path(scratch))
         found = calibrate_from_images(rig.motion, field_of_view_deg)
@@ -110,7 +110,7 @@ def from_still_points(dataset: Dataset, field_of_view_deg: float | None = None) 
 
 
 def from_elsewhere(dataset: Dataset, source: CalibrationSource | Path) -> Candidate:
-    """The session's own calibration, that of its rig, or another session's; judged by points at rest."""
+    """Load the calibration of the session, its rig or another session; points at rest judge it."""
     if source is CalibrationSource.SESSION:
         found = dataset.calibration()
         if found is None:
@@ -133,10 +133,10 @@ def from_elsewhere(dataset: Dataset, source: CalibrationSource | Path) -> Candid
 
 
 def read_calibration(dataset: Dataset, path: Path) -> Calibration:
-    """Another session's calibration, by its folder, or any that a recording can be imported with.
+    """Read the calibration of another session's folder, or any calibration file that can be imported.
 
     Raises:
-        BadInputError: there is none, or that session's cameras were set to other sizes.
+        BadInputError: there is no calibration, or that session's cameras had other image sizes.
     """
     if path.is_file() or not (path / MANIFEST).is_file():
         sizes = {name: dataset.size_on_disk(name) for name in dataset.cameras}
@@ -159,10 +159,10 @@ def read_calibration(dataset: Dataset, path: Path) -> Calibration:
 
 
 def open_recordings(dataset: Dataset, paths: tuple[Path, ...]) -> list[Dataset]:
-    """Sessions that show the board to a session's cameras; without paths the session itself.
+    """Open the sessions that show the board to a session's cameras; without paths the session itself.
 
     Raises:
-        BadInputError: one is of other cameras, or they were set to other sizes.
+        BadInputError: a recording is of other cameras, or of other image sizes.
     """
     recordings = [Dataset.open(path) for path in paths] or [dataset]
     for recording in recordings:
@@ -176,7 +176,7 @@ def open_recordings(dataset: Dataset, paths: tuple[Path, ...]) -> list[Dataset]:
 
 
 def _still_points(rig: Rig, views: dict[str, View]) -> SharedPoints:
-    """Points at rest that pairs of cameras share, at the middle of the burst."""
+    """Return points at rest that pairs of cameras share, at the middle of the burst."""
     features = rig.middle_features
     return {
         (a, b): match_features(features[a], features[b])

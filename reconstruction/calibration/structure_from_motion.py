@@ -1,4 +1,4 @@
-"""A rig's calibration by COLMAP's structure from motion over what stands still in a burst."""
+"""Calibration of a rig by COLMAP's structure from motion, from the static part of a burst."""
 
 import math
 import os
@@ -23,24 +23,24 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SceneMotion
 
 FILM_DIAGONAL_MM = 43.27
-"""Diagonal of 36 x 24 mm, which equivalent focal lengths are for (CIPA DC-008)."""
+"""Diagonal of the 36 x 24 mm format to which equivalent focal lengths refer (CIPA DC-008)."""
 MAX_FOCAL_RATIO = 1.25
-"""Equivalent focal lengths are whole millimetres, and lenses' data sheets rounded."""
+"""Maximum ratio of a found to the likely focal length; equivalent ones are rounded to whole millimetres."""
 WIDEST_DEG = 100.0
 LEAST_TO_TELL_LENSES = 3
-"""The fewest cameras that tell focal lengths: of two whose axes meet, any fit."""
+"""Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
 GUESS = "a guess from these pictures alone"
-"""What the source of a calibration says that nothing but pictures is behind."""
+"""Text in the source of a calibration that rests on images alone."""
 MAX_INSTANTS = 3
-"""Instants that structure from motion uses: more add time, not geometry, where the rig stands still."""
+"""Maximum instants for structure from motion; with a static rig, more add time but no geometry."""
 FEATURE_BYTES_PER_PIXEL = 220
-"""What SIFT takes: the picture at twice its size, a dozen times in float, and its smaller octaves."""
+"""Memory that SIFT uses: the image at twice its size, a dozen times in float, and its smaller octaves."""
 FEATURE_SHARE = 0.6
-"""Share of the memory budget for all pictures whose features are found at once."""
+"""Fraction of the memory budget for all images whose features are extracted at once."""
 
 
 def likely_focal_lengths(dataset: Dataset, field_of_view_deg: float | None = None) -> dict[str, float]:
-    """Focal lengths in px by camera: by the horizontal field of view, else by the EXIF of their pictures."""
+    """Return likely focal lengths, px, by camera: from the horizontal field of view, else from EXIF."""
     found = {}
     for name in dataset.cameras:
         width, height = dataset.size(name)
@@ -61,12 +61,12 @@ def _exif_focal_35mm(dataset: Dataset, camera: str) -> int | None:
 
 
 def refuse_odd_lenses(found: Mapping[str, CameraCalibration], focal_px: Mapping[str, float]) -> None:
-    """Refuse focal lengths that structure from motion cannot have found, only guessed.
+    """Refuse focal lengths that structure from motion cannot have determined.
 
-    Little depth in what stands still leaves a focal length nearly free, however well the points fit.
+    A static scene with little depth leaves a focal length nearly free, however well the points fit.
 
     Raises:
-        NotApplicableError: a lens is far from what it likely is, or sees wider than plain lenses do.
+        NotApplicableError: a focal length is far from the likely one, or wider than plain lenses are.
     """
     for name, camera in found.items():
         view_deg = field_of_view_deg(camera)
@@ -87,12 +87,12 @@ def refuse_odd_lenses(found: Mapping[str, CameraCalibration], focal_px: Mapping[
 
 
 def field_of_view_deg(camera: CameraCalibration) -> float:
-    """How wide a camera sees, from the left to the right edge."""
+    """Return a camera's horizontal field of view."""
     return math.degrees(2 * math.atan(camera.width / 2 / camera.fx))
 
 
 def guess_calibration(motion: SceneMotion) -> Calibration:
-    """A calibration from the pictures of a session that has none, and say so.
+    """Calibrate a session that has no calibration from its images, and say so.
 
     Raises as `calibrate_from_images`.
     """
@@ -102,14 +102,14 @@ def guess_calibration(motion: SceneMotion) -> Calibration:
 
 
 def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None = None) -> Calibration:
-    """Calibrate the rig by COLMAP from the burst's still content; the unit of length is arbitrary.
+    """Calibrate the rig with COLMAP from the static content of a burst; the unit of length is arbitrary.
 
-    The cameras form one rig and each instant is one frame of it; moving pixels are masked out. How wide the
-    cameras see, from the left to the right edge, is what their lenses start from; None = the EXIF, if any.
+    The cameras form one rig and each instant is one frame of it. Moving pixels are masked out. The horizontal
+    field of view gives the lenses' initial values; None = from EXIF, if any.
 
     Raises:
         NotAvailableError: COLMAP is not installed here.
-        BadInputError: it found no cameras, or lenses that cannot be.
+        BadInputError: it found no cameras, or implausible lenses.
     """
     pycolmap = load_pycolmap(
         "finding the cameras' positions from the images", hint="give it a calibration.json"
@@ -132,7 +132,7 @@ def calibrate_from_images(motion: SceneMotion, field_of_view_deg: float | None =
         except NotApplicableError:
             if len(focal_px) < len(cameras):
                 raise
-            # What stands still does not tell the lenses: take them as they likely are.
+            # The static scene does not determine the lenses: fix them at their likely values.
             found = _found(pycolmap, dataset, cameras, root, focal_px, held=True)
     return found
 
@@ -171,7 +171,7 @@ def _found(
 
 
 def _told_lenses(pycolmap: Any, rec: Any) -> str:
-    """How far off the focal lengths may be, in words."""
+    """Describe the uncertainty of the focal lengths."""
     errors = sorted(100 * error for error in focal_errors(pycolmap, rec))
     if not errors:
         return ", focal lengths perhaps far off"
@@ -179,11 +179,10 @@ def _told_lenses(pycolmap: Any, rec: Any) -> str:
 
 
 def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
-    """95 % errors of a model's focal lengths as shares of them; none where its points leave them free,
-    and none of two cameras.
+    """Return the relative 95 % errors of a model's focal lengths; none if they are free or for two cameras.
 
-    By the covariance of a bundle adjustment of one picture of each camera: in others, what stands still is
-    seen with the same errors again. Principal points count as known, and lenses as bent by one number.
+    From the covariance of a bundle adjustment with one image of each camera: further images would repeat the
+    same errors of static points. Principal points count as known, and lenses as having one distortion term.
     """
     shown = {image.camera_id: image for image in rec.images.values() if image.has_pose}
     if len(shown) < LEAST_TO_TELL_LENSES:
@@ -222,7 +221,7 @@ def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
 
 
 def _choose_instants(dataset: Dataset) -> list[int]:
-    """Instants with pictures of most cameras, spread over the burst, and one for each camera they lack."""
+    """Choose instants with the most cameras, spread over the burst, and one for each camera they lack."""
     instants = range(len(dataset.instants_ns))
     present = {k: {name for name in dataset.cameras if dataset.has_image(name, k)} for k in instants}
     most = max((len(names) for names in present.values()), default=0)
@@ -250,7 +249,7 @@ def _write_images(motion: SceneMotion, instants: Sequence[int], cameras: Sequenc
 
 
 def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:
-    """COLMAP's options for finding features: the size and the threads that the memory budget allows."""
+    """Return COLMAP's options for feature extraction: image size and threads within the memory budget."""
     options = pycolmap.FeatureExtractionOptions()
     limit = int(options.eff_max_image_size())
 
@@ -275,7 +274,7 @@ def _solve(
     *,
     held: bool,
 ) -> Any | None:
-    """The largest model; `work` is a new folder in that of the images. `held`: focal lengths stay."""
+    """Return the largest model; `work` is a new folder inside the root. `held`: focal lengths are fixed."""
     root, database = work.parent, work / "database.db"
     reader = pycolmap.ImageReaderOptions()
     reader.camera_model = "SIMPLE_RADIAL"
@@ -294,11 +293,11 @@ def _solve(
     plain = work / "plain.db"
     shutil.copy(database, plain)
     found = None
-    # Where the rig as a whole has no solution, the images one by one may have.
+    # If the rig as a whole has no solution, incremental mapping may find one.
     with suppress(ForeignError):
         found = _map_rig(pycolmap, cameras, database, held=held)
     if found is None or found.num_reg_images() < 2:
-        # Little depth in the scene can be too little for the global way; one image after the other is surer.
+        # Global mapping can fail on scenes with little depth; incremental mapping is more robust.
         (work / "plain").mkdir()
         options = pycolmap.IncrementalPipelineOptions(random_seed=0, multiple_models=False, min_model_size=2)
         options.ba_refine_focal_length = not held
@@ -320,7 +319,7 @@ def _set_focal_lengths(pycolmap: Any, database: Path, focal_px: Mapping[str, flo
 
 
 def _map_rig(pycolmap: Any, cameras: Sequence[str], database: Path, *, held: bool) -> Any | None:
-    """The cameras as one rig of unknown geometry: only global mapping solves that."""
+    """Solve for the cameras as one rig of unknown geometry, which only global mapping supports."""
     sensors = [
         pycolmap.RigConfigCamera(image_prefix=f"{name}/", ref_sensor=name == cameras[0]) for name in cameras
     ]
@@ -341,7 +340,7 @@ def _largest(models: dict[int, Any]) -> Any | None:
 
 
 def _cameras(rec: Any, dataset: Dataset) -> dict[str, CameraCalibration]:
-    """The placed cameras: those of the fullest instant, then of others by a camera that is in both."""
+    """Return the placed cameras: from the fullest instant, then others by a camera common to both."""
     placed: dict[str, dict[str, Any]] = {}
     for image in rec.images.values():
         if image.has_pose:

@@ -1,7 +1,7 @@
-"""The scale, the ground and the upward direction of a calibration: from a board, or from two marked points.
+"""Scale, ground and vertical of a calibration, from a board or from two marked points.
 
-The world gets z upwards and its origin on the ground. By a board, x is to its right and y to its top; by
-two points one above the other, y is ahead of the first camera.
+The world has z up and its origin on the ground. With a board, x points to its right and y to its top. With
+two points one above the other, y points ahead of the first camera.
 """
 
 from collections.abc import Mapping
@@ -23,27 +23,27 @@ from reconstruction.pairs import size_above_features
 from reconstruction.session.conditions import evenly_spread
 
 MAX_MARK_ERROR_PX = 8.0
-"""In pictures MAX_SIDE_PX wide or narrower: marks are set by hand, on one thing in all pictures."""
+"""Maximum error of a mark in images at most MAX_SIDE_PX wide; marks are set by hand."""
 MIN_ANGLE_DEG = 1.0
 MAX_BOARD_ERROR_PX = 3.0
 
 
 Marks = Mapping[str, tuple[tuple[float, float], tuple[float, float]]]
-"""Two points' pixels (x, y) in each of two cameras or more."""
+"""Pixels (x, y) of two points in each of two or more cameras."""
 MAX_MOMENTS = 20
 MAX_TURN_DEG = 3.0
-"""Between two moments, of a board that lies still."""
+"""Maximum rotation of a static board between two moments."""
 MAX_MISFIT_SHARE = 0.05
-"""Root mean square misfit as a share of the board's size: more, and it is no flat board."""
+"""Maximum RMS residual of a flat board, as a fraction of its size."""
 WORLD_FROM_BOARD = np.diag([1.0, -1.0, -1.0])
-"""A board's x and y are right and down as one looks at it, its z into the floor."""
+"""Rotation from the board's axes (x right, y down, z into the floor) to the world's."""
 
 
 def marked_points(views: Mapping[str, View], marks: Marks) -> Array:
-    """The two points (2, 3) of the rig that are marked in the views' pictures.
+    """Triangulate the two marked points, (2, 3) in the rig's frame.
 
     Raises:
-        BadInputError: a camera is unknown, or its marks are not of the same things as the others'.
+        BadInputError: a camera is unknown, or its marks do not match those in the other images.
     """
     for name in marks:
         if name not in views:
@@ -78,10 +78,10 @@ def marked_points(views: Mapping[str, View], marks: Marks) -> Array:
 def metres_per_unit_by_board(
     views: Mapping[str, View], board: Board, corners: BoardCorners
 ) -> tuple[float, int]:
-    """Metres in a unit of the views from a board that two cameras see, and at how many moments they do.
+    """Return the metres per unit of the views from a board that two cameras see, and the number of sightings.
 
     Raises:
-        BadInputError: no two cameras see enough of it at one moment.
+        BadInputError: no two cameras see enough of the board at one moment.
     """
     factors = []
     for seen in corners_by_moment(corners).values():
@@ -121,7 +121,7 @@ def _board_factor(
 
 @dataclass(frozen=True)
 class World:
-    """x_world = rotation @ (scale * x_rig) + translation; 3x3, (3,), metres in a unit of the rig."""
+    """Map x_world = rotation @ (scale * x_rig) + translation; 3x3, (3,), scale in metres per rig unit."""
 
     rotation: Array
     translation: Array
@@ -129,7 +129,7 @@ class World:
 
 
 def in_world(calibration: Calibration, world: World, unit: str, how: str) -> Calibration:
-    """The calibration in other coordinates, of this unit; `how` is added to its source."""
+    """Transform a calibration into world coordinates in `unit`; `how` is appended to its source."""
     cameras = {}
     for name, camera in calibration.cameras.items():
         rotation = np.array(camera.rotation) @ world.rotation.T
@@ -144,7 +144,7 @@ def in_world(calibration: Calibration, world: World, unit: str, how: str) -> Cal
 
 
 def world_of_marks(views: Mapping[str, View], marks: Marks) -> World:
-    """The world whose origin is the first of two marked points, and whose z leads to the second.
+    """Return the world with its origin at the first of two marked points and z towards the second.
 
     Raises:
         BadInputError: as `marked_points`.
@@ -164,13 +164,13 @@ def world_of_marks(views: Mapping[str, View], marks: Marks) -> World:
 def world_of_board(
     views: Mapping[str, View], board: Board, corners: BoardCorners, *, metric: bool
 ) -> tuple[World, int]:
-    """The world of a board that lies on the ground, and the number of moments that it was seen at.
+    """Return the world of a board on the ground, and the number of moments at which it was used.
 
-    Points that two cameras or more see tell where it lies, and how long a unit is unless the views are
-    `metric`; a rig in metres also knows it from one camera.
+    Points seen by two or more cameras give the board's pose, and the length of a unit unless the views are
+    `metric`. If there are none, one camera is enough for a metric rig.
 
     Raises:
-        BadInputError: too little of it is seen, it does not lie still, or it is seen from below.
+        BadInputError: too little of the board is seen, it moves, or it is seen from below.
     """
     moments = evenly_spread(list(corners_by_moment(corners).values()), MAX_MOMENTS)
     fits = [fit for seen in moments if (fit := _fit_shared(views, board, seen, metric)) is not None]
@@ -236,13 +236,13 @@ def _fit_alone(views: Mapping[str, View], board: Board, seen: Mapping[str, Corne
 
 
 def _world_of(rotation: Array, translation: Array, scale: float) -> World:
-    """The world of a board that is at `scale * rotation @ place + translation` in the rig."""
+    """Return the world of a board that is at `scale * rotation @ place + translation` in the rig."""
     into = WORLD_FROM_BOARD @ rotation.T
     return World(into, -into @ translation / scale, 1 / scale)
 
 
 def _similarity(places: Array, points: Array, *, rigid: bool) -> tuple[float, Array, Array]:
-    """Scale, rotation and translation that bring places (n, 3) nearest to points (n, 3) (Umeyama 1991)."""
+    """Fit scale, rotation and translation that map places (n, 3) onto points (n, 3) (Umeyama 1991)."""
     at, to = places - places.mean(0), points - points.mean(0)
     left, values, right = np.linalg.svd(to.T @ at)
     signs = np.array([1.0, 1.0, np.sign(np.linalg.det(left @ right))])

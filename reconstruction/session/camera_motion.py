@@ -1,4 +1,4 @@
-"""Whether a camera stood still while it recorded: by what should stand still in its pictures."""
+"""Motion of a camera during a recording, measured from the static parts of its images."""
 
 from dataclasses import dataclass
 
@@ -12,24 +12,24 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SHAKE_PX
 
 GRID = (8, 6)
-"""Cells across and down: each counts once, so that a thing with much texture is not all that counts."""
+"""Cells across and down; each counts once, so that a highly textured object does not dominate."""
 CELL_POINTS = 6
 MIN_CELLS = 8
-"""Fewer in which something can be followed tell nothing about the camera."""
+"""Minimum number of cells in which points can be tracked; with fewer the motion is unknown."""
 PAIRS = 4
-"""Pairs of images that are looked at."""
+"""Number of image pairs that are compared."""
 APART_NS = 500_000_000
-"""How far apart the images of a pair are at least, or half the burst where that is less."""
+"""Minimum time between the images of a pair; half the burst if that is shorter."""
 LEAST_STILL = 0.25
-"""Where less of the picture stays in its place, the camera moves, or what moves fills its view."""
+"""Minimum static fraction of the image; below it the camera moves, or moving objects fill its view."""
 SIDE_PX = 640
-"""Larger images are made smaller."""
+"""Longer side to which larger images are reduced."""
 WINDOW_PX = 15
 
 
 @dataclass(frozen=True)
 class CameraMotion:
-    """What a camera's picture does: `still_share` of it stays in its place, its median moves `px` in `ms`."""
+    """Motion of a camera's image: `still_share` of it is static; its median motion is `px` in `ms`."""
 
     still_share: float
     px: float
@@ -37,16 +37,16 @@ class CameraMotion:
 
     @property
     def moves(self) -> bool:
-        """Whether the camera cannot have stood still, or hardly anything before it did."""
+        """Whether the camera moved, or nearly everything in its view did."""
         return self.still_share < LEAST_STILL
 
 
 def measure_camera_motion(dataset: Dataset, camera: str) -> CameraMotion | None:
-    """Follow points between some of a camera's images; None where too little can be followed."""
+    """Track points between some of a camera's images; None if too few can be tracked."""
     times = [dataset.instants_ns[k] for k in dataset.instants(camera)]
     if len(times) < 2:
         return None
-    # Half the burst shows slow motion; where nothing can be followed so far, neighbours may do.
+    # Half the burst shows slow motion; if nothing can be tracked over it, neighbouring images may do.
     for apart_ns in (min(APART_NS, (times[-1] - times[0]) // 2), 1):
         found = _follow_pairs(dataset, camera, max(1, apart_ns))
         if found:
@@ -55,7 +55,7 @@ def measure_camera_motion(dataset: Dataset, camera: str) -> CameraMotion | None:
 
 
 def _follow_pairs(dataset: Dataset, camera: str, apart_ns: int) -> list[tuple[float, float, float]]:
-    """Share that stays, median motion (px) and time (ms) between images at least so far apart."""
+    """Return static fraction, median motion (px) and time (ms) of image pairs at least `apart_ns` apart."""
     there, times = dataset.instants(camera), dataset.instants_ns
     later = {k: next((j for j in there if times[j] - times[k] >= apart_ns), None) for k in there}
     pairs = [(k, j) for k, j in later.items() if j is not None]
@@ -69,7 +69,7 @@ def _follow_pairs(dataset: Dataset, camera: str, apart_ns: int) -> list[tuple[fl
 
 
 def _cell_motions(before: Array, after: Array) -> Array:
-    """How far the points of each cell (n,) of `GRID` that can be followed move, the median of each, px."""
+    """Return the median motion (n,), px, of each `GRID` cell in which points can be tracked."""
     scale = min(1.0, SIDE_PX / max(before.shape))
     if scale < 1:
         size = {"fx": scale, "fy": scale, "interpolation": cv2.INTER_AREA}

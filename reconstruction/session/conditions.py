@@ -1,4 +1,4 @@
-"""Conditions of a comparison or a batch: how late each camera's images are, and so which frames they show."""
+"""Conditions of a comparison or a batch: each camera's time offset, and the frames that it selects."""
 
 import math
 import random
@@ -16,28 +16,28 @@ if TYPE_CHECKING:
 SYNCED = "synced"
 DISTINCT = "distinct"
 DISTINCT_MS = (-66.0, -33.0, 0.0, 33.0, 66.0)
-"""What the paper's unsynchronized cameras are off by: up to two frames of 30 a second, either way."""
+"""Offsets of the paper's unsynchronized cameras: up to two frames at 30 fps, in either direction."""
 DEFAULT_OFFSET_MS = 66.0
-"""How late one camera of a pair is where nothing else is asked for: the largest of these."""
+"""Default delay of one camera of a pair: the largest of these."""
 MAX_OFFSET_MS = 1e6
 
 
 @dataclass(frozen=True)
 class Condition:
-    """How late each camera's images are: not at all, drawn at random, or as listed (ms)."""
+    """Delay of each camera's images: zero, drawn at random, or as listed (ms)."""
 
     name: str
     listed_ms: tuple[float, ...] = ()
-    """One number: every second camera is late by it; else one for each camera, in the session's order."""
+    """One number: the delay of every second camera; else one for each camera, in the session's order."""
     named_ms: tuple[tuple[str, float], ...] = ()
-    """By camera; one that is not named is not late."""
+    """Delays by camera; cameras that are not named have none."""
 
     @classmethod
     def parse(cls, text: str) -> "Condition":
-        """`synced`; `distinct`; `MS` (every second camera); `MS,MS,...`; `CAMERA=MS,CAMERA=MS,...`.
+        """Parse `synced`, `distinct`, `MS` (every second camera), `MS,MS,...` or `CAMERA=MS,CAMERA=MS,...`.
 
         Raises:
-            BadInputError: it is none of these.
+            BadInputError: the text is none of these.
         """
         text = text.strip()
         if text in (SYNCED, DISTINCT):
@@ -66,10 +66,10 @@ class Condition:
         return self.name == DISTINCT
 
     def offsets_ms(self, cameras: Sequence[str], instant: int, draw: int = 0) -> tuple[float, ...]:
-        """How late each camera is, ms; none for all together.
+        """Return each camera's delay, ms; empty if all are synchronized.
 
-        Drawn ones depend on the instant and the number of the draw only, and are all different as long as
-        there are enough of them: cameras that share an offset agree with each other and hide what it does.
+        Drawn delays depend on the instant and the number of the draw only. They all differ if there are enough of
+        them: cameras with equal offsets agree with each other and hide the effect.
         """
         if self.drawn:
             source = random.Random(f"{DISTINCT} {instant}" + (f" {draw}" if draw else ""))
@@ -86,7 +86,7 @@ class Condition:
         """Refuse a list that does not fit the session's cameras.
 
         Raises:
-            BadInputError: it names others, or has more or fewer.
+            BadInputError: it names unknown cameras, or has more or fewer.
         """
         for name, _ in self.named_ms:
             dataset.session.camera(name)
@@ -99,20 +99,20 @@ Item = TypeVar("Item")
 
 @dataclass(frozen=True)
 class FrameOffset:
-    """A distance between instants of a burst, and the pairs of instants that are so far apart."""
+    """A time offset between instants of a burst, and the pairs of instants with this offset."""
 
     asked_ms: float
     actual_ns: int
     frames: int
-    """In frames of the cameras."""
+    """The offset in frames of the cameras."""
     step: int
-    """In instants of the burst, where these are evenly spaced."""
+    """The offset in instants of the burst, if these are evenly spaced."""
     pairs: tuple[tuple[int, int], ...]
     """(instant, the instant that is `actual_ns` later)."""
 
     @property
     def reversed(self) -> "FrameOffset":
-        """The same distance the other way: the second of each pair is earlier."""
+        """The same offset in the other direction: the second of each pair is earlier."""
         pairs = tuple((later, now) for now, later in self.pairs)
         return replace(
             self, asked_ms=-self.asked_ms, actual_ns=-self.actual_ns, frames=-self.frames, pairs=pairs
@@ -120,12 +120,12 @@ class FrameOffset:
 
     @property
     def actual_ms(self) -> float:
-        """The distance that the burst has, ms."""
+        """The actual offset in the burst, ms."""
         return self.actual_ns / 1e6
 
 
 def nearest_frame_offset(instants_ns: Sequence[int], period_ns: int, offset_ms: float) -> FrameOffset:
-    """The distance between instants of the burst that is nearest to the offset asked for.
+    """Return the offset between instants of the burst that is nearest to the requested one.
 
     Raises:
         BadInputError: the burst is too short for it, or its frames too far apart.
@@ -163,7 +163,7 @@ def nearest_frame_offset(instants_ns: Sequence[int], period_ns: int, offset_ms: 
 def pairs_with_images(
     dataset: "Dataset", offset: FrameOffset, reference: str, other: str
 ) -> list[tuple[int, int]]:
-    """The instants for which both conditions have all their images."""
+    """Return the pairs of instants for which both conditions have all their images."""
     return [
         (now, later)
         for now, later in offset.pairs
@@ -172,7 +172,7 @@ def pairs_with_images(
 
 
 def evenly_spread(items: Sequence[Item], limit: int) -> list[Item]:
-    """At most `limit` of them, evenly spread; a single one from the middle."""
+    """Return at most `limit` items, evenly spread; a single one from the middle."""
     if len(items) <= limit:
         return list(items)
     if limit == 1:

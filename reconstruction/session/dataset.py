@@ -1,4 +1,4 @@
-"""A session's images and ground truth, by camera and instant, with corrected times where asked for."""
+"""Images and ground truth of a session, by camera and instant, optionally with corrected times."""
 
 import hashlib
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,10 +21,10 @@ from reconstruction.common.memory import ByteCache, memory_budget
 from reconstruction.session.picture_checksums import picture_checks
 
 KEPT_SHARE = 0.12
-"""Share of the memory budget for decoded images that may be asked for again."""
+"""Fraction of the memory budget for cached decoded images."""
 WORK_SHARE = 0.3
 WORK_BYTES_PER_PIXEL = 60
-"""What a command takes at least for each pixel of the images it works on at once."""
+"""Minimum memory of a command for each pixel of the images it works on at once."""
 
 
 def shift_times(
@@ -33,10 +33,10 @@ def shift_times(
     instants_ns: Sequence[int],
     period_ns: int,
 ) -> dict[tuple[str, int], ImageRecord]:
-    """The images by camera and the instant they are nearest to, with each camera's shift added to its times.
+    """Add each camera's shift to its times, and return the images by camera and nearest instant.
 
-    An image that is further than half a period from every instant is left out, as is one whose instant
-    has a nearer one of its camera. Records keep the instant they were saved under.
+    An image farther than half a period from every instant is left out, as is one whose instant has a nearer
+    image of its camera. Records keep the instant under which they were saved.
 
     Raises:
         BadInputError: a shift leaves a camera without any image.
@@ -71,15 +71,15 @@ def shift_times(
 
 
 class Dataset:
-    """The images of one burst, read when they are needed, at a size that fits the memory budget.
+    """The images of one burst, read on demand, at a size that fits the memory budget.
 
-    A dataset that is made smaller is so in all: images, sizes, calibrated views, ground truth.
+    Reducing a dataset reduces everything: images, sizes, calibrated views, ground truth.
     """
 
     def __init__(self, session: Session, shifts_ms: Mapping[str, float] | None = None) -> None:
-        """`shifts_ms` is added to the times of the cameras it names, whose images are paired anew.
+        """`shifts_ms` is added to the times of the named cameras; their images are then assigned again.
 
-        Frames that a camera dropped are left out: their images are those of another instant.
+        Frames that a camera dropped are left out: their substitute images are of another instant.
         """
         manifest = session.manifest
         self.session = session
@@ -98,10 +98,10 @@ class Dataset:
 
     @classmethod
     def open(cls, path: Path, shifts_ms: Mapping[str, float] | None = None) -> "Dataset":
-        """Open a session's folder; `shifts_ms` as of the class.
+        """Open a session's folder; `shifts_ms` is as in the constructor.
 
         Raises:
-            BadInputError: it is not a session, its manifest is broken, or it lacks a camera that is shifted.
+            BadInputError: it is not a session, its manifest is broken, or it lacks a shifted camera.
             IncompleteError: an image is missing or truncated.
         """
         dataset = cls(Session.open(path), shifts_ms)
@@ -127,12 +127,12 @@ class Dataset:
         fixed_bytes: float = 0.0,
         share: float = WORK_SHARE,
     ) -> None:
-        """Make the dataset smaller where work on so many images at once would take more than its share.
+        """Reduce the dataset if work on `images` images at once would exceed `share` of the memory budget.
 
-        `fixed_bytes` is what it takes whatever their size. Images that were asked for before keep their size.
+        `fixed_bytes` is memory independent of the size. Images that were read before keep their size.
 
         Raises:
-            BadInputError: even a sixteenth of their size takes more.
+            BadInputError: it takes more even at a sixteenth of the size.
         """
         sizes = sorted((self.size(camera) for camera in self.cameras), key=lambda size: -size[0] * size[1])
         pixels = sum(width * height for width, height in sizes[:images])
@@ -148,14 +148,14 @@ class Dataset:
             self._read = self._kept_images()
 
     def require_cameras(self, count: int, hint: str) -> None:
-        """Raises NotApplicableError where the session has fewer cameras."""
+        """Raise NotApplicableError if the session has fewer cameras."""
         if len(self.cameras) < count:
             raise NotApplicableError(
                 f"the session has one camera only ({', '.join(self.cameras)})", hint=hint
             )
 
     def require_offset_each(self, offsets_ms: Sequence[float]) -> None:
-        """Raises BadInputError where there is not one offset for each camera."""
+        """Raise BadInputError unless there is one offset for each camera."""
         if len(offsets_ms) != len(self.cameras):
             raise BadInputError(
                 f"{len(offsets_ms)} offsets for {len(self.cameras)} cameras",
@@ -163,61 +163,61 @@ class Dataset:
             )
 
     def has_image(self, camera: str, instant: int) -> bool:
-        """Whether there is an image of this camera at this instant."""
+        """Return whether there is an image of this camera at this instant."""
         return (camera, instant) in self._records
 
     def has_images(self, images: Iterable[tuple[str, int]]) -> bool:
-        """Whether there are all of these, each a camera and an instant."""
+        """Return whether all of these images exist, each given as a camera and an instant."""
         return all(image in self._records for image in images)
 
     def record(self, camera: str, instant: int) -> ImageRecord:
-        """The record of an image that there is."""
+        """Return the record of an existing image."""
         return self._records[camera, instant]
 
     def instants(self, *cameras: str) -> tuple[int, ...]:
-        """The instants that all of these cameras have images of."""
+        """Return the instants at which all of these cameras have images."""
         every = range(len(self.instants_ns))
         return tuple(k for k in every if all(self.has_image(camera, k) for camera in cameras))
 
     def image(self, camera: str, instant: int) -> Array:
-        """The image, uint8 height x width x 3, BGR (grey cameras: three equal channels).
+        """Return an image, uint8 height x width x 3, BGR (grey cameras: three equal channels).
 
         Raises:
             BadInputError: the file is not an image, or not of its camera's size.
-            IncompleteError: it is not what was saved, and checksums are required.
+            IncompleteError: its checksum differs, and checksums are required.
         """
         return self._read(camera, instant)
 
     def image_bytes(self, camera: str, instant: int) -> bytes:
-        """The image's file. Raises OSError where it cannot be read."""
+        """Return the bytes of an image's file. Raises OSError if it cannot be read."""
         return self.session.image_bytes(self._records[camera, instant])
 
     def grey(self, camera: str, instant: int) -> Array:
-        """The image's brightness, uint8 height x width."""
+        """Return an image's brightness, uint8 height x width."""
         return np.asarray(cv2.cvtColor(self.image(camera, instant), cv2.COLOR_BGR2GRAY))
 
     def size(self, camera: str) -> tuple[int, int]:
-        """Width and height of a camera's images, px."""
+        """Return the width and height of a camera's images, px."""
         width, height = self.size_on_disk(camera)
         if self._scale == 1.0:
             return width, height
         return max(1, round(width * self._scale)), max(1, round(height * self._scale))
 
     def size_on_disk(self, camera: str) -> tuple[int, int]:
-        """Width and height of a camera's images before they are made smaller, px."""
+        """Return the width and height of a camera's images before any reduction, px."""
         facts = self.session.camera(camera).facts
         return facts.width, facts.height
 
     def calibration(self) -> Calibration | None:
-        """The session's own calibration, else the one it has adopted."""
+        """Return the session's own calibration, else the one it has adopted."""
         return self.session.calibration() or self._adopted
 
     def adopt_calibration(self, calibration: Calibration) -> None:
-        """Take a calibration from elsewhere for this session's, where it has none; nothing is written."""
+        """Use a calibration from elsewhere if the session has none; nothing is written."""
         self._adopted = calibration
 
     def ground_truth(self, camera: str, instant: int) -> tuple[Array, Array] | None:
-        """True depth (m, float32, 0 = unknown) and movers (bool) of a simulated image, or None.
+        """Return true depth (m, float32, 0 = unknown) and moving pixels (bool) of a simulated image, or None.
 
         Raises:
             BadInputError: the file is broken.
@@ -235,12 +235,12 @@ class Dataset:
         return np.asarray(depth), np.asarray(movers) > 0
 
     def ground_truth_file(self, camera: str, instant: int) -> Path | None:
-        """Where the ground truth of an image is, which keeps the instant it was saved under; None without."""
+        """Return the path of an image's ground truth, under its saved instant; None if there is none."""
         record = self._records.get((camera, instant))
         return self.session.ground_truth(camera, record.instant) if record is not None else None
 
     def fingerprint(self) -> str:
-        """One checksum over all images and the calibration: the same session gives the same."""
+        """Return one checksum over all images and the calibration; equal for equal sessions."""
         digest = hashlib.sha256()
         for (camera, instant), record in sorted(self._records.items()):
             digest.update(f"{camera} {instant} {record.sha256}\n".encode())
@@ -251,14 +251,14 @@ class Dataset:
 
     @property
     def unsynchronized(self) -> str:
-        """What is known of times that do not say which pictures are of one instant, in words; else empty."""
+        """Description of times too uncertain to assign images to instants; empty if the times are good."""
         times = self.session.manifest.burst.common_times
         return "" if times is None or self._shifted else times.doubt(self.period_ns)
 
     def worst_residual_us(self) -> float | None:
-        """Largest distance of an image from its instant by the session's record, us.
+        """Return the largest distance of an image from its instant by the session's record, us.
 
-        Counts in what is not known of its camera's stamps. None where the times' error is not known, as in
+        Includes the uncertainty of its camera's timestamps. None if the error of the times is unknown, as in
         imported sessions.
         """
         records = self._records.values()
@@ -272,12 +272,12 @@ class Dataset:
         return max(abs(one.residual_ns) + unknown_ns[one.camera] for one in records) / 1000
 
     def worst_hard_bound_us(self) -> float | None:
-        """Largest hard bound on the error of an image's time, us; None where that of any has none."""
+        """Return the largest hard bound on the error of an image's time, us; None if any image has none."""
         known = [r.hard_bound_ns for r in self._records.values() if r.hard_bound_ns is not None]
         return max(known) / 1000 if known and len(known) == len(self._records) else None
 
     def nearest_instants(self, instant: int, offsets_ms: Sequence[float]) -> dict[str, int]:
-        """Each camera's instant: the one asked for, or the one nearest to its offset from it.
+        """Return each camera's instant: the requested one, or the one nearest to its offset from it.
 
         Raises:
             BadInputError: there is no such instant, or a wrong number of offsets.
@@ -319,7 +319,7 @@ class Dataset:
             )
 
     def _kept_images(self) -> ByteCache:
-        """Images by camera and instant, all of one size."""
+        """Return a cache of images by camera and instant, all at the current scale."""
         return ByteCache(self._read_image, int(KEPT_SHARE * memory_budget().limit_bytes))
 
     def _read_image(self, camera: str, instant: int) -> Array:

@@ -1,4 +1,4 @@
-"""Which instants the cameras show in a condition, and which of them are measured: those with motion."""
+"""Selection of instants: those that cameras show in a condition, and those with motion to measure."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
@@ -18,13 +18,13 @@ from reconstruction.session.motion import SceneMotion
 
 MAX_DRAWS = 400
 CANDIDATES = 4
-"""Instants that are looked at for each that is wanted."""
+"""Number of candidate instants for each requested one."""
 LEAST_CANDIDATES = 16
-"""Fewest instants that are looked at."""
+"""Minimum number of candidate instants."""
 LEAST_MOVING = 0.0001
-"""Share of the picture that must move before every one of the cameras."""
+"""Minimum moving fraction of the image in every camera."""
 FEWEST = 3
-"""Where fewer instants show that much motion, those that show most of it are taken."""
+"""Minimum number of instants; if fewer show that much motion, those with the most motion are used."""
 
 
 @dataclass(frozen=True)
@@ -36,22 +36,22 @@ class ShownInstant:
 
     @property
     def together(self) -> dict[str, int]:
-        """The synchronized condition."""
+        """Instants of the synchronized condition, by camera."""
         return dict.fromkeys(self.shown, self.instant)
 
     @property
     def sides(self) -> dict[str, dict[str, int]]:
-        """Both conditions, `synced` and `offset`."""
+        """Instants of both conditions, `synced` and `offset`."""
         return {"synced": self.together, "offset": self.shown}
 
     def delays_ms(self, dataset: Dataset) -> dict[str, float]:
-        """How late each camera is, as `offset_CAMERA_ms`."""
+        """Return each camera's delay, as `offset_CAMERA_ms`."""
         times = dataset.instants_ns
         return {f"offset_{c}_ms": (times[k] - times[self.instant]) / 1e6 for c, k in self.shown.items()}
 
 
 def fixed_offsets_ms(condition: Condition, dataset: Dataset) -> dict[str, float]:
-    """How late each camera is in every instant, ms; empty where that is drawn for each."""
+    """Return each camera's constant delay, ms; empty if delays are drawn for each instant."""
     offsets = () if condition.drawn else condition.offsets_ms(dataset.cameras, 0)
     return dict(zip(dataset.cameras, offsets, strict=False))
 
@@ -59,20 +59,20 @@ def fixed_offsets_ms(condition: Condition, dataset: Dataset) -> dict[str, float]
 def relative_offsets_ms(
     condition: Condition, dataset: Dataset, reference: str, cameras: Sequence[str]
 ) -> dict[str, float]:
-    """As `fixed_offsets_ms`, of some cameras against the reference."""
+    """Return the constant delays of some cameras relative to the reference, ms, as `fixed_offsets_ms`."""
     late_ms = fixed_offsets_ms(condition, dataset)
     return {c: late_ms[c] - late_ms[reference] for c in cameras} if late_ms else {}
 
 
 def instants_shown(dataset: Dataset, condition: Condition, reference: str, instant: int) -> dict[str, int]:
-    """The instant that each camera shows when the reference shows `instant`.
+    """Return the instant that each camera shows when the reference shows `instant`.
 
-    Only the differences of a condition's offsets can be seen; this way the reference's own picture, and
-    all that is judged on its pixels, is the same in every condition. Offsets are drawn until they fit
-    into the burst.
+    Only the differences of a condition's offsets matter. The reference therefore keeps its own image, so that
+    everything judged on its pixels is the same in every condition. Offsets are drawn until they fit into the
+    burst.
 
     Raises:
-        ValueError: the burst does not reach so far to either side of this instant.
+        ValueError: the burst is too short on one side of this instant.
     """
     place = dataset.cameras.index(reference)
     for draw in range(MAX_DRAWS if condition.drawn else 1):
@@ -89,10 +89,10 @@ def instants_shown(dataset: Dataset, condition: Condition, reference: str, insta
 def fullest_instants(
     dataset: Dataset, condition: Condition, reference: str, cameras: Sequence[str], fewest: int = 1
 ) -> list[ShownInstant]:
-    """The instants at which most of the cameras, `fewest` or more, have their pictures in both conditions.
+    """Return the instants at which the most cameras, at least `fewest`, have images in both conditions.
 
     Raises:
-        ValueError: there is none, or the condition is the synchronized one under another name.
+        ValueError: there is no such instant, or the condition is the synchronized one under another name.
     """
     found = []
     problem = "no instant has its pictures in both conditions"
@@ -114,10 +114,10 @@ def fullest_instants(
 
 
 def refuse_synchronized(condition: Condition, shown: Iterable[tuple[int, Mapping[str, int]]]) -> None:
-    """Refuse a condition in which all cameras show the reference's own instant, each time.
+    """Refuse a condition in which all cameras always show the reference's own instant.
 
     Raises:
-        ValueError: they do, although it is not the synchronized one.
+        ValueError: they do, although the condition is not the synchronized one.
     """
     if condition.name == SYNCED or any(set(one.values()) != {instant} for instant, one in shown):
         return
@@ -129,12 +129,12 @@ def refuse_synchronized(condition: Condition, shown: Iterable[tuple[int, Mapping
 def pair_instants(
     dataset: Dataset, condition: Condition, first: str, second: str
 ) -> tuple[list[tuple[int, int]], float | None]:
-    """The instants (the first camera's, the second's) at which a pair has its pictures in a condition.
+    """Return the instants (first camera's, second camera's) at which a pair has its images in a condition.
 
-    And how late the second camera is, ms; None where every instant is drawn separately.
+    Also returns the second camera's delay, ms; None if every instant is drawn separately.
 
     Raises:
-        ValueError: both are equally late, or the burst does not hold such an offset.
+        ValueError: both have the same delay, or the burst has no such offset.
     """
     found: list[tuple[int, int]] = []
     if condition.drawn:
@@ -170,9 +170,9 @@ def _pair_offset(dataset: Dataset, condition: Condition, first: str, second: str
 def choose_moving_instants(
     motion: SceneMotion, cameras: Sequence[str], instants: Sequence[int], limit: int
 ) -> list[int]:
-    """At most `limit` of the instants, spread evenly over those at which something moves before all cameras.
+    """Return at most `limit` instants, spread evenly over those with motion in front of all cameras.
 
-    All cameras must have an image at each of them. Where nothing moves, they are spread over all.
+    All cameras must have an image at each instant. If nothing moves, the result is spread over all of them.
     """
     looked_at = evenly_spread(instants, max(LEAST_CANDIDATES, CANDIDATES * limit))
     shares = {k: min(float(motion.detected_movers(name, k).mean()) for name in cameras) for k in looked_at}

@@ -1,4 +1,4 @@
-"""Movers: pixels that differ over time in the pictures of a camera that stands still, and mask files."""
+"""Detection of moving pixels: differences over time in the images of a static camera, and mask files."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -16,23 +16,23 @@ from reconstruction.common.memory import ByteCache, memory_budget
 from reconstruction.session.dataset import Dataset
 
 MIN_AREA_PX = 24
-"""Smaller spots are noise."""
+"""Minimum area of a moving region; smaller ones are noise."""
 MIN_GREY_STEP = 8.0
-"""Smallest change of grey level (of 255) that can be motion."""
+"""Minimum change of grey level (of 255) that counts as motion."""
 SHAKE_PX = 0.7
-"""A still edge may tremble by this much (a camera that vibrates) before it counts as motion."""
+"""Maximum shift of a static edge that is not motion, as with a vibrating camera."""
 BACKGROUND_FRAMES = 25
-"""A longer burst is thinned to so many images, or up to twice as many."""
+"""Images for the background; a longer burst is thinned to this many, or up to twice as many."""
 BACKGROUND_ROWS = 256
 MARGIN_PX = 5
 MOVERS_SHARE = 0.05
-"""Share of the memory budget for masks and for backgrounds that may be asked for again."""
+"""Fraction of the memory budget for each cache of masks or backgrounds."""
 
 
 def median_background(images: Sequence[Array]) -> Array:
-    """What stands still in a burst: the median over time of its grey images, uint8."""
+    """Return the static background of a burst: the median over time of its grey images, uint8."""
     background = np.empty_like(images[0])
-    # The median works on copies: of some rows at a time, they stay small.
+    # The median copies its input; a few rows at a time keep the copies small.
     for top in range(0, len(background), BACKGROUND_ROWS):
         rows = slice(top, top + BACKGROUND_ROWS)
         background[rows] = np.median(np.stack([image[rows] for image in images]), axis=0)
@@ -40,15 +40,15 @@ def median_background(images: Sequence[Array]) -> Array:
 
 
 def detect_movers(image: Array, neighbours: Sequence[Array], still: Array) -> Array:
-    """Moving pixels (bool) of one grey image.
+    """Return the moving pixels (bool) of one grey image.
 
-    A moving pixel differs from the burst's `still` background and from each of the neighbours in time
-    (other images of the same camera): a difference to one neighbour alone also shows where the thing
-    will be, to the background alone where it was for most of the burst.
+    A moving pixel differs from the burst's `still` background and from each of the neighbours in time (other
+    images of the same camera). The difference to one neighbour alone also shows where the object will be. The
+    difference to the background alone also shows where it was for most of the burst.
     """
     differences = [_grey_difference(image, other) for other in (*neighbours, still)]
     change = np.minimum.reduce(differences)
-    # How far grey levels differ where nothing moves (one standard deviation, robust).
+    # Robust standard deviation of the differences of static pixels.
     spread = max(float(np.median(difference)) for difference in differences) * 1.4826
     mask = (change > max(MIN_GREY_STEP, 4.0 * spread) + SHAKE_PX * _gradient(still)).astype(np.uint8)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
@@ -58,27 +58,27 @@ def detect_movers(image: Array, neighbours: Sequence[Array], still: Array) -> Ar
 
 
 def dilate(mask: Array, radius_px: int) -> Array:
-    """A mask (bool) made wider by a radius, px."""
+    """Return a mask (bool) dilated by a radius, px."""
     size = 2 * radius_px + 1
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (size, size))
     return np.asarray(cv2.dilate(mask.astype(np.uint8), disc) > 0)
 
 
 def _grey_difference(a: Array, b: Array) -> Array:
-    """Absolute difference in grey levels, smoothed, without a change of the whole image's brightness."""
+    """Return the smoothed absolute difference in grey levels, without changes of overall brightness."""
     delta = a.astype(np.float32) - b.astype(np.float32)
     return np.asarray(np.abs(cv2.GaussianBlur(delta - np.median(delta), (0, 0), 1.2)))
 
 
 def _gradient(image: Array) -> Array:
-    """Grey levels per px of the smoothed image."""
+    """Return the gradient of the smoothed image, grey levels per px."""
     smooth = cv2.GaussianBlur(image.astype(np.float32), (0, 0), 1.2)
     across, down = cv2.Sobel(smooth, cv2.CV_32F, 1, 0), cv2.Sobel(smooth, cv2.CV_32F, 0, 1)
     return np.asarray(cv2.magnitude(across, down) / 8)
 
 
 def _fill_spots(mask: Array) -> Array:
-    """Spots large enough, with their holes filled."""
+    """Return regions of at least `MIN_AREA_PX`, with their holes filled."""
     outlines, _ = cv2.findContours(mask, cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_SIMPLE)
     solid = np.zeros_like(mask)
     for outline in outlines:
@@ -91,29 +91,29 @@ class SceneMotion:
     """Masks of moving pixels (bool, height x width) by camera and instant."""
 
     def __init__(self, dataset: Dataset, step: int) -> None:
-        """`step`: an image is compared with those so many instants before and after it."""
+        """`step`: number of instants between an image and those it is compared with."""
         self.dataset = dataset
         self.step = step
         kept = int(MOVERS_SHARE * memory_budget().limit_bytes)
         self._packed_movers = ByteCache(self._detect_movers, kept)
         self._packed_truth = ByteCache(self._read_truth, kept)
         self.background = ByteCache(self._background, kept)
-        """The camera's still background, grey uint8."""
+        """The static background of a camera, grey uint8."""
 
     def detected_movers(self, camera: str, instant: int) -> Array:
-        """What moves by the images alone; no computation uses other knowledge."""
+        """Return the moving pixels detected from the images alone; all computations use only these."""
         return self._unpacked(camera, self._packed_movers(camera, instant))
 
     def widened_movers(self, camera: str, instant: int) -> Array:
-        """What moves, and `MARGIN_PX` around it: what calibration and registration must leave out."""
+        """Return the moving pixels and a margin of `MARGIN_PX`, to leave out of calibration and registration."""
         return dilate(self.detected_movers(camera, instant), MARGIN_PX)
 
     def moving(self, camera: str, instant: int) -> Array:
-        """What truly moves where the session knows it, else what is detected: for scores only."""
+        """Return the true moving pixels if the session has ground truth, else the detected ones; for scores."""
         return self._unpacked(camera, self._packed_truth(camera, instant))
 
     def changing(self, camera: str, instant: int) -> Array:
-        """What moves or changes, such as a shadow: pixels that the still control must leave out."""
+        """Return pixels that move or change, such as shadows; the static control excludes them."""
         return np.asarray(self.moving(camera, instant) | self.detected_movers(camera, instant))
 
     def _unpacked(self, camera: str, packed: Array) -> Array:
@@ -130,7 +130,7 @@ class SceneMotion:
         return median_background([self.dataset.grey(camera, k) for k in there[::step]])
 
     def _detect_movers(self, camera: str, instant: int) -> Array:
-        """The moving pixels, eight in a byte."""
+        """Return the moving pixels, packed eight to a byte."""
         there = self.dataset.instants(camera)
         near = [k for k in (instant - self.step, instant + self.step) if k in there]
         if not near:
@@ -141,16 +141,16 @@ class SceneMotion:
 
 
 class MoverMasks(Struct, frozen=True, kw_only=True):
-    """What was written: the number of masks, and by camera the mean share of its pixels that move."""
+    """Summary of written masks: their number, and by camera the mean fraction of moving pixels."""
 
     masks: int
     moving: dict[str, float]
 
 
 def write_masks(motion: SceneMotion, out: Path, progress: Progress | None = None) -> MoverMasks:
-    """Write OUT/<camera>/<instant>.png for every image, white where something moves and a little around it.
+    """Write OUT/<camera>/<instant>.png for every image: white on moving pixels and a margin around them.
 
-    `progress` gets a step for each camera.
+    `progress` advances by a step for each camera.
 
     Raises:
         NotApplicableError: a camera has fewer than two images to compare.
@@ -168,7 +168,7 @@ def write_masks(motion: SceneMotion, out: Path, progress: Progress | None = None
     with OutputFolder(out, replaces_nothing) as output:
         for camera in dataset.cameras:
             progress.step(camera)
-            # The dataset may be smaller than its session, where memory is short.
+            # The dataset may be at a smaller scale than its session if memory is short.
             facts = dataset.session.camera(camera).facts
             masks = output.folder / camera
             masks.mkdir()

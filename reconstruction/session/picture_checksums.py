@@ -1,7 +1,7 @@
-"""Whether the pictures that a command reads are those that were saved: by their checksums, as they are read.
+"""Checksum verification of images while a command reads them.
 
-A command says what happens to others (`checked_pictures`): they are used, and named for the user and the
-result, or refused.
+The command chooses what happens to changed images (`checked_pictures`): they are used and reported to the
+user and in the result, or refused.
 """
 
 import hashlib
@@ -16,7 +16,7 @@ _VERIFY = "capture-app sessions verify checks every image"
 
 
 class PictureChecks:
-    """The checksums of a command's pictures, and which pictures differ from theirs."""
+    """Checksum verification for one command, and the images that failed it."""
 
     def __init__(self, *, required: bool) -> None:
         self.required = required
@@ -24,12 +24,12 @@ class PictureChecks:
 
     @property
     def changed(self) -> tuple[str, ...]:
-        """The files whose bytes are not those that were saved, in the order in which they were read."""
+        """The files whose bytes differ from what was saved, in the order in which they were read."""
         return tuple(str(path) for path in self._changed)
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """One sentence about them for the user, none where all were as saved."""
+        """One sentence about changed files for the user; empty if there are none."""
         if not self._changed:
             return ()
         first, *others = self.changed
@@ -40,7 +40,7 @@ class PictureChecks:
         )
 
     def check(self, path: Path, data: bytes, sha256: str) -> None:
-        """Hold the bytes of a picture in a file against its checksum.
+        """Compare an image's bytes with its checksum.
 
         Raises:
             IncompleteError: they differ, and checksums are required.
@@ -53,12 +53,12 @@ class PictureChecks:
 
 
 def picture_checks() -> PictureChecks:
-    """The checks of the running command; outside of any, changed pictures are used."""
+    """Return the running command's checks; outside a command changed images are used."""
     return _checks.get(None) or PictureChecks(required=False)
 
 
 def checked_pictures(*, required: bool) -> AbstractContextManager[PictureChecks]:
-    """Check the pictures that are read within."""
+    """Check all images that are read within this context."""
     return running(_checks, PictureChecks(required=required))
 
 

@@ -1,4 +1,4 @@
-"""What two cameras share: points at rest, their homography, and whether the two suit depth or a panorama."""
+"""Camera pairs: matches of points at rest, homographies, and suitability for depth or a panorama."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
@@ -11,32 +11,32 @@ import numpy as np
 from reconstruction.common.geometry import Array, View, angle_deg, angles_deg, other_from_reference
 
 MAX_SIDE_PX = 1280
-"""Larger images are made smaller for finding points."""
+"""Longer side to which images are reduced for detecting points."""
 MAX_POINTS = 2500
 CLEAR_CONTRAST, FAINT_CONTRAST = 0.02, 0.01
-"""Least contrast of points at rest, and of points on what moves, which may be small."""
+"""Minimum contrast of points at rest, and of points on moving objects, which may be small."""
 STILL_RATIO = 0.75
-"""Greatest distance of a match at rest against that of the second best."""
+"""Maximum ratio of a static match's distance to the second best's."""
 KEPT_MATCHES = 200
 MIN_MATCHES = 25
 GRID = (8, 6)
 CELLS = GRID[0] * GRID[1]
-"""Cells across, down and in all of the grid that shows over how much of a picture features are spread."""
+"""Cells across, down and in total of the grid that measures how features cover an image."""
 MIN_BASELINE = 1e-6
-"""Least distance of two cameras, in the calibration's unit and as a share of their distance from its origin.
+"""Minimum distance of two cameras, in the calibration's unit and relative to their distance from its origin.
 
-Cameras that are closer stand at one place: what is left are rounding errors."""
+Closer cameras are at the same place; the remaining distance is rounding error."""
 MAX_CANVAS_SHARE = 8.0
-"""Largest canvas in pictures of the reference: cameras that look some 60 degrees off their common plane."""
+"""Maximum canvas area, in reference images: cameras that look some 60 degrees off their common plane."""
 LEAST_AHEAD = 0.05
-"""A ray whose cosine to the plane's normal is less runs along the plane, and meets it nowhere near."""
+"""Minimum cosine of a ray to the plane's normal; with less the ray runs along the plane."""
 OVERLAP_LIMITS = (0.15, 0.8)
-"""Share of a picture that its neighbour in a panorama shows too."""
+"""Minimum and maximum fraction of an image that its neighbour in a panorama overlaps."""
 EPIPOLAR_PX = 3.0
 BEST_PARALLAX_DEG = 10.0
-"""Beyond this the two views look too different to match densely."""
+"""Parallax beyond which two views look too different for dense matching."""
 MAX_TOLD = 3
-"""Pairs whose reasons are told in a sentence."""
+"""Maximum number of pairs whose reasons are listed in a sentence."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -48,7 +48,7 @@ class Features:
     contrast: Array
 
     def at_rest(self, movers: Array) -> "Features":
-        """Those of clear contrast whose pixel is not in a mask (bool) of the full image."""
+        """Return the features of clear contrast outside a mask (bool) of the full image."""
         last = movers.shape[1] - 1, movers.shape[0] - 1
         columns, rows = np.floor(self.positions + 0.5).astype(int).clip(0, last).T
         kept = (self.contrast >= CLEAR_CONTRAST) & ~movers[rows, columns]
@@ -56,14 +56,14 @@ class Features:
 
 
 def size_above_features(width: int, height: int) -> float:
-    """How many times larger a picture is than the one that its points are found in; 1 for small ones."""
+    """Return the ratio of an image's size to the size at which its points are detected; 1 for small ones."""
     return max(1.0, max(width, height) / MAX_SIDE_PX)
 
 
 def detect_features(
     image: Array, side_px: int = MAX_SIDE_PX, points: int = MAX_POINTS, contrast: float = CLEAR_CONTRAST
 ) -> Features:
-    """SIFT points of a grey image (uint8); so many at most, of so much contrast, in one made so small."""
+    """Detect up to `points` SIFT points, of at least `contrast`, in a grey image (uint8) cut to `side_px`."""
     scale = min(1.0, side_px / max(image.shape))
     small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
     sift = cv2.SIFT.create(nfeatures=points, contrastThreshold=contrast)
@@ -71,28 +71,28 @@ def detect_features(
     if descriptors is None:
         return Features(np.zeros((0, 2)), np.zeros((0, 128), np.float32), np.zeros(0))
     positions = np.array([(point.pt[0] + 0.5, point.pt[1] + 0.5) for point in keypoints]) / scale - 0.5
-    # SIFT's threshold is held against the sum over its layers.
+    # SIFT compares its threshold with the sum over its layers.
     contrasts = sift.getNOctaveLayers() * np.array([point.response for point in keypoints])
     return Features(positions, np.asarray(descriptors, np.float32), contrasts)
 
 
 @lru_cache(maxsize=KEPT_MATCHES)
 def match_at_rest(a: Features, b: Features) -> tuple[Array, Array]:
-    """Indices (n,) of points that are each other's best match; found once for all who ask."""
+    """Return the indices (n,) of static points that are each other's best match; cached for all callers."""
     return match_descriptors(a.descriptors, b.descriptors, STILL_RATIO)
 
 
 def match_features(a: Features, b: Features) -> tuple[Array, Array]:
-    """Positions (n, 2) of points that are each other's best match, in a and in b."""
+    """Return the positions (n, 2) of points that are each other's best match, in a and in b."""
     of_a, of_b = match_at_rest(a, b)
     return a.positions[of_a], b.positions[of_b]
 
 
 def match_descriptors(a: Array, b: Array, ratio: float) -> tuple[Array, Array]:
-    """Indices (n,) of descriptors that are each other's best match, by Lowe's ratio test."""
+    """Return the indices (n,) of descriptors that are each other's best match, with Lowe's ratio test."""
     if len(a) < 2 or len(b) < 2:
         return np.zeros(0, int), np.zeros(0, int)
-    # Squares of distances, less those of the lengths on their own side; both ways, for rows are read quicker.
+    # Squared distances without the own squared length; in both directions, as reading rows is faster.
     own, others, doubled = (a**2).sum(1), (b**2).sum(1), -2 * b
     ahead, back = a @ doubled.T, doubled @ a.T
     ahead += others
@@ -107,7 +107,7 @@ def match_descriptors(a: Array, b: Array, ratio: float) -> tuple[Array, Array]:
 
 
 def grid_cells(at: Array, width: int, height: int) -> set[tuple[int, int]]:
-    """The cells of `GRID` that hold pixels (n, 2) of a picture of this size."""
+    """Return the cells of `GRID` that contain pixels (n, 2) of an image of this size."""
     last = GRID[0] - 1, GRID[1] - 1
     cells = np.floor(at / (width, height) * GRID).clip(0, last).astype(int)
     return {(int(x), int(y)) for x, y in cells}
@@ -115,11 +115,11 @@ def grid_cells(at: Array, width: int, height: int) -> set[tuple[int, int]]:
 
 @dataclass(frozen=True)
 class Homography:
-    """The plane-to-plane map that fits most still points: 3x3, pixels of the first to the second camera."""
+    """Homography that fits the most static points: 3x3, pixels of the first to the second camera."""
 
     matrix: Array
     overlap: float
-    """Share of the first camera's picture that the second shows too."""
+    """Fraction of the first camera's image that the second overlaps."""
     inliers: int
     matches: int
 
@@ -127,7 +127,7 @@ class Homography:
 def fit_homography(
     at_a: Array, at_b: Array, size_a: tuple[int, int], size_b: tuple[int, int]
 ) -> Homography | None:
-    """The homography of two cameras from matched still points (n, 2), or None where nothing fits."""
+    """Fit the homography of two cameras to matched static points (n, 2); None if nothing fits."""
     if len(at_a) < MIN_MATCHES:
         return None
     matrix, kept = cv2.findHomography(
@@ -140,34 +140,34 @@ def fit_homography(
 
 
 def _overlap(into: Array, size: tuple[int, int], frame: tuple[int, int]) -> float:
-    """Share of a frame (width, height) that a picture of `size` covers after a homography into it."""
+    """Return the fraction of a frame (width, height) that an image of `size` covers after the homography."""
     mask = np.full((size[1], size[0]), 255, np.uint8)
     covered = cv2.warpPerspective(mask, into, frame, flags=cv2.INTER_NEAREST)
     return float((covered > 0).mean())
 
 
 def baseline(reference: View, other: View) -> float:
-    """The distance of two cameras in the calibration's unit.
+    """Return the distance of two cameras in the calibration's unit.
 
     Raises:
-        ValueError: it is none; the message gives it.
+        ValueError: they are at the same place; the message gives the distance.
     """
     length = float(np.linalg.norm(other.centre - reference.centre))
     far = max(float(np.linalg.norm(reference.centre)), float(np.linalg.norm(other.centre)), 1.0)
-    # The other way round NaN would pass.
+    # Written this way, NaN is refused too.
     if not length > MIN_BASELINE * far:
         raise ValueError(f"both cameras stand at the same place by the calibration (baseline {length:.2g})")
     return length
 
 
 def rectifying_rotations(reference: View, other: View) -> tuple[Array, Array, float, bool]:
-    """The rotations of both views onto a common plane, the baseline's length, and whether to mirror.
+    """Return both views' rotations onto a common plane, the baseline's length, and whether to mirror.
 
-    The common x axis is the baseline, kept as close to the reference's x (or y) axis as it can be, so
-    that pictures stay upright; z is as close as possible to both viewing directions.
+    The common x axis is the baseline, directed along the reference's x (or y) axis so that images stay
+    upright. The z axis is as close as possible to both viewing directions.
 
     Raises:
-        ValueError: the two cameras stand at the same place, or one looks along the baseline.
+        ValueError: the two cameras are at the same place, or one looks along the baseline.
     """
     length = baseline(reference, other)
     rotation, translation = other_from_reference(reference, other)
@@ -186,12 +186,12 @@ def rectifying_rotations(reference: View, other: View) -> tuple[Array, Array, fl
 
 
 def canvas_bounds(reference: View, other: View) -> tuple[Array, Array]:
-    """Least and greatest x and y of the reference's picture on the common plane, px from its middle.
+    """Return the minimum and maximum x and y of the reference's image on the common plane, px from centre.
 
     Not mirrored, and at the reference's own resolution.
 
     Raises:
-        ValueError: the pair cannot be rectified, or its canvas would be too large; the message has sizes.
+        ValueError: the pair cannot be rectified, or its canvas is too large; the message has sizes.
     """
     turn, _, length, _ = rectifying_rotations(reference, other)
     rays = reference.rays(reference.border()) @ turn.T
@@ -216,9 +216,9 @@ def canvas_bounds(reference: View, other: View) -> tuple[Array, Array]:
 
 @dataclass(frozen=True)
 class PairChoice:
-    """A pair of cameras, or None, and the reason in words.
+    """A pair of cameras, or None, and the reason.
 
-    `left_out`: by two names with a comma between, why those cameras can make no depth whatever they see.
+    `left_out`: reasons why pairs can never give depth, by two names with a comma between.
     """
 
     cameras: tuple[str, str] | None
@@ -227,11 +227,11 @@ class PairChoice:
 
 
 def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]) -> PairChoice:
-    """The pair that sees most in common, with enough parallax and nearly parallel axes.
+    """Choose the pair with the most in common, enough parallax and nearly parallel axes.
 
-    Scored by the share of the picture with matched still points times a factor that rises with
-    parallax (depth needs it) and falls beyond `BEST_PARALLAX_DEG` (matching suffers). Pairs that cannot
-    be rectified are left out.
+    The score is the fraction of the image with matched static points times a factor. The factor rises with
+    parallax (depth needs it) and falls beyond `BEST_PARALLAX_DEG` (matching suffers). Pairs that cannot be
+    rectified are left out.
     """
     why = (
         f"no two cameras have {MIN_MATCHES} points in common that stand still: they look from too far apart,"
@@ -254,7 +254,7 @@ def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]
 
 
 def describe_left_out(left_out: Mapping[str, str]) -> str:
-    """Why pairs are left out, in words; of many the first few."""
+    """Describe why pairs are left out, naming at most `MAX_TOLD` pairs."""
     told = [f"{pair}: {why}" for pair, why in list(left_out.items())[:MAX_TOLD]]
     more = [f"and {len(left_out) - MAX_TOLD} more pairs"] if len(left_out) > MAX_TOLD else []
     return "; ".join(told + more)
@@ -278,17 +278,17 @@ def _stereo_score(a: View, b: View, points_a: Features, points_b: Features) -> t
     score = shared * (1 - np.exp(-parallax / 1.5)) * np.exp(-((parallax / BEST_PARALLAX_DEG) ** 2))
     step = np.abs(a.rotation @ (b.centre - a.centre))[:2]
     slant = float(step.min() / max(float(np.hypot(*step)), 1e-12))
-    # A slanted baseline turns the pictures: more empty corners, and harder to look at.
+    # A slanted baseline rotates the rectified images: more empty corners, and harder to look at.
     score *= (1 - ahead**2) * np.exp(-((angle / 25) ** 2)) * (1 - slant)
     why = f"{100 * shared:.0f} % of the picture with things both see, {parallax:.1f}° of parallax"
     return float(score), why
 
 
 def choose_panorama_pair(points: Mapping[str, Features], sizes: Mapping[str, tuple[int, int]]) -> PairChoice:
-    """The pair that shows most beyond each other and still overlaps, with little parallax.
+    """Choose the pair that adds the most to each other, still overlaps, and has little parallax.
 
-    Scored by what the second adds to the first times the share of still points that one homography
-    explains, which falls as the cameras stand further apart.
+    The score is what the second adds to the first times the fraction of static points that one homography
+    explains, which falls as the distance of the cameras grows.
     """
     best, choice = -np.inf, PairChoice(None, "no two cameras' pictures can be laid over each other")
     overlaps = []

@@ -1,4 +1,4 @@
-"""Brightness and noise of pictures, and how one picture is made as bright as another."""
+"""Brightness and noise of images, and matching of one image's brightness to another's."""
 
 import cv2
 import numpy as np
@@ -7,20 +7,20 @@ from reconstruction.common.geometry import Array
 
 
 def noise_level(image: Array) -> float:
-    """Standard deviation of an image's noise, grey levels (Immerkaer 1996, by the median)."""
+    """Return the standard deviation of an image's noise, grey levels (Immerkaer 1996, with the median)."""
     kernel = np.array([[1, -2, 1], [-2, 4, -2], [1, -2, 1]], np.float32)
     response = cv2.filter2D(np.ascontiguousarray(image, np.float32), -1, kernel)
     return float(np.median(np.abs(response))) * 1.4826 / 6.0
 
 
 def match_brightness(a: Array, b: Array) -> Array:
-    """b with gain and bias changed so that it is as bright as a (robust; NaN is left out)."""
+    """Return b with gain and bias adjusted to the brightness of a (robust; NaN is left out)."""
     gain, bias = gain_and_bias(a, b)
     return np.asarray(gain * b + bias, np.float32)
 
 
 def gain_and_bias(a: Array, b: Array) -> tuple[float, float]:
-    """Gain and bias that make b as bright as a (robust; NaN is left out)."""
+    """Return the gain and bias that match b's brightness to a's (robust; NaN is left out)."""
     ok = np.isfinite(b)
     if ok.sum() < 100:
         return 1.0, 0.0
@@ -37,9 +37,10 @@ def gain_and_bias(a: Array, b: Array) -> tuple[float, float]:
 
 
 def gain_and_bias_of_shades(a: Array, b: Array) -> tuple[float, float]:
-    """Gain and bias that give b's values a's spread of shades; both (n,), of the same things, in any order.
+    """Return the gain and bias that match the distribution of b's grey levels to a's; both (n,).
 
-    Unlike `gain_and_bias` it does not need each value beside its own, so that wrong matches hardly matter.
+    Both are of the same objects, in any order. Values need no partner, unlike in `gain_and_bias`, so that
+    wrong matches hardly matter.
     """
     if a.size < 700:
         return 1.0, 0.0

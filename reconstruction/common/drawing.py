@@ -1,4 +1,4 @@
-"""Pictures made to be looked at: no text, both conditions at the same crop and scale."""
+"""Pictures for people to look at: without text, and with both conditions at the same crop and scale."""
 
 import cv2
 import numpy as np
@@ -6,18 +6,18 @@ import numpy as np
 from reconstruction.common.geometry import Array
 
 EMPTY = (34, 30, 28)
-"""BGR of what nothing is known about."""
+"""BGR of pixels without data."""
 FOUND = (172, 182, 38)
 """Teal: a moving pixel with depth."""
 LOST = (40, 130, 250)
-"""Orange: a moving pixel without, or with wrong depth."""
+"""Orange: a moving pixel without depth, or with wrong depth."""
 LINE = (255, 255, 255)
 GAP_PX = 6
 CLOSE_UP_PX = 480
 
 
 def display_range(depth: Array, moving: Array | None = None) -> tuple[float, float]:
-    """Nearest and farthest depth to show: without the last hundredth at each end, but with what moves."""
+    """Return the nearest and farthest depth to show, without the outer 1 % but including moving objects."""
     known = depth[depth > 0]
     if not len(known):
         return 1.0, 2.0
@@ -30,17 +30,17 @@ def display_range(depth: Array, moving: Array | None = None) -> tuple[float, flo
 
 
 def colour_depth(depth: Array, near: float, far: float) -> Array:
-    """Depth as colour (BGR): near is bright yellow, far is deep blue, evenly in 1/depth; unknown is dark."""
+    """Colour a depth map (BGR): near is bright yellow, far deep blue, linear in 1/depth; unknown is dark."""
     shown = np.where(depth > 0, depth, far)
     level = (1 / shown - 1 / far) / (1 / near - 1 / far)
-    # The lowest part of the map is as dark as the empty pixels.
+    # The lowest part of the colour map is as dark as empty pixels.
     picture = cv2.applyColorMap(np.uint8(255 * (0.14 + 0.86 * np.clip(level, 0, 1))), cv2.COLORMAP_VIRIDIS)
     picture[depth <= 0] = EMPTY
     return np.asarray(picture)
 
 
 def mark_movers(image: Array, moving: Array, found: Array) -> Array:
-    """The photograph, paler, with moving pixels in teal where depth was found and orange where not."""
+    """Return the photograph, paler, with moving pixels in teal if depth was found and in orange if not."""
     grey = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
     picture = (0.6 * grey + 0.2 * image).astype(np.float32)
     for mask, colour in ((moving & found, FOUND), (moving & ~found, LOST)):
@@ -49,13 +49,13 @@ def mark_movers(image: Array, moving: Array, found: Array) -> Array:
 
 
 def side_by_side(left: Array, right: Array) -> Array:
-    """Two pictures of one height with a gap between."""
+    """Return two pictures of equal height next to each other, with a gap."""
     gap = np.full((left.shape[0], GAP_PX, 3), EMPTY, np.uint8)
     return np.hstack([left, gap, right])
 
 
 def draw_rows(left: Array, right: Array, rows: list[int]) -> Array:
-    """A rectified pair with thin lines across both, on which the same points must lie."""
+    """Draw thin lines across a rectified pair; corresponding points must be on the same line."""
     picture = side_by_side(left, right)
     lines = picture.copy()
     thickness = max(1, picture.shape[0] // 400)
@@ -67,9 +67,10 @@ def draw_rows(left: Array, right: Array, rows: list[int]) -> Array:
 def box_around(
     mask: Array, *, spare: float = 0.4, aspect: float = 4 / 3, least: int = 64, most: float = 1.0
 ) -> tuple[int, ...]:
-    """Left, top, right, bottom (px) of the largest spot of a mask with room around it, of a fixed shape.
+    """Return left, top, right, bottom (px) of a box with margins around the largest region of a mask.
 
-    `spare` is the room as a share of the spot's size, `most` the greatest share of the picture's width.
+    The box has a fixed aspect ratio. `spare` is the margin as a fraction of the region's size, `most` the
+    maximum fraction of the picture's width.
     """
     height, width = mask.shape
     count, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
@@ -85,7 +86,7 @@ def box_around(
 
 
 def enlarge_crop(picture: Array, box: tuple[int, ...], *, smooth: bool = True) -> Array:
-    """A part of a picture, enlarged to be looked at."""
+    """Return a crop of a picture, enlarged for display."""
     left, top, right, bottom = box
     part = picture[top:bottom, left:right]
     scale = max(1.0, CLOSE_UP_PX / max(part.shape[1], 1))
@@ -94,20 +95,20 @@ def enlarge_crop(picture: Array, box: tuple[int, ...], *, smooth: bool = True) -
 
 
 def box_with_most(weight: Array, share: float, aspect: float = 4 / 3) -> tuple[int, ...]:
-    """The box, of a share of the picture's width, that holds most of a weight: left, top, right, bottom."""
+    """Return left, top, right, bottom of the box with the most weight; `share`: its part of the width."""
     height, width = weight.shape
     wide = int(min(width * share, height * aspect))
     tall = int(wide / aspect)
     sums = cv2.integral(weight.astype(np.float64))
     held = sums[tall:, wide:] - sums[:-tall, wide:] - sums[tall:, :-wide] + sums[:-tall, :-wide]
-    # Of all boxes that hold as much, the middle one.
+    # Of all boxes with equal weight, the middle one.
     rows, columns = np.nonzero(held >= held.max() - 1e-6 * max(float(held.max()), 1.0))
     top, left = int(np.median(rows)), int(np.median(columns))
     return left, top, left + wide, top + tall
 
 
 def trim_empty_sides(seen: Array) -> tuple[slice, slice]:
-    """The part of a panorama without empty corners: the worst side is cut until all sides are seen."""
+    """Return the part of a panorama without empty borders, cutting the worst side until none is empty."""
     top, bottom, left, right = 0, seen.shape[0], 0, seen.shape[1]
     while bottom - top > 32 and right - left > 32:
         part = seen[top:bottom, left:right]
@@ -121,7 +122,7 @@ def trim_empty_sides(seen: Array) -> tuple[slice, slice]:
 
 
 def fit_canvas(picture: Array, width: int, height: int) -> Array:
-    """A picture made as large as fits into a canvas, in its middle."""
+    """Scale a picture to fit a canvas, centred."""
     scale = min(width / picture.shape[1], height / picture.shape[0])
     wide, high = max(1, round(picture.shape[1] * scale)), max(1, round(picture.shape[0] * scale))
     canvas = np.full((height, width, 3), EMPTY, np.uint8)

@@ -1,4 +1,4 @@
-"""A calibrated view: from pixels to rays and back."""
+"""Calibrated views: mapping between pixels and rays."""
 
 from dataclasses import dataclass, replace
 from typing import Any, Self
@@ -10,10 +10,10 @@ import numpy.typing as npt
 from capture_app.session.format.calibration import CameraCalibration
 
 Array = npt.NDArray[Any]
-"""An array whose type and shape the docstring gives."""
+"""An array; its type and shape are in the docstring of what uses it."""
 
 UNDISTORT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-8)
-"""Until it has converged: OpenCV's own five rounds leave 30 px at the border of a lens of 100 degrees."""
+"""Iterate until convergence: OpenCV's default of five leaves 30 px at the border of a 100 degree lens."""
 
 
 @dataclass(frozen=True)
@@ -33,14 +33,14 @@ class View:
 
     @classmethod
     def from_calibration(cls, camera: CameraCalibration, width: int, height: int) -> Self:
-        """The view of a camera whose images are width x height px, scaled from its calibration's size."""
+        """Return the view of a camera for images of width x height px, scaled from its calibration's size."""
         matrix = camera.matrix(width, height)
         distortion = np.zeros(5)
         distortion[: len(camera.distortion)] = camera.distortion[:5]
         return cls(width, height, matrix, distortion, np.array(camera.rotation), np.array(camera.translation))
 
     def to_calibration(self) -> CameraCalibration:
-        """The view as a session's calibration keeps it."""
+        """Return the view in the form that a session's calibration stores."""
         m = self.matrix
         return CameraCalibration(
             width=self.width,
@@ -70,13 +70,13 @@ class View:
         return float(self.matrix[0, 0] + self.matrix[1, 1]) / 2
 
     def rays(self, pixels: Array) -> Array:
-        """Directions (n, 3) with z = 1 in the camera's frame, of distorted pixels (n, 2)."""
+        """Return the directions (n, 3) with z = 1, in the camera's frame, of distorted pixels (n, 2)."""
         points = np.asarray(pixels, np.float64).reshape(-1, 1, 2)
         flat = cv2.undistortPoints(points, self.matrix, self.distortion, criteria=UNDISTORT).reshape(-1, 2)
         return np.column_stack([flat, np.ones(len(flat))])
 
     def project(self, points: Array) -> Array:
-        """Distorted pixels (n, 2) of points (n, 3) in the camera's frame, z > 0."""
+        """Project points (n, 3) in the camera's frame, z > 0, to distorted pixels (n, 2)."""
         if not self.distortion.any():
             far = np.where(points[:, 2:] == 0, 1.0, points[:, 2:])
             return np.asarray((points @ self.matrix.T)[:, :2] / far)
@@ -84,17 +84,17 @@ class View:
         return np.asarray(pixels).reshape(-1, 2)
 
     def unproject(self, pixels: Array, depth: Array) -> Array:
-        """Points (n, 3) in the rig's frame at depths (n,) along pixels (n, 2) of an undistorted view."""
+        """Return rig points (n, 3) at depths (n,) along pixels (n, 2) of an undistorted view."""
         rays = np.column_stack([pixels, np.ones(len(pixels))]) @ np.linalg.inv(self.matrix).T
         return np.asarray((rays * depth[:, None] - self.translation) @ self.rotation)
 
     def grid(self) -> Array:
-        """Every pixel of the image, row by row, (height * width, 2)."""
+        """Return every pixel of the image, row by row, (height * width, 2)."""
         ys, xs = np.mgrid[0 : self.height, 0 : self.width]
         return np.column_stack([xs.ravel(), ys.ravel()]).astype(np.float64)
 
     def border(self, steps: int = 32) -> Array:
-        """Pixels around the image's edge, in order, (4 * steps, 2)."""
+        """Return pixels around the image's edge, in order, (4 * steps, 2)."""
         s = np.linspace(0.0, 1.0, steps, endpoint=False)
         w, h = self.width - 1.0, self.height - 1.0
         xs = np.concatenate([s * w, 0 * s + w, (1 - s) * w, 0 * s])
@@ -103,25 +103,25 @@ class View:
 
 
 def other_from_reference(reference: View, other: View) -> tuple[Array, Array]:
-    """Rotation 3x3 and translation (3,) that take points of the reference view into the other."""
+    """Return rotation 3x3 and translation (3,) from the reference view's frame to the other's."""
     rotation = other.rotation @ reference.rotation.T
     return rotation, other.translation - rotation @ reference.translation
 
 
 def angle_deg(a: Array, b: Array) -> float:
-    """Angle between two directions, degrees."""
+    """Return the angle between two directions, degrees."""
     cosine = float(a @ b) / float(np.linalg.norm(a) * np.linalg.norm(b))
     return float(np.degrees(np.arccos(np.clip(cosine, -1.0, 1.0))))
 
 
 def angles_deg(a: Array, b: Array) -> Array:
-    """Angles (n,) between each two directions (n, 3), degrees."""
+    """Return the angles (n,) between corresponding directions (n, 3), degrees."""
     cosine = (a * b).sum(1) / np.linalg.norm(a, axis=1) / np.linalg.norm(b, axis=1)
     return np.asarray(np.degrees(np.arccos(np.clip(cosine, -1, 1))))
 
 
 def resize_view(view: View, width: int, height: int) -> View:
-    """The view at another size of its pictures."""
+    """Return the view for images of another size."""
     sx, sy = width / view.width, height / view.height
     scale = np.array([[sx, 0, 0.5 * sx - 0.5], [0, sy, 0.5 * sy - 0.5], [0, 0, 1.0]])
     return replace(view, width=width, height=height, matrix=scale @ view.matrix)

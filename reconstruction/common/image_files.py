@@ -1,4 +1,4 @@
-"""Pictures read from files and written to files, with the errors that OpenCV does not raise."""
+"""Reading and writing of image files, raising the errors that OpenCV does not raise."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -13,24 +13,24 @@ from reconstruction.common.memory import gigabytes, memory_budget
 from reconstruction.common.native_libraries import opencv_calls, silenced_output
 
 FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
-"""For pictures that are read once and deleted."""
+"""PNG options for images that are read once and deleted."""
 JPEG_QUALITY = 92
 
 
 MIN_SIDE_PX, MAX_ASPECT = 16, 40
-"""Narrower pictures hold nothing that could be found again in another."""
+"""Minimum side and maximum aspect ratio; narrower images have nothing to match in another."""
 DECODED_SHARE = 0.25
-"""Share of the memory budget that one decoded picture may take."""
+"""Fraction of the memory budget that one decoded image may take."""
 REDUCTIONS = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2.IMREAD_REDUCED_COLOR_2}
 
 
 def read_image(path: Path, size: tuple[int, int] | None = None, data: bytes | None = None) -> Array:
-    """A picture's colours, uint8 height x width x 3, BGR; `size` (width, height): made smaller to this.
+    """Read an image, uint8 height x width x 3, BGR, reduced to `size` (width, height) if given.
 
-    `data` are its bytes, where they have been read already, or are a part of the file.
+    `data` are its bytes, if they are already read or are a part of the file.
 
     Raises:
-        BadInputError: it is not an image, of a format that is not supported, or too large to decode.
+        BadInputError: it is not an image, its format is not supported, or it is too large to decode.
     """
     found = image_size(path, data)
     reduction = 1
@@ -46,11 +46,11 @@ def read_image(path: Path, size: tuple[int, int] | None = None, data: bytes | No
             f"and a picture may take {gigabytes(DECODED_SHARE * memory_budget().limit_bytes)}",
             hint="make it smaller, or give more with --memory",
         )
-    # Decoders complain of broken files on stderr.
+    # Decoders write warnings about broken files to stderr.
     with silenced_output(), opencv_calls(f"decoding {path.name}"):
         how = REDUCTIONS.get(reduction, cv2.IMREAD_COLOR)
         image = cv2.imread(str(path), how) if data is None else _decode(data, how)
-        # A picture that is turned by its EXIF orientation keeps its shape, and is refused for it.
+        # An image rotated by its EXIF orientation keeps its shape; the caller then refuses it.
         if image is not None and size is not None and _alike(image.shape[1::-1], size):
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     if image is None:
@@ -59,7 +59,7 @@ def read_image(path: Path, size: tuple[int, int] | None = None, data: bytes | No
 
 
 def read_small_image(path: Path, longest_px: int) -> Array:
-    """A picture as `read_image` reads it, made smaller where a side is longer than this.
+    """Read an image as `read_image` does, reduced if a side is longer than `longest_px`.
 
     Raises:
         BadInputError: as `read_image`.
@@ -72,12 +72,12 @@ def read_small_image(path: Path, longest_px: int) -> Array:
     image = read_image(path, size)
     if image.shape[1::-1] == size:
         return image
-    # Its EXIF orientation has turned it.
+    # Its EXIF orientation has rotated it.
     return np.asarray(cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA))
 
 
 def _alike(a: Sequence[int], b: Sequence[int]) -> bool:
-    """Whether two sizes have the same shape."""
+    """Return whether two sizes have about the same aspect ratio."""
     return abs(a[0] * b[1] - a[1] * b[0]) < 0.1 * a[0] * b[1]
 
 
@@ -87,12 +87,12 @@ def _decode(data: bytes, how: int) -> Array | None:
 
 
 def image_size(path: Path, data: bytes | None = None) -> tuple[int, int]:
-    """A picture's width and height as its file's header says (before any EXIF orientation), px.
+    """Return an image's width and height from its file's header, before any EXIF orientation, px.
 
-    `data` as for `read_image`.
+    `data` is as in `read_image`.
 
     Raises:
-        BadInputError: it is not an image, of a format that is not supported, or of an unusable shape.
+        BadInputError: it is not an image, its format is not supported, or its shape is unusable.
     """
     with reading(path):
         found = picture_size(path) if data is None else size_of(data)
@@ -103,7 +103,7 @@ def image_size(path: Path, data: bytes | None = None) -> tuple[int, int]:
 
 
 def refuse_odd_shape(what: str, width: int, height: int) -> None:
-    """Raise BadInputError for pictures that are too small or narrow to find anything in."""
+    """Raise BadInputError for images that are too small or narrow to detect anything in."""
     if min(width, height) < MIN_SIDE_PX or max(width, height) > MAX_ASPECT * min(width, height):
         raise BadInputError(
             f"{what} is {width}x{height} pixels: too small or too narrow to work with",
@@ -112,16 +112,16 @@ def refuse_odd_shape(what: str, width: int, height: int) -> None:
 
 
 def write_image(path: Path, image: Array, parameters: Sequence[int] = ()) -> None:
-    """Write a picture in the format of the file's suffix; `parameters` are OpenCV's.
+    """Write an image in the format of the file's suffix; `parameters` are OpenCV's.
 
     Raises:
-        OSError: it cannot be written. `cv2.imwrite` does not tell of a full disk.
+        OSError: it cannot be written. `cv2.imwrite` does not report a full disk.
     """
     path.write_bytes(cv2.imencode(path.suffix, image, parameters)[1].tobytes())
 
 
 def save_picture(folder: Path, name: str, picture: Array, *, quality: int = JPEG_QUALITY) -> str:
-    """Write a picture into folder/pictures; its path relative to the folder. `quality` is for JPEG."""
+    """Write a picture into folder/pictures and return its relative path. `quality` is for JPEG."""
     target = folder / "pictures" / name
     target.parent.mkdir(parents=True, exist_ok=True)
     write_image(target, picture, [cv2.IMWRITE_JPEG_QUALITY, quality] if target.suffix == ".jpg" else [])

@@ -1,7 +1,8 @@
-"""The memory that dense work may take: one budget for a whole command, kept by scale or by fewer at once.
+"""Memory budget of a command for dense work, met by reducing scale or parallelism.
 
-A command sets it (`limited_memory`); whatever is about to take much memory asks `memory_budget()` at which
-scale, or how many at once, it may work. What the budget changes is noted, for the user and the result.
+A command sets the budget (`limited_memory`). Code that is about to use much memory asks `memory_budget()`
+for the scale, or the number of parallel jobs, that fits. Changes due to the budget are noted, for the user
+and the result.
 """
 
 import os
@@ -23,9 +24,9 @@ if TYPE_CHECKING:
 T = TypeVar("T")
 _UNLIMITED = 1 << 62
 DEFAULT_SHARE = 0.5
-"""Share of the memory that is free when a command begins."""
+"""Fraction of the free memory at the start of a command that is the default budget."""
 MOST_BY_DEFAULT = 3 << 30
-"""Bytes at most where nobody asked: a result hardly depends on how much memory happened to be free."""
+"""Maximum default budget, bytes; it keeps results from depending on how much memory is free."""
 LEAST_BYTES = 128 << 20
 SCALE_STEP = 2**-0.25
 LEAST_SCALE = 1 / 16
@@ -33,7 +34,7 @@ _UNITS = {"K": 1e3, "M": 1e6, "G": 1e9, "T": 1e12, "Ki": 2**10, "Mi": 2**20, "Gi
 
 
 def free_memory() -> int:
-    """Bytes that this process can still take."""
+    """Return the bytes that this process can still allocate."""
     return max(0, min(_machine_memory(), _group_memory(), _process_memory()))
 
 
@@ -46,7 +47,7 @@ def _machine_memory() -> int:
 
 
 def _group_memory() -> int:
-    """What the control group has left, as in a container or a SLURM job; files in the cache count as free."""
+    """Return the control group's remaining memory, as in a container or SLURM job; cached files are free."""
     least = _UNLIMITED
     for limit, usage, root in (
         ("memory.max", "memory.current", Path("/sys/fs/cgroup")),
@@ -60,7 +61,7 @@ def _group_memory() -> int:
 
 
 def _group_folders(root: Path) -> list[Path]:
-    """The folder of this process's control group, and of all those above it."""
+    """Return the folders of this process's control group and of all its ancestors."""
     folders = [root]
     with suppress(OSError, IndexError):
         for line in Path("/proc/self/cgroup").read_text().splitlines():
@@ -90,27 +91,27 @@ def _process_memory() -> int:
 
 
 class MemoryBudget:
-    """Bytes that arrays of one command may take together, and what was made smaller to keep within."""
+    """Memory limit for the arrays of one command, and notes on what was reduced to meet it."""
 
     def __init__(self, limit_bytes: int, *, asked_for: bool = False) -> None:
-        """`asked_for`: by the user, rather than taken from what is free."""
+        """`asked_for`: set by the user rather than derived from the free memory."""
         self.limit_bytes = max(int(limit_bytes), LEAST_BYTES)
         self.asked_for = asked_for
         self._notes: dict[str, None] = {}
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the budget changed, a sentence each; empty where it did not bind."""
+        """What the budget changed, one sentence each; empty if nothing."""
         return tuple(self._notes)
 
     def note(self, text: str) -> None:
-        """Tell the user and the result about something that the budget changed."""
+        """Note a change due to the budget, for the user and the result."""
         self._notes[text] = None
 
     def fit_scale(self, what: str, bytes_at: Callable[[float], float], *, share: float = 1.0) -> float:
-        """The largest scale, 1 or less, at which `what` takes no more than this share of the budget.
+        """Return the largest scale, at most 1, at which `what` fits into `share` of the budget.
 
-        `bytes_at` is the memory it takes at a scale of its pictures' sides.
+        `bytes_at` returns the memory for a scale of the images' sides.
 
         Raises:
             BadInputError: even a sixteenth of its size takes more.
@@ -131,17 +132,17 @@ class MemoryBudget:
         return scale
 
     def fit_count(self, bytes_each: float, most: int, *, share: float = 1.0) -> int:
-        """How many things of this size fit into a share of the budget at once: 1 to `most`."""
+        """Return how many items of this size fit into `share` of the budget at once: 1 to `most`."""
         return max(1, min(most, int(share * self.limit_bytes // max(bytes_each, 1.0))))
 
 
 def memory_budget() -> MemoryBudget:
-    """The budget of the running command or session; outside of any, that of this process's free memory."""
+    """Return the running command's or session's budget; outside of both, one from the free memory."""
     return _budget.get(None) or MemoryBudget(default_budget())
 
 
 def limited_memory(limit_bytes: int | None = None) -> AbstractContextManager[MemoryBudget]:
-    """Set the budget of what runs within; None = `default_budget`."""
+    """Set the budget for code in this context; None = `default_budget`."""
     size = default_budget() if limit_bytes is None else limit_bytes
     return running(_budget, MemoryBudget(size, asked_for=limit_bytes is not None))
 
@@ -151,7 +152,7 @@ _budget: ContextVar[MemoryBudget] = ContextVar("budget")
 
 @contextmanager
 def running(variable: ContextVar[T], value: T) -> Iterator[T]:
-    """Set a variable of this thread for what runs within; `worker_pool` hands it on to its threads."""
+    """Set a context variable within this context; `worker_pool` passes it on to its threads."""
     token = variable.set(value)
     try:
         yield value
@@ -160,15 +161,15 @@ def running(variable: ContextVar[T], value: T) -> Iterator[T]:
 
 
 def default_budget() -> int:
-    """Half of the memory that is free, at most `MOST_BY_DEFAULT`; bytes."""
+    """Return half of the free memory, at most `MOST_BY_DEFAULT`; bytes."""
     return min(int(DEFAULT_SHARE * free_memory()), MOST_BY_DEFAULT)
 
 
 def parse_size(text: str) -> int:
-    """Bytes of a size such as 800MB, 4G or 2GiB.
+    """Parse a size such as 800MB, 4G or 2GiB into bytes.
 
     Raises:
-        ValueError: it is no size.
+        ValueError: it is not a size.
     """
     found = re.fullmatch(r"\s*(\d+(?:\.\d+)?)\s*([KMGT]i?)B?\s*", text)
     if found is None:
@@ -177,12 +178,12 @@ def parse_size(text: str) -> int:
 
 
 def gigabytes(size: float) -> str:
-    """A size in words: 850 MB, 20.9 GB."""
+    """Format a size in bytes, as in 850 MB or 20.9 GB."""
     return f"{size / 1e6:.0f} MB" if size < 1e9 else f"{size / 1e9:.1f} GB"
 
 
 class ByteCache:
-    """A function from keys to arrays whose last results are kept."""
+    """A function from keys to arrays with a least-recently-used cache limited in bytes."""
 
     def __init__(self, make: "Callable[..., Array]", limit_bytes: int) -> None:
         self._make = make
@@ -192,7 +193,7 @@ class ByteCache:
         self._lock = threading.Lock()
 
     def __call__(self, *key: Hashable) -> "Array":
-        """The array of a key, kept or made."""
+        """Return the array of a key, cached or computed."""
         with self._lock:
             if key in self._kept:
                 self._kept.move_to_end(key)
@@ -202,7 +203,7 @@ class ByteCache:
             if key not in self._kept:
                 self._kept[key] = made
                 self._bytes += made.nbytes
-            # The newest is kept however large it is: it is asked for again at once.
+            # The newest stays whatever its size, as it is requested again at once.
             while self._bytes > self._limit_bytes and len(self._kept) > 1:
                 _, dropped = self._kept.popitem(last=False)
                 self._bytes -= dropped.nbytes

@@ -1,4 +1,4 @@
-"""The one door to OpenCV, COLMAP and Open3D: imported in the right order, errors made ours, chatter gone."""
+"""Access to OpenCV, COLMAP and Open3D: import order, conversion of errors, and silenced output."""
 
 import importlib
 import os
@@ -20,19 +20,19 @@ from capture_app.common.optional_packages import RECONSTRUCTION, load_optional
 
 MAX_WORDS = 30
 TRACEBACK = "SIMULSHOT_TRACEBACK"
-"""An environment variable: with it an unforeseen exception ends in a traceback."""
+"""Environment variable that makes an unexpected exception end in a traceback."""
 
 
 class ForeignError(BadInputError):
-    """A library failed on what it was given."""
+    """A library failed on its input."""
 
 
 @contextmanager
 def foreign_calls(library: str, purpose: str) -> Iterator[None]:
-    """Run calls of a library that may fail or print, without a word from it.
+    """Run library calls that may fail or print: silence their output and convert their errors.
 
     Raises:
-        ForeignError: whatever it raised.
+        ForeignError: the library raised an exception.
     """
     try:
         with silenced_output():
@@ -47,10 +47,10 @@ def foreign_calls(library: str, purpose: str) -> Iterator[None]:
 
 @contextmanager
 def opencv_calls(purpose: str) -> Iterator[None]:
-    """Run what calls OpenCV and much else; only OpenCV's exceptions are foreign.
+    """Run code that calls OpenCV among other things, and convert only OpenCV's exceptions.
 
     Raises:
-        ForeignError: OpenCV raised something.
+        ForeignError: OpenCV raised an exception.
     """
     try:
         yield
@@ -61,7 +61,7 @@ def opencv_calls(purpose: str) -> Iterator[None]:
 
 
 def unexpected_error(error: Exception) -> SimulshotError:
-    """An exception that nobody has foreseen, as an error that says where it came from."""
+    """Convert an unexpected exception into an error that says where it came from."""
     if isinstance(error, MemoryError):
         return ForeignError("there is too little memory", hint="see --memory, or end other programs")
     if _is_opencv(error):
@@ -80,7 +80,7 @@ def _is_opencv(error: Exception) -> bool:
 
 
 def _first_words(error: Exception) -> str:
-    """What an exception says, on one line."""
+    """Return an exception's message on one line."""
     words = str(getattr(error, "err", "") or error or type(error).__name__).split()
     if _is_opencv(error):
         words = [f"{getattr(error, 'func', '')}:", *words]
@@ -88,7 +88,7 @@ def _first_words(error: Exception) -> str:
 
 
 class GuardedModule(ModuleType):
-    """A module whose functions, and those of its submodules, are called by `foreign_calls`."""
+    """A module whose functions, including its submodules', run inside `foreign_calls`."""
 
     def __init__(self, module: ModuleType, library: str) -> None:
         super().__init__(module.__name__, module.__doc__)
@@ -96,7 +96,7 @@ class GuardedModule(ModuleType):
         self._library = library
 
     def __getattr__(self, name: str) -> Any:
-        """A function guarded, a submodule likewise, all else as it is."""
+        """Return functions and submodules guarded, everything else unchanged."""
         found = getattr(self._module, name)
         guarded = found
         if isinstance(found, ModuleType):
@@ -119,12 +119,12 @@ def _guarded(function: Any, library: str) -> Any:
 _lock = threading.Lock()
 _silenced = 0
 _kept: dict[int, int] = {}
-"""While something is silenced: standard streams, and copies of where they lead."""
+"""While output is silenced: standard streams, and duplicates of their original targets."""
 
 
 @contextmanager
 def silenced_output() -> Iterator[None]:
-    """Discard what native code writes to stdout and stderr: what goes wrong becomes an error of ours."""
+    """Discard native code's output to stdout and stderr; failures are raised as errors instead."""
     global _silenced
     with _lock:
         _silenced += 1
@@ -141,7 +141,7 @@ def silenced_output() -> Iterator[None]:
 
 
 def claim_stdout() -> None:
-    """Keep stdout for what this process prints itself: what native code prints there goes to stderr."""
+    """Reserve stdout for this process's own output; native code's output to it goes to stderr."""
     with suppress(OSError, AttributeError, ValueError):
         sys.stdout.flush()
         ours = os.fdopen(os.dup(1), "w", encoding=sys.stdout.encoding, errors="replace")
@@ -153,7 +153,7 @@ def _silence(*streams: int) -> dict[int, int]:
     kept = {}
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in streams:
-        # A stream that is closed stays so.
+        # A closed stream stays closed.
         with suppress(OSError):
             kept[stream] = os.dup(stream)
             os.dup2(nowhere, stream)
@@ -175,7 +175,7 @@ def _flush() -> None:
 
 
 def load_pycolmap(purpose: str, *, hint: str = "") -> ModuleType:
-    """COLMAP's Python module, guarded and silent; `purpose` is what the error says it is for.
+    """Load COLMAP's Python module, guarded and silent; `purpose` is what an error says it is for.
 
     OpenCV must be imported first: in the other order the first PNG that OpenCV writes aborts the process.
 
@@ -185,7 +185,7 @@ def load_pycolmap(purpose: str, *, hint: str = "") -> ModuleType:
     importlib.import_module("cv2")
     on_end = signal.getsignal(signal.SIGTERM)
     module = _load("pycolmap", purpose, hint)
-    # COLMAP takes the signal for a crash: it prints a stack and ends, and nothing is tidied up.
+    # COLMAP handles the signal as a crash: it prints a stack and exits without cleanup.
     if on_end is not None and threading.current_thread() is threading.main_thread():
         signal.signal(signal.SIGTERM, on_end)
     module.logging.minloglevel = 3
@@ -193,19 +193,19 @@ def load_pycolmap(purpose: str, *, hint: str = "") -> ModuleType:
 
 
 def load_open3d() -> ModuleType:
-    """Open3D, for clouds and meshes; guarded and silent.
+    """Load Open3D, for clouds and meshes, guarded and silent.
 
     Raises:
         NotAvailableError: it is not installed or cannot be loaded on this machine.
     """
     module = _load("open3d", "making a mesh")
-    # Its warnings would go through Python's own stdout.
+    # Its warnings would go to Python's own stdout.
     module.utility.set_verbosity_level(module.utility.VerbosityLevel.Error)
     return GuardedModule(module, "Open3D")
 
 
 def library_versions() -> dict[str, str]:
-    """Versions of the libraries that decide the figures, for the record."""
+    """Return the versions of the libraries that determine the results, for the record."""
     found = {"python": platform.python_version()}
     for name in ("simulshot", "numpy", "opencv-python-headless", "pycolmap"):
         try:

@@ -1,4 +1,4 @@
-"""What a command leaves in its folder: metrics, clouds of points, and stages that the next run uses again."""
+"""Outputs of a command in its folder: metrics, point clouds, and cached stages for the next run."""
 
 import hashlib
 from collections.abc import Callable
@@ -16,11 +16,11 @@ METRICS = "metrics.json"
 STAGES = "stages"
 OURS = {METRICS, "report.html", "pictures", "depth.tiff", "depth_filled.tiff", STAGES}
 VERSION = 9
-"""Raised whenever a stage computes something else: old outputs are then made again."""
+"""Incremented whenever a stage's computation changes, so that old outputs are recomputed."""
 
 
 def comparison_folder(out: Path) -> OutputFolder:
-    """A folder that takes the place of an earlier comparison at `out`, and begins with its stages.
+    """Return a folder that replaces an earlier comparison at `out` and starts with its cached stages.
 
     Raises:
         BadInputError: there is something else at `out`.
@@ -29,22 +29,22 @@ def comparison_folder(out: Path) -> OutputFolder:
 
 
 class Provenance(msgspec.Struct, frozen=True, kw_only=True):
-    """How a result was made: what every command says of its own run."""
+    """Provenance of a result: what every command records about its own run."""
 
     time_shifts_ms: dict[str, float] = {}
-    """What was added to the times of these cameras."""
+    """Shifts added to the times of these cameras."""
     seconds: float = 0.0
-    """All of it, wall time."""
+    """Wall time of the whole run."""
     memory_notes: tuple[str, ...] = ()
-    """What the memory budget changed."""
+    """Changes due to the memory budget."""
     changed_pictures: tuple[str, ...] = ()
-    """Files whose bytes are not those that were saved."""
+    """Files whose bytes differ from what was saved."""
     versions: dict[str, str] = {}
-    """Of the libraries that made it."""
+    """Versions of the libraries used, by name."""
 
 
 def write_metrics(folder: Path, result: msgspec.Struct) -> None:
-    """Write what was measured into a comparison's folder."""
+    """Write the metrics into a comparison's folder."""
     write_atomic(folder / METRICS, pretty_json(result))
 
 
@@ -52,7 +52,7 @@ Result = TypeVar("Result")
 
 
 class StageCache:
-    """A folder of outputs, each named after its stage and a key over everything that it depends on."""
+    """Cache of stage outputs in a folder, each file named by its stage and a key of all its inputs."""
 
     def __init__(self, folder: Path, source: str) -> None:
         """`source` is the fingerprint of the inputs that all stages share."""
@@ -61,12 +61,12 @@ class StageCache:
         folder.mkdir(parents=True, exist_ok=True)
 
     def path(self, stage: str, suffix: str, *inputs: object) -> Path:
-        """Where a stage's output for these inputs lies, there or not."""
+        """Return the path of a stage's output for these inputs, whether it exists or not."""
         text = repr((VERSION, self.source, stage, inputs))
         return self.folder / f"{stage}-{hashlib.sha256(text.encode()).hexdigest()[:16]}{suffix}"
 
     def arrays(self, stage: str, kind: type[Result], make: Callable[[], Result], *inputs: object) -> Result:
-        """A dataclass of arrays, from the stage's .npz or made and saved there."""
+        """Return a dataclass of arrays, loaded from the stage's .npz or computed and saved there."""
         path = self.path(stage, ".npz", *inputs)
         if not path.exists():
             part = path.with_suffix(".part")
@@ -77,7 +77,7 @@ class StageCache:
             return kind(**{name: data[name] for name in data.files})
 
     def record(self, stage: str, kind: type[Result], make: Callable[[], Result], *inputs: object) -> Result:
-        """A msgspec struct (or plain data), from the stage's .json or made and saved there."""
+        """Return a msgspec struct (or plain data), loaded from the stage's .json or computed and saved."""
         path = self.path(stage, ".json", *inputs)
         if not path.exists():
             part = path.with_suffix(".part")

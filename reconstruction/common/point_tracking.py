@@ -1,4 +1,4 @@
-"""Points of one picture found again in another, and back from there."""
+"""Tracking of points from one image to another and back."""
 
 import cv2
 import numpy as np
@@ -9,9 +9,10 @@ from reconstruction.common.geometry import Array
 def track_there_and_back(
     a: Array, b: Array, at: Array, window_px: int, levels: int = 3
 ) -> tuple[Array, Array]:
-    """Where points (n, 2) of a grey picture lie in another, and how far from its start each returns, px (n,).
+    """Track points (n, 2) from grey image a to b and back.
 
-    The latter is infinite where a point is lost. By Lucas and Kanade, in a pyramid of so many levels.
+    Returns the points in b, and each one's distance from its start after returning, px (n,), infinite if
+    tracking failed. The method is Lucas-Kanade, in a pyramid up to level `levels`.
     """
     start = at.astype(np.float32).reshape(-1, 1, 2)
     window = (window_px, window_px)

@@ -1,4 +1,4 @@
-"""Threads for work that OpenCV does, at most one a core."""
+"""Thread pool for OpenCV work, with at most one thread per core."""
 
 import os
 import threading
@@ -12,33 +12,33 @@ import cv2
 from reconstruction.common.memory import memory_budget
 
 MAX_WORKERS = 8
-"""Each takes some hundred MB for its sweep."""
+"""Maximum threads; each uses some hundred MB for its sweep."""
 
 
 SWEEP_BYTES = 400 << 20
-"""What a worker's sweep takes at most."""
+"""Maximum memory of one worker's sweep."""
 
 
 def worker_count() -> int:
-    """A worker for each core, as far as half of the memory budget allows."""
+    """Return one worker per core, limited by half of the memory budget."""
     cores = len(os.sched_getaffinity(0))
     return memory_budget().fit_count(SWEEP_BYTES, min(MAX_WORKERS, cores), share=0.5)
 
 
 def _adopt(context: Context) -> None:
-    """Give this thread the memory budget, the checks and the silence of the one that opened its pool."""
+    """Copy the context (memory budget, checks, silence) of the thread that opened the pool."""
     for variable, value in context.items():
         variable.set(value)
 
 
 _opencv_lock = threading.Lock()
 _opencv_threads: list[int] = []
-"""How many threads OpenCV had before each of the pools that are open; the number is the process's."""
+"""OpenCV's process-wide number of threads before each of the open pools."""
 
 
 @contextmanager
 def worker_pool() -> Iterator[ThreadPoolExecutor]:
-    """A pool of `worker_count` threads; OpenCV, which each of them calls, then uses none of its own."""
+    """Open a pool of `worker_count` threads; OpenCV uses no threads of its own meanwhile."""
     with _opencv_lock:
         _opencv_threads.append(cv2.getNumThreads())
         cv2.setNumThreads(1)
@@ -46,7 +46,7 @@ def worker_pool() -> Iterator[ThreadPoolExecutor]:
     try:
         yield pool
     except KeyboardInterrupt:
-        # What runs is not waited for: `main` ends the process, threads and all.
+        # Do not wait for running work: `main` ends the process with its threads.
         pool.shutdown(wait=False, cancel_futures=True)
         raise
     except BaseException:
@@ -57,6 +57,6 @@ def worker_pool() -> Iterator[ThreadPoolExecutor]:
     finally:
         with _opencv_lock:
             before = _opencv_threads.pop()
-            # The last one sets what the first one found, in whichever order they end.
+            # The last pool to end restores what the first one found, in any order.
             if not _opencv_threads:
                 cv2.setNumThreads(before)

@@ -183,8 +183,8 @@ def _measured(views: Mapping[str, View], names: Sequence[str], pixels: Array) ->
 def triangulate(views: Sequence[View], pixels: Array) -> Array:
     """Triangulate points (n, 3) in the rig's frame from pixels (k, n, 2) of k views (linear method).
 
-    The method is Hartley and Sturm's. If the rays diverge, so that a point would be behind a view, the point is
-    put far away between them.
+    The method is Hartley and Sturm's. If the rays diverge, so that a point would be behind a view, the point
+    is put far away between them.
     """
     rows, towards = [], np.zeros((pixels.shape[1], 3))
     for view, at in zip(views, pixels, strict=True):

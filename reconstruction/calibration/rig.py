@@ -169,7 +169,10 @@ class Rig:
     def choose_stereo_pair(
         self, asked: tuple[str, str] | None, instant: int, among: Container[str] | None = None
     ) -> PairChoice:
-        """Return the requested pair for depth, else the one (of `among`) with most common points then."""
+        """Return the requested pair for depth, else a chosen one.
+
+        The choice (`among` some cameras) is by the points that both see around an instant.
+        """
         choice = PairChoice(asked, "asked for")
         if asked is None:
             views = {name: view for name, view in self.views.items() if among is None or name in among}

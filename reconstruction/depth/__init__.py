@@ -1,1 +1,1 @@
-"""Depth from many views: plane sweep, consistency check, fusion, mesh. Arrays in, arrays out."""
+"""Depth from many views: plane sweep, consistency check, fusion, mesh. Takes and returns arrays."""

@@ -1,7 +1,7 @@
-"""Blank walls: planes where pictures hold hardly more than noise, and nothing but a plane tells their depth.
+"""Blank walls: planes for image regions with hardly more than noise, where only a plane gives the depth.
 
-Planes that many points of all views lie on are found one after the other; each blank patch of a picture,
-matched by wide windows in a small picture of its own, takes one of them or stays as it was found.
+First the planes with many points of all views are found, one after the other. Then each blank region is
+matched with wide windows at a small scale. It takes one of the planes or keeps the depth found before.
 """
 
 from collections.abc import Iterable, Mapping, Sequence
@@ -21,72 +21,72 @@ from reconstruction.depth.plane_sweep import Refinement, Surface, SweepOptions, 
 
 MAX_WIDTH_PX = 160
 MAX_SCALE = 0.25
-"""Greatest scale of the small pictures: a pixel is the mean of 16 or more, and the less noisy."""
+"""Maximum scale of the small images; each pixel averages at least 16, which reduces noise."""
 WINDOW = 7
-"""Side of the window that is matched in them, px."""
+"""Side of the matching window in small images, px."""
 MIN_BLANK = 0.3
-"""Share of a small picture's pixel that must be blank."""
+"""Minimum blank fraction of a small image's pixel."""
 SAME_SHADE = 6.0
-"""Deviations of the picture's noise by which neighbours differ that are taken for one shade."""
+"""Maximum difference of neighbours with the same shade, in standard deviations of the noise."""
 REACH_PX = 4
 MIDDLE = 128.0
 TOLERANCE = 0.006
-"""Points are on a plane if their depth is off by less than this share."""
+"""Maximum relative depth error of points on a plane."""
 MIN_SHARE = 0.004
-"""Share of a picture that must lie on a plane."""
+"""Minimum fraction of an image that must be on a plane."""
 MAX_PLANES = 32
 TRIALS, JUDGES, FINALISTS = 240, 2000, 8
-"""Points whose own planes are tried for the next plane, points by which these are judged, and how many are
-fitted to all points before one is chosen: else another plane wins if a grey level differs a little."""
+"""Points whose own planes are candidates for the next plane, points that vote on these, and candidates that
+are fitted to all points before the choice. Without the fit, tiny grey-level changes alter the choice."""
 ROUNDS = 2.0, 1.5, 1.0, 1.0
-"""Tolerances within which points count for each fit: what is tilted at first stays so among the nearest."""
+"""Tolerances of successive fits, in units of TOLERANCE; fitting to the nearest points alone keeps a tilt."""
 NORMAL_RADIUS_PX = 3
 CHANGE = 60
-"""Penalty of a change of plane between neighbours, where 255 is the cost of no likeness."""
+"""Penalty of a change of plane between neighbours; 255 is the cost of zero correlation."""
 ALIKE, ALIKE_PRICE = 0.05, 0.005
-"""Added to the cost (0 to 1) where a plane with more points is within this share: both match nearly as well,
-and the other is more exact."""
+"""Relative distance to a plane with more points, and the cost (0 to 1) added within it: both match nearly
+equally well, and the other plane is more accurate."""
 MIN_VISIBLE = 0.02
-"""Share of a picture that a plane must cover to be tried there."""
+"""Minimum fraction of an image that a candidate plane must cover."""
 MIN_SOURCES = 2
-"""That must see a pixel, where there are so many: at a rim what lies outside a picture says nothing."""
+"""Minimum sources that must see a pixel, if there are enough: areas outside an image carry no evidence."""
 LIKE, LIKE_ON_AVERAGE = 0.3, 0.08
-"""Correlation of a wide window that is evidence; and its mean over a patch of one plane."""
+"""Minimum correlation of a wide window that counts as evidence, and its minimum mean over a plane's patch."""
 MIN_PATCH_PX = 12
 AS_FOUND = 0
 EVIDENT_COST = 0.45
-"""Matching cost that stands for evidence in the windows of the whole picture."""
+"""Matching cost that counts as evidence with the windows of the full-size image."""
 RIM_PX = 4
-"""How far windows of the whole picture carry the depth of a thing beyond its edge."""
+"""Distance by which windows of the full-size image extend an object's depth beyond its edge."""
 LIKE_SHADE = 2.0
-"""Deviations of the noise by which a pixel may differ from the shade of what is blank beside it."""
+"""Maximum difference of a pixel from the shade of a blank region beside it, in noise deviations."""
 MIN_BLANK_SHARE = 0.02
-"""Share of the pictures that must be blank."""
+"""Minimum blank fraction of the images."""
 EVIDENT, EVIDENT_WIDE = 0.5, 0.8
-"""Matching costs below which a surface's points count, by the picture's windows and by wide ones."""
+"""Maximum matching costs of surface points used, with the image's own windows and with wide ones."""
 WIDE_SWEEP = SweepOptions(window=WINDOW, fine_window=WINDOW, refinements=(Refinement(0.35, 4),))
 
 
 @dataclass(frozen=True, eq=False)
 class BlankPart:
-    """The blank part of a picture: its faint texture alone, without edges, shades and all that is not blank.
+    """Blank part of an image: its faint texture only, without edges, shading and non-blank areas.
 
-    Matched by windows of `WINDOW` px, far wider than the picture's own ones: they see through the noise, and
-    know nothing of a rod or a leaf before the wall.
+    It is matched with windows of `WINDOW` px, far wider than the image's own. They average out noise, and are
+    not affected by a rod or a leaf in front of the wall.
     """
 
     image: CalibratedImage
-    """The texture around `MIDDLE`; `MIDDLE` itself where nothing is blank."""
+    """The texture around the grey level `MIDDLE`; exactly `MIDDLE` outside blank areas."""
     shade: Array
-    """Brightness (grey levels), float32 of the small picture's size."""
+    """Brightness (grey levels), float32, at the small image's size."""
     there: Array
-    """Where the small picture is blank (bool)."""
+    """Blank pixels (bool) of the small image."""
     mask: Array
-    """Where the whole picture is blank (bool), of its own size."""
+    """Blank pixels (bool) of the full-size image."""
 
 
 def extract_blank_part(image: CalibratedImage) -> BlankPart:
-    """The blank part of a picture."""
+    """Extract the blank part of an image."""
     mask = image.flat
     view = image.view
     scale = min(MAX_SCALE, MAX_WIDTH_PX / view.width)
@@ -96,7 +96,7 @@ def extract_blank_part(image: CalibratedImage) -> BlankPart:
     share = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
     shade = cv2.resize(weight * image.grey, size, interpolation=cv2.INTER_AREA) / np.maximum(share, 1e-3)
     there = share > MIN_BLANK
-    # The bilateral filter takes nothing from what is so far from every shade.
+    # The bilateral filter ignores values this far from every shade.
     outside = np.where(there, shade, np.float32(-1e4)).astype(np.float32)
     shades = SAME_SHADE * float(np.sqrt(image.noise)) / 3
     around = cv2.bilateralFilter(outside, 2 * REACH_PX + 1, shades, 2 * REACH_PX)
@@ -107,7 +107,7 @@ def extract_blank_part(image: CalibratedImage) -> BlankPart:
 
 
 class SurfacePoints(NamedTuple):
-    """Points of surfaces in the rig's frame, their normals and the cameras that saw them, each (n, 3)."""
+    """Surface points in the rig's frame, their normals, and the camera centres that saw them; (n, 3)."""
 
     places: Array
     normals: Array
@@ -121,18 +121,18 @@ class ScenePlane(NamedTuple):
     distance: float
 
     def inverse_depth_gradient(self, view: View) -> Array:
-        """The vector (3,) whose product with a view's ray (x, y, 1) is the plane's inverse depth there."""
+        """Return the vector (3,) whose product with a view's ray (x, y, 1) is the plane's inverse depth."""
         normal = view.rotation @ self.normal
         away = self.distance + float(normal @ view.translation)
         return np.asarray(normal / (away if abs(away) > 1e-9 else 1e-9), np.float32)
 
     def off(self, points: SurfacePoints) -> Array:
-        """By which share of their depth points are off the plane, along the rays they were seen by (n,)."""
+        """Return the relative depth errors (n,) of points to the plane, along the rays that saw them."""
         return np.asarray(_relative_gaps(self.normal[None], np.array([self.distance]), points)[0])
 
 
 def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array) -> SurfacePoints:
-    """Points of a view's surface and their normals where it is evident (bool height x width)."""
+    """Return points and normals of a view's surface where it is evident (bool height x width)."""
     usual = float(np.median(inverse_depth))
     known = np.where(evident, inverse_depth, np.float32(-1e6))
     level, right, down = CPU.fit_planes(known, 3 * TOLERANCE * usual, radius=NORMAL_RADIUS_PX, rounds=3)
@@ -146,7 +146,7 @@ def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array)
 
 
 def find_scene_planes(samples: Iterable[SurfacePoints], least: int) -> list[ScenePlane]:
-    """Planes on which at least so many of all points lie, largest first."""
+    """Find planes that contain at least `least` of all points, largest first."""
     left = SurfacePoints(*(np.concatenate(part) for part in zip(*samples, strict=True)))
     found: list[ScenePlane] = []
     while len(found) < MAX_PLANES and len(left.places) >= least:
@@ -155,13 +155,13 @@ def find_scene_planes(samples: Iterable[SurfacePoints], least: int) -> list[Scen
         if np.count_nonzero(off < TOLERANCE) < least:
             break
         found.append(plane)
-        # What lies just beside it would make the same plane again.
+        # Points just beside it would give the same plane again.
         left = _selected(left, off >= 2 * TOLERANCE)
     return found
 
 
 def _most_supported(points: SurfacePoints) -> ScenePlane:
-    """The plane that most points lie on, fitted to them."""
+    """Return the plane with the most points, fitted to them."""
     tried, judges = (
         _selected(points, slice(None, None, max(1, len(points.places) // n))) for n in (TRIALS, JUDGES)
     )
@@ -173,7 +173,7 @@ def _most_supported(points: SurfacePoints) -> ScenePlane:
 
 
 def _refined(plane: ScenePlane, points: SurfacePoints) -> ScenePlane:
-    """The plane by least squares through the points on it, again and again."""
+    """Refine a plane by repeated least squares through the points on it."""
     for reach in ROUNDS:
         close = _selected(points, plane.off(points) < reach * TOLERANCE)
         on = SurfacePoints(*(part.astype(float) for part in close))
@@ -188,7 +188,7 @@ def _refined(plane: ScenePlane, points: SurfacePoints) -> ScenePlane:
 
 
 def _relative_gaps(normals: Array, distances: Array, points: SurfacePoints) -> Array:
-    """Gaps (planes x points) along the rays between planes and points, over the points' planes' depth."""
+    """Return the gaps (planes x points) between planes and points along the rays, relative to plane depth."""
     normals, distances = normals.astype(np.float32), distances.astype(np.float32)[:, None]
     gaps = np.abs(normals @ points.places.T - distances)
     return np.asarray(gaps / np.maximum(np.abs(normals @ points.centres.T - distances), 1e-9))
@@ -199,8 +199,8 @@ def _selected(points: SurfacePoints, chosen: Array | slice) -> SurfacePoints:
 
 
 PlaneChoice = tuple[Array, Array, Array]
-"""Each plane's `inverse_depth_gradient` (n, 3), that of `AS_FOUND` means nothing; each small pixel's plane by
-its number there, `AS_FOUND` for none; and whether it is evident (bool)."""
+"""Each plane's `inverse_depth_gradient` (n, 3), where the entry of `AS_FOUND` is unused; each small pixel's
+plane by its index, `AS_FOUND` for none; and whether it is evident (bool)."""
 
 
 def choose_planes(
@@ -210,10 +210,10 @@ def choose_planes(
     planes: Sequence[ScenePlane],
     depth_range: tuple[float, float],
 ) -> PlaneChoice:
-    """The plane that fits best by wide windows, the same for neighbours where nothing speaks against it.
+    """Choose each pixel's plane by wide windows, with smoothness between neighbours.
 
-    `found`: the inverse depth that the view had found, of the small picture's size. `planes`: those with
-    most points first. `depth_range`: the nearest and the farthest depth.
+    `found`: the view's inverse depth so far, at the small image's size. `planes`: candidates, those with the
+    most points first. `depth_range`: nearest and farthest depth.
     """
     image = part.image
     low, high = 1 / depth_range[1], 1 / depth_range[0]
@@ -244,17 +244,17 @@ def choose_planes(
 
 
 def _cost_and_sight(level: Array, source_views: Sequence[SourceView]) -> tuple[Array, Array]:
-    """The sources' matching cost along a surface, and where enough of them see it at all (bool)."""
+    """Return the sources' matching cost along a surface, and where enough of them see it (bool)."""
     warped = [CPU.warp(one, level) for one in source_views]
     seeing = len(warped) - np.sum([one < 0 for one in warped], axis=0)
-    # What lies outside says nothing, rather than being like nothing: wide windows often reach beyond.
+    # Areas outside an image are neutral rather than a mismatch: wide windows often reach there.
     inside = [np.where(one < MIDDLE / 2, np.float32(MIDDLE), one) for one in warped]
     likeness = [correlate_windows(one, part) for one, part in zip(source_views, inside, strict=True)]
     return 1 - combine_likeness(likeness), np.asarray(seeing >= min(MIN_SOURCES, len(warped)))
 
 
 def _evident_patches(number: Array, likeness: Array) -> Array:
-    """Patches of one plane (bool) whose windows are alike on average: each by itself is too noisy."""
+    """Return patches of one plane (bool) with sufficient mean correlation; single windows are too noisy."""
     found = np.zeros(number.shape, bool)
     for one in np.unique(number[number != AS_FOUND]):
         mine = number == one
@@ -266,7 +266,7 @@ def _evident_patches(number: Array, likeness: Array) -> Array:
 
 
 def lay_planes(surface: Surface, image: CalibratedImage, mask: Array, choice: PlaneChoice) -> Surface:
-    """The surface with the chosen planes wherever the picture is blank (`mask`) and nothing matched."""
+    """Return the surface with the chosen planes in blank areas (`mask`) without other evidence."""
     size = image.view.width, image.view.height
     gradients, *small = choice
     number, evident = (cv2.resize(np.uint8(one), size, interpolation=cv2.INTER_NEAREST) for one in small)
@@ -284,9 +284,10 @@ def lay_planes(surface: Surface, image: CalibratedImage, mask: Array, choice: Pl
 
 
 def _continue_to_edges(planes: tuple[Array, Array, Array], image: CalibratedImage, mask: Array) -> None:
-    """Continue the planes of what is blank to the edge of what is before it, in place.
+    """Extend the planes of blank areas to the edges of objects in front of them, in place.
 
-    Windows that hold a rod are not blank, and find its depth on both sides of it; but its shade ends there.
+    Windows that contain a rod are not blank and find the rod's depth on both sides of it. The change of shade
+    shows where the rod really ends.
     """
     weight = mask.astype(np.float32)
     window = 2 * RIM_PX + 1, 2 * RIM_PX + 1
@@ -316,9 +317,9 @@ def settle_blank_walls(
     surfaces: Mapping[str, Surface],
     pool: Executor,
 ) -> dict[str, Surface]:
-    """The views' surfaces with planes laid where pictures are blank and wide windows prefer them.
+    """Return the views' surfaces with planes in blank areas where wide windows prefer them.
 
-    The planes are those that many points of all views lie on.
+    The planes are those that contain many points of all views.
     """
     names = list(surfaces)
     parts = dict(zip(names, pool.map(extract_blank_part, (images[name] for name in names)), strict=True))
@@ -351,6 +352,6 @@ def settle_blank_walls(
 
 
 def _shrunk(part: Array, image: CalibratedImage) -> Array:
-    """A map at the size of a small picture, pixels as they are: a mean over an edge is on no surface."""
+    """Return a map at a small image's size, without averaging: a mean over an edge is on no surface."""
     size = image.view.width, image.view.height
     return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_NEAREST))

@@ -1,4 +1,4 @@
-"""A grey picture with its view, and source pictures warped onto it and compared window by window."""
+"""Calibrated grey images, and source images warped onto them and compared by windows."""
 
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -9,27 +9,27 @@ import numpy as np
 from reconstruction.common.geometry import Array, View, other_from_reference, resize_view
 
 NOISY = 1.25
-"""A window holds no more than noise if its deviation, squared, is less than so many times noise's own."""
+"""A window contains only noise if its variance is below this multiple of the noise term."""
 BLACK, WHITE = 20, 245
-"""Grey levels (of 255) beyond which a picture shows nothing of what there may be."""
+"""Grey levels (of 255) below and above which an image shows no detail."""
 OUTSIDE = -1000.0
-"""Grey level of what a view does not show; a window that touches it has a mean below zero."""
+"""Grey level of areas outside a view; a window that touches them has a negative mean."""
 
 
 @dataclass(frozen=True, eq=False)
 class CalibratedImage:
-    """A view's picture without distortion: `grey` float32 height x width, and the window it is matched by."""
+    """Undistorted image of a view: `grey` float32 height x width, and the side of its matching window."""
 
     view: View
     grey: Array
     window: int
     noise: float
-    """Variance that the noise alone gives a window, grey levels squared."""
+    """Variance that noise alone adds to a window, grey levels squared."""
     moving: Array | None = None
-    """What moves (bool), of the picture's size, and no wall; None where that is not known."""
+    """Moving pixels (bool), which are not walls, at the image's size; None if unknown."""
 
     def scaled(self, scale: float) -> "CalibratedImage":
-        """The same picture, `scale` (at most 1) times as large."""
+        """Return the image scaled by `scale` (at most 1)."""
         if scale >= 1.0:
             return self
         view = self.view
@@ -38,7 +38,7 @@ class CalibratedImage:
         return replace(self, view=resize_view(view, width, height), grey=grey, moving=None)
 
     def cropped(self, box: tuple[slice, slice]) -> "CalibratedImage":
-        """The part of the picture in a box of rows and columns, for matching alone."""
+        """Return the image cropped to a box of rows and columns, for matching only."""
         grey = np.ascontiguousarray(self.grey[box])
         if grey.shape == self.grey.shape:
             return self
@@ -54,25 +54,25 @@ class CalibratedImage:
 
     @cached_property
     def deviation(self) -> Array:
-        """Standard deviation in each pixel's window, noise included, so that flat windows match nothing."""
+        """Standard deviation of each pixel's window, including noise, so that flat windows do not match."""
         variance = box_filter(self.grey * self.grey, self.window) - self.mean**2
         return np.asarray(np.sqrt(np.maximum(variance, 0) + self.noise))
 
     @cached_property
     def bordered(self) -> Array:
-        """The grey levels within a border of `OUTSIDE`: a pixel left and above, two right and below."""
+        """The grey levels with a border of `OUTSIDE`: one pixel left and above, two right and below."""
         return np.asarray(cv2.copyMakeBorder(self.grey, 1, 2, 1, 2, cv2.BORDER_CONSTANT, value=(OUTSIDE,)))
 
     @property
     def blank(self) -> Array:
-        """Where a window holds no more than noise, and is black or burnt out (bool)."""
-        # `noise` is that of three deviations, and part of `deviation`: a quarter of it is one and a half.
+        """Pixels whose window contains only noise, and is black or burnt out (bool)."""
+        # `noise` is (3 sigma)^2 and part of `deviation`^2: a quarter of it is (1.5 sigma)^2.
         empty = (self.mean < BLACK) | (self.mean > WHITE)
         return np.asarray(empty & (self.deviation**2 < NOISY * self.noise))
 
     @property
     def flat(self) -> Array:
-        """Where a window holds no more than noise (bool), and what it shows does not move."""
+        """Static pixels whose window contains only noise (bool)."""
         flat = self.deviation**2 < NOISY * self.noise
         return np.asarray(flat if self.moving is None else flat & ~self.moving)
 
@@ -86,12 +86,12 @@ class CalibratedImage:
 
 
 def box_filter(image: Array, window: int) -> Array:
-    """Mean over a square window, mirrored at the borders."""
+    """Return the mean over a square window, mirrored at the borders."""
     return np.asarray(cv2.boxFilter(image, -1, (window, window), borderType=cv2.BORDER_REFLECT_101))
 
 
 class SourceView:
-    """A source view seen from a reference view: through planes of constant depth, or through a depth map."""
+    """Mapping from a reference view to a source view, through planes of constant depth or a depth map."""
 
     def __init__(self, reference: CalibratedImage, source: CalibratedImage) -> None:
         self.reference = reference
@@ -100,24 +100,24 @@ class SourceView:
         self.rotation, self.translation = rotation, translation
         self._turn = source.view.matrix @ rotation
         self.shift = source.view.matrix @ translation
-        """How far a pixel of the source moves with inverse depth, before the division by z (3,)."""
+        """Change of a source pixel's homogeneous coordinates with inverse depth (3,)."""
 
     def plane_warp(self, inverse_depth: float) -> Array:
-        """The homography (3x3) from the reference's pixels to the source's over a plane that faces it."""
+        """Return the homography (3x3) from reference to source pixels over a fronto-parallel plane."""
         turn = self._turn + np.outer(self.shift, [0, 0, inverse_depth])
         return np.asarray(turn @ np.linalg.inv(self.reference.view.matrix))
 
     @property
     def numbers(self) -> Array:
-        """From a reference's pixel and inverse depth to the source's pixel, and the source's noise (13,)."""
+        """Coefficients (13,) of the map from reference pixel and inverse depth to source; its noise last."""
         return np.concatenate([self.plane_warp(0.0).reshape(-1), self.shift, [self.source.noise]])
 
     def project(
         self, inverse_depth: Array, rows: slice = slice(None), every: int = 1
     ) -> tuple[Array, Array, Array]:
-        """Source pixels x, y of the reference's pixels at these inverse depths, and z times inverse depth.
+        """Project the reference's pixels at these inverse depths to source x, y, and z times inverse depth.
 
-        Of these `rows`, or of one row and column of so many (`every`); x and y are NaN where it is behind.
+        Uses the given `rows`, or every `every`-th row and column. x and y are NaN behind the source.
         """
         few = every > 1
         xs, ys, zs = (
@@ -129,7 +129,7 @@ class SourceView:
         return (xs + shift[0] * inverse_depth) * far, (ys + shift[1] * inverse_depth) * far, z
 
     def pixels_per_inverse_depth(self, x: Array, y: Array) -> Array:
-        """How many px of the reference a change of the source's inverse depth by 1 moves its pixel x, y."""
+        """Return the motion in the reference, px, per unit of inverse depth of the source's pixel x, y."""
         back = -self.rotation.T @ self.translation
         inverse = np.linalg.inv(self.source.view.matrix)
         ray = np.stack([inverse[0, 0] * x + inverse[0, 2], inverse[1, 1] * y + inverse[1, 2]])
@@ -141,7 +141,7 @@ class SourceView:
         return np.asarray(self.reference.view.focal * np.hypot(right, down) / far, np.float32)
 
     def cosine(self, inverse_depth: Array) -> Array:
-        """Cosine of the angle between the two views of the reference's pixels at these inverse depths."""
+        """Return the cosine of the angle between both views' rays at the reference's inverse depths."""
         rays = self.reference.rays
         to_source = (
             rays - (-self.rotation.T @ self.translation).astype(np.float32)[:, None, None] * inverse_depth

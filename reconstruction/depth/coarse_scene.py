@@ -1,4 +1,4 @@
-"""Where the scene is, found by matching small pictures wherever neighbours' views meet."""
+"""Coarse location of the scene, found by matching small images of neighbouring views."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -24,14 +24,14 @@ MIN_ISLAND_PX = 30
 MAX_COST = 0.35
 POINTS_PER_VIEW = 400
 RELATIVE_DEPTH = 0.06
-"""Greatest relative difference of depth between small pictures that agree."""
+"""Maximum relative depth difference between small images that agree."""
 
 
 @dataclass(frozen=True, eq=False)
 class CoarseScene:
     """Points (n, 3) of the scene in the rig's frame, and nearest and farthest depth in its unit, by camera.
 
-    The points are those that a camera sees and its neighbours confirm, and its neighbours' in its picture.
+    A camera's points are those that it sees and its neighbours confirm, and its neighbours' in its image.
     """
 
     points: Mapping[str, Array]
@@ -39,10 +39,10 @@ class CoarseScene:
 
 
 def find_coarse_scene(images: Mapping[str, CalibratedImage]) -> CoarseScene:
-    """Match all cameras' small pictures with their neighbours', and keep what these confirm.
+    """Match all cameras' small images with their neighbours', and return the confirmed points.
 
     Raises:
-        NotApplicableError: no two cameras' views meet, or no two pictures agree on any depth.
+        NotApplicableError: no two cameras' views overlap, or no two images agree on any depth.
     """
     overlaps = {name: find_overlaps({n: i.view for n, i in images.items()}, name) for name in images}
     neighbours = {name: choose_neighbours(found) for name, found in overlaps.items()}
@@ -70,7 +70,7 @@ def find_coarse_scene(images: Mapping[str, CalibratedImage]) -> CoarseScene:
 
 
 def choose_neighbours(overlaps: Mapping[str, ViewOverlap]) -> tuple[str, ...]:
-    """The views that share most with one over all depths, best first."""
+    """Return the views with the most overlap with one over all depths, best first."""
     fit = [other for other, overlap in overlaps.items() if overlap.score >= MIN_SCORE and overlap.span[1] > 0]
     return tuple(sorted(fit, key=lambda other: (-overlaps[other].usual_score, other))[:MAX_NEIGHBOURS])
 
@@ -87,11 +87,11 @@ def _confirmed_points(
     surfaces: Mapping[str, Surface],
     neighbours: Sequence[str],
 ) -> Array:
-    """Some points of what a view sees and its neighbours' surfaces confirm."""
+    """Return some of a view's points that its neighbours' surfaces confirm."""
     surface = surfaces[name]
     others = [(SourceView(small[name], small[o]), surfaces[o]) for o in neighbours if o in surfaces]
     count, able = consistent_and_visible_views(surface, others, RELATIVE_DEPTH)
-    # Two others where three can see it: what moves between the pictures finds one that agrees by chance.
+    # Two others if three can see it: a moving object finds one that agrees by chance.
     agreed = (count >= np.clip(able.astype(np.int16) - 1, 1, 2)) & (surface.cost < MAX_COST)
     agreed = remove_speckles(agreed, surface.inverse_depth, MIN_ISLAND_PX)
     rows, columns = np.nonzero(agreed)
@@ -112,7 +112,7 @@ def _shared_points(
 
 
 def _depth_range(view: View, points: Array) -> tuple[float, float]:
-    """Nearest and farthest depth of points (n, 3) in a view, with a margin."""
+    """Return the nearest and farthest depth of points (n, 3) in a view, with a margin."""
     values = 1 / (points @ view.rotation.T + view.translation)[:, 2]
     low, high = (float(v) for v in np.percentile(values, [0.5, 99.5]))
     margin = 0.15 * (high - low) + 0.05 * high

@@ -1,9 +1,9 @@
-"""COLMAP's part in depth: its dense workspace, fusion to a cloud, and PatchMatch on a CUDA GPU.
+"""COLMAP for depth: its dense workspace, fusion into a point cloud, and PatchMatch on a CUDA GPU.
 
-Maps (`width&height&channels&`, then float32 row by row, channel by channel) are written here because
-pycolmap 4.2's `NormalMap.from_array` takes the channels for the innermost axis, and fusion then silently
-drops most points. `pycolmap-cuda12` has pycolmap's import name and aborts a process without a GPU: it is
-never imported here, but run by another Python.
+Maps (`width&height&channels&`, then float32 row by row, channel by channel) are written here: pycolmap 4.2's
+`NormalMap.from_array` takes the channels for the innermost axis, and fusion then silently drops most points.
+`pycolmap-cuda12` has pycolmap's import name and aborts a process without a GPU. It is therefore never
+imported here, but run by another Python.
 """
 
 import os
@@ -23,14 +23,14 @@ from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.depth.visibility import find_denied
 
 POINTS_PER_VIEW = 300
-"""Fusion takes its neighbourhoods from points that views share; without them it finds nothing."""
+"""Points per view in the sparse model; fusion finds neighbouring views by shared points only."""
 MIN_VIEWS = 3
-"""Views in whose maps a point must be, fewer where there are fewer; the limits are COLMAP's."""
+"""Minimum maps that contain a point, or all maps if there are fewer; the limits are COLMAP's."""
 MAX_NORMAL_ERROR_DEG = 30.0
 MAX_DEPTH_ERROR = 0.01
 MAX_REPROJECTION_ERROR_PX = 1.5
 MAX_TRAVERSAL_DEPTH = 2
-"""Views one after the other that a point is followed through; more of them eat its neighbours."""
+"""Maximum chain of views through which a point is followed; longer chains absorb its neighbours."""
 END = b"end_header\n"
 ENVIRONMENT = "SIMULSHOT_CUDA_PYTHON"
 HINT = (
@@ -56,11 +56,11 @@ def write_workspace(
     *,
     depth_range: tuple[float, float] = (0.1, 100.0),
 ) -> None:
-    """Make a dense workspace in COLMAP's layout from undistorted pictures (uint8) of pinhole views.
+    """Write a dense workspace in COLMAP's layout from undistorted images (uint8) of pinhole views.
 
-    With `depth_views` it also holds depth and normal maps, named as after COLMAP's geometric pass, and
-    points of them that views share; without, points between the two depths of `depth_range`, by which COLMAP
-    chooses what to match, and `patch-match.cfg` asks for all cameras.
+    With `depth_views` it contains depth and normal maps, named like those of COLMAP's geometric pass, and
+    points that views share. Without, it contains points between the two depths of `depth_range`, from which
+    COLMAP chooses what to match, and `patch-match.cfg` requests all cameras.
     """
     pycolmap = load_pycolmap("fusing depth maps")
     stereo = folder / "stereo"
@@ -80,7 +80,7 @@ def write_workspace(
 
 
 def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, ViewDepth]) -> Array:
-    """Some points of all depth maps, in the rig's frame (n, 3)."""
+    """Return some points of all depth maps, in the rig's frame (n, 3)."""
     rng = np.random.default_rng(0)
     points = [np.zeros((0, 3))]
     for name, found in depth_views.items():
@@ -95,7 +95,7 @@ def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, ViewDept
 
 
 def _spread_points(views: Mapping[str, View], depth_range: tuple[float, float]) -> Array:
-    """Points spread over all views between two depths, in the rig's frame (n, 3)."""
+    """Return points spread over all views between two depths, in the rig's frame (n, 3)."""
     rng = np.random.default_rng(0)
     points = []
     for view in views.values():
@@ -106,7 +106,7 @@ def _spread_points(views: Mapping[str, View], depth_range: tuple[float, float]) 
 
 
 def _sparse_model(pycolmap: Any, views: Mapping[str, View], points: Array) -> Any:
-    """The sparse model: every point is seen by every view whose picture it falls into."""
+    """Build the sparse model; every view whose image contains a point sees it."""
     model = pycolmap.Reconstruction()
     seen: list[list[tuple[int, int]]] = [[] for _ in points]
     for number, (name, view) in enumerate(views.items(), 1):
@@ -115,8 +115,8 @@ def _sparse_model(pycolmap: Any, views: Mapping[str, View], points: Array) -> An
             model="PINHOLE",
             width=view.width,
             height=view.height,
-            # Elsewhere COLMAP's first pixel has its centre at (0.5, 0.5); its dense part takes a pixel's
-            # column and row for coordinates, and fuses points half a pixel off if given that.
+            # Elsewhere COLMAP's first pixel has its centre at (0.5, 0.5). Its dense part uses a pixel's
+            # column and row as coordinates, and would with that offset fuse points half a pixel off.
             params=[matrix[0, 0], matrix[1, 1], matrix[0, 2], matrix[1, 2]],
             camera_id=number,
         )
@@ -142,7 +142,7 @@ def _sparse_model(pycolmap: Any, views: Mapping[str, View], points: Array) -> An
 
 
 def read_maps(workspace: Path, cameras: Iterable[str]) -> dict[str, ViewDepth]:
-    """Depth and normals that PatchMatch left in the workspace, by camera.
+    """Read the depth and normals that PatchMatch wrote into the workspace, by camera.
 
     Raises:
         SimulshotError: a map is missing or broken.
@@ -159,7 +159,7 @@ def _map_file(workspace: Path, kind: str, camera: str) -> Path:
 
 
 def read_array(path: Path) -> Array:
-    """A map, float32 height x width (x channels).
+    """Read a map, float32 height x width (x channels).
 
     Raises:
         SimulshotError: it is missing or truncated.
@@ -186,10 +186,10 @@ def write_array(path: Path, values: Array) -> None:
 def fuse_depth_maps(
     folder: Path, cloud: Path, views: Mapping[str, View], depth_views: Mapping[str, ViewDepth], group: int
 ) -> int:
-    """Fuse a workspace's geometric maps into a PLY, without what other views deny; how many points it has.
+    """Fuse a workspace's geometric maps into a PLY without denied points, and return its number of points.
 
-    `views` and their maps are the workspace's, in its order. `group`: how many maps the smallest group of
-    cameras has that see the same.
+    Other views deny a point as in `find_denied`. `views` and their maps are the workspace's, in its order.
+    `group` is the size of the smallest group of cameras with a common view.
 
     Raises:
         BadInputError: no point is consistent in enough views.
@@ -201,7 +201,7 @@ def fuse_depth_maps(
     asked.max_depth_error = MAX_DEPTH_ERROR
     asked.max_reproj_error = MAX_REPROJECTION_ERROR_PX
     asked.max_traversal_depth = MAX_TRAVERSAL_DEPTH
-    # More threads race for the pixels: another cloud every time, and hardly sooner.
+    # More threads race for the pixels: the cloud differs every time, and is hardly faster.
     asked.num_threads = 1
     pycolmap.stereo_fusion(cloud, folder, "COLMAP", "option-all", "geometric", asked, output_type="ply")
     rows, lists, lengths = _read_fused(cloud)
@@ -226,12 +226,13 @@ def _seen_file(cloud: Path) -> Path:
 
 
 def _read_fused(path: Path) -> tuple[Array, Array, Array]:
-    """The rows of a fused PLY; the `.vis` file beside it, where each point has a list: its length, then from
-    whose maps it was fused; and these lengths."""
+    """Return the rows of a fused PLY, the lists of its `.vis` file, and each list's length.
+
+    Each point has a list: its length, then the indices of the maps from which it was fused."""
     vertex = np.dtype([("at", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
     rows = np.frombuffer(path.read_bytes().partition(END)[2], vertex)
     lists = np.frombuffer(_seen_file(path).read_bytes(), "<u4", offset=8)
-    # A point's list ends where the next one's begins.
+    # A point's list ends where the next one begins.
     lengths, numbers, at = [], lists.tolist(), 0
     for _ in rows:
         lengths.append(numbers[at])
@@ -240,9 +241,9 @@ def _read_fused(path: Path) -> tuple[Array, Array, Array]:
 
 
 def read_fused_cloud(path: Path, views: int) -> tuple[Array, Array, Array]:
-    """The points of a fused PLY (n, 3) float32 in the rig's frame, their colours (n, 3) uint8 RGB.
+    """Read a fused PLY's points (n, 3) float32 in the rig's frame and colours (n, 3) uint8 RGB.
 
-    And from whose maps each was fused, (n, views) bool, by the `.vis` file beside it.
+    Also returns the maps from which each was fused, (n, views) bool, from the `.vis` file.
     """
     rows, lists, lengths = _read_fused(path)
     heads = np.cumsum([0, *lengths[:-1]]) + np.arange(len(rows))
@@ -256,7 +257,7 @@ CudaGpu = tuple[str, Path]
 
 
 def find_gpu(environment: Mapping[str, str] = os.environ) -> CudaGpu:
-    """The first GPU, and the other environment's Python.
+    """Find the first GPU, and the Python of the environment with `pycolmap-cuda12`.
 
     Raises:
         NotAvailableError: there is no GPU, or no environment with `pycolmap-cuda12` is named.
@@ -286,7 +287,7 @@ def find_gpu(environment: Mapping[str, str] = os.environ) -> CudaGpu:
 
 
 def run_patch_match(gpu: CudaGpu, workspace: Path, nearest: float, farthest: float) -> None:
-    """Fill a workspace's depth and normal maps between two depths; its messages go to stderr.
+    """Compute a workspace's depth and normal maps between two depths; messages go to stderr.
 
     Raises:
         SimulshotError: the other process failed or died.

@@ -1,4 +1,4 @@
-"""The sweep's hot loops compiled: `kernels.c`, built where simulshot is installed, called without the GIL."""
+"""Sweep engine with the hot loops of `kernels.c`, compiled at installation and called without the GIL."""
 
 import ctypes
 from collections.abc import Sequence
@@ -14,7 +14,7 @@ from reconstruction.depth.cost_volume import BETTER_OF_TWO
 from reconstruction.depth.engine import Agreement, SweepEngine
 
 LANES = 16
-"""Columns that `planes` takes at once, and reads beyond the border."""
+"""Columns that `planes` processes at once, and reads beyond the border."""
 
 
 class _Source(ctypes.Structure):
@@ -27,15 +27,15 @@ class _Source(ctypes.Structure):
 
 
 class CompiledEngine(SweepEngine):
-    """The sweep's engine on the CPU by a library of `kernels.c`: as NumPy's, but for rounding."""
+    """CPU engine of the sweep, from a library of `kernels.c`; equal to NumPy's except for rounding."""
 
     def __init__(self, library: Path) -> None:
-        """Raises OSError where the library is not, or is not for this machine."""
+        """Raises OSError if the library is missing or is not for this machine."""
         super().__init__()
         self._library = ctypes.CDLL(str(library))
 
     def cost_volume(self, source_views: Sequence[SourceView], base: Array | None, offsets: Array) -> Array:
-        """As `cost_volume` of NumPy, but for rounding."""
+        """Compute costs as NumPy's `cost_volume`, except for rounding."""
         reference = source_views[0].reference
         height, width = reference.grey.shape
         volume = np.empty((height, len(offsets), width), np.uint8)
@@ -53,20 +53,20 @@ class CompiledEngine(SweepEngine):
         return volume
 
     def warp(self, source_view: SourceView, inverse_depth: Array) -> Array:
-        """As of NumPy, whose places are rounded to a 32nd of a pixel."""
+        """Warp as NumPy's engine, which rounds positions to 1/32 pixel."""
         out = np.empty(inverse_depth.shape, np.float32)
         source = ctypes.byref(_source(source_view))
         self._call("warp", *out.shape, _floats(inverse_depth), source, out)
         return out
 
     def find_cheapest(self, volume: Array, grey: Array, small: int, large: int) -> tuple[Array, Array]:
-        """As NumPy's, to the last bit."""
+        """Find the cheapest depths, bit-identical to NumPy's."""
         place, own = (np.empty(grey.shape, np.float32) for _ in range(2))
         self._scan(volume, grey, small, large, place, own)
         return place, own
 
     def aggregate(self, costs: Array, grey: Array, small: int, large: int) -> Array:
-        """As `aggregate_costs` of NumPy, to the last bit."""
+        """Aggregate costs, bit-identical to NumPy's `aggregate_costs`."""
         return self._scan(costs, grey, small, large, None, None)
 
     def _scan(self, volume: Array, grey: Array, small: int, large: int, *found: Array | None) -> Array:
@@ -85,7 +85,7 @@ class CompiledEngine(SweepEngine):
         stride: int = 1,
         rounds: int = 2,
     ) -> Array:
-        """As `fit_planes` of NumPy, but for rounding."""
+        """Fit planes as NumPy's `fit_planes`, except for rounding."""
         border = radius * stride
         planes = np.zeros((3, *inverse_depth.shape), np.float32)
         planes[0] = inverse_depth
@@ -101,7 +101,7 @@ class CompiledEngine(SweepEngine):
     def compare(
         self, inverse_depth: Array, source_view: SourceView, other: Array, agreement: Agreement
     ) -> tuple[Array, Array]:
-        """As `compare` of NumPy, but for rounding."""
+        """Compare surfaces as NumPy's `compare`, except for rounding."""
         same, able = (np.empty(inverse_depth.shape, bool) for _ in range(2))
         rays = [np.linalg.inv(one.view.matrix) for one in (source_view.source, source_view.reference)]
         turn = source_view.rotation.T
@@ -123,14 +123,14 @@ class CompiledEngine(SweepEngine):
         return same, able
 
     def _call(self, name: str, *args: object) -> None:
-        """Arrays by their memory, which must be whole."""
+        """Call a kernel; arrays are passed by pointer and must be contiguous."""
         given = [ctypes.c_void_p(arg.ctypes.data) if isinstance(arg, np.ndarray) else arg for arg in args]
         if self._library[name](*given):
             raise MemoryError(f"no memory left for the matching ({name})")
 
 
 def _source(source_view: SourceView) -> _Source:
-    """The picture stays in memory for as long as its view does."""
+    """Return the kernel's view of a source; the image stays in memory as long as its view."""
     picture, numbers = source_view.source, (ctypes.c_float * 13)(*source_view.numbers)
     return _Source(picture.bordered.ctypes.data, picture.view.width, picture.view.height, numbers)
 
@@ -140,7 +140,7 @@ def _floats(array: Array) -> Array:
 
 
 def load_engine(library: Path) -> SweepEngine:
-    """The compiled engine where its library was built, else NumPy's, whose note says so."""
+    """Return the compiled engine if its library was built, else NumPy's with a note that says so."""
     try:
         return CompiledEngine(library)
     except OSError:

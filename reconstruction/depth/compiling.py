@@ -1,4 +1,4 @@
-"""Compiles `kernels.c` where simulshot is installed (`hatch_build.py`): it imports nothing of ours.
+"""Compilation of `kernels.c` when simulshot is installed (`hatch_build.py`); imports no other module of it.
 
 `python reconstruction/depth/compiling.py` compiles it in a checkout.
 """
@@ -11,9 +11,9 @@ import sys
 from pathlib import Path
 
 SOURCE = Path(__file__).with_name("kernels.c")
-# Not kernels.so, which Python would take for a module of its own.
+# Not kernels.so, which Python would take for an extension module.
 LIBRARY = Path(__file__).with_name("kernels.library")
-# No product is fused with a sum, so that all machines give the same depth; the others change no result.
+# Without fused multiply-add all machines give the same depth; the other flags change no result.
 FLAGS = (
     "-std=gnu11",
     "-O3",
@@ -26,7 +26,7 @@ FLAGS = (
 
 
 def compile_kernels(library: Path = LIBRARY) -> bool:
-    """Compile the sweep's hot loops into a library; False where there is no C compiler that can."""
+    """Compile the sweep's hot loops into a library; False if no C compiler can."""
     compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "cc", "gcc", "clang"))), None)
     if compiler is None:
         return False
@@ -34,7 +34,7 @@ def compile_kernels(library: Path = LIBRARY) -> bool:
     tuned = ["-mtune=haswell"] if platform.machine() == "x86_64" else []
     part = library.with_suffix(f".{os.getpid()}")
     command = [compiler, *FLAGS, *tuned, "-o", str(part), str(SOURCE), "-lm"]
-    # A compiler that knows fewer versions of processors makes one for all.
+    # A compiler without support for several processor versions builds a single one.
     for plain in ([], ["-DONE_VERSION"]):
         if subprocess.run([*command, *plain], capture_output=True, check=False).returncode == 0:  # noqa: S603
             part.replace(library)

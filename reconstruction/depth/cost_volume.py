@@ -1,6 +1,6 @@
-"""How unlike the sources' windows are to a reference's at many depths: OpenCV, a band of rows at a time.
+"""Matching costs of source windows against a reference at many depths, with OpenCV, in bands of rows.
 
-A band's arrays stay in the processor's cache; of a whole picture each step would go to memory and back.
+A band's arrays stay in the processor's cache; a whole image's would go to memory and back at each step.
 """
 
 from collections.abc import Sequence
@@ -12,17 +12,16 @@ from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView, box_filter
 
 WORST_COST = 255
-"""Matching cost where the pictures have nothing in common."""
+"""Matching cost of zero correlation."""
 BETTER_OF_TWO = 0.65
-"""Weight of the better of two sources: beside something near one of them sees that instead."""
+"""Weight of the better of two sources; beside a near object, one of them sees that object instead."""
 BAND_PIXELS = 64_000
 
 
 def cost_volume(source_views: Sequence[SourceView], base: Array | None, offsets: Array) -> Array:
-    """Costs (height x depths x width, uint8, 0 = the same) at inverse depths `base` plus `offsets`.
+    """Return costs (height x depths x width, uint8, 0 = equal) at inverse depths `base` plus `offsets`.
 
-    `base` (height x width) None is a plane that faces the reference. Windows are compared by their
-    correlation.
+    `base` (height x width) None means planes facing the reference. Windows are compared by correlation.
     """
     reference = source_views[0].reference
     height, width = reference.view.height, reference.view.width
@@ -45,9 +44,9 @@ def cost_volume(source_views: Sequence[SourceView], base: Array | None, offsets:
 
 
 def combine_likeness(likeness: Sequence[Array]) -> Array:
-    """The likeness (0 to 1) to some sources together: one of them may see something in front.
+    """Combine the correlations (0 to 1) with some sources; one of them may see an object in front.
 
-    Of three and more the worst is left out.
+    With three or more sources the worst is left out.
     """
     total = likeness[0]
     if len(likeness) == 1:
@@ -68,7 +67,7 @@ def combine_likeness(likeness: Sequence[Array]) -> Array:
 
 
 def _warp(source_view: SourceView, rows: slice, base: Array | None, offset: float) -> Array:
-    """The source's grey levels as these rows of the reference see it."""
+    """Return the source's grey levels warped to these rows of the reference."""
     picture = source_view.source.grey
     if base is not None:
         x, y, _ = source_view.project(base[rows] + np.float32(offset), rows)
@@ -82,9 +81,9 @@ def _warp(source_view: SourceView, rows: slice, base: Array | None, offset: floa
 
 
 def correlate_windows(source_view: SourceView, warped: Array, rows: slice = slice(None)) -> Array:
-    """Correlation (0 to 1, float32) of a source's warped grey levels with the reference's, window by window.
+    """Return the windowed correlation (0 to 1, float32) of a source's warped grey levels and the reference.
 
-    0 where the source does not reach. `rows` are those of the reference that `warped` covers; it is changed.
+    It is 0 outside the source. `rows` are the reference's rows that `warped` covers; `warped` is modified.
     """
     reference = source_view.reference
     window, own_mean = reference.window, reference.mean[rows]
@@ -99,6 +98,6 @@ def correlate_windows(source_view: SourceView, warped: Array, rows: slice = slic
     np.sqrt(spread, out=spread)
     spread *= reference.deviation[rows]
     both /= spread
-    # A window that touches what the source does not show.
+    # A window that touches areas outside the source.
     both[mean < 0] = 0.0
     return np.asarray(np.maximum(both, 0.0, out=both))

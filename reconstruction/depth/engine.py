@@ -1,4 +1,4 @@
-"""What engines do for the sweep, by NumPy and OpenCV: the fallback, and what others are held against."""
+"""Sweep operations with NumPy and OpenCV: the fallback engine, and the reference for other engines."""
 
 from collections.abc import Sequence
 from typing import Any, NamedTuple
@@ -12,25 +12,25 @@ from reconstruction.depth.cost_volume import cost_volume
 from reconstruction.depth.plane_fitting import fit_planes
 
 BAND_CELLS = 12_000
-"""Depths times rows of a column that are turned at once: they stay in the processor's cache."""
+"""Depths times rows that are transposed at once; they stay in the processor's cache."""
 JUMP_GREY = 8
-"""Grey levels from one pixel to the next that halve the price of a jump."""
+"""Grey-level difference between neighbouring pixels that halves the penalty of a jump."""
 MIN_JUMP = 1.5
-"""Least price of a jump, in small steps."""
+"""Minimum penalty of a jump, in units of the small step's."""
 
 
 def aggregate_costs(costs: Array, grey: Array, small: int, large: int) -> Array:
-    """Sum over 8 paths of the costs with smoothness (Hirschmueller 2008), int16 height x depths x width.
+    """Sum smoothed costs over 8 paths (Hirschmueller 2008), int16 height x depths x width.
 
-    The costs are uint8 of that shape.
+    The input costs are uint8 of that shape.
 
-    `small` is the price of a step by one depth, `large` of any other step, less where `grey` (float32
-    height x width) changes from one pixel to the next. Paths that slant go on along the picture's border.
+    `small` is the penalty of a step by one depth, `large` of any larger step, reduced where `grey` (float32
+    height x width) changes between pixels. Slanted paths continue along the image's border.
     """
     total = np.zeros(costs.shape, np.int16)
     for way in (1, -1):
         _sweep(costs[::way], total[::way], grey[::way], small, large, (0, 1, -1))
-    # Paths along rows do not meet: a band of rows at a time keeps the turned copies small.
+    # Paths along rows are independent: a band of rows at a time keeps the transposed copies small.
     rows = max(1, BAND_CELLS // costs.shape[1])
     for top in range(0, len(costs), rows):
         band = slice(top, top + rows)
@@ -47,9 +47,9 @@ def aggregate_costs(costs: Array, grey: Array, small: int, large: int) -> Array:
 
 
 def _sweep(costs: Array, total: Array, grey: Array, small: int, large: int, shifts: tuple[int, ...]) -> None:
-    """Add the paths from the first row to the last that move by each of `shifts` columns a row."""
+    """Add the paths from the first row to the last that move by each of `shifts` columns per row."""
     width = costs.shape[2]
-    # Beside the border lies its own last column, again.
+    # The last column is repeated beyond the border.
     columns = [np.clip(np.arange(width) - shift, 0, width - 1) for shift in shifts]
     jumps = [_jump_prices(grey[1:], grey[:-1, column], small, large) for column in columns]
     before = [costs[0].astype(np.int16) for _ in shifts]
@@ -77,13 +77,13 @@ def _sweep(costs: Array, total: Array, grey: Array, small: int, large: int, shif
 
 
 def _jump_prices(here: Array, before: Array, small: int, large: int) -> Array:
-    """The price of a jump between pixels of these grey levels (float32), int16."""
+    """Return the penalty of a jump between pixels of these grey levels (float32), int16."""
     price = np.float32(large) / (1 + np.abs(here - before) / np.float32(JUMP_GREY))
     return np.asarray(np.maximum(price, np.float32(MIN_JUMP * small)).astype(np.int16))
 
 
 def cheapest_depths(total: Array, costs: Array) -> tuple[Array, Array]:
-    """Number of each pixel's cheapest depth, between two by a parabola, and the cost that it has itself.
+    """Return the index of each pixel's cheapest depth, refined by a parabola, and its unsmoothed cost.
 
     Both float32 height x width, from volumes of height x depths x width.
     """
@@ -93,7 +93,7 @@ def cheapest_depths(total: Array, costs: Array) -> tuple[Array, Array]:
     place, own = np.empty((height, width), np.float32), np.empty((height, width), np.float32)
     for row in range(height):
         line = total[row].reshape(-1)
-        # Cost and number in one integer: the least of these is far quicker than argmin across rows.
+        # Cost and index in one integer: their minimum is far faster than argmin across rows.
         keyed = total[row].astype(np.int32)
         keyed <<= 9
         keyed |= numbers
@@ -108,22 +108,22 @@ def cheapest_depths(total: Array, costs: Array) -> tuple[Array, Array]:
 
 
 class Agreement(NamedTuple):
-    """When two views' surfaces are the same."""
+    """Limits within which two views' surfaces agree."""
 
     relative: float
-    """Greatest relative difference of depth."""
+    """Maximum relative depth difference."""
     sure: float
-    """Relative difference of depth that is agreement, however many pixels it is at a wide angle."""
+    """Relative depth difference that always agrees, whatever its size in pixels at a wide angle."""
     pixels: float
-    """Greatest distance after going to the other view and back, elsewhere."""
+    """Maximum distance after projection to the other view and back, otherwise."""
     cosine: float
-    """Of the angle between the two views; those from directions further apart neither agree nor disagree."""
+    """Minimum cosine of the angle between two views; at larger angles they neither agree nor disagree."""
 
 
 def compare_surfaces(
     inverse_depth: Array, source_view: SourceView, other: Array, agreement: Agreement
 ) -> tuple[Array, Array]:
-    """Where another view's surface is the same as this one, and where that view could see this one (bool)."""
+    """Return where another view's surface agrees with this one, and where that view could see it (bool)."""
     x, y, z = source_view.project(inverse_depth)
     x, y = np.nan_to_num(x, nan=-1e4), np.nan_to_num(y, nan=-1e4)
     seen = cv2.remap(other, x, y, cv2.INTER_NEAREST, borderValue=(0.0,))
@@ -139,28 +139,28 @@ def compare_surfaces(
 
 
 class SweepEngine:
-    """The functions in which engines part, as NumPy and OpenCV do them; all else is one text."""
+    """Base engine of the sweep with NumPy and OpenCV; subclasses replace its methods."""
 
     def __init__(self, note: str = "") -> None:
-        """`note`: what the sweep runs on and why; empty where that is nothing to speak of."""
+        """`note`: the hardware that the sweep runs on and why; empty in the normal case."""
         self.note = note
 
     def cost_volume(self, source_views: Sequence[SourceView], base: Array | None, offsets: Array) -> Any:
-        """Costs as by `cost_volume`, in a form and a memory of the engine's own."""
+        """Compute costs as `cost_volume`, in the engine's own layout and memory."""
         return cost_volume(source_views, base, offsets)
 
     aggregate = staticmethod(aggregate_costs)
 
     def find_cheapest(self, volume: Any, grey: Array, small: int, large: int) -> tuple[Array, Array]:
-        """Place and cost of each pixel's cheapest depth of such costs, after the semi-global scan."""
+        """Return index and cost of each pixel's cheapest depth in `volume`, after the semi-global scan."""
         return cheapest_depths(aggregate_costs(volume, grey, small, large), volume)
 
     def costs_along(self, source_views: Sequence[SourceView], inverse_depth: Array) -> Array:
-        """Costs along one surface (height x width, uint8)."""
+        """Return the costs along one surface (height x width, uint8)."""
         return np.ascontiguousarray(self.cost_volume(source_views, inverse_depth, np.zeros(1))[:, 0])
 
     def warp(self, source_view: SourceView, inverse_depth: Array) -> Array:
-        """The source's grey levels seen through inverse depths, `OUTSIDE` where it does not reach."""
+        """Return the source's grey levels warped by inverse depths, `OUTSIDE` beyond its image."""
         x, y, _ = source_view.project(inverse_depth)
         np.nan_to_num(x, copy=False, nan=-1e4)
         picture = source_view.source.grey

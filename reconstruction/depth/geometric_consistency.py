@@ -1,4 +1,4 @@
-"""Depth is kept where other views, each matched by itself, found the same surface."""
+"""Consistency check: depth is valid where other, independently matched views found the same surface."""
 
 from collections.abc import Iterable
 
@@ -13,33 +13,34 @@ from reconstruction.depth.plane_sweep import Surface
 
 USUAL_WIDTH = 640
 SUPPORT_SHARE = 0.7
-"""Share of the surface nearby that must be kept around a pixel which few views can see."""
+"""Minimum valid fraction of the nearby surface, around a pixel that few views can see."""
 SUPPORT_PLACES = 12
-"""Places nearby that must be on its surface: a few of them are chance."""
+"""Minimum number of nearby samples on the surface; a few may be chance."""
 REPROJECTION_PX = 1.0
-"""Greatest distance after going to the other view and back; more in pictures wider than `USUAL_WIDTH`,
-whose pixels are smaller than what windows can tell apart."""
+"""Maximum distance after projection to the other view and back; more in images wider than `USUAL_WIDTH`,
+whose pixels are smaller than what windows can resolve."""
 RELATIVE_DEPTH = 0.02
-"""Greatest relative difference of depth between views that agree."""
+"""Maximum relative depth difference between views that agree."""
 SURE_DEPTH = 0.01
-"""Relative difference of depth that is agreement, however many pixels it is at a wide angle."""
+"""Relative depth difference that always agrees, whatever its size in pixels at a wide angle."""
 MAX_ANGLE_DEG = 45.0
-"""Views from directions further apart neither agree nor disagree."""
+"""Maximum angle between views; at larger angles they neither agree nor disagree."""
 MAX_GREY_LEVELS = 10.0
-"""Greatest difference of brightness (of 255) beside the noise, once the two pictures are equally bright:
-blank things that are not the same would else agree."""
+"""Maximum difference in brightness (of 255) beyond the noise, after matching both images' brightness.
+
+Without it different blank objects would agree."""
 MIN_VIEWS = 2
-"""Views that must agree; fewer where there are fewer."""
+"""Number of views that must agree, or all if there are fewer."""
 MAX_COST = 0.5
-"""A pixel with no greater matching cost is evidence."""
+"""Maximum matching cost of a pixel that counts as evidence."""
 MAX_CARRY = 0.08
-"""How far smoothness may carry depth over a blank patch between evidence, as a share of the width."""
+"""Maximum distance over which smoothness carries depth across a blank area, relative to the width."""
 MAX_RIM = 0.005
-"""How far beyond evidence depth is kept, as a share of the width: windows match badly along edges."""
+"""Maximum distance of valid depth beyond evidence, relative to the width: windows match badly at edges."""
 MIN_ISLAND_PX = 50
-"""Smaller islands of depth are dropped."""
+"""Minimum size of an island of depth."""
 SUPPORT_PX = 15
-"""Side of the neighbourhood that counts as nearby around a pixel which few views can see."""
+"""Side of the neighbourhood of a pixel that few views can see."""
 
 
 def consistent_and_visible_views(
@@ -48,10 +49,10 @@ def consistent_and_visible_views(
     relative_depth: float = RELATIVE_DEPTH,
     engine: SweepEngine = CPU,
 ) -> tuple[Array, Array]:
-    """How many of the other views' surfaces agree with each pixel's, and how many could see it at all.
+    """Count the other views whose surfaces agree at each pixel, and the views that could see it.
 
-    Both uint8 height x width. A view cannot see what is beyond its picture or behind its own surface, or what
-    it sees from quite another direction.
+    Both uint8 height x width. A view cannot see points outside its image, behind its own surface, or from a
+    very different direction.
     """
     count, able = (np.zeros(surface.inverse_depth.shape, np.uint8) for _ in range(2))
     for source_view, other in others:
@@ -63,7 +64,7 @@ def consistent_and_visible_views(
 
 
 def count_coinciding_views(surface: Surface, others: Iterable[tuple[SourceView, Surface]]) -> Array:
-    """How many other views' surfaces coincide with each pixel's, of any brightness; uint8 height x width."""
+    """Count the other views whose surfaces agree at each pixel, of any brightness; uint8 height x width."""
     same = [
         CPU.compare(surface.inverse_depth, source_view, other.inverse_depth, _agreement(source_view))[0]
         for source_view, other in others
@@ -77,12 +78,12 @@ def _agreement(source_view: SourceView, relative_depth: float = RELATIVE_DEPTH) 
 
 
 def consistent_pixels(surface: Surface, count: Array, able: Array, sources: int, blank: Array) -> Array:
-    """Where depth is kept, bool height x width, by the votes of this many source views.
+    """Return where depth is valid, bool height x width, from the votes of `sources` source views.
 
-    Of the views that are `able` to see a pixel all but one must agree, and no more than `MIN_VIEWS`: one
-    where only two see it, as beside something near. There most of its neighbourhood must be kept too, for
-    what moves between the pictures finds one that agrees by chance. `blank` (bool): where the picture shows
-    nothing at all, as the dark behind a thing.
+    Of the views that are `able` to see a pixel all but one must agree, and no more than `MIN_VIEWS`. One is
+    enough if only two see it, as beside a near object. Then most of the neighbourhood must be valid too,
+    because a moving object finds one view that agrees by chance. `blank` (bool): pixels without any detail,
+    such as the dark behind an object.
     """
     usual = min(MIN_VIEWS, max(1, sources - 1))
     agreed = count >= usual
@@ -90,7 +91,7 @@ def consistent_pixels(surface: Surface, count: Array, able: Array, sources: int,
     unsure = np.nonzero(few & ~agreed)
     agreed[unsure] = _kept_share(few | agreed, surface, unsure) > SUPPORT_SHARE
     evidence = agreed & (surface.cost < MAX_COST)
-    # A single pixel of low cost is chance: evidence comes in patches.
+    # A single pixel of low cost may be chance: real evidence comes in patches.
     evidence = cv2.blur(evidence.astype(np.float32), (5, 5)) > 0.4
     away = cv2.distanceTransform((~evidence).astype(np.uint8), cv2.DIST_L2, 5) / evidence.shape[1]
     carried = (away <= MAX_RIM) | _between(evidence, round(MAX_CARRY * evidence.shape[1]))
@@ -99,14 +100,14 @@ def consistent_pixels(surface: Surface, count: Array, able: Array, sources: int,
 
 
 def _kept_share(kept: Array, surface: Surface, pixels: tuple[Array, ...]) -> Array:
-    """Which share of a pixel's own surface nearby is kept, at these rows and columns (n,).
+    """Return the valid fraction of the surface around pixels at these rows and columns (n,).
 
-    What is seen beside its edge does not count: of the background nothing may be kept.
+    Pixels on other surfaces, such as the background beyond an edge, do not count.
     """
     radius = SUPPORT_PX // 2
     rows, columns = pixels
     level, slope_x, slope_y, _ = (part[pixels] for part in surface)
-    # What lies beyond the picture is on no surface.
+    # Beyond the image there is no surface.
     around = cv2.copyMakeBorder(
         surface.inverse_depth, radius, radius, radius, radius, cv2.BORDER_CONSTANT, value=(-1e6,)
     )
@@ -122,9 +123,9 @@ def _kept_share(kept: Array, surface: Surface, pixels: tuple[Array, ...]) -> Arr
 
 
 def _between(evidence: Array, radius: int) -> Array:
-    """Pixels (bool) with evidence on both sides along their row or their column, at most `radius` px away.
+    """Return pixels (bool) with evidence on both sides in their row or column, at most `radius` px away.
 
-    From one side alone smoothness would carry a thing beyond its edge, into the dark beside it.
+    With evidence on one side only, smoothness would extend an object beyond its edge, into the dark.
     """
     found = evidence.copy()
     for axis in (0, 1):
@@ -135,7 +136,7 @@ def _between(evidence: Array, radius: int) -> Array:
 
 
 def _distance_since(evidence: Array, axis: int) -> Array:
-    """How many px ago along an axis there was evidence last; very many where there was none."""
+    """Return the distance from the last evidence along an axis, px; very large if there was none."""
     places = np.arange(evidence.shape[axis], dtype=np.int32)
     places = places[:, None] if axis == 0 else places[None, :]
     last = np.maximum.accumulate(np.where(evidence, places, -100_000), axis=axis)
@@ -143,7 +144,7 @@ def _distance_since(evidence: Array, axis: int) -> Array:
 
 
 def remove_speckles(good: Array, inverse_depth: Array, smallest: int) -> Array:
-    """The mask without islands of fewer pixels; a jump of depth separates islands."""
+    """Remove islands of fewer than `smallest` pixels from a mask; jumps of depth separate islands."""
     if not good.any():
         return good
     top = float(inverse_depth[good].max())
@@ -153,7 +154,7 @@ def remove_speckles(good: Array, inverse_depth: Array, smallest: int) -> Array:
 
 
 def _equally_bright(inverse_depth: Array, source_view: SourceView, same: Array) -> Array:
-    """Where the other view, seen through the surface, is as bright as this one (bool, height x width)."""
+    """Return where the other view, warped by the surface, is as bright as this one (bool, height x width)."""
     seen = CPU.warp(source_view, inverse_depth)
     reference = source_view.reference.grey
     gain, bias = _brightness_match(seen.reshape(-1), reference.reshape(-1), np.flatnonzero(same))
@@ -163,7 +164,7 @@ def _equally_bright(inverse_depth: Array, source_view: SourceView, same: Array) 
 
 
 def _brightness_match(seen: Array, reference: Array, pixels: Array) -> tuple[float, float]:
-    """Gain and bias that make one brightness the other's, by its spread at these; exposures may differ."""
+    """Return gain and bias between two images from percentiles at these pixels; exposures may differ."""
     if pixels.size < 100:
         return 1.0, 0.0
     some = pixels[:: max(1, pixels.size // 20_000)]

@@ -1,4 +1,4 @@
-"""The sweep's costs and their semi-global scan on an NVIDIA GPU: CuPy runs the kernels of `kernels.cu`."""
+"""Sweep engine for NVIDIA GPUs: CuPy runs the cost and semi-global scan kernels of `kernels.cu`."""
 
 import importlib
 import threading
@@ -31,7 +31,7 @@ CHOICE_THREADS = 128
 
 @dataclass(frozen=True, eq=False)
 class GpuVolume:
-    """Costs on the GPU (height x width x depths, uint8), with depths beyond `count` to a multiple of 4."""
+    """Costs on the GPU (height x width x depths, uint8); depths beyond `count` pad to a multiple of 4."""
 
     costs: Any
     count: int
@@ -39,7 +39,7 @@ class GpuVolume:
 
 @contextmanager
 def _told_in_words() -> Iterator[None]:
-    """Raises NotAvailableError for what a GPU fails with; CuPy's errors have no common base."""
+    """Convert any GPU failure into NotAvailableError; CuPy's errors have no common base."""
     try:
         yield
     except Exception as error:
@@ -48,9 +48,9 @@ def _told_in_words() -> Iterator[None]:
 
 
 class GpuEngine(SweepEngine):
-    """The sweep's engine on the current CUDA device; `cupy` is the module, or what has its interface."""
+    """Engine of the sweep on the current CUDA device; `cupy` is the module, or one with its interface."""
 
-    # Plane fits, votes and what is seen through a surface are made on the CPU.
+    # Plane fits, votes and warps along a surface run on the CPU.
     fit_planes = staticmethod(CPU.fit_planes)
     warp = staticmethod(CPU.warp)
     compare = staticmethod(CPU.compare)
@@ -66,7 +66,7 @@ class GpuEngine(SweepEngine):
     def cost_volume(
         self, source_views: Sequence[SourceView], base: Array | None, offsets: Array
     ) -> GpuVolume:
-        """As `cost_volume` of the CPU, but for rounding."""
+        """Compute costs as the CPU's `cost_volume`, except for rounding."""
         xp = self._cupy
         reference = source_views[0].reference
         height, width = reference.grey.shape
@@ -104,7 +104,7 @@ class GpuEngine(SweepEngine):
 
     @_told_in_words()
     def find_cheapest(self, volume: GpuVolume, grey: Array, small: int, large: int) -> tuple[Array, Array]:
-        """As on the CPU, to the last bit."""
+        """Find the cheapest depths, bit-identical to the CPU's."""
         xp = self._cupy
         height, width, padded = volume.costs.shape
         depths, lanes = _lanes(padded)
@@ -126,13 +126,13 @@ class GpuEngine(SweepEngine):
         return xp.asnumpy(place), xp.asnumpy(own)
 
     def costs_along(self, source_views: Sequence[SourceView], inverse_depth: Array) -> Array:
-        """As on the CPU, but for rounding."""
+        """Compute costs along a surface as on the CPU, except for rounding."""
         volume = self.cost_volume(source_views, inverse_depth, np.zeros(1))
         with _told_in_words():
             return np.ascontiguousarray(self._cupy.asnumpy(volume.costs)[..., 0])
 
     def _copy(self, array: Array) -> Any:
-        """The array on the GPU, row by row as the kernels read it; CuPy would keep the order it has here."""
+        """Copy an array to the GPU in row-major order, as kernels expect; CuPy would keep its order here."""
         return self._cupy.asarray(np.ascontiguousarray(array, np.float32))
 
     def _kernel(self, name: str, *, half_window: int = 2, lane_depths: int = 4) -> Any:
@@ -144,7 +144,7 @@ class GpuEngine(SweepEngine):
         return self._cupy.RawModule(code=KERNELS.read_text(), options=options)
 
     def _upload(self, array: Array) -> Any:
-        """The array on the GPU, once for as long as it lives here."""
+        """Return an array's copy on the GPU, uploaded once during the array's lifetime."""
         with self._lock:
             known = self._uploads.get(id(array))
             if known is not None and known[0]() is array:
@@ -156,14 +156,14 @@ class GpuEngine(SweepEngine):
 
 
 def on_cpu(why: str) -> SweepEngine:
-    """The CPU's engine, whose note says why it is not a GPU's."""
+    """Return the CPU's engine with a note that says why no GPU is used."""
     engine = copy(CPU)
     engine.note = "; ".join(filter(None, (f"on the CPU: {why}", CPU.note)))
     return engine
 
 
 def use_gpu(cupy: Any) -> SweepEngine:
-    """The engine of the first GPU if it does what it should, else the CPU's; `cupy` is the module."""
+    """Return the first GPU's engine if it passes a test, else the CPU's; `cupy` is the module."""
     try:
         if not cupy.cuda.runtime.getDeviceCount():
             return on_cpu("CuPy finds no GPU")
@@ -172,7 +172,7 @@ def use_gpu(cupy: Any) -> SweepEngine:
         costs = np.full((4, 4, 4), WORST_COST, np.uint8)
         costs[..., 2] = 0
         place, _ = engine.find_cheapest(GpuVolume(cupy.asarray(costs), 4), np.zeros((4, 4), np.float32), 1, 2)
-    # No driver, one too old, no compiler, all memory taken.
+    # No driver, an old driver, no compiler, no free memory.
     except Exception as error:  # noqa: BLE001
         cause = error.__cause__ if isinstance(error, NotAvailableError) else error
         said = first_line(cause if isinstance(cause, Exception) else error)
@@ -184,12 +184,12 @@ def use_gpu(cupy: Any) -> SweepEngine:
 
 @cache
 def find_engine() -> SweepEngine:
-    """A GPU's engine where CuPy and a GPU are here, else the CPU's; looked for, and told, once a process."""
+    """Return a GPU's engine if CuPy and a GPU are available, else the CPU's; searched and reported once."""
     try:
         engine = use_gpu(importlib.import_module("cupy"))
     except ImportError:
         engine = CPU
-    # One that was built for another NumPy, or without its libraries, fails as it likes.
+    # A CuPy built for another NumPy, or without its libraries, may raise anything.
     except Exception as error:  # noqa: BLE001
         engine = on_cpu(f"CuPy is broken ({first_line(error)})")
     if engine.note:
@@ -198,7 +198,7 @@ def find_engine() -> SweepEngine:
 
 
 def _lanes(padded: int) -> tuple[int, int]:
-    """Depths that each lane of a path keeps, and lanes to a path (a power of two)."""
+    """Return the depths per lane of a path, and the lanes per path (a power of two)."""
     depths = 4 * max(1, -(-padded // (4 * WARP)))
     lanes = 1
     while lanes * depths < padded:

@@ -1,4 +1,4 @@
-"""A mesh of the fused cloud, cut where no points support it, and pictures of clouds from six places."""
+"""Mesh of the fused point cloud, cut where no points support it, and views of clouds from six places."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -13,15 +13,15 @@ from reconstruction.common.native_libraries import foreign_calls, load_open3d
 
 NEIGHBOURS = 16
 MAX_POISSON_DEPTH = 9
-"""Halvings of the cloud's box: 2^9 cells along its longest side."""
+"""Maximum octree depth: 2^9 cells along the longest side of the cloud's box."""
 MAX_DISTANCE_SPACINGS = 4.0
-"""The mesh is cut off where the cloud is farther away than this many times the distance of its points."""
+"""Maximum distance of the mesh from the cloud, in units of the points' spacing; beyond it is removed."""
 MAX_MESH_POINTS = 400_000
 MAX_SHOWN_POINTS = 150_000
 TURNS_DEG = (-50, -30, -10, 10, 30, 50)
 ALL_ROUND_DEG = (0, 60, 120, 180, 240, 300)
 AROUND = 0.6
-"""Cameras stand around the scene where the mean of the unit vectors towards them is no longer than this."""
+"""Maximum length of the mean unit vector towards the cameras if they surround the scene."""
 FRAME_PX, WIDE_DEG, GROUND_GREY = (480, 360), 65.0, 32
 
 
@@ -30,11 +30,11 @@ def build_mesh(
 ) -> tuple[int, int, tuple[str, ...]]:
     """Clean the fused cloud, mesh it, and write cloud.ply, mesh.ply and turntable.png into the folder.
 
-    Returns how many points and triangles are left, and the files' names.
+    Returns the remaining numbers of points and triangles, and the files' names.
 
-    A cloud of too few points has no mesh, and no picture; none has where there is to be no `mesh`.
+    A cloud of too few points gives no mesh and no picture, nor does `mesh` False.
 
-    `views`: the cameras, from whose side it is shown.
+    `views`: the cameras; the pictures are taken from their side.
 
     Raises:
         OSError: a file could not be written.
@@ -44,7 +44,7 @@ def build_mesh(
         cloud = _drop_outliers(o3d.io.read_point_cloud(str(fused)))
         made = _poisson_mesh(o3d, cloud) if mesh else o3d.geometry.TriangleMesh()
         written = o3d.io.write_point_cloud(str(folder / "cloud.ply"), cloud)
-        # Of a few points there is no mesh, and Open3D refuses to write one.
+        # A few points give no mesh, and Open3D refuses to write an empty one.
         if len(made.triangles):
             written &= o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), made)
     if not written:
@@ -57,7 +57,7 @@ def build_mesh(
 
 
 def draw_clouds(clouds: Mapping[str, tuple[Array, Array]], views: Sequence[View]) -> dict[str, Array]:
-    """Clouds from the same six places about the middle of the first, each as one BGR picture of 3 x 2.
+    """Draw clouds from the same six places around the first one's centre, each as one BGR picture of 3 x 2.
 
     A cloud is points (n, 3) in the rig's frame and colours (n, 3) uint8 RGB.
     """
@@ -72,7 +72,7 @@ def draw_clouds(clouds: Mapping[str, tuple[Array, Array]], views: Sequence[View]
 
 
 def _draw_points(points: Array, colours: Array, eye: Array, middle: Array, up: Array) -> Array:
-    """Points as squares of 3 px, the nearest in front, as one sees them from `eye` towards `middle`."""
+    """Draw points as squares of 3 px, the nearest in front, as seen from `eye` towards `middle`."""
     width, height = FRAME_PX
     ahead = (middle - eye) / np.linalg.norm(middle - eye)
     right = np.cross(ahead, up)
@@ -86,19 +86,19 @@ def _draw_points(points: Array, colours: Array, eye: Array, middle: Array, up: A
     inside = ((at > 0) & (at < (width - 1, height - 1))).all(1)
     square = np.add.outer([-width, 0, width], [-1, 0, 1]).ravel()
     picture = np.full((height * width, 3), GROUND_GREY, np.uint8)
-    # Where squares overlap the last one stays.
+    # Later squares overwrite earlier ones.
     picture[(at[inside] @ (1, width))[:, None] + square] = colours[nearer[inside], None, ::-1]
     return picture.reshape(height, width, 3)
 
 
 def _places_around(middle: Array, views: Sequence[View]) -> tuple[list[Array], Array]:
-    """Six places (3,) on the cameras' side of a point, or all round it, and what is up there (3,)."""
+    """Return six places (3,) on the cameras' side of a point, or all around it, and the up direction (3,)."""
     away = np.array([view.centre for view in views]) - middle
     distance = np.linalg.norm(away, axis=1, keepdims=True)
     towards = np.mean(away / np.maximum(distance, 1e-9), axis=0)
     turns = TURNS_DEG
     if np.linalg.norm(towards) < AROUND:
-        # The cameras' mean place is in the midst of the scene: begin at one of them.
+        # The cameras' mean position is within the scene: start at one of them.
         towards, turns = away[0], ALL_ROUND_DEG
     start = towards / np.linalg.norm(towards) * 1.15 * float(np.median(distance))
     up = up_direction([view.rotation for view in views])
@@ -106,7 +106,7 @@ def _places_around(middle: Array, views: Sequence[View]) -> tuple[list[Array], A
 
 
 def _drop_outliers(cloud: Any) -> Any:
-    """Points far from their neighbours are dropped; normals stay those of the views."""
+    """Drop points far from their neighbours; normals remain as measured by the views."""
     if len(cloud.points) <= NEIGHBOURS:
         return cloud
     return cloud.remove_statistical_outlier(NEIGHBOURS, 2.5)[0]
@@ -123,16 +123,16 @@ def _poisson_mesh(o3d: Any, cloud: Any) -> Any:
     mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=-1)
     vertices = o3d.geometry.PointCloud(mesh.vertices)
     away = np.asarray(vertices.compute_point_cloud_distance(cloud))
-    # Poisson closes every surface: what no point supports would be invented.
+    # Poisson closes every surface: parts without supporting points are invented.
     mesh.remove_vertices_by_mask(away > MAX_DISTANCE_SPACINGS * max(spacing, side / 2**depth))
     mesh.remove_unreferenced_vertices()
     return mesh
 
 
 def up_direction(rotations: Sequence[Array]) -> Array:
-    """What is up in most pictures of cameras with these `cam_from_rig` rotations, in the rig's frame (3,).
+    """Return the up direction (3,) of most images in the rig's frame, from `cam_from_rig` rotations.
 
-    The line that their columns are most along: a camera that hangs upside down is along it too.
+    It is along the principal axis of the images' columns, which upside-down cameras share.
     """
     down = np.array([rotation[1] for rotation in rotations])
     axis = np.linalg.eigh(down.T @ down)[1][:, -1]

@@ -1,4 +1,4 @@
-"""Local planes of a depth map: in inverse depth a plane of the scene is a plane over the pixels."""
+"""Local plane fits to a depth map; a plane of the scene is linear in inverse depth over the pixels."""
 
 import cv2
 import numpy as np
@@ -17,14 +17,14 @@ def fit_planes(
     stride: int = 1,
     rounds: int = 2,
 ) -> Array:
-    """Inverse depth and its slope per pixel in x and y (3 x height x width, float32): each pixel's own plane.
+    """Fit a plane at each pixel: inverse depth and its slope per pixel in x and y (3 x height x width).
 
-    Fitted by least squares to the neighbours within `radius * stride` px that lie within `tolerance` of the
-    plane found before, so that no plane bridges an edge of depth; the first plane goes through the
-    pixel's own depth and has these `slopes` (2 x height x width), or none.
+    The result is float32. The fit is by least squares to the neighbours within `radius * stride` px that are
+    within `tolerance` of the previous plane, so that no plane bridges a depth edge. The first plane goes
+    through the pixel's own depth and has these `slopes` (2 x height x width), or none.
     """
     border = radius * stride
-    # What lies beyond the picture is on no plane.
+    # Beyond the image there is no plane.
     padded = cv2.copyMakeBorder(
         inverse_depth, border, border, border, border, cv2.BORDER_CONSTANT, value=(-1e6,)
     )
@@ -45,10 +45,10 @@ def fit_planes(
 
 
 def _weighed(around: Array, plane: Array, steps: Array, tolerance: float) -> Array:
-    """Sums for the normal equations (9, height, width) over the neighbours, by how near the plane they lie.
+    """Return sums for the normal equations (9, height, width), weighting neighbours near the plane more.
 
-    `around` holds the inverse depths of a band with a border; of the neighbours' places and their gaps to
-    the plane's level: n, x, y, xx, xy, yy, gap, x gap, y gap.
+    `around` contains the inverse depths of a band with a border. The sums, over the neighbours' positions and
+    their gaps to the plane's level, are: n, x, y, xx, xy, yy, gap, x gap, y gap.
     """
     level, right, down = plane
     height, width = level.shape
@@ -78,11 +78,11 @@ def _weighed(around: Array, plane: Array, steps: Array, tolerance: float) -> Arr
 
 
 def _solve(sums: Array, before: Array) -> Array:
-    """Least-squares planes by their normal equations; where these are underdetermined, the planes before."""
+    """Solve the normal equations for planes; if underdetermined, return the previous planes."""
     n, sx, sy, xx, xy, yy, sv, xv, yv = sums
     n = np.maximum(n, 1e-6)
     mx, my, mv = sx / n, sy / n, sv / n
-    # A little of the identity: along an edge of depth the slope across it is unknown, and taken as flat.
+    # Regularize slightly: along a depth edge the slope across it is unknown, and assumed flat.
     cxx, cxy, cyy = xx / n - mx * mx + 0.01, xy / n - mx * my, yy / n - my * my + 0.01
     cxv, cyv = xv / n - mx * mv, yv / n - my * mv
     det = np.maximum(cxx * cyy - cxy * cxy, 1e-6)
@@ -92,7 +92,7 @@ def _solve(sums: Array, before: Array) -> Array:
 
 
 def surface_normals(inverse_depth: Array, right: Array, down: Array, rays: Array) -> Array:
-    """Unit normals (height x width x 3, float32) in the camera's frame, facing the camera.
+    """Return unit normals (height x width x 3, float32) in the camera's frame, facing the camera.
 
     With w = a + right * x + down * y and rays (x', y', 1) of the pixels, the plane n . X = d has
     n / d = gradient of w along the rays.

@@ -1,4 +1,4 @@
-"""One view's depth: plane sweep, semi-global smoothing, then sweeps along the surface found."""
+"""Depth of one view: plane sweep, semi-global smoothing, then sweeps along the resulting surface."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
@@ -14,36 +14,36 @@ from reconstruction.depth.engine import SweepEngine
 
 WAYS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 MIN_GAIN = 0.02
-"""By how much, of 1, a plane from beside must match better than a pixel's own: noise differs, too."""
+"""Minimum gain in cost (0 to 1) for adopting a neighbouring plane; smaller gains may be noise."""
 SMOOTHING_PX = 3
 TOLERANCE = 1.0
-"""Neighbours on one plane are within so many steps of the first sweep of it."""
+"""Maximum distance of neighbours from a common plane, in steps of the first sweep."""
 MIN_PLANES, MAX_PLANES = 24, 400
-"""Depths of the first sweep."""
+"""Minimum and maximum number of depths of the first sweep."""
 MIN_WIDTH_PX = 200
 STEP_PX = 0.8
-"""Distance between the depths of the first sweep, in the source in which it is largest."""
+"""Distance between depths of the first sweep, px, in the source in which it is largest."""
 PENALTIES, FINE_PENALTIES = (20, 800), (10, 300)
-"""Penalties of a step by one depth between neighbours and of any larger one, in the first sweep and in those
-along the surface; 255 is the cost of no likeness."""
+"""Penalties of a step by one depth between neighbours and of any larger one, in the first sweep and in sweeps
+along the surface; 255 is the cost of zero correlation."""
 MAX_PROPOSED_COST = 0.8
-"""A depth that others confirmed must match as well as this, or better than what was found before; one that
-nobody confirmed both."""
+"""Maximum cost of an adopted depth. If others confirmed the depth, this or a lower cost than before is
+enough; otherwise both are required."""
 
 
 def move_edges(
     planes: Array, source_views: Sequence[SourceView], away_px: int, engine: SweepEngine = CPU
 ) -> Array:
-    """Every pixel's own plane, or that of a pixel `away_px` to a side, above or below if that matches better.
+    """Replace each pixel's plane by a neighbour's, `away_px` to any of the four sides, if it matches better.
 
     Planes are inverse depth and its slope per pixel in x and y, float32 3 x height x width. Sweeps along a
-    surface only move it nearer or farther: what was taken for the background beside an edge stays there.
-    Windows bend with the surface, so that the one whose edges are right matches on both sides.
+    surface only move it nearer or farther: a pixel beside an edge that was taken for background stays there.
+    Windows bend with the surface, so the surface with the correct edges matches on both sides.
     """
     cost = _cost_along(planes[0], source_views, engine) - MIN_GAIN * WORST_COST
     best = planes.copy()
     _, height, width = planes.shape
-    # At the border its own last ones.
+    # The border's planes are repeated beyond it.
     around = np.pad(planes, ((0, 0), (away_px, away_px), (away_px, away_px)), "edge")
     for right, down in WAYS:
         dx, dy = away_px * right, away_px * down
@@ -61,34 +61,34 @@ def _cost_along(inverse_depth: Array, source_views: Sequence[SourceView], engine
 
 
 class Refinement(NamedTuple):
-    """A sweep along the surface: its step, in steps of the first sweep, and how many of them on each side."""
+    """A sweep along the surface: its step relative to the first sweep's, and the number of steps per side."""
 
     step_share: float
     steps: int
     edges_share: float = 0.0
-    """By which share of the picture's width edges may move before."""
+    """Distance by which edges may move before the sweep, relative to the image's width."""
 
 
 @dataclass(frozen=True)
 class SweepOptions:
-    """What the sweeps are made with, and on."""
+    """Parameters of the sweeps, and the engine that runs them."""
 
     window: int = 5
-    """Side of the window that is matched, px."""
+    """Side of the matching window, px."""
     fine_window: int = 7
-    """Side of the window in sweeps along the surface, px."""
+    """Side of the matching window in sweeps along the surface, px."""
     refinements: tuple[Refinement, ...] = (Refinement(0.5, 4, 0.0125), Refinement(0.25, 3, 0.005))
     max_cells: int = 80_000_000
-    """Pixels times depths of one sweep, some bytes each; larger pictures are swept at a smaller size."""
+    """Maximum pixels times depths of one sweep, some bytes each; larger images are reduced."""
     first_scale: float = 1.0
-    """Size of the pictures in the first sweep, where they are wider than `MIN_WIDTH_PX`."""
+    """Scale of the images in the first sweep if they are wider than `MIN_WIDTH_PX`."""
     engine: SweepEngine = CPU
 
 
 class Surface(NamedTuple):
-    """What a view sees: inverse depth, its slope per pixel in x and y, and the sources' matching cost.
+    """Surface seen by a view: inverse depth, its slope per pixel in x and y, and the sources' matching cost.
 
-    Each float32 height x width; `cost` is 0 (the same) to 1; inverse depth in 1 / the rig's unit.
+    Each is float32 height x width; `cost` is 0 (equal) to 1; inverse depth is in 1 / the rig's unit.
     """
 
     inverse_depth: Array
@@ -103,7 +103,7 @@ def sweep_view(
     depth_range: tuple[float, float],
     options: SweepOptions,
 ) -> Surface:
-    """The surface that the reference view sees between two depths (nearest, farthest; the rig's unit)."""
+    """Return the surface of the reference view between two depths (nearest, farthest; the rig's unit)."""
     span = (1 / depth_range[1], 1 / depth_range[0])
     scale, count = _plan_first_sweep(reference, sources, span, options)
     small = reference.scaled(scale)
@@ -127,12 +127,12 @@ def adopt_proposals(
     depth_range: tuple[float, float],
     options: SweepOptions,
 ) -> Surface:
-    """The surface with what others put into the picture where that matches too.
+    """Adopt depths that other views project into this image, if they match here too.
 
-    `proposed`: their inverse depths, 0 = none. Where they are `sure` (bool), as others confirmed them, they
-    must match at all, elsewhere better than what was found before.
+    `proposed`: their inverse depths, 0 = none. Where they are `sure` (bool), as others confirmed them, a
+    moderate cost is enough; elsewhere they must also match better than the surface found before.
 
-    `depth_range`: the nearest and the farthest depth, as in the first sweep.
+    `depth_range`: nearest and farthest depth, as in the first sweep.
     """
     span = (1 / depth_range[1], 1 / depth_range[0])
     scale, count = _plan_first_sweep(reference, sources, span, options)
@@ -147,7 +147,7 @@ def adopt_proposals(
     swept = _refine_surface(
         Surface._make((*planes, surface.cost)), fine, source_views, step, plan, options.engine
     )
-    # What moves between the pictures is elsewhere in this one than others have confirmed.
+    # A moving object is at another place in this image than the one that others confirmed.
     highest = np.full_like(surface.cost, MAX_PROPOSED_COST)
     choose = np.where(sure, np.maximum(highest, surface.cost), np.minimum(highest, surface.cost))
     new &= swept.cost < choose
@@ -160,7 +160,7 @@ def sweep_planes(
     levels: Array,
     options: SweepOptions,
 ) -> Surface:
-    """The surface by these evenly spaced inverse depths alone."""
+    """Return the surface from these evenly spaced inverse depths only."""
     step = float(levels[1] - levels[0])
     reference = replace(reference, window=options.window)
     source_views = [SourceView(reference, source_view.source) for source_view in source_views]
@@ -179,11 +179,11 @@ def _refine_surface(
     plan: Sequence[Refinement],
     engine: SweepEngine,
 ) -> Surface:
-    """The surface after sweeps along itself: windows bend with it, so that slanted surfaces match."""
+    """Refine the surface by sweeps along it; windows bend with it, so that slanted surfaces match."""
     for share, steps, edges_share in plan:
         planes = np.stack(surface[:3])
         if edges_share:
-            # The reference may be a part of its picture.
+            # The reference may be a crop of its image.
             edges_px = max(1, round(edges_share * source_views[0].source.view.width))
             planes = move_edges(planes, source_views, edges_px, engine)
         offsets = np.arange(-steps, steps + 1) * (step * share)
@@ -201,7 +201,7 @@ def _plan_first_sweep(
     span: tuple[float, float],
     options: SweepOptions,
 ) -> tuple[float, int]:
-    """Size of the pictures in the first sweep, and how many depths it takes."""
+    """Return the scale of the images in the first sweep, and its number of depths."""
     moved = max(motion_px(SourceView(reference, source), *span) for source in sources)
     pixels = reference.grey.size
     scale = options.first_scale if reference.view.width > MIN_WIDTH_PX else 1.0
@@ -213,7 +213,7 @@ def _plan_first_sweep(
 
 
 def motion_px(source_view: SourceView, low: float, high: float) -> float:
-    """How far a pixel moves in the source between two inverse depths: the median over the picture, px."""
+    """Return the median motion of the image's pixels in the source between two inverse depths, px."""
     ends = [source_view.project(np.full((1, 1), w, np.float32), every=8) for w in (low, high)]
     moved = np.hypot(ends[1][0] - ends[0][0], ends[1][1] - ends[0][1])
     moved = moved[np.isfinite(moved)]
@@ -221,7 +221,7 @@ def motion_px(source_view: SourceView, low: float, high: float) -> float:
 
 
 def _enlarge_surface(surface: Surface, reference: CalibratedImage) -> Surface:
-    """The surface at the reference's own size, every pixel's plane continued over the pixels it becomes."""
+    """Enlarge the surface to the reference's size, extending each pixel's plane over its new pixels."""
     height, width = surface.inverse_depth.shape
     sx, sy = width / reference.view.width, height / reference.view.height
     x = (np.arange(reference.view.width) + 0.5) * sx - 0.5

@@ -1,4 +1,4 @@
-"""What stands still needs depth once: later instants sweep boxes around what moves, and what it uncovered."""
+"""Depth reuse for static scenes: later instants sweep only boxes around moving or uncovered areas."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -13,33 +13,35 @@ from reconstruction.depth.compiled import CPU
 from reconstruction.depth.plane_sweep import Surface
 
 CHANGED_GREY, CHANGED_WINDOW = 8.0, 5
-"""Grey levels by which the mean of a window of so many px differs from when a depth was found there."""
+"""Minimum difference of a window's mean grey level that counts as a change since its depth was found.
+
+The second number is the window's side, px."""
 WIDER_PX = 6
-"""Around what has changed, whose windows show some of it."""
+"""Margin around changes, where windows include part of them."""
 MARGIN_PX = 12
-"""Around what a box is for, where its windows and paths begin."""
+"""Margin of a box around its changes, for windows and paths to start in."""
 MOST_NEW = 0.6
-"""Share of the pictures from which on all is swept again: the light has changed, or a camera was nudged."""
+"""Changed fraction of the images above which everything is swept again: light or a camera has changed."""
 
 Box = tuple[slice, slice]
 WHOLE: Box = (slice(None), slice(None))
 
 
 class StillScene:
-    """What earlier instants of a session found, and what of that does not hold for the one looked at."""
+    """Results of a session's earlier instants, and the areas where they do not hold for the current one."""
 
     def __init__(self) -> None:
         self.scene: CoarseScene | None = None
-        """Where the scene is; None where that is to be found."""
+        """Coarse location of the scene; None if it must be found first."""
         self._new: dict[str, Array] = {}
-        """What is to be swept (bool); empty: all of all."""
+        """Pixels to be swept (bool), by camera; empty: everything."""
         self._surfaces: dict[str, Surface] = {}
         self._cameras: set[str] = set()
         self._pictures: dict[str, Array] = {}
-        """Grey levels by which depth was found; `OUTSIDE` where something moved, or hid it from a source."""
+        """Grey levels when depth was found; `OUTSIDE` where something moved or hid the pixel from a source."""
 
     def look(self, images: Mapping[str, CalibratedImage]) -> None:
-        """Look at an instant's pictures: what moves, or looks otherwise than when its depth was found?"""
+        """Compare an instant's images with the known ones, and mark moving and changed pixels to be swept."""
         before, self._cameras, self._new = self._cameras, set(images), {}
         for name, known in self._pictures.items() if before == self._cameras else ():
             moved, grey = known == OUTSIDE, images[name].grey
@@ -49,11 +51,11 @@ class StillScene:
             self.scene, self._new, self._pictures = None, {}, {}
 
     def new(self, name: str, image: CalibratedImage) -> Array:
-        """What is to be swept of a camera's picture (bool)."""
+        """Return the pixels of a camera's image that must be swept (bool)."""
         return self._new.get(name, np.ones(image.grey.shape, bool))
 
     def surface(self, name: str, image: CalibratedImage) -> Surface:
-        """What was found of a camera's picture until now."""
+        """Return the surface found so far for a camera's image."""
         return self._surfaces.get(name) or Surface(*np.zeros((4, *image.grey.shape), np.float32))
 
     def keep(
@@ -62,7 +64,7 @@ class StillScene:
         sources: Mapping[str, Sequence[str]],
         surfaces: Mapping[str, Surface],
     ) -> None:
-        """Keep what was found of these pictures: beside and behind what moves until that has gone on."""
+        """Store the surfaces of these images; pixels beside or behind moving objects are swept again."""
         self._surfaces |= surfaces
         moving = {name: _wider(_moving(image), WIDER_PX) for name, image in images.items()}
         for name, surface in surfaces.items():
@@ -86,10 +88,10 @@ def _wider(mask: Array, radius_px: int) -> Array:
 
 
 def boxes_around(new: Array) -> list[tuple[Box, Array]]:
-    """Boxes that hold all of a mask (bool) and a margin, and what of the mask each is for (bool)."""
+    """Return boxes that cover a mask (bool) with a margin, and the part of the mask in each (bool)."""
     wide = _wider(new, MARGIN_PX).astype(np.uint8)
     _, parts, boxes, _ = cv2.connectedComponentsWithStats(wide)
-    # The first is all that lies outside.
+    # The first component is the outside.
     return [
         ((slice(top, top + height), slice(left, left + width)), new & (parts == part))
         for part, (left, top, width, height, _) in enumerate(boxes.tolist())
@@ -98,7 +100,7 @@ def boxes_around(new: Array) -> list[tuple[Box, Array]]:
 
 
 def renewed(surface: Surface, swept: Surface, box: Box, new: Array) -> Surface:
-    """The surface with what was swept in a box where that is new (bool, of the whole picture)."""
+    """Return the surface with a box's sweep copied in where `new` (bool, of the whole image) is set."""
     found = Surface(*(part.copy() for part in surface))
     for part, now in zip(found, swept, strict=True):
         np.copyto(part[box], now, where=new[box])

@@ -1,4 +1,4 @@
-"""Depth of all cameras of an instant: each by itself, then what others confirm, or propose in its place."""
+"""Depth of all cameras of an instant: independent sweeps, mutual confirmation, and proposals by others."""
 
 from collections.abc import Iterable, Mapping, Sequence
 from concurrent.futures import Executor
@@ -30,16 +30,16 @@ from reconstruction.depth.plane_sweep import (
 from reconstruction.depth.still_scene import WHOLE, StillScene, boxes_around, renewed
 
 MAX_VOTERS = 8
-"""Other views that are asked whether they agree: the sources first, then theirs."""
+"""Maximum number of other views that vote: the sources first, then the sources' sources."""
 NORMAL_TOLERANCE = 0.03
-"""Neighbours on one plane differ from it by less than this share of the median inverse depth."""
+"""Maximum distance of neighbours from a common plane, relative to the median inverse depth."""
 CELLS_SHARE = 0.4
-"""Share of the memory budget for the matching costs of all sweeps that run at once."""
+"""Fraction of the memory budget for the matching costs of all concurrent sweeps."""
 BYTES_PER_CELL = 5
 
 
 def propose_inverse_depth(others: Iterable[tuple[SourceView, Array]], shape: tuple[int, int]) -> Array:
-    """Inverse depth (`shape`) of the nearest surface that other views' depths put here; 0 = none.
+    """Return the inverse depth (`shape`) of the nearest surface that others project here; 0 = none.
 
     The source views are from each other view to this one.
     """
@@ -56,7 +56,7 @@ def propose_inverse_depth(others: Iterable[tuple[SourceView, Array]], shape: tup
 
 
 def _close_gaps(inverse_depth: Array) -> Array:
-    """Gaps of a pixel closed, and what is seen between the points of something nearer taken away."""
+    """Close gaps of one pixel, and remove background seen between the points of a nearer surface."""
     kernel = np.ones((3, 3), np.uint8)
     front = cv2.morphologyEx(inverse_depth, cv2.MORPH_CLOSE, kernel)
     behind = inverse_depth < 0.98 * front
@@ -70,7 +70,7 @@ class ViewDepth:
     depth: Array
     normals: Array
     surface: Surface | None = None
-    """What was found before the consistency check; None where COLMAP matched."""
+    """The surface before the consistency check; None if COLMAP matched."""
 
 
 def match_all_views(
@@ -83,11 +83,11 @@ def match_all_views(
     quick: bool = False,
     still: StillScene | None = None,
 ) -> dict[str, ViewDepth]:
-    """Depth and normals of every camera that has sources.
+    """Compute depth and normals of every camera that has sources.
 
-    `depth_ranges`: between which two depths each camera's scene is. `progress` gets a step after each.
-    `quick`: a first sweep at half the size, half the time; thin parts and edges lose by it.
-    `still`: what earlier instants found, which has looked at these images, and keeps what is found.
+    `depth_ranges`: each camera's nearest and farthest depth. `progress` advances by a step after each camera.
+    `quick`: a first sweep at half the size, in half the time; thin parts and edges suffer.
+    `still`: results of earlier instants, which has looked at these images and stores the new results.
     """
     still = still or StillScene()
     new = {name: still.new(name, image) for name, image in images.items()}
@@ -108,7 +108,7 @@ def match_all_views(
         return found
 
     def propose(name: str) -> Surface:
-        """The surface where others confirm it, elsewhere what their own surfaces put there."""
+        """Return the surface where others confirm it, elsewhere their own surfaces if they match."""
         others = [images[other] for other in sources[name]]
         to_this = [SourceView(other, images[name]) for other in others]
 
@@ -119,7 +119,7 @@ def match_all_views(
         sure = from_others(kept)
         proposed = sure
         if name in paired:
-            # Nobody else could confirm what that camera found, unless this one finds it too.
+            # No other camera can confirm that camera's depths, unless this one finds them too.
             matched = {o: _matched_depth(surfaces[o], kept[o]) for o in sources[name]}
             proposed = np.where(sure > 0, sure, from_others(matched))
         proposed = np.where(kept[name] > 0, 0, proposed)
@@ -139,7 +139,7 @@ def match_all_views(
         surfaces = dict(zip(names, pool.map(propose, names), strict=True))
         kept = _kept_depths(pool, images, sources, surfaces, engine)
         if paired:
-            # What one of two has taken over from the other, the other may now see in turn.
+            # Depths that one of two adopted from the other may now be visible to the other.
             surfaces |= zip(paired, pool.map(propose, paired), strict=True)
             kept = _kept_depths(pool, images, sources, surfaces, engine)
         still.keep(images, sources, surfaces)
@@ -151,7 +151,7 @@ def match_all_views(
 
 
 def _matched_depth(surface: Surface, kept: Array) -> Array:
-    """Depth where a view's own windows match, though others did not confirm it, elsewhere 0."""
+    """Return depth where a view's own windows match but others did not confirm it, elsewhere 0."""
     found = (kept <= 0) & (surface.cost < MAX_PROPOSED_COST)
     return np.where(found, 1 / np.maximum(surface.inverse_depth, 1e-12), 0).astype(np.float32)
 
@@ -163,7 +163,7 @@ def _kept_depths(
     surfaces: Mapping[str, Surface],
     engine: SweepEngine,
 ) -> dict[str, Array]:
-    """Every view's depth where others confirm it, elsewhere 0; float32 height x width."""
+    """Return every view's depth where others confirm it, elsewhere 0; float32 height x width."""
 
     def confirm(name: str) -> Array:
         surface = surfaces[name]
@@ -179,7 +179,7 @@ def _kept_depths(
 def _nearest_views(
     name: str, sources: Mapping[str, Sequence[str]], surfaces: Mapping[str, Surface]
 ) -> list[str]:
-    """The other views, by over how many views' sources they are reached."""
+    """Return the other views, ordered by the number of source links to them."""
     found = [name]
     for one in found:
         found += [other for other in sources[one] if other in surfaces and other not in found]
@@ -187,7 +187,7 @@ def _nearest_views(
 
 
 def _view_normals(surface: Surface, image: CalibratedImage) -> Array:
-    """Normals over a wider neighbourhood than depth needs: slope is more easily upset than height."""
+    """Return normals, fitted over a wider neighbourhood than depth: slopes are more sensitive to noise."""
     tolerance = NORMAL_TOLERANCE * float(np.median(surface.inverse_depth))
     slopes = np.stack([surface.slope_x, surface.slope_y])
     _, right, down = CPU.fit_planes(surface.inverse_depth, tolerance, slopes=slopes, radius=3, stride=3)

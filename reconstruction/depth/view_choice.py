@@ -1,4 +1,4 @@
-"""Which views suit each other for depth: those that see the same points from fit directions."""
+"""Choice of views for depth: those that see the same points from suitable angles."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -10,39 +10,39 @@ from capture_app.common.errors import NotApplicableError
 from reconstruction.common.geometry import Array, View
 
 BEST_ANGLES_DEG = (2.5, 14.0)
-"""Below this parallax depth is uncertain; beyond it the same surface begins to look different."""
+"""Best parallax: below the first depth is uncertain; beyond the second a surface begins to look different."""
 MIN_ANGLE_DEG = 0.5
-"""Below this it says nothing: at a focal length of 500 px an error of 0.2 px is 5 % of the depth."""
+"""Minimum parallax: at a focal length of 500 px an error of 0.2 px is 5 % of the depth."""
 MAX_ANGLE_DEG = 45.0
-"""Beyond this it looks so different that nothing is matched."""
+"""Maximum parallax; beyond it a surface looks too different to match."""
 STEPS = 28
 SPACINGS = (0.7, 250.0)
-"""Depths that are tried for two views, in distances between them: parallax of about 70 to 0.2 degrees."""
+"""Range of depths tried for two views, in units of their distance: parallax of about 70 to 0.2 degrees."""
 MIN_SHARE = 0.05
-"""Views that share less show different things."""
+"""Minimum common fraction of the image; views with less show different scenes."""
 MIN_SCORE = 0.12
-"""A view that shares less than about an eighth of the picture is not worth its time."""
+"""Minimum score of a source; a view that shares less than about 1/8 of the image is not worth its time."""
 SPAN_SHARE = 0.3
-"""Depths at which two views share less of the picture are not searched."""
+"""Minimum common fraction of the image at a depth that is searched."""
 MAX_SOURCES = 4
 
 
 @dataclass(frozen=True)
 class ViewOverlap:
-    """What a view shares with another; all but the span at the depth where they suit each other best."""
+    """Overlap of a view with another; all but the span at the depth where they suit each other best."""
 
     score: float
-    """Share of the picture that the other sees too, less where the angle is unfit; 0 to 1."""
+    """Fraction of the image that the other sees too, reduced for unsuitable angles; 0 to 1."""
     share: float
     angle_deg: float
     usual_score: float
-    """Mean of the score over all depths."""
+    """Mean score over all depths."""
     span: tuple[float, float]
-    """Least and greatest inverse depth at which enough is shared; (0, 0) where it never is."""
+    """Minimum and maximum inverse depth with enough overlap; (0, 0) if there is none."""
 
 
 def angle_fitness(angle_deg: Array) -> Array:
-    """How well surfaces match that two views see at these angles, 0 to 1."""
+    """Return how well surfaces match that two views see at these angles, 0 to 1."""
     low, high = BEST_ANGLES_DEG
     beyond = np.clip((angle_deg - high) / (MAX_ANGLE_DEG - high), 0, 1)
     narrow = np.clip((angle_deg - MIN_ANGLE_DEG) / (low - MIN_ANGLE_DEG), 0, 1)
@@ -50,7 +50,7 @@ def angle_fitness(angle_deg: Array) -> Array:
 
 
 def seen_points(view: View, other: View, points: Array) -> tuple[Array, Array]:
-    """Which points (n, 3) another view's picture holds (bool), and between which angles both see them."""
+    """Return which points (n, 3) are in another view's image (bool), and the angles between both views."""
     seen = points @ other.rotation.T + other.translation
     ahead = seen[:, 2] > 1e-9
     z = np.where(ahead, seen[:, 2], 1.0)
@@ -64,20 +64,20 @@ def seen_points(view: View, other: View, points: Array) -> tuple[Array, Array]:
 
 
 def score_points(view: View, other: View, points: Array) -> float:
-    """How well another view suits for the depth of a view's points (n, 3), 0 to 1."""
+    """Return how suitable another view is for the depth of a view's points (n, 3), 0 to 1."""
     inside, angle = seen_points(view, other, points)
     return float(np.mean(inside * angle_fitness(angle))) if len(points) else 0.0
 
 
 def grid_points(view: View, depth: float) -> Array:
-    """Points of a grid over the view's picture at this depth, in the rig's frame (n, 3)."""
+    """Return the points of a grid over the view's image at this depth, in the rig's frame (n, 3)."""
     xs, ys = np.meshgrid(np.linspace(0, view.width - 1, 9), np.linspace(0, view.height - 1, 7))
     pixels = np.column_stack([xs.ravel(), ys.ravel()])
     return view.unproject(pixels, np.full(len(pixels), depth))
 
 
 def find_overlaps(views: Mapping[str, View], name: str) -> dict[str, ViewOverlap]:
-    """What a view shares with every other, where nothing is known of the scene: by where their cones meet."""
+    """Return a view's overlap with every other without knowledge of the scene, from their geometry."""
     view = views[name]
     away = {
         other: float(np.linalg.norm(seen.centre - view.centre))
@@ -111,10 +111,9 @@ def _overlap(view: View, other: View, depths: Array, points: list[Array]) -> Vie
 
 
 def refuse_views(views: Mapping[str, View], points: Mapping[str, Array] | None = None) -> NotApplicableError:
-    """Why no two of these views are fit for depth, by the two that come nearest to it.
+    """Return the error that says why no two of these views suit depth, from the most suitable two.
 
-    Judged at the scene's points (n, 3) by the camera that sees them, or where nothing is known of it at all
-    depths.
+    They are judged at the scene's points (n, 3) by camera or, if the scene is unknown, at all depths.
     """
     if points is None:
         pairs = {
@@ -133,7 +132,7 @@ def refuse_views(views: Mapping[str, View], points: Mapping[str, Array] | None =
             "all cameras are in one place: nothing tells near from far",
             hint="move them apart, or check the calibration",
         )
-    # Where no two are fit, those that share most of their pictures, from the least different directions.
+    # If no two are suitable, take those with the most overlap, from the most similar directions.
     a, b = max(pairs, key=lambda pair: (pairs[pair][0], round(pairs[pair][1], 1), -pairs[pair][2]))
     _, share, angle = pairs[a, b]
     written = f"{angle:.1f}" if angle < 10 else f"{angle:.0f}"
@@ -157,7 +156,7 @@ def refuse_views(views: Mapping[str, View], points: Mapping[str, Array] | None =
 
 
 def _measured(view: View, other: View, points: Array) -> tuple[float, float, float]:
-    """Score, shared part of the picture and median angle at the middle depth of a view's points (n, 3)."""
+    """Return score, common image fraction and median angle at the middle depth of a view's points (n, 3)."""
     depth = float(np.median((points @ view.rotation.T + view.translation)[:, 2]))
     inside, angle = seen_points(view, other, grid_points(view, depth))
     middle = float(np.median(angle[inside] if inside.any() else angle))
@@ -165,24 +164,24 @@ def _measured(view: View, other: View, points: Array) -> tuple[float, float, flo
 
 
 def choose_source_views(views: Mapping[str, View], points: Mapping[str, Array]) -> dict[str, tuple[str, ...]]:
-    """For every camera the others to match it with, best first; none where nothing is shared.
+    """Return, for every camera, the others to match it with, best first; none without overlap.
 
-    Judged at points (n, 3) of what each camera sees: the share that the other's picture holds, weighed by
-    the angle between the two views of each.
+    They are judged at points (n, 3) that each camera sees: the fraction in the other's image, weighted by the
+    angle between the two views of each point.
     """
     chosen = {}
     for name, view in views.items():
         scores = {o: score_points(view, seen, points[name]) for o, seen in views.items() if o != name}
         ranked = sorted(scores, key=lambda other: (-scores[other], other))
         chosen[name] = tuple(other for other in ranked[:MAX_SOURCES] if scores[other] >= MIN_SCORE)
-    # A source must be matched too, for its depth to confirm; sharing is mutual, so this hardly ever binds.
+    # A source must be matched too so that it can confirm; overlap is mutual, so this hardly ever applies.
     while any(not chosen[other] for others in chosen.values() for other in others):
         chosen = {name: tuple(o for o in others if chosen[o]) for name, others in chosen.items()}
     return chosen
 
 
 def choose_reference_view(views: Mapping[str, View], points: Mapping[str, Array]) -> str:
-    """The camera in the middle of the rig among those whose points (n, 3) the others see most of."""
+    """Return the most central camera of the rig among those whose points (n, 3) the others see most of."""
     shared = {}
     for name, view in views.items():
         others = [seen for other, seen in views.items() if other != name]
@@ -195,9 +194,9 @@ def choose_reference_view(views: Mapping[str, View], points: Mapping[str, Array]
 
 
 def smallest_group(sources: Mapping[str, Sequence[str]]) -> int:
-    """How many cameras the smallest group has whose views are each other's sources, over any number of steps.
+    """Return the size of the smallest group of cameras connected by source links.
 
-    Two opposite pairs are groups of two: no point of theirs is in more maps.
+    Two opposite pairs are groups of two: none of their points is in more than two maps.
     """
     left = {name for name, others in sources.items() if others}
     sizes = []

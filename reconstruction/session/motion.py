@@ -105,11 +105,11 @@ class SceneMotion:
         return self._unpacked(camera, self._packed_movers(camera, instant))
 
     def widened_movers(self, camera: str, instant: int) -> Array:
-        """Return the moving pixels and a margin of `MARGIN_PX`, to leave out of calibration and registration."""
+        """Return the moving pixels and `MARGIN_PX` around them, to leave out of calibration and the like."""
         return dilate(self.detected_movers(camera, instant), MARGIN_PX)
 
     def moving(self, camera: str, instant: int) -> Array:
-        """Return the true moving pixels if the session has ground truth, else the detected ones; for scores."""
+        """Return the true moving pixels if the session has ground truth, else detected ones; for scores."""
         return self._unpacked(camera, self._packed_truth(camera, instant))
 
     def changing(self, camera: str, instant: int) -> Array:

@@ -63,7 +63,10 @@ def size_above_features(width: int, height: int) -> float:
 def detect_features(
     image: Array, side_px: int = MAX_SIDE_PX, points: int = MAX_POINTS, contrast: float = CLEAR_CONTRAST
 ) -> Features:
-    """Detect up to `points` SIFT points, of at least `contrast`, in a grey image (uint8) cut to `side_px`."""
+    """Detect SIFT points of a grey image (uint8), reduced to `side_px`.
+
+    Returns at most `points` points, of at least `contrast`.
+    """
     scale = min(1.0, side_px / max(image.shape))
     small = cv2.resize(image, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA) if scale < 1 else image
     sift = cv2.SIFT.create(nfeatures=points, contrastThreshold=contrast)

@@ -62,7 +62,7 @@ class CalibrateOptions:
     scale_by_board: bool = False
     """Set the scale from a board that is in the scene."""
     ground: Path | None = None
-    """A session in which the board lies on the ground."""
+    """A session with the board on the ground."""
     vertical: Marks | None = None
     """Two points one above the other, the first on the ground."""
     keep: bool | None = None
@@ -71,7 +71,7 @@ class CalibrateOptions:
 
     @property
     def rescales(self) -> bool:
-        """Whether the calibration gets another scale, or another origin and upward direction."""
+        """Whether the options change the calibration's scale, or its origin and vertical."""
         return (
             self.distance is not None
             or self.scale_by_board

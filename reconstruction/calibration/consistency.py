@@ -63,7 +63,7 @@ class MovedCamera(Struct, frozen=True, kw_only=True):
 
 
 class RigCheck(Struct, frozen=True, kw_only=True):
-    """How well a calibration fits points at rest."""
+    """Result of checking a calibration against points at rest."""
 
     points: int
     """Number of points that two or more cameras share."""
@@ -97,7 +97,7 @@ class _Group:
 
 
 def check_rig(views: Mapping[str, View], features: Mapping[str, Features]) -> RigCheck:
-    """Hold the views against features at rest, all of one instant."""
+    """Check the views against features at rest, all of one instant."""
     pixels = _shared_points(views, features)
     groups = [_measured(views, names, at) for names, at in pixels.items()]
     limit = _refused_px(views)

@@ -125,7 +125,7 @@ class Rig:
 
     @property
     def source(self) -> str:
-        """The calibration's source, in words."""
+        """Description of the calibration's source."""
         return self.calibration.source_words if self.calibration else "none"
 
     @property

@@ -1,1 +1,1 @@
-"""Basics for every study: geometry, brightness, image files, drawing, stage cache, native libraries."""
+"""Shared helpers: geometry, brightness, image files, drawing, stage cache, native libraries."""

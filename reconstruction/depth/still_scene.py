@@ -38,7 +38,7 @@ class StillScene:
         self._surfaces: dict[str, Surface] = {}
         self._cameras: set[str] = set()
         self._pictures: dict[str, Array] = {}
-        """Grey levels when depth was found; `OUTSIDE` where something moved or hid the pixel from a source."""
+        """Grey levels when depth was found; `OUTSIDE` if something moved or hid the pixel from a source."""
 
     def look(self, images: Mapping[str, CalibratedImage]) -> None:
         """Compare an instant's images with the known ones, and mark moving and changed pixels to be swept."""

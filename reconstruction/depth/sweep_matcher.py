@@ -87,7 +87,7 @@ def match_all_views(
 
     `depth_ranges`: each camera's nearest and farthest depth. `progress` advances by a step after each camera.
     `quick`: a first sweep at half the size, in half the time; thin parts and edges suffer.
-    `still`: results of earlier instants, which has looked at these images and stores the new results.
+    `still`: results of earlier instants; it has looked at these images and stores the new results.
     """
     still = still or StillScene()
     new = {name: still.new(name, image) for name, image in images.items()}
@@ -108,7 +108,7 @@ def match_all_views(
         return found
 
     def propose(name: str) -> Surface:
-        """Return the surface where others confirm it, elsewhere their own surfaces if they match."""
+        """Return the surface where others confirm it, elsewhere the others' surfaces if these match."""
         others = [images[other] for other in sources[name]]
         to_this = [SourceView(other, images[name]) for other in others]
 

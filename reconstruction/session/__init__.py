@@ -1,1 +1,1 @@
-"""A session for reconstruction: its images, instants, conditions and moving regions."""
+"""Sessions as input for reconstruction: images, instants, conditions and moving regions."""

@@ -62,14 +62,14 @@ class Condition:
 
     @property
     def drawn(self) -> bool:
-        """Whether every instant has offsets of its own."""
+        """Whether offsets are drawn separately for every instant."""
         return self.name == DISTINCT
 
     def offsets_ms(self, cameras: Sequence[str], instant: int, draw: int = 0) -> tuple[float, ...]:
         """Return each camera's delay, ms; empty if all are synchronized.
 
-        Drawn delays depend on the instant and the number of the draw only. They all differ if there are enough
-        of them, as cameras with equal offsets agree with each other and hide the effect.
+        Drawn delays depend only on the instant and the number of the draw. They all differ if possible:
+        cameras with equal offsets agree with each other and hide the effect.
         """
         if self.drawn:
             source = random.Random(f"{DISTINCT} {instant}" + (f" {draw}" if draw else ""))

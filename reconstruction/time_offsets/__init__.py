@@ -1,1 +1,1 @@
-"""Time offsets of a session's cameras, from a blinking lamp or from motion; begin at `session_offsets`."""
+"""Time offsets of a session's cameras, from a blinking lamp or from motion; see `session_offsets` first."""

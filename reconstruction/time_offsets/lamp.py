@@ -150,7 +150,7 @@ def _lit_rows(image: Array, dark: Array, rise: Array, told: Array) -> tuple[Arra
     """Return each row's level (n,) from dark to bright, and its error, without pixels spoiled by motion."""
     over = image.astype(np.float32) - dark
     with np.errstate(invalid="ignore", divide="ignore"), warnings.catch_warnings():
-        warnings.simplefilter("ignore", RuntimeWarning)  # rows without a pixel that tells
+        warnings.simplefilter("ignore", RuntimeWarning)  # rows without a usable pixel
         lit = np.nanmedian(np.where(told, over / rise, np.nan), axis=1)
         for _ in range(2):
             miss = np.abs(over - lit[:, None] * rise)
@@ -333,7 +333,7 @@ def measure_light_offsets(dataset: Dataset, reference: str | None = None) -> dic
 
 
 def see_lamp(dataset: Dataset, camera: str) -> SeenLamp:
-    """All edges of a lamp that one camera's images show; without any, why."""
+    """Find all lamp edges in one camera's images; the result has a reason if they cannot be used."""
     rows, told = _row_times(dataset, camera)
     found = find_blink_edges(dataset, camera)
     rough = [(edge, rough_time(edge, rows.of(edge))) for edge in found]

@@ -1,7 +1,7 @@
-// The sweep's costs, their semi-global scan, and the cheapest depths, for a GPU.
-// Costs and totals are height x width x P, of which the first n depths count; P is a multiple of 4.
-// Compiled with R, half a window, and LV, the depths that one lane of a path keeps (a multiple of 4).
-// No product is fused with a sum (--fmad=false): every machine gives the same costs.
+// GPU kernels of the sweep: matching costs, their semi-global scan, and the cheapest depths.
+// Costs and totals are height x width x P, of which the first n depths are valid; P is a multiple of 4.
+// Compile-time constants: R, half a window; LV, the depths per lane of a path (a multiple of 4).
+// Without fused multiply-add (--fmad=false) every machine gives the same costs.
 
 #define TILE_X 32
 #define TILE_Y 8
@@ -10,7 +10,7 @@
 #define DEPTHS 16
 #define INF (1 << 20)
 
-// A source's value at u, v: between its four pixels, of which those beside the picture are `outside`.
+// Bilinear sample of a source at u, v; pixels beside the image are `outside`.
 __device__ float sample(const float* picture, int w, int h, float u, float v, float outside) {
   if (!(u > -1.f && v > -1.f && u < (float)w && v < (float)h)) return outside;
   const float left = floorf(u), top = floorf(v);
@@ -24,8 +24,8 @@ __device__ float sample(const float* picture, int w, int h, float u, float v, fl
   return above + (below - above) * down;
 }
 
-// A tile of the reference at 16 depths. Of each source 13 numbers: 3x3 from pixels to its own, the shift with
-// inverse depth, its noise; and in `info` where its pixels begin, width and height.
+// Costs of a tile of the reference at 16 depths. Each source has 13 numbers: the 3x3 map from reference to source
+// pixels, the shift with inverse depth, and its noise. `info` has its first pixel's index, width and height.
 extern "C" __global__ void costs(const float* grey, const float* mean, const float* deviation,
                                  const float* base, const float* offsets, int n,
                                  const float* sources, const int* info, const float* numbers, int count,
@@ -76,7 +76,7 @@ extern "C" __global__ void costs(const float* grey, const float* mean, const flo
       total += likeness;
       least = s ? fminf(least, likeness) : likeness;
     }
-    // One of them may see something in front.
+    // One of the sources may see an object in front.
     if (count == 2) total = total * better + least * (1.f - 2.f * better);
     if (count > 2) total = (total - least) * (1.f / (float)(count - 1));
     const unsigned char cost = d < n ? (unsigned char)(255.f - 255.f * fminf(total, 1.f)) : 255;
@@ -84,7 +84,7 @@ extern "C" __global__ void costs(const float* grey, const float* mean, const flo
   }
 }
 
-// G lanes walk a path, each with LV depths; blockIdx.y is the direction. `total` is of two depths a number.
+// G lanes follow a path, each with LV depths; blockIdx.y is the direction. `total` packs two depths per number.
 extern "C" __global__ void scan(const unsigned char* costs, unsigned int* total, const float* grey,
                                 int H, int W, int n, int P, int G, int small, int large) {
   const unsigned ALL = 0xffffffffu;
@@ -93,7 +93,7 @@ extern "C" __global__ void scan(const unsigned char* costs, unsigned int* total,
   const int lane = threadIdx.x % 32, sub = lane % G, first = sub * LV;
   const int path = (blockIdx.x * blockDim.x + threadIdx.x) / 32 * (32 / G) + lane / G;
   const int paths = way < 2 ? W : way < 4 ? H : H + W - 1;
-  // A slanting path that begins at a side has come along that side until there, and counts from there.
+  // A slanted path that starts at a side has run along that side until there, and adds to the total from there.
   int x = path, y = dy > 0 ? 0 : H - 1, along = 0;
   if (way >= 2 && way < 4) { x = dx > 0 ? 0 : W - 1; y = path; }
   if (way >= 4 && path >= W) { x = dx > 0 ? 0 : W - 1; along = path - W + 1; }
@@ -139,7 +139,7 @@ extern "C" __global__ void scan(const unsigned char* costs, unsigned int* total,
   }
 }
 
-// Each pixel's cheapest depth, between two by a parabola, and the cost that it has itself.
+// Each pixel's cheapest depth, refined by a parabola, and its unsmoothed cost.
 extern "C" __global__ void cheapest(const unsigned char* costs, const short* total, int pixels, int n, int P,
                                     float* place, float* own) {
   const int at = blockIdx.x * blockDim.x + threadIdx.x;

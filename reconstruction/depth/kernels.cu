@@ -24,7 +24,7 @@ __device__ float sample(const float* picture, int w, int h, float u, float v, fl
   return above + (below - above) * down;
 }
 
-// Costs of a tile of the reference at 16 depths. Each source has 13 numbers: the 3x3 map from reference to source
+// Costs of a tile of the reference at 16 depths. Each source has 13 numbers: its 3x3 map from the reference's
 // pixels, the shift with inverse depth, and its noise. `info` has its first pixel's index, width and height.
 extern "C" __global__ void costs(const float* grey, const float* mean, const float* deviation,
                                  const float* base, const float* offsets, int n,
@@ -84,7 +84,7 @@ extern "C" __global__ void costs(const float* grey, const float* mean, const flo
   }
 }
 
-// G lanes follow a path, each with LV depths; blockIdx.y is the direction. `total` packs two depths per number.
+// G lanes follow a path, each with LV depths; blockIdx.y is the direction. `total` packs two depths a number.
 extern "C" __global__ void scan(const unsigned char* costs, unsigned int* total, const float* grey,
                                 int H, int W, int n, int P, int G, int small, int large) {
   const unsigned ALL = 0xffffffffu;
@@ -93,7 +93,7 @@ extern "C" __global__ void scan(const unsigned char* costs, unsigned int* total,
   const int lane = threadIdx.x % 32, sub = lane % G, first = sub * LV;
   const int path = (blockIdx.x * blockDim.x + threadIdx.x) / 32 * (32 / G) + lane / G;
   const int paths = way < 2 ? W : way < 4 ? H : H + W - 1;
-  // A slanted path that starts at a side has run along that side until there, and adds to the total from there.
+  // A slanted path that starts at a side has run along that side until there, and adds from there on.
   int x = path, y = dy > 0 ? 0 : H - 1, along = 0;
   if (way >= 2 && way < 4) { x = dx > 0 ? 0 : W - 1; y = path; }
   if (way >= 4 && path >= W) { x = dx > 0 ? 0 : W - 1; along = path - W + 1; }

@@ -1,4 +1,4 @@
-"""The command `reconstruct`; what is heavy is imported when it is needed."""
+"""Command line `reconstruct`; heavy modules are imported on first use."""
 
 import os
 import signal
@@ -26,10 +26,10 @@ from reconstruction.common.native_libraries import TRACEBACK, claim_stdout, unex
 
 
 class _Application(click.Group):
-    """The command's group, in which nothing ends in a traceback."""
+    """Group of the commands, in which no error ends in a traceback."""
 
     def invoke(self, ctx: click.Context) -> Any:
-        """Run the command; what nobody has foreseen becomes an error that says where it came from."""
+        """Run the command; report an unexpected exception as an error that names its origin."""
         try:
             return super().invoke(ctx)
         except (SimulshotError, click.ClickException, click.exceptions.Exit, click.Abort, OSError):
@@ -62,18 +62,18 @@ add_verbosity(app)
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command line and return its exit code; a mistake is one line on stderr."""
+    """Run one command line and return its exit code; an error is one line on stderr."""
     return run_command_line(app, "reconstruct", arguments)
 
 
 def main() -> None:
     """Run the command line of this process."""
-    # Whoever ends this process means it to tidy up as after Ctrl-C.
+    # SIGTERM cleans up as Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
     claim_stdout()
     code = run(sys.argv[1:])
     if code == ExitCode.INTERRUPTED:
-        # All is tidied up; threads that still compute would be waited for.
+        # Cleanup is finished. A normal exit would wait for threads that still compute.
         sys.stdout.flush()
         os._exit(code)
     sys.exit(code)

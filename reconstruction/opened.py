@@ -1,4 +1,4 @@
-"""What the commands make of a session, for Python: the same results with arrays, and nothing printed."""
+"""The commands of `reconstruct` for Python: the same results, with arrays; nothing is printed."""
 
 import shutil
 import tempfile
@@ -34,52 +34,52 @@ R = TypeVar("R")
 
 @dataclass(frozen=True)
 class Made(Generic[R]):
-    """What a command made: its `result` as --json prints it, and its files in `folder`.
+    """Result of a command: `result` as --json prints it, and its files in `folder`.
 
-    A folder that nobody asked for is temporary: it is gone when this is.
+    A folder that the caller did not name is temporary. It is deleted with this object.
     """
 
     result: R
     folder: Path
 
     def image(self, file: str) -> Array:
-        """One of its pictures as it was written; colours are BGR. Raises OSError where there is none."""
+        """Return an image file as an array; colours are BGR. Raises OSError if the file does not exist."""
         return np.asarray(decode_image(self.folder.joinpath(file).read_bytes()))
 
 
 class MadeStereo(Made[StereoDepth]):
-    """Depth of two cameras, on the pixels of the first, in the result's `unit`."""
+    """Depth from two cameras, on the pixels of the first, in the result's `unit`."""
 
     @property
     def depth(self) -> Array:
-        """Along the camera's axis, float32 height x width, 0 = none."""
+        """Depth along the camera's axis, float32 height x width, 0 = unknown."""
         return self.image(self.result.depth)
 
     @property
     def filled(self) -> Array:
-        """The same with a guess where there is none."""
+        """Depth as in `depth`, with unknown pixels filled by a guess."""
         return self.image(self.result.depth_filled)
 
     @property
     def confidence(self) -> Array:
-        """Of each depth, float64 height x width, 0 (a guess) to 1."""
+        """Confidence of each pixel's depth, float64 height x width, 0 (a guess) to 1."""
         return self.image(self.result.confidence) / 255
 
 
 class MadeMultiview(Made[MultiviewResult]):
-    """Depth of all cameras at an instant, in the result's `unit`, and a cloud in the rig's frame."""
+    """Depth of all cameras at one instant, in the result's `unit`, and a point cloud in the rig's frame."""
 
     def depth(self, camera: str) -> Array:
-        """Along the camera's axis on its undistorted pixels, float32 height x width, 0 = none."""
+        """Return depth along the axis on undistorted pixels, float32 height x width, 0 = unknown."""
         return self._view(camera)["depth"]
 
     def normals(self, camera: str) -> Array:
-        """Of the surfaces in the camera's frame, float16 height x width x 3."""
+        """Return surface normals in the camera's frame, float16 height x width x 3."""
         return self._view(camera)["normals"]
 
     @property
     def cloud(self) -> PointCloud:
-        """`points` (n, 3) and their `colours` (n, 3), uint8 RGB. Raises IncompleteError for none."""
+        """Fused cloud: `points` (n, 3), `colours` (n, 3), uint8 RGB. Raises IncompleteError if missing."""
         return read_ply(self.folder / FUSED)
 
     def _view(self, camera: str) -> dict[str, Array]:
@@ -87,10 +87,10 @@ class MadeMultiview(Made[MultiviewResult]):
 
 
 class MadeComparison(Made[CompareResult]):
-    """A comparison with pictures that are late; `folder` holds its report.html."""
+    """Comparison of synchronized with offset images; `folder` holds its report.html."""
 
     def per_instant(self, study: str) -> dict[str, Array]:
-        """What a study measured at each instant, float64 by name, NaN = nothing there."""
+        """Return a study's measurements at each instant, float64 by name, NaN = not measured."""
         found = self.result.study(study)
         rows = found.per_instant if found is not None else ()
         names = dict.fromkeys(name for row in rows for name in row)
@@ -101,37 +101,37 @@ M = TypeVar("M", bound=Made[Any])
 
 
 class ReconstructedSession(OpenSession):
-    """An open session, with the commands of `reconstruct` as methods; `open_session` makes it.
+    """Open session with the commands of `reconstruct` as methods; `open_session` returns it.
 
-    `out` is the folder for the files, None a temporary one; `options` are the fields of the options named.
+    `out` is the output folder, None for a temporary one. `options` are the fields of the named options class.
     """
 
     def stereo(self, out: str | PathLike[str] | None = None, **options: Any) -> MadeStereo:
-        """Depth from two cameras at one instant. Options: `StereoOptions`."""
+        """Compute depth from two cameras at one instant. Options: `StereoOptions`."""
         return _make(MadeStereo, out, lambda folder: stereo(self.folder, folder, StereoOptions(**options)))
 
     def multiview(self, out: str | PathLike[str] | None = None, **options: Any) -> MadeMultiview:
-        """Depth of all cameras at one instant. Options: `MultiviewOptions`."""
+        """Compute depth of all cameras at one instant. Options: `MultiviewOptions`."""
         chosen = MultiviewOptions(**options)
         return _make(MadeMultiview, out, lambda folder: multiview(self.folder, folder, chosen))
 
     def compare(self, out: str | PathLike[str] | None = None, **options: Any) -> MadeComparison:
-        """Synchronized pictures against late ones. Options: those of `CompareOptions` and its studies."""
+        """Compare synchronized with offset images. Options: `CompareOptions` and its studies' options."""
         chosen = CompareOptions.of(**options)
         return _make(MadeComparison, out, lambda folder: compare(self.folder, folder, chosen))
 
     def panorama(self, out: str | PathLike[str] | None = None, **options: Any) -> Made[PanoramaResult]:
-        """The pictures of one instant stitched. Options: `PanoramaOptions`."""
+        """Stitch the images of one instant. Options: `PanoramaOptions`."""
         chosen = PanoramaOptions(**options)
         return _make(Made[PanoramaResult], out, lambda folder: panorama((self.folder,), folder, chosen))
 
     def time(self, reference: str | None = None, *, apply: bool = False) -> TimeResult:
-        """How late each camera is, by a lamp or by what moves; `apply` gives a recording these times."""
+        """Measure each camera's time offset by a lamp or motion; `apply` corrects the recording's times."""
         with silence():
             return measure_times(self.folder, reference, apply=apply)
 
     def calibrate(self, source: str = "sfm", **options: Any) -> CalibrateResult:
-        """Calibrate the cameras and save that in the session. Options: `CalibrateOptions`."""
+        """Calibrate the cameras and save the calibration in the session. Options: `CalibrateOptions`."""
         with silence():
             result = calibrate(
                 self.folder, CalibrateOptions(source=CalibrationSource.named(source), **options)
@@ -141,9 +141,9 @@ class ReconstructedSession(OpenSession):
 
 
 def open_session(session: str | PathLike[str] | Session) -> ReconstructedSession:
-    """Open a session's folder, or one that is open already, to make depth of it.
+    """Open a session's folder, or a session that is already open, for reconstruction.
 
-    Raises BadInputError where it is no session, IncompleteError where its capture never finished.
+    Raises BadInputError if it is not a session, IncompleteError if its capture never finished.
     """
     return ReconstructedSession.open(session.folder if isinstance(session, Session) else Path(session))
 

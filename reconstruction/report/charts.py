@@ -1,4 +1,4 @@
-"""The drawings of a report as coordinates in px of their view box; a template makes SVG of them."""
+"""Charts of a report as coordinates in px of their view box; a template draws them as SVG."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from reconstruction.scores.comparison_results import OffsetTolerance
 
 @dataclass(frozen=True)
 class Axes:
-    """A chart's view box and the margins around its drawing; upwards is a share, 0..1."""
+    """A chart's view box and its margins; the vertical axis is a fraction, 0..1."""
 
     width: int
     height: int
@@ -18,17 +18,17 @@ class Axes:
     top: int
     bottom: int
     grid: Sequence[float]
-    """Shares with a line across."""
+    """Fractions at which a grid line is drawn."""
     below: str
-    """What the horizontal axis shows."""
+    """Label of the horizontal axis."""
 
     def y(self, share: float) -> float:
-        """Where a share lies."""
+        """Return the vertical coordinate of a fraction."""
         return round(self.height - self.bottom - (self.height - self.top - self.bottom) * share, 1)
 
     @property
     def middle(self) -> float:
-        """The middle of the horizontal axis."""
+        """Horizontal coordinate of the axis's middle."""
         return (self.left + self.width - self.right) / 2
 
 
@@ -36,10 +36,10 @@ TOLERANCE_AXES = Axes(480, 300, 62, 14, 34, 48, (0, 0.25, 0.5, 0.75, 1), "delay 
 
 
 def tolerance_chart(tolerance: OffsetTolerance) -> dict[str, object]:
-    """The share of what moves that is found, against offset; what stands still beside it, as control.
+    """Draw the fraction of moving pixels found against offset, with still pixels as control.
 
-    Of each kind (`mover`, `static`) the `curves` have its points: x, y, and y of the ends of the interval.
-    The session's own synchronization error is the `mark`, x and words, if it lies on the drawing.
+    Each of the `curves` (`mover`, `static`) has points: x, y, and y of the interval's ends. `mark` is the
+    session's own synchronization error, as x and text, if it is inside the drawing.
     """
     axes, points = TOLERANCE_AXES, tolerance.points
     offsets_ms = [point.late_ms or 0.0 for point in points]

@@ -1,4 +1,4 @@
-"""The report of a comparison: one self-contained HTML page for somebody who knows nothing of cameras."""
+"""Report of a comparison: one self-contained HTML page for a reader who knows nothing about cameras."""
 
 from collections.abc import Mapping
 from pathlib import Path
@@ -29,18 +29,18 @@ ORIGINS = {
 
 
 def write_report(result: CompareResult, out: Path) -> Path:
-    """Write `report.html` into the folder `out`, whole or not at all, and return its path.
+    """Write `report.html` atomically into the folder `out` and return its path.
 
-    Pictures are read from `out` by the paths in the result; the page holds smaller copies.
+    Pictures are read from `out` by the paths in the result; the page contains smaller copies.
 
     Raises:
-        BadInputError: a picture is missing or is no PNG or JPEG, or the page cannot be written.
+        BadInputError: a picture is missing or is neither PNG nor JPEG, or the page cannot be written.
     """
     return write_page(_page(result, out), out)
 
 
 def report_words(result: CompareResult) -> ReportWords:
-    """The tables of the measurements and what they call the conditions, without a page around them."""
+    """Return the tables of measurements and the names of the conditions, without a page around them."""
     sides = name_sides(result)
     made = [found for study, found in reported(result) if study.text.measures]
     tables = [study_table(found, name_sides(result, found.cameras)) for found in made]
@@ -61,7 +61,7 @@ def report_words(result: CompareResult) -> ReportWords:
 
 
 def _view(result: CompareResult, found: StudyResult[Any], out: Path) -> dict[str, Any]:
-    """What a page shows of a study; without tables where it was skipped."""
+    """Return what the page shows of a study; a skipped study has no tables."""
     study, sides, made = study_reports()[found.name], name_sides(result, found.cameras), not found.skipped
     text, placeholders = study.text, study.placeholders(found) if made else {}
     many = "all cameras" if len(found.cameras) > 2 else f"cameras {' and '.join(found.cameras)}"
@@ -120,7 +120,7 @@ def _page(result: CompareResult, out: Path) -> str:
 
 
 def _pictures(views: Mapping[str, dict[str, Any]]) -> list[tuple[Picture, dict[str, Any]]]:
-    """The pictures of studies without a section of their own; those with a slider come first."""
+    """Return the pictures of studies without a section of their own; pictures with a slider come first."""
     found = [
         (picture, view)
         for view in views.values()
@@ -131,7 +131,7 @@ def _pictures(views: Mapping[str, dict[str, Any]]) -> list[tuple[Picture, dict[s
 
 
 def _sections(result: CompareResult, views: Mapping[str, dict[str, Any]], pictures: bool) -> list[Section]:
-    """The sections there is something to show in, in their order on the page."""
+    """Return the sections that have content, in page order."""
     found: dict[int, list[Section]] = {0: [Section("why.html", "why", "Why the instant matters")]}
     if pictures:
         found[10] = [Section("pictures.html", "pictures", "See the difference")]

@@ -1,4 +1,4 @@
-"""Pictures and clouds inside a page, packed into few bytes."""
+"""Images and point clouds embedded in a page in compact form."""
 
 import base64
 from pathlib import Path
@@ -13,26 +13,26 @@ from reconstruction.common.geometry import Array
 from reconstruction.scores.study_result import InstantClouds
 
 MAX_POINTS = 26_000
-"""Points of each side, drawn at random: the page stays under three megabytes."""
+"""Maximum points per condition, drawn at random; keeps the page below three megabytes."""
 CROP = 0.5
-"""Percentiles left out at either end of each axis: single points far away would shrink all others."""
+"""Percentiles cropped at both ends of each axis; a few distant points would shrink all others."""
 STEPS = 32_767
 PNG, JPEG = b"\x89PNG\r\n\x1a\n", b"\xff\xd8\xff"
 QUALITY = 74
-"""The quality of photographs, as WebP."""
+"""WebP quality of photographs."""
 LOSSLESS = 101
-"""OpenCV's word for a WebP without loss: flat colours and hard edges stay as they are."""
+"""OpenCV's quality value for lossless WebP, which preserves flat colours and hard edges."""
 MAX_PANEL_PX = 1024
-"""What is wider is made smaller: no page shows more."""
+"""Width to which larger panels are reduced; no page shows more."""
 
 
 def embed_image(path: Path, panels: int = 1, most_px: int = MAX_PANEL_PX) -> dict[str, object]:
-    """Read a PNG or JPEG and pack it for a page, each of its `panels` side by side `most_px` wide at most.
+    """Read a PNG or JPEG and encode it for a page, each of its `panels` side by side at most `most_px` wide.
 
     Returns its `address` (`data:`), `width` and `height`, px.
 
     Raises:
-        BadInputError: the file is missing, or is no PNG or JPEG.
+        BadInputError: the file is missing, or is neither PNG nor JPEG.
     """
     try:
         data = path.read_bytes()
@@ -63,16 +63,16 @@ def _shrink(image: Array, most: int) -> Array:
 
 
 def view_clouds(clouds: InstantClouds, out: Path, reference: str, cameras: int) -> dict[str, Any]:
-    """Read clouds' files and pack both sides, or one (`offset`: None), to be turned by hand.
+    """Read the clouds of one instant and pack both conditions, or one (`offset`: None), for a 3D viewer.
 
-    They are seen first from the place of the `reference`, turn about the `pivot`, and have its `focal` length
-    over the picture's width. Of a side, `data` is base64: x, y, z of each point as int16, then each one's
-    colour (RGB); a coordinate is `middle` + `step` times the integer, along the reference's axes (x right, y
-    down). `points` are packed `of` so many.
+    The view starts at the `reference` camera and rotates about the `pivot`. `focal` is the focal length over
+    the image width. Each condition has base64 `data`: x, y, z of each point as int16, then each point's
+    colour (RGB). A coordinate is `middle` + `step` times the integer, along the reference's axes (x right, y
+    down). `points` is the number packed `of` all points.
 
     Raises:
         IncompleteError: a file is missing.
-        BadInputError: it is not as it was written.
+        BadInputError: a file is corrupt.
     """
     rotation = np.array(clouds.rotation).reshape(3, 3)
     centre = np.array(clouds.centre)
@@ -95,7 +95,7 @@ def view_clouds(clouds: InstantClouds, out: Path, reference: str, cameras: int) 
 
 
 def _pack(points: Array, colours: Array, box: Array) -> dict[str, object]:
-    """Points within the box (2, 3) only: both sides show the same part of space."""
+    """Pack the points inside the box (2, 3), so that both conditions show the same part of space."""
     inside = np.nonzero(((points >= box[0]) & (points <= box[1])).all(1))[0]
     if len(inside) > MAX_POINTS:
         inside = np.sort(np.random.default_rng(0).choice(inside, MAX_POINTS, replace=False))

@@ -1,4 +1,4 @@
-"""A comparison in words: how late the cameras are, the verdict that its studies add to, and its claims."""
+"""A comparison in words: the cameras' time offsets, the verdict, and its claims."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -14,17 +14,17 @@ from reconstruction.scores.timing import RigTiming, Timing
 
 UNSYNCHRONIZED = "unsynchronized"
 EACH_DELAYED = "each camera off by a different delay"
-"""The condition of the studies of all cameras, in a word and in words."""
+"""The offset condition of studies of all cameras, as a word and as a phrase."""
 DEPTH_MEASURES = ("mover_within_2pct", "mover_coverage")
-"""What depth is judged by: correct distances where the truth is known, else any distance."""
+"""Measures that judge depth: correct distances if the truth is known, else any distance."""
 CLEAR_SHARE = 0.15
-"""A loss of this share of the moving pixels is reported as clear."""
+"""Lost fraction of the moving pixels from which the loss is reported as clear."""
 MOST_NAMED = 4
-"""Cameras that are named in a sentence."""
+"""Maximum number of cameras named in a sentence."""
 
 
 def timing_sentences(timing: Timing) -> str:
-    """How late the second camera is and what to do about it, or why that is not known."""
+    """Return the second camera's time offset and what to do about it, or why it is unknown."""
     by = f"by what moves at {count(len(timing.instants), 'instant')}"
     if timing.offset:
         return _offset_sentences(timing, by)
@@ -64,14 +64,14 @@ def _offset_sentences(timing: Timing, by: str) -> str:
 
 
 def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
-    """Which cameras are certainly late beside those of the `pair`, and what mends it; empty where none is."""
+    """Return which cameras besides the `pair` are certainly offset, and the correction; empty if none is."""
     told = () if pair is None else pair.cameras
     late = [one for one in rig.cameras if one.offset and one.other not in told]
     if not late:
         return ""
     shown = [f"{one.other} is {lateness(one)}" for one in late[:MOST_NAMED]]
     more = f", and {count(len(late) - MOST_NAMED, 'more camera')}" if len(late) > MOST_NAMED else ""
-    # Shifts against two references do not go together.
+    # Time shifts against two references cannot be combined.
     one_reference = pair is None or not pair.option or pair.reference == rig.reference
     options = " ".join(one.option for one in late if one.option and one_reference)
     mends = f" {options} pairs the pictures that belong together." if options else ""
@@ -79,14 +79,14 @@ def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
 
 
 def lateness(timing: Timing) -> str:
-    """A camera's lateness with its error; empty where that cannot be told."""
+    """Return a camera's time offset with its error; empty if unknown."""
     if timing.late_ms is None or timing.uncertainty_ms is None:
         return ""
     return late_or_early(timing.late_ms, timing.uncertainty_ms)
 
 
 def rig_judgement(timing: Timing) -> str:
-    """Whether a camera's pictures are of one instant with the reference's, in a few words."""
+    """Return in a few words whether a camera shows the same instant as the reference."""
     if timing.synchronized:
         return "the same instant"
     if timing.offset:
@@ -97,7 +97,7 @@ def rig_judgement(timing: Timing) -> str:
 
 
 def motion_sentence(timing: Timing) -> str:
-    """That cameras moved while they recorded; empty where they did not."""
+    """Return that cameras moved while recording; empty if none did."""
     moving = timing.moving_cameras
     if not moving:
         return ""
@@ -111,51 +111,51 @@ def motion_sentence(timing: Timing) -> str:
 
 
 def instant_lateness(late_ms: float, sd_ms: float) -> str:
-    """One instant's own lateness with its 95 % error."""
+    """Return one instant's own time offset with its 95 % error."""
     return f"{late_ms:+.1f} ± {2 * sd_ms:.1f} ms"
 
 
 def late_or_early(late_ms: float, uncertainty_ms: float) -> str:
-    """`0.4 ± 0.6 ms late`, or early."""
+    """Return `0.4 ± 0.6 ms late`, or early."""
     return f"{abs(late_ms):.1f} ± {uncertainty_ms:.1f} ms {'early' if late_ms < 0 else 'late'}"
 
 
 @dataclass(frozen=True)
 class Sides:
-    """What the two sides of a comparison are called."""
+    """Names of the two conditions of a comparison."""
 
     first: str
     short: str
-    """The first side where there is little room."""
+    """Short name of the first condition."""
     when: str
-    """The first side at the end of a sentence."""
+    """Name of the first condition at the end of a sentence."""
     late: str
     late_short: str
-    """The second side at the head of a column."""
+    """Name of the second condition as a column head."""
     apart: bool = False
-    """Whether the pictures of the first side were found not to be of one instant."""
+    """Whether the images of the first condition were found to show different instants."""
 
     @property
     def late_head(self) -> str:
-        """The second side at the beginning of a line."""
+        """Name of the second condition at the beginning of a line."""
         return self.late[0].upper() + self.late[1:]
 
     @property
     def words(self) -> tuple[tuple[str, str], tuple[str, str]]:
-        """Each condition (`synced`, `offset`) and its name."""
+        """Each condition (`synced`, `offset`) with its name."""
         return ("synced", self.first), ("offset", self.late)
 
     @property
     def heads(self) -> tuple[tuple[str, str], tuple[str, str]]:
-        """Each condition (`synced`, `offset`) and the head of its column."""
+        """Each condition (`synced`, `offset`) with its column head."""
         return ("synced", self.short), ("offset", self.late_short)
 
 
 def name_sides(result: CompareResult, cameras: Sequence[str] = ()) -> Sides:
-    """The names for what is shown of these cameras; without any, of the pair whose timing was measured.
+    """Return the conditions' names for these cameras; by default, for the pair whose timing was measured.
 
-    Only pictures that were found to be of one instant are called synchronized. Of more than two cameras,
-    each has a delay of its own.
+    Images are called synchronized only if they were found to show one instant. With more than two cameras,
+    each camera has its own delay.
     """
     asked = cameras or (() if result.timing is None else result.timing.cameras)
     late = UNSYNCHRONIZED if len(asked) > 2 else wording.lateness(result.actual_offset_ms)
@@ -170,7 +170,10 @@ def name_sides(result: CompareResult, cameras: Sequence[str] = ()) -> Sides:
 
 
 def describe_delays(study: StudyResult[Any]) -> str:
-    """How late each camera is, in a sentence; without numbers, drawn at random; empty of a pair."""
+    """Return the cameras' delays as a sentence; empty for a pair.
+
+    Without known delays the sentence says that they are drawn at random.
+    """
     if len(study.cameras) == 2:
         return ""
     if not study.offsets_ms:
@@ -180,9 +183,9 @@ def describe_delays(study: StudyResult[Any]) -> str:
 
 
 def verdict(result: CompareResult) -> str:
-    """A few sentences for somebody who has never heard of synchronization.
+    """Return a few sentences for a reader who does not know what synchronization is.
 
-    Pictures are said to be of one instant only where their timing was found to be so.
+    Images are said to show one instant only if their timing was found to.
     """
     timing, rig = result.timing, result.rig_timing
     told = (
@@ -197,13 +200,13 @@ def verdict(result: CompareResult) -> str:
 
 
 def _guess_sentence(result: CompareResult) -> str:
-    """That the calibration rests on pictures alone, and how far off it may be; empty where it does not."""
+    """Return that the calibration was estimated from images alone, with its possible error; else empty."""
     _, guess, errors = result.calibration.partition(GUESS)
     return f"The calibration is {guess}{errors}." if guess else ""
 
 
 def _skipped_sentence(result: CompareResult) -> str:
-    """What could not be made, and why; empty where all that was asked for was."""
+    """Return which requested studies could not be made, and why; empty if all were made."""
     skipped = [
         f"{study_reports()[one.name].text.subject} ({one.skipped})"
         for one in result.studies
@@ -235,17 +238,17 @@ def _what_was_found(result: CompareResult) -> str:
 
 
 def late_text(result: CompareResult) -> str:
-    """Return how late the second camera of a pair is, in a sentence: `66 ms late`."""
+    """Return a pair's second camera's delay as a phrase: `66 ms late`."""
     return f"{result.actual_offset_ms:.0f} ms late"
 
 
 def percent(share: float) -> str:
-    """Return a share 0..1 as a percentage for a sentence."""
+    """Return a fraction 0..1 as a percentage for a sentence."""
     return f"{100 * share:.0f} %" if share >= 0.01 or share == 0 else "under 1 %"
 
 
 def depth_sentence(depth: StudyResult[Any], when: str, late: str, agreed: str) -> str:
-    """Return how much of what moves is found in both conditions; empty where the loss is not clear."""
+    """Return how much of what moves is found in both conditions; empty if the loss is not clear."""
     known = depth.first_known(*DEPTH_MEASURES)
     if known is None or known[1] - known[2] < CLEAR_SHARE:
         return ""
@@ -269,10 +272,10 @@ def _no_difference(timing: Timing | None, late: str) -> str:
 
 
 def claims(result: CompareResult) -> tuple[Sequence[dict[str, object]], str]:
-    """Each condition's number and a note on both; none where nothing was measured.
+    """Return each condition's number and a note on both; empty if nothing was measured.
 
-    A number's `tone` is its condition; `value` is in words, `share` (0..1) to be drawn, `what` it is of, and
-    `when`: in which pictures.
+    `tone` is the condition; `value` is in words and `share` (0..1) is drawn. `what` says what the value
+    measures, and `when` names the condition's images.
     """
     known = ((found, claim) for study, found in reported(result) if (claim := study.claim(found)) is not None)
     shown, claim = next(known, (None, None))
@@ -292,8 +295,10 @@ def claims(result: CompareResult) -> tuple[Sequence[dict[str, object]], str]:
 
 
 def describe_exactness(result: CompareResult) -> dict[str, str]:
-    """This take's `error` beside the lateness that its motion `bears`, each with its `*_source`: what it
-    rests on; and the `conclusion`. What is not known is said."""
+    """Return this take's time `error` and the delay that its motion tolerates (`bears`), with a `conclusion`.
+
+    Both have a `*_source` that says how they were determined. Unknown values are stated as such.
+    """
     rig = result.rig_timing.cameras if result.rig_timing is not None else ()
     offset = [one for one in (result.timing, *rig) if one is not None and one.offset]
     furthest = max(offset, key=lambda one: abs(one.late_ms or 0.0), default=None)
@@ -319,7 +324,7 @@ def describe_exactness(result: CompareResult) -> dict[str, str]:
 
 
 def _what_the_motion_bears(result: CompareResult, *, together: bool) -> tuple[str, str, str]:
-    """The delay, what it rests on, and how the take's own error compares with it."""
+    """Return the tolerated delay, its source, and how the take's own error compares with it."""
     tolerance, error_us = result.tolerance, result.sync_residual_us
     if not together:
         unmeasured = "whether the pictures are of one instant was not measured"
@@ -343,7 +348,7 @@ def _what_the_motion_bears(result: CompareResult, *, together: bool) -> tuple[st
 
 
 def describe_synchronization(result: CompareResult) -> str:
-    """How far images are from their instants, by the session's record."""
+    """Return the times between images and their instants, as the session recorded them."""
     parts = []
     if result.sync_residual_us is not None:
         parts.append(f"every picture within {wording.microseconds(result.sync_residual_us)} of its instant")

@@ -1,4 +1,4 @@
-"""Render a page from the templates: one HTML file with style, script and pictures inside, small to send."""
+"""Rendering of pages from templates: one small HTML file with its styles, scripts and images."""
 
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
@@ -24,9 +24,9 @@ FILTERS = (
 
 @dataclass(frozen=True)
 class Section:
-    """One section of a page: its template, and its anchor and title where the contents list it.
+    """One section of a page: its template, and its anchor and title in the contents list.
 
-    Its template reads the page's view, and `view`, its own.
+    The template reads the page's view, and the section's own as `view`.
     """
 
     template: str | Template
@@ -36,17 +36,17 @@ class Section:
 
 
 def as_template(source: str, package: str = PACKAGE) -> Template:
-    """Compile a template that stands in a module; it may include and import those of the report."""
+    """Compile a template given as text; it may include and import the report's templates."""
     return _environment(package).from_string(source)
 
 
 def render_page(view: Mapping[str, object], sections: Sequence[Section], package: str = PACKAGE) -> str:
     """Render the page's frame around its sections, whose templates read `view`.
 
-    The frame itself shows the view's `title`, `kicker` and `name`, and its `verdict`: a headline and what
-    follows it. It may have `opening`, the template of what stands below the headline; `kind`, a word on
-    where the pictures come from; `numbers_in`, the files beside the page that hold its numbers; and
-    `scripts`, which follow the page's own. The sections' templates are those of `package`, then the report's.
+    The frame shows the view's `title`, `kicker`, `name` and `verdict`: a headline and the text after it.
+    Optional keys: `opening`, the template below the headline; `kind`, a word for the images' origin;
+    `numbers_in`, the files beside the page that hold its numbers; and `scripts`, appended to the page's own.
+    Section templates are looked up in `package`, then in the report.
     """
     headline, lead = wording.headline(str(view["verdict"]))
     frame = {"opening": "", "kind": "", "numbers_in": (METRICS,), "scripts": ()}
@@ -55,10 +55,10 @@ def render_page(view: Mapping[str, object], sections: Sequence[Section], package
 
 
 def write_page(page: str, out: Path) -> Path:
-    """Write `report.html` into the folder `out`, whole or not at all, and return its path.
+    """Write `report.html` atomically into the folder `out` and return its path.
 
     Raises:
-        BadInputError: it cannot be written.
+        BadInputError: the page cannot be written.
     """
     target = out / REPORT
     try:

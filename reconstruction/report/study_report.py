@@ -1,4 +1,4 @@
-"""How a study describes itself in a report: its names, measures, sentences and section of the page."""
+"""Description of a study in a report: its names, measures, sentences and section of the page."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -22,7 +22,7 @@ POINTS = "Points in space"
 
 @dataclass(frozen=True)
 class MeasureText:
-    """A row of a table: the measure without its `mover_` or `static_`, its name, explanation and unit.
+    """A table row: the measure without its `mover_` or `static_` prefix, its name, explanation and unit.
 
     The explanation may contain the study's `placeholders` in braces.
     """
@@ -35,7 +35,7 @@ class MeasureText:
 
 @dataclass(frozen=True)
 class Claim:
-    """A study's main result for the first screen: one value per condition, and what it is a value of."""
+    """A study's main result for the first screen: one value per condition, and what it measures."""
 
     values: tuple[float, float]
     what: str
@@ -52,71 +52,72 @@ CORRECT = (
     MeasureText("within_1pct", "The same, more strictly", "Within 1 % of the truth."),
     MeasureText("within_5pct", "The same, less strictly", "Within 5 % of the truth."),
 )
-"""Rows of every study of depth."""
+"""Rows of every depth study."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class StudyText:
-    """What a study is called, where it stands on the page, and what is measured.
+    """A study's names, its position on the page, and its measures.
 
-    Its caption, engine, details and measures' explanations may contain `placeholders` in braces.
+    The caption, engine, details and explanations of measures may contain `placeholders` in braces.
     """
 
     name: str
-    """The name of its plugin."""
+    """Name of the study's plugin."""
     subject: str
-    """What it measures, for messages: `depth from all cameras`."""
+    """Subject of the study for messages: `depth from all cameras`."""
     place: int = 100
-    """Its position among the studies."""
+    """Position of the study among all studies."""
     term: str = ""
-    """Its entry under "How it was made"; none if empty."""
+    """Term of the study under "How it was made"; empty for no entry."""
     caption: str = "{subject}, {cameras}"
-    """The caption of its table."""
+    """Caption of the study's table."""
     measures: Sequence[MeasureText] = ()
     control: bool = True
-    """Whether its measures are taken on moving things (`mover_`) and on the control (`static_`)."""
+    """Whether the measures are taken both on moving things (`mover_`) and on the control (`static_`)."""
     condition_columns: Sequence[tuple[str, str]] = ()
-    """Whole names of measures that the table of all conditions shows, and their column heads."""
+    """Full names of the measures in the table of all conditions, with their column heads."""
     instant_columns: Sequence[tuple[str, str]] = ()
-    """The same for the table of every instant."""
+    """Measures in the table of every instant, with their column heads."""
     engine: str = ""
-    """The sentence that says what computed it."""
+    """Sentence that names the method that computed it."""
     details: str = ""
-    """A detail of how it was made, after its cameras and instants."""
+    """Detail of how it was made, shown after its cameras and instants."""
     missing: str = ""
-    """Sentence for a study that was skipped; its reason follows."""
+    """Sentence for a skipped study; the reason follows."""
     note: str = ""
-    """Text below its table."""
+    """Text below the study's table."""
     hero: str = ""
-    """Key of its picture that may open the page."""
+    """Key of the study's picture that may open the page."""
     why: str = ""
-    """Template: why the instant matters for it. The first study that was made and has one is shown."""
+    """Template that explains why the instant matters; the page shows that of the first study with one."""
     diagram: str = ""
-    """File of the report's templates that is drawn beside `why`."""
+    """Template file of the drawing beside `why`."""
     section: str = ""
-    """Template of a section of its own, which reads `view`; without one, its table is among the others."""
+    """Template of the study's own section, which reads `view`; if empty, its table is listed with the others.
+    """
     title: str = ""
-    """The section's title."""
+    """Title of the section."""
     section_place: int = 70
-    """Position of its section: the pictures are at 10, the tolerated delay at 40, the measurements at 80."""
+    """Position of the section: the pictures are at 10, the tolerated delay at 40, the measurements at 80."""
     scripts: Sequence[str] = ()
-    """Scripts among the report's templates that its section needs."""
+    """Template files of the scripts that the section needs."""
     replaces: str = ""
-    """Name of a study; where that was made, this one adds nothing to the verdict."""
+    """Name of a study that this one replaces in the verdict: if made, it adds no sentence."""
 
     def unit(self, measure: str) -> str:
-        """Return the unit of a measure by its whole name."""
+        """Return the unit of a measure by its full name."""
         return next(one.unit for one in self.measures if measure.endswith(one.key))
 
 
 class StudyReport:
-    """Everything that a page, a screen and the verdict say about one study; a study overrides what it has."""
+    """Text about one study for the page, the screen and the verdict; studies override what they need."""
 
     text: ClassVar[StudyText]
 
     @classmethod
     def placeholders(cls, found: StudyResult[Any]) -> dict[str, str]:
-        """Values for the names in braces, in its caption, measures and engine."""
+        """Return values for the names in braces in its caption, measures and engine."""
         return {
             "subject": cls.text.subject[0].upper() + cls.text.subject[1:],
             "names": " and ".join(found.cameras),
@@ -127,32 +128,32 @@ class StudyReport:
 
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
-        """Return its sentence of the verdict; empty where the two conditions do not clearly differ."""
+        """Return the study's sentence of the verdict; empty if the conditions do not clearly differ."""
         return ""
 
     @classmethod
     def as_recorded(cls, found: StudyResult[Any]) -> str | None:
-        """Return what it found in images that were not synchronized; None if it says nothing of these."""
+        """Return the study's sentence on images that were not synchronized; None if it has none."""
         return None
 
     @classmethod
     def control_sentence(cls, result: CompareResult, found: StudyResult[Any]) -> str:
-        """Return whether timing alone explains the difference, by what stands still."""
+        """Return whether timing alone explains the difference, by the control; empty if unknown."""
         return ""
 
     @classmethod
     def claim(cls, found: StudyResult[Any]) -> Claim | None:
-        """Return its main result for the first screen."""
+        """Return the study's main result for the first screen."""
         return None
 
     @classmethod
     def view(cls, found: StudyResult[Any], heads: Mapping[str, str], out: Path) -> dict[str, Any]:
-        """Return what its section reads besides the results; `heads` are the names of both conditions."""
+        """Return what its section reads besides the results; `heads` names both conditions."""
         return {}
 
     @classmethod
     def files(cls, found: StudyResult[Any]) -> dict[str, Sequence[str]]:
-        """Return its files beside the pictures, by what they are."""
+        """Return the study's files other than pictures, by their description."""
         return {}
 
 
@@ -164,5 +165,5 @@ def study_reports() -> Mapping[str, type[StudyReport]]:
 
 
 def reported(result: CompareResult) -> list[tuple[type[StudyReport], StudyResult[Any]]]:
-    """Return the studies that were made, each with what it found."""
+    """Return the studies that were made, each with its result."""
     return [(study_reports()[one.name], one) for one in result.studies if not one.skipped]

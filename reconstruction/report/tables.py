@@ -1,4 +1,4 @@
-"""Tables of a page as data: both conditions side by side, all conditions, every instant, every camera."""
+"""Tables of a page as data: both conditions, all conditions, every instant, every camera."""
 
 from collections.abc import Sequence
 from dataclasses import dataclass
@@ -21,12 +21,12 @@ from reconstruction.scores.tally import SIDES
 from reconstruction.scores.timing import RigTiming
 
 WITH_CONTROL = (("mover_", "Moving things"), ("static_", "Things at rest (control)"))
-"""Prefixes of a measure's name, and the group of columns that shows them."""
+"""Prefixes of a measure's name, each with the column group that shows it."""
 
 
 @dataclass(frozen=True)
 class Column:
-    """A column's name, and the group and the condition (`synced`, `offset`) it belongs to."""
+    """A column's name, with its group and condition (`synced`, `offset`)."""
 
     name: str
     group: str = ""
@@ -34,13 +34,13 @@ class Column:
 
     @property
     def label(self) -> str:
-        """The column's name where it stands without its group above it."""
+        """The column's name where its group is not shown above it."""
         return f"{self.group}, {self.name.lower()}" if self.group else self.name
 
 
 @dataclass(frozen=True)
 class Cell:
-    """A value in words; a share (0..1) that is drawn as a bar, and small print beneath."""
+    """A value in words, a fraction (0..1) drawn as a bar, and small print."""
 
     text: str
     share: float | None = None
@@ -51,7 +51,7 @@ class Cell:
 
 @dataclass(frozen=True)
 class Row:
-    """A row: its name with an explanation beneath it, and a cell for each column."""
+    """A row: its name with an explanation below it, and a cell for each column."""
 
     name: str
     cells: Sequence[Cell]
@@ -63,8 +63,8 @@ class Row:
 class Table:
     """A table; `first` is the head of the column of names.
 
-    A `twin` holds both conditions side by side, a row for each measure; a `listing` has a row for each
-    thing, and becomes a card for each on a narrow screen, where `prefix` stands before the row's name.
+    A `twin` shows both conditions side by side, one row for each measure. A `listing` has one row for each
+    item. On a narrow screen each becomes a card, with `prefix` before the row's name.
     """
 
     caption: str
@@ -76,13 +76,13 @@ class Table:
 
     @property
     def groups(self) -> list[tuple[str, int]]:
-        """Groups of neighbouring columns and how many columns each has; empty where there is no group."""
+        """Groups of neighbouring columns with their column counts; empty if no column has a group."""
         found = [(group, len(list(ours))) for group, ours in groupby(self.columns, key=lambda one: one.group)]
         return found if any(group for group, _ in found) else []
 
 
 def interval_cell(found: Interval | None, unit: str, *, control: bool = False) -> Cell:
-    """A measure with its 95 % interval over the instants; a share also gets a bar."""
+    """Return a cell with a measure and its 95 % interval over the instants; a fraction also gets a bar."""
     if found is None:
         return Cell(wording.NOT_AVAILABLE, control=control)
     is_share = unit == wording.SHARE
@@ -96,7 +96,7 @@ def interval_cell(found: Interval | None, unit: str, *, control: bool = False) -
 
 
 def study_table(study: StudyResult[Any], sides: Sides) -> Table:
-    """Both conditions side by side, in each group of columns; measures without values are left out."""
+    """Return both conditions side by side in each column group; measures without values are left out."""
     reported = study_reports()[study.name]
     text, placeholders = reported.text, reported.placeholders(study)
     groups = WITH_CONTROL if text.control else (("", ""),)
@@ -115,7 +115,7 @@ def study_table(study: StudyResult[Any], sides: Sides) -> Table:
 
 
 def conditions_table(result: CompareResult) -> Table:
-    """All conditions by a few measures; no rows where there are no further ones."""
+    """Return all conditions by a few measures; without rows if there are no further conditions."""
     made = [one for one in result.studies if not one.skipped]
     pairs, everybody = ([one for one in made if (len(one.cameras) > 2) is many] for many in (False, True))
     cameras = tuple(dict.fromkeys(name for one in made for name in one.cameras))
@@ -155,7 +155,7 @@ def conditions_table(result: CompareResult) -> Table:
 
 
 def _intervals(studies: Sequence[StudyResult[Any]], side: str) -> dict[tuple[str, str], Interval]:
-    """Every measure that these studies have on a side, by study and measure."""
+    """Return every measure of these studies in a condition, by study and measure."""
     return {
         (one.name, measure.name): found
         for one in studies
@@ -165,7 +165,7 @@ def _intervals(studies: Sequence[StudyResult[Any]], side: str) -> dict[tuple[str
 
 
 def _is_drawn(one: ConditionResult) -> bool:
-    """Whether it is the studies of all cameras' own condition."""
+    """Return whether it is the built-in condition of the studies of all cameras."""
     return not one.offsets_ms and not one.session
 
 
@@ -184,7 +184,7 @@ def _details(one: ConditionResult) -> str:
 
 
 def instants_table(caption: str, study: StudyResult[Any], sides: Sides) -> Table:
-    """Every instant's numbers on moving things in both conditions; no rows where there are none."""
+    """Return every instant's numbers on moving things in both conditions; without rows if there are none."""
     text, per_instant = study_reports()[study.name].text, study.per_instant
     columns = [
         (measure, name)
@@ -207,7 +207,7 @@ def instants_table(caption: str, study: StudyResult[Any], sides: Sides) -> Table
 
 
 def timing_table(rig: RigTiming) -> Table:
-    """Every camera against the reference, by what moves: its lateness, and what follows from it."""
+    """Return every camera's time offset against the reference, measured by motion, and the judgement."""
     rows = [
         Row(one.other, [Cell(lateness(one) or wording.NOT_AVAILABLE), Cell(rig_judgement(one))])
         for one in rig.cameras

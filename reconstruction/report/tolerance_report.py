@@ -1,4 +1,4 @@
-"""The tolerance curve's part of a report, and the report of `reconstruct tolerance` alone."""
+"""The tolerance curve's section of a report, and the page of `reconstruct tolerance`."""
 
 from pathlib import Path
 
@@ -27,7 +27,7 @@ COLUMNS = {
 
 
 def tolerance_view(tolerance: OffsetTolerance) -> dict[str, object]:
-    """What a page shows of a tolerance curve: the curve, what it says, and its numbers."""
+    """Return what a page shows of a tolerance curve: the chart, a sentence, and the numbers."""
     return {
         "found": tolerance,
         "sentence": tolerance_sentence(tolerance),
@@ -38,7 +38,7 @@ def tolerance_view(tolerance: OffsetTolerance) -> dict[str, object]:
 
 
 def tolerance_sentence(tolerance: OffsetTolerance) -> str:
-    """The result of the curve in a few sentences: synchronized is said only where that was found."""
+    """Return the curve's result in a few sentences; images are called synchronized only if found so."""
     timing = tolerance.timing
     if timing is None:
         return f"As recorded, {_found_to_both_sides(tolerance)}"
@@ -52,7 +52,7 @@ def tolerance_sentence(tolerance: OffsetTolerance) -> str:
 
 
 def tolerance_heading(tolerance: OffsetTolerance) -> str:
-    """What a motion tolerates is known only where the pictures of no delay are of one instant."""
+    """Return the heading; a tolerated delay is claimed only if the images without delay show one instant."""
     known = tolerance.timing is not None and tolerance.timing.synchronized
     return "How much delay this motion tolerates" if known else "Depth against delay"
 
@@ -86,7 +86,7 @@ def _what(tolerance: OffsetTolerance) -> str:
 
 
 def _text(tolerance: OffsetTolerance) -> StudyText:
-    """The study that measured the curve's points."""
+    """Return the text of the study that measured the curve's points."""
     return study_reports()[tolerance.points[0].name].text
 
 
@@ -109,7 +109,7 @@ def _table(tolerance: OffsetTolerance) -> Table:
 
 
 def _instants(tolerance: OffsetTolerance) -> Table:
-    """Every instant by itself: how late its moving points say the second picture is, and its own curve."""
+    """Return a row for each instant: the second camera's time offset by motion, and the instant's curve."""
     told = {one.instant: one for one in tolerance.timing.instants} if tolerance.timing is not None else {}
     known = {one.instant: one for one in tolerance.per_instant}
     rows = []
@@ -136,7 +136,7 @@ def _instants(tolerance: OffsetTolerance) -> Table:
 
 
 def write_tolerance_report(result: OffsetTolerance, out: Path) -> Path:
-    """Write the page of the curve alone into the folder `out`, as `write_page` does."""
+    """Write the curve's own page into the folder `out`; see `write_page`."""
     name = Path(result.session).name or result.session
     view = {
         "title": f"{name}: {tolerance_heading(result).lower()}",

@@ -8,14 +8,14 @@ from capture_app.common.text import duration
 
 NOT_AVAILABLE = "n/a"
 GAP = "\u202f"
-"""Narrow space that keeps a number and its unit on one line."""
+"""Narrow space that prevents a line break between a number and its unit."""
 WALKING_M_PER_S = 1.4
 SHARE, PIXELS, COUNT, DEGREES, PLAIN = "%", "px", "count", "°", ""
-"""Units of what is measured."""
+"""Units of the measures."""
 
 
 def measured(value: float | None, unit: str) -> str:
-    """A value in its unit."""
+    """Return a value in its unit."""
     if unit == SHARE:
         return share(value)
     if unit == COUNT:
@@ -26,7 +26,7 @@ def measured(value: float | None, unit: str) -> str:
 
 
 def share(value: float | None, *, decimals: int = 1) -> str:
-    """Share 0..1 as a percentage; never rounds up to all or down to nothing."""
+    """Return a fraction 0..1 as a percentage; it is never rounded up to 100 or down to 0."""
     if value is None or math.isnan(value):
         return NOT_AVAILABLE
     percent = 100 * value
@@ -40,7 +40,7 @@ def share(value: float | None, *, decimals: int = 1) -> str:
 
 
 def quantity(value: float | None, unit: str = "") -> str:
-    """A number in its unit with three digits."""
+    """Return a number in its unit with three digits."""
     if value is None or math.isnan(value):
         return NOT_AVAILABLE
     if abs(value) >= 10_000 and not unit:
@@ -50,55 +50,55 @@ def quantity(value: float | None, unit: str = "") -> str:
 
 
 def number(value: float | None) -> str:
-    """A whole number with a space between thousands."""
+    """Return a whole number with a space between thousands."""
     return NOT_AVAILABLE if value is None else f"{value:,.0f}".replace(",", GAP)
 
 
 def times(ratio: float) -> str:
-    """How many times, to two digits: it is a comparison, not a measurement."""
+    """Return a ratio as `12 times`, to two digits: it is a comparison, not a measurement."""
     digits = max(0, math.floor(math.log10(ratio)) - 1) if ratio >= 1 else 0
     rounded = round(ratio / 10**digits) * 10**digits if ratio >= 10 else round(ratio, 1)
     return f"{rounded:,.0f}".replace(",", GAP) + " times" if ratio >= 10 else f"{rounded:g} times"
 
 
 def milliseconds(value_ms: float) -> str:
-    """A time in ms, with a decimal only if it is not 0."""
+    """Return a time in ms, with a decimal only if it is not 0."""
     return f"{value_ms:.1f}".removesuffix(".0") + f"{GAP}ms"
 
 
 def microseconds(value_us: float | None) -> str:
-    """A time in us, shown in ns, us, ms or s, whichever reads best."""
+    """Return a time given in us as ns, us, ms or s, whichever is most readable."""
     if value_us is None or math.isnan(value_us):
         return NOT_AVAILABLE
     return duration(value_us * 1e3, gap=GAP)
 
 
 def seconds(value_s: float) -> str:
-    """A duration in s, in minutes from two minutes on."""
+    """Return a duration in s, or in minutes from two minutes on."""
     if value_s < 120:
         return f"{value_s:.1f}{GAP}s"
     return f"{int(value_s // 60)}{GAP}min {int(value_s % 60)}{GAP}s"
 
 
 def lateness(offset_ms: float) -> str:
-    """`67 ms late`, or early, in whole ms from 10 ms on."""
+    """Return `67 ms late`, or early, in whole ms from 10 ms on."""
     size = abs(offset_ms)
     shown = milliseconds(round(size) if size >= 9.5 else size)
     return f"{shown} {'early' if offset_ms < 0 else 'late'}"
 
 
 def timeliness(late_ms: float) -> str:
-    """`on time`, `33 ms late` or `33 ms early`."""
+    """Return `on time`, `33 ms late` or `33 ms early`."""
     return lateness(late_ms) if abs(late_ms) >= 0.05 else "on time"
 
 
 def delays(late_ms: Mapping[str, float]) -> str:
-    """`cam00 on time, cam01 66 ms late`."""
+    """Return `cam00 on time, cam01 66 ms late`."""
     return ", ".join(f"{camera} {timeliness(ms)}" for camera, ms in late_ms.items())
 
 
 def walking_distance(offset_ms: float) -> str:
-    """How far a person walks in this time, in a sentence."""
+    """Return the distance that a person walks in this time, as a sentence."""
     metres = abs(offset_ms) / 1e3 * WALKING_M_PER_S
     far = f"{metres * 1e3:.0f}{GAP}mm" if metres < 0.02 else f"{metres * 1e2:.0f}{GAP}cm"
     time = lateness(offset_ms).rpartition(" ")[0]
@@ -106,12 +106,12 @@ def walking_distance(offset_ms: float) -> str:
 
 
 def keep_units(text: str) -> str:
-    """The text with a narrow space between numbers and units, which keeps them on one line."""
+    """Return the text with a narrow space between numbers and units, so that no line breaks there."""
     return re.sub(r"(?<=\d) (?=([mµ]?s|px|[cm]?m)\b|%)", GAP, text)
 
 
 def headline(verdict: str) -> tuple[str, str]:
-    """The first sentence of a verdict, and the rest."""
+    """Return the first sentence of a verdict, and the rest."""
     verdict = keep_units(verdict)
     end = verdict.find(". ")
     return (verdict, "") if end < 0 else (verdict[: end + 1], verdict[end + 2 :].strip())

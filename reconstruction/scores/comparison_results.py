@@ -1,4 +1,4 @@
-"""What `reconstruct compare` and `reconstruct tolerance` found: the contents of `metrics.json`."""
+"""Results of `reconstruct compare` and `reconstruct tolerance`: the contents of `metrics.json`."""
 
 from collections.abc import Iterable
 from typing import Any
@@ -11,140 +11,143 @@ from reconstruction.scores.timing import RigTiming, Timing, are_apart, are_toget
 
 
 class DelayFacts(Struct, frozen=True, kw_only=True):
-    """The delay of one point of a curve."""
+    """Delay of one point of a tolerance curve."""
 
     offset_frames: int
 
 
 class InstantTolerance(Struct, frozen=True, kw_only=True):
-    """One instant's own depth against offset."""
+    """Depth against offset at one instant."""
 
     instant: int
     mover_pixels: int
     values: tuple[float | None, ...]
-    """The curve's measure at each of its points; None where the burst does not reach."""
+    """The curve's measure at each of its points; None where the burst has no frame at that offset."""
     peak_ms: float | None = None
-    """The offset of the highest of them; None where none stands out."""
+    """Offset of the largest value; None if there is no clear maximum."""
 
 
 class OffsetTolerance(Provenance, frozen=True, kw_only=True):
-    """A pair's depth against offset to both sides, by the same calibration throughout."""
+    """Depth of a pair against offset in both directions, with one calibration for all points."""
 
     cameras: tuple[str, str]
     measure: str
-    """What the curve shows: mover_within_2pct where truth is known, else mover_coverage."""
+    """The measure that the curve shows: mover_within_2pct if the truth is known, else mover_coverage."""
     points: tuple[StudyResult[DelayFacts], ...]
-    """Depth at each offset, from the earliest to the latest; at zero, both conditions are the same."""
+    """Depth at each offset, from the earliest to the latest; both conditions are equal at zero."""
     instants: int
     decreasing: bool
-    """To either side of zero no point's interval lies wholly above that of the one before it."""
+    """Whether, away from zero, no point's interval is entirely above the interval of the point before it."""
     timing: Timing | None = None
     peak_ms: float | None = None
-    """Where the curve is highest: the median of the instants' own peaks."""
+    """Offset of the curve's maximum: the median of the instants' own peaks."""
     per_instant: tuple[InstantTolerance, ...] = ()
     tolerable_offset_ms: float | None = None
-    """The offset at which the curve has lost a tenth (linear between its points), or at which half of what
-    moves has moved by one pixel, whichever comes first; None also where the pair is not synchronized."""
+    """Offset at which the curve has lost a tenth, or half of the moving pixels have moved by one pixel.
+
+    The smaller of the two counts; the curve is linear between its points. None also if the pair is not
+    synchronized.
+    """
     speed_px_per_ms: float | None = None
-    """How fast what moves does so in the first camera's picture, the median over its pixels."""
+    """Speed of moving objects in the first camera's image, the median over their pixels."""
     sync_residual_us: float | None = None
-    """The session's own largest error of an image's time by its record."""
+    """Largest time error of an image, as the session recorded it."""
     sync_residual_px: float | None = None
-    """By how much what moves does so in that time."""
+    """Motion of moving objects in the image during that time."""
     reason: str = ""
     verdict: str = ""
-    """The result in words; empty where it is a part of a comparison, whose page tells it."""
+    """The result in words; empty inside a comparison, whose page states it."""
     session: str = ""
     calibration: str = ""
     report: str = ""
 
     @property
     def as_recorded(self) -> StudyResult[DelayFacts]:
-        """The depth at offset zero."""
+        """Depth at offset zero."""
         return next(point for point in self.points if not point.late_ms)
 
 
 class ConditionResult(Struct, frozen=True, kw_only=True):
-    """A further condition beside the synchronized one, on the same cameras.
+    """A further condition besides the synchronized one, on the same cameras.
 
-    In its studies `synced` is the comparison's own session and `offset` this condition; what the comparison
-    itself skipped is not among them.
+    In its studies `synced` is the comparison's own session and `offset` is this condition. Studies that the
+    comparison skipped are left out.
     """
 
     name: str
     offsets_ms: dict[str, float] = {}
-    """How late each camera is; empty for another session."""
+    """Delay of each camera; empty for another session."""
     session: str = ""
-    """The other session that this condition is; it is not paired by instant."""
+    """Path of the other session, if this condition is one; it is not paired by instant."""
     studies: tuple[StudyResult[Any], ...] = ()
 
 
 class WordTable(Struct, frozen=True, kw_only=True):
-    """A table of the report as it reads there, for a screen."""
+    """A table of the report in the report's own words, for a screen."""
 
     caption: str
     groups: tuple[str, ...]
-    """What each column of values is of: moving things or the control; empty where it is of all."""
+    """Subject of each column of values: moving things or the control; empty if it covers both."""
     columns: tuple[str, ...]
-    """Each column's condition."""
+    """Condition of each column."""
     rows: tuple[tuple[str, ...], ...]
-    """The measure's name, and a value with its unit for each column."""
+    """The measure's name, then one value with its unit for each column."""
 
 
 class ReportWords(Struct, frozen=True, kw_only=True):
-    """What the report calls the conditions, and its tables in words."""
+    """The report's names for the conditions, and its tables in words."""
 
     synced: str
-    """Synchronized, or As recorded where the pictures cannot be of one instant."""
+    """"Synchronized", or "As recorded" if the images cannot be of one instant."""
     offset: str
-    """Such as 67 ms late."""
+    """Name of the offset condition, such as "67 ms late"."""
     unsynchronized: str
-    """The other condition where all cameras take part."""
+    """Name of the other condition for studies of all cameras."""
     tables: tuple[WordTable, ...]
 
 
 class CompareResult(Provenance, frozen=True, kw_only=True):
-    """Everything `reconstruct compare` found; written as `metrics.json` and printed by --json."""
+    """All results of `reconstruct compare`; written to `metrics.json` and printed by --json."""
 
     session: str
     origin: str = ""
-    """captured, simulated or imported, as the session says."""
+    """Origin of the images as the session records it: captured, simulated or imported."""
     camera_count: int = 0
     instant_count: int = 0
     offset_ms: float
-    """The offset that was asked for."""
+    """The requested offset."""
     offset_frames: int
     actual_offset_ms: float
     unsynchronized: str = ""
-    """Why nothing is called synchronized: the offsets between the cameras' times are unknown."""
+    """Why no condition is called synchronized: the time offsets between the cameras are unknown."""
     verdict: str = ""
-    """One or two plain sentences for somebody who has never heard of synchronization."""
+    """One or two plain sentences for a reader who does not know what synchronization is."""
     calibration: str
-    """Where the calibration came from."""
+    """Source of the calibration."""
     moving_share: float = 0.0
-    """The share of the pictures that moves, 0..1."""
+    """Fraction of the pixels that moves, 0..1."""
     studies: tuple[StudyResult[Any], ...] = ()
-    """Those of all plugins, in the order of `StudyReport.place`."""
+    """Results of all study plugins, in the order of `StudyReport.place`."""
     sync_residual_us: float | None = None
-    """Largest distance of an image from its instant, by the session's own record."""
+    """Largest time between an image and its instant, as the session recorded it."""
     sync_bound_us: float | None = None
     conditions: tuple[ConditionResult, ...] = ()
     tolerance: OffsetTolerance | None = None
     timing: Timing | None = None
-    """How late the depth pair's second camera is, by what moves; None where that was not measured."""
+    """Time offset of the depth pair's second camera, measured by motion; None if it was not measured."""
     rig_timing: RigTiming | None = None
-    """How late all cameras are, where there are more than two."""
+    """Time offsets of all cameras, if there are more than two."""
     words: ReportWords | None = None
     report: str = ""
 
     def together(self, cameras: Iterable[str]) -> bool:
-        """As `are_together`."""
+        """Return whether all these cameras were found to show one instant; see `are_together`."""
         return are_together(cameras, self.timing, self.rig_timing)
 
     def apart(self, cameras: Iterable[str]) -> bool:
-        """As `are_apart`."""
+        """Return whether any two of these cameras were found to show different instants; see `are_apart`."""
         return are_apart(cameras, self.timing, self.rig_timing)
 
     def study(self, name: str) -> StudyResult[Any] | None:
-        """What a study measured; None where it was skipped."""
+        """Return the result of a study; None if it was skipped."""
         return next((one for one in self.studies if one.name == name and not one.skipped), None)

@@ -1,4 +1,4 @@
-"""What a study found, as `metrics.json` holds it: one form for depth, panoramas, points and poses."""
+"""Result of a study as `metrics.json` stores it: one format for depth, panoramas, points and poses."""
 
 from typing import Generic, TypeVar
 
@@ -6,7 +6,7 @@ from msgspec import Struct
 
 
 class Interval(Struct, frozen=True, kw_only=True):
-    """A median over the instants, and the middle 95 % of its bootstrap over them; None with too few."""
+    """A median over the instants, with a 95 % bootstrap interval; its ends are None with too few instants."""
 
     value: float
     low: float | None = None
@@ -14,16 +14,16 @@ class Interval(Struct, frozen=True, kw_only=True):
 
     @property
     def ends(self) -> tuple[float, float]:
-        """Both ends; of no width where there were too few instants."""
+        """Both ends of the interval; equal to the value if there were too few instants."""
         if self.low is None or self.high is None:
             return self.value, self.value
         return self.low, self.high
 
 
 class Measure(Struct, frozen=True, kw_only=True):
-    """One measure in both conditions; None where there was nothing to measure.
+    """One measure in both conditions; None if nothing could be measured.
 
-    `mover_*` counts pixels or points of moving things, `static_*` the control, which stands still.
+    `mover_*` counts pixels or points of moving things. `static_*` is the control, which stands still.
     """
 
     name: str
@@ -33,12 +33,12 @@ class Measure(Struct, frozen=True, kw_only=True):
     """Offset minus synced, paired by instant."""
 
     def side(self, side: str) -> Interval | None:
-        """Its value in one condition: `synced` or `offset`."""
+        """Return the measure's value in one condition: `synced` or `offset`."""
         return self.synced if side == "synced" else self.offset
 
 
 class Picture(Struct, frozen=True, kw_only=True):
-    """One picture of the comparison: paths relative to the output folder."""
+    """One picture of the comparison; paths are relative to the output folder."""
 
     key: str
     title: str
@@ -46,74 +46,76 @@ class Picture(Struct, frozen=True, kw_only=True):
     offset: str
     caption: str = ""
     panels: int = 1
-    """Panels side by side within each file; a slider over more than one would mix them."""
+    """Number of panels side by side in each file; a slider across several panels would mix them."""
 
 
 class InstantClouds(Struct, frozen=True, kw_only=True):
-    """The fused clouds of one instant: paths of PLY files in the rig's frame, and whence they are shown."""
+    """Fused clouds of one instant, with the viewpoint; paths of PLY files in the rig's frame."""
 
     instant: int
     synced: str
     offset: str = ""
-    """Empty where there is the synchronized one alone."""
+    """Cloud of the offset condition; empty if only the synchronized cloud exists."""
     rotation: tuple[float, ...]
-    """From the rig's frame to the reference camera's own, row by row."""
+    """Rotation from the rig's frame to the reference camera's frame, row by row."""
     centre: tuple[float, ...]
-    """Where the reference camera stands."""
+    """Position of the reference camera."""
     focal: float
-    """The reference camera's focal length over its pictures' width."""
+    """Focal length of the reference camera divided by its image width."""
     pivot: tuple[float, ...]
-    """What a viewer turns about: the middle of what moves."""
+    """Point about which the view rotates: the centre of what moves."""
 
 
 Facts = TypeVar("Facts")
 
 
 class StudyResult(Struct, Generic[Facts], frozen=True, kw_only=True):
-    """What a study measured, synchronized and in another condition with all else equal, or why it did not."""
+    """Measurements of a study, synchronized and in another condition; or why it was skipped."""
 
     name: str
-    """The name of the study's plugin."""
+    """Name of the study's plugin."""
     cameras: tuple[str, ...] = ()
     instants: int = 0
     offsets_ms: dict[str, float] = {}
-    """How late each camera is against the first of a pair, else the reference; empty where each instant has
-    delays of its own, and in pictures of one instant."""
+    """Delay of each camera against the first of a pair, else against the reference.
+
+    Empty if each instant has its own delays, and for images of one instant.
+    """
     reason: str = ""
-    """Why these cameras were taken, or why the study was made."""
+    """Why these cameras were chosen, or why the study was made."""
     skipped: str = ""
-    """Why nothing was measured; empty where something was."""
+    """Why nothing was measured; empty if something was."""
     unasked: bool = False
-    """It was skipped because nobody asked for it."""
+    """Whether it was skipped because it was not requested."""
     measures: tuple[Measure, ...] = ()
     per_instant: tuple[dict[str, float | int | None], ...] = ()
-    """`instant`, its facts, and each measure as `synced_*` and `offset_*`."""
+    """Rows with `instant`, its facts, and each measure as `synced_*` and `offset_*`."""
     pictures: tuple[Picture, ...] = ()
     facts: Facts | None = None
-    """Results that this study alone has, in a struct of its own: see docs/compare.md."""
+    """Results that only this study has, in a struct of its own: see docs/compare.md."""
 
     @property
     def pair(self) -> tuple[str, str]:
-        """The cameras of a study of two."""
+        """The two cameras of a pair study."""
         first, second = self.cameras
         return first, second
 
     @property
     def late_ms(self) -> float | None:
-        """How late the second camera of a pair is, where that is the same at every instant."""
+        """Delay of a pair's second camera; None if it differs between instants."""
         return self.offsets_ms.get(self.cameras[1])
 
     def interval(self, name: str, side: str = "synced") -> Interval | None:
-        """A measure in one condition."""
+        """Return a measure's interval in one condition; None if it was not measured."""
         return next((one.side(side) for one in self.measures if one.name == name), None)
 
     def value(self, name: str, side: str = "synced") -> float | None:
-        """The median of a measure in one condition."""
+        """Return a measure's median in one condition; None if it was not measured."""
         found = self.interval(name, side)
         return None if found is None else found.value
 
     def first_known(self, *names: str) -> tuple[str, float, float] | None:
-        """The first of these measures that both conditions have, and its values; None if there is none."""
+        """Return the first measure that both conditions have, with both values; None if there is none."""
         for name in names:
             before, after = self.value(name), self.value(name, "offset")
             if before is not None and after is not None:

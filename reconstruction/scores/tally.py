@@ -1,6 +1,6 @@
-"""Measures of two conditions: the median over the instants, with bootstrap intervals over them.
+"""Measures of two conditions: medians over the instants, with bootstrap intervals.
 
-Every instant counts the same, however much moves in it. Both conditions use the same bootstrap draws.
+Every instant has the same weight, however much moves in it. Both conditions use the same bootstrap draws.
 """
 
 from collections.abc import Mapping
@@ -17,19 +17,19 @@ SIDES = ("synced", "offset")
 F_SCORE = "f_score"
 MAX_DIFFERENCES = 20000
 MIN_COUNT = 30
-"""A share of fewer than this is no measurement of its instant."""
+"""Minimum pixel or point count from which a fraction is measured at an instant."""
 MIN_FOR_INTERVAL = 3
-"""With fewer instants that have a value there is no interval."""
+"""Minimum number of instants with a value from which an interval is computed."""
 RESAMPLES = 500
 LEVEL_PERCENT = 95.0
 
 
 @dataclass
 class Measurements:
-    """What was measured at one instant, by measure.
+    """Measurements at one instant, by measure.
 
-    `shares`: (how many, of how many); `medians` and `means`: values (n,) of which the median or the mean is
-    the instant's.
+    `shares` holds a count and its total. `medians` and `means` hold values (n,), whose median or mean is the
+    instant's value.
     """
 
     shares: dict[str, tuple[int, int]] = field(default_factory=dict)
@@ -37,20 +37,20 @@ class Measurements:
     means: dict[str, Array] = field(default_factory=dict)
 
     def update(self, other: "Measurements", prefix: str = "") -> None:
-        """Take over another's measurements, their names with a prefix, such as `mover_`."""
+        """Add another object's measurements, with a prefix such as `mover_` before their names."""
         self.shares.update({prefix + name: share for name, share in other.shares.items()})
         self.medians.update({prefix + name: values for name, values in other.medians.items()})
         self.means.update({prefix + name: values for name, values in other.means.items()})
 
     @property
     def names(self) -> list[str]:
-        """The measures that were taken, and `*f_score` where its parts were."""
+        """Names of the measures taken; includes `*f_score` if precision and recall were taken."""
         names = [*self.shares, *self.medians, *self.means]
         scored = [name.replace("recall", F_SCORE) for name in self.shares if name.endswith("recall")]
         return names + scored
 
     def value(self, measure: str) -> float:
-        """The instant's value of a measure; NaN where there is nothing to measure.
+        """Return the instant's value of a measure; NaN if there is nothing to measure.
 
         `*f_score` is the harmonic mean of `*precision` and `*recall`.
         """
@@ -69,9 +69,9 @@ class Measurements:
 
 
 def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | None) -> Measurements:
-    """Measure a mask's (bool) pixels: coverage, photometric_error difference and shares of right depths.
+    """Measure a mask's pixels (bool): coverage, photometric_error (`difference`), fractions of right depths.
 
-    Depth has 0 where there is none, grey-level differences and true depth (same unit) NaN.
+    Unknown depth is 0; unknown grey-level differences and unknown true depth (same unit) are NaN.
     """
     seen = difference[mask & np.isfinite(difference)]
     found = Measurements({"coverage": (int((depth[mask] > 0).sum()), int(mask.sum()))})
@@ -85,37 +85,37 @@ def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | N
 
 
 class Tally:
-    """Measurements of both conditions side by side on the same instants, added one by one."""
+    """Measurements of both conditions on the same instants, added one by one."""
 
     def __init__(self) -> None:
         self._measured: list[Mapping[str, Measurements]] = []
         self._facts: list[Mapping[str, float]] = []
 
     def add(self, measured: Mapping[str, Measurements], facts: Mapping[str, float]) -> None:
-        """Add an instant, measured in both conditions; its row begins with the facts."""
+        """Add an instant measured in both conditions; its row begins with the facts."""
         self._measured.append(measured)
         self._facts.append(facts)
 
     @property
     def instants(self) -> int:
-        """How many instants were added."""
+        """Number of instants added."""
         return len(self._measured)
 
     @property
     def names(self) -> list[str]:
-        """The measures that were taken at any instant."""
+        """Names of the measures taken at any instant."""
         sides = [one[side] for one in self._measured for side in SIDES]
         return list(dict.fromkeys(name for side in sides for name in side.names))
 
     @property
     def measures(self) -> tuple[Measure, ...]:
-        """The medians over the instants, with intervals; without those that have no value."""
+        """Medians over the instants with intervals; measures without a value are left out."""
         found = (self._measure(name) for name in self.names)
         return tuple(one for one in found if one.synced or one.offset)
 
     @property
     def per_instant(self) -> tuple[dict[str, float | int | None], ...]:
-        """Every instant's facts and own values."""
+        """Facts and values of every instant."""
         rows = []
         for measured, facts in zip(self._measured, self._facts, strict=True):
             row: dict[str, float | int | None] = dict(facts)
@@ -141,7 +141,10 @@ def _median(values: Array) -> float | None:
 
 
 def _resampled_medians(values: Array) -> Array:
-    """The median of every bootstrap draw of the instants, the same draws for as many; none of too few."""
+    """Return the median of every bootstrap draw of the instants; empty with too few.
+
+    Equal numbers of instants get the same draws.
+    """
     if np.isfinite(values).sum() < MIN_FOR_INTERVAL:
         return np.zeros(0)
     drawn = values[np.random.default_rng(0).integers(0, len(values), (RESAMPLES, len(values)))]
@@ -152,7 +155,7 @@ def _resampled_medians(values: Array) -> Array:
 
 
 def _interval(value: float | None, samples: Array) -> Interval | None:
-    """A value and the middle 95 % of the draws around it."""
+    """Return a value with the middle 95 % of the draws around it."""
     known = samples[np.isfinite(samples)]
     if value is None:
         return None

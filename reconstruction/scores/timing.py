@@ -1,4 +1,4 @@
-"""Whether the pictures called one instant are of one instant: measured on what moves in them."""
+"""Judgement of whether nominally simultaneous images show one instant, measured by motion in them."""
 
 from collections.abc import Iterable, Sequence
 from typing import Any
@@ -11,62 +11,69 @@ from reconstruction.scores.study_result import StudyResult
 from reconstruction.time_offsets.crossings import MIN_INSTANTS, InstantOffset, OffsetFit
 
 SIGMAS = 2.0
-"""Standard deviations of the error that is shown (95 %)."""
+"""Standard deviations in the reported error (95 %)."""
 ODD_SIGMAS = 3.0
-"""An offset is claimed where zero is further away than this; an instant by itself disagrees from here on."""
+"""Standard deviations from which an offset is claimed, or a single instant disagrees with the take."""
 SURE_FRAMES = 0.1
-"""An error above this share of a frame certifies nothing."""
+"""Error, in frames, above which a measurement certifies nothing."""
 ODD_FRAMES, ODD_MS = 0.25, 4.0
-"""An instant that is less than this from the others, the lesser of both, does not disagree with them."""
+"""An instant closer to the others than the smaller of these does not disagree with them."""
 ODD_SHARE = 0.2
-"""With more of its instants in disagreement, a take has no one lateness."""
+"""Fraction of disagreeing instants above which a take has no single time offset."""
 LOST_SHARE = 0.5
-"""Where less of what moves is found than this share of what stands still, most of it is lost."""
+"""Most of what moves is lost if less of it is found than this fraction of what stands still."""
 AGREED_SHARE = 0.75
-"""The share of the instants' own depth curves that must be highest at one offset."""
+"""Fraction of the instants' own depth curves that must peak at the same offset."""
 ROW_MISMATCH_PX = 1.0
-"""Epipolar error of what moves from which pictures may not be of one instant."""
+"""Epipolar error of moving objects from which images may not be of one instant."""
 ROW_MISMATCH_RATIO = 5.0
-"""And this many times that of what stands still, which does not depend on timing."""
+"""The error must also be this many times that of still objects, which does not depend on timing."""
 
 
 class Timing(Struct, frozen=True, kw_only=True):
-    """How much later a camera's pictures were taken than another's that are called of the same instants."""
+    """Time offset of a camera against another whose images are nominally of the same instants."""
 
     reference: str
     other: str
     synchronized: bool = False
-    """Zero is the lateness within its error, over the take and at its instants."""
+    """Whether zero is within the offset's error, over the whole take and at its instants."""
     late_ms: float | None = None
-    """The median over the instants; None where the pictures do not tell."""
+    """Median over the instants; None if the images do not determine it."""
     uncertainty_ms: float | None = None
-    """95 % error of it; one frame where `by_depth`."""
+    """95 % error of `late_ms`; one frame if `by_depth`."""
     by_depth: bool = False
-    """It is known to a frame only, by where the depth curve is highest; `reason`: why not by what moves."""
+    """Whether the offset is known only to a frame, by the peak of the depth curve.
+
+    `reason` then says why motion did not determine it.
+    """
     offset: bool = False
-    """It is certainly not zero."""
+    """Whether the offset is certainly not zero."""
     same_frame_ms: float | None = None
-    """The pictures are of the same frame, late by no more than this, by what moves or as depth is found best
-    as they are paired; None where neither tells."""
+    """Upper bound of the offset of images that are of the same frame; None if this is unknown.
+
+    It is determined by motion, or because depth is found best as the images are paired.
+    """
     out_of_place_px: float | None = None
-    """Epipolar error of what moves, where pictures of one instant cannot have it."""
+    """Epipolar error of moving objects, if images of one instant cannot have it."""
     reason: str = ""
-    """Why it is not known, or neither zero nor certainly another."""
+    """Why the offset is unknown, or neither zero nor certainly another value."""
     shift_ms: float | None = None
-    """What added to the other camera's times (`--time-shift-ms`) pairs the pictures that belong together;
-    None where they are paired as well as they can be."""
+    """Correction of the other camera's times (`--time-shift-ms`) that pairs the matching images.
+
+    None if they are already paired as well as possible.
+    """
     instants: tuple[InstantOffset, ...] = ()
     moving_cameras: dict[str, float] = {}
-    """Cameras that moved while they recorded, and by how many px from frame to frame."""
+    """Cameras that moved while recording, with their motion in px from frame to frame."""
 
     @property
     def cameras(self) -> tuple[str, str]:
-        """Both."""
+        """Both cameras: the reference and the other."""
         return self.reference, self.other
 
     @property
     def option(self) -> str:
-        """The option that pairs the pictures that belong together; empty where none does."""
+        """Command-line option that pairs the matching images; empty if none does."""
         return "" if self.shift_ms is None else f"--time-shift-ms {self.other}={self.shift_ms:.4g}"
 
 
@@ -77,10 +84,11 @@ def judge_timing(
     spacing_ms: float,
     moving_cameras: dict[str, float] | None = None,
 ) -> Timing:
-    """Judge a measured offset of times: `apart_ms` is how much later the second's times already say it is.
+    """Judge a measured time offset.
 
-    `spacing_ms` is that of the frames. Synchronized is said only where the error is small, zero lies in it,
-    and the instants by themselves agree.
+    `apart_ms` is how much later the second camera's images already are by their timestamps. `spacing_ms` is
+    the frame period. Images are called synchronized only if the error is small, contains zero, and the single
+    instants agree.
     """
     reference, other = cameras
     moving, fit = moving_cameras or {}, fit.later(apart_ms)
@@ -104,7 +112,7 @@ def judge_timing(
     elif not offset and abs(late) > SIGMAS * sd:
         reason = "what was measured is neither clearly zero nor clearly another offset"
     frames = round(late / spacing_ms)
-    # Far less has to be known for the frame: that its neighbours are not it.
+    # The frame needs far less evidence: only its neighbours must be excluded.
     same = not offset and agree and is_same_instant(abs(late) + ODD_SIGMAS * sd, spacing_ms)
     return Timing(
         reference=reference,
@@ -122,9 +130,9 @@ def judge_timing(
 
 
 def without_common_times(timing: Timing, doubt: str) -> Timing:
-    """The judgement of a recording whose times are in `doubt`: its pictures are not called synchronized.
+    """Return the judgement of a recording whose times are in `doubt`: never synchronized.
 
-    That they agree by what moves near their own times does not say that no other offset fits as well.
+    Agreement by motion near the recorded times does not exclude another offset that fits as well.
     """
     if not timing.synchronized and timing.same_frame_ms is None:
         return timing
@@ -133,10 +141,11 @@ def without_common_times(timing: Timing, doubt: str) -> Timing:
 
 
 def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float) -> Timing:
-    """The judgement with what depth says: at which of the offsets, whole frames, most of it is found.
+    """Return the judgement combined with the offset, in whole frames, at which most depth is found.
 
-    `peaks_ms`: of each instant's own curve that has a clear one. Where they agree they tell to a frame: no
-    certificate holds against that, and where moving points do not tell, it is what is told.
+    `peaks_ms` holds the offset of each instant whose own curve has a clear maximum. If these agree, the
+    offset is known to a frame. That overrides a contrary certificate, and it is the result if motion is
+    inconclusive.
     """
     peak_ms = max(sorted(set(peaks_ms)), key=peaks_ms.count, default=0.0)
     if len(peaks_ms) < MIN_INSTANTS or peaks_ms.count(peak_ms) < AGREED_SHARE * len(peaks_ms):
@@ -162,10 +171,10 @@ def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float
 
 
 def with_depth(timing: Timing, depth: StudyResult[Any]) -> Timing:
-    """The judgement with what depth says of the pictures as they were recorded.
+    """Return the judgement combined with the depth of the images as recorded.
 
-    They are of different instants where most of what moves is lost and has an epipolar error, while what
-    stands still is found and has none. Where moving points say otherwise nothing is certain.
+    The images are of different instants if most of what moves is lost and has an epipolar error, while still
+    objects are found without one. If motion contradicts this, nothing is certain.
     """
     moving, still = found_shares(depth)
     rows, control = depth.value("mover_epipolar_px"), depth.value("static_epipolar_px")
@@ -188,27 +197,28 @@ def with_depth(timing: Timing, depth: StudyResult[Any]) -> Timing:
 
 
 def found_shares(depth: StudyResult[Any]) -> tuple[float | None, float | None]:
-    """The share of moving and of still pixels found as recorded, correctly where the truth is known."""
+    """Return the fractions of moving and still pixels found as recorded; correctly, if the truth is known."""
     measure = "coverage" if depth.value("mover_within_2pct") is None else "within_2pct"
     return depth.value(f"mover_{measure}"), depth.value(f"static_{measure}")
 
 
 class RigTiming(Struct, frozen=True, kw_only=True):
-    """How much later the cameras' pictures were taken than those of one of them; `cameras`: of each other."""
+    """Time offsets of all cameras against a reference; each entry of `cameras` is one camera."""
 
     reference: str
     cameras: tuple[Timing, ...]
 
     @property
     def together(self) -> frozenset[str]:
-        """The cameras whose pictures are of one instant with the reference's, itself among them."""
+        """Cameras that show the same instant as the reference, including the reference."""
         return frozenset({self.reference, *(one.other for one in self.cameras if one.synchronized)})
 
 
 def are_together(cameras: Iterable[str], pair: Timing | None, rig: RigTiming | None) -> bool:
-    """Whether the pictures of all these cameras were found to be of one instant.
+    """Return whether all these cameras were found to show one instant.
 
-    The judgement of a pair by itself counts for these two, and against any group they are in.
+    The judgement of the pair decides for these two cameras. If negative, it also decides for any group that
+    contains both.
     """
     asked = frozenset(cameras)
     if pair is not None:
@@ -219,7 +229,7 @@ def are_together(cameras: Iterable[str], pair: Timing | None, rig: RigTiming | N
 
 
 def are_apart(cameras: Iterable[str], pair: Timing | None, rig: RigTiming | None) -> bool:
-    """Whether any of these cameras' pictures were found not to be of one instant with another's."""
+    """Return whether any of these cameras was found to show a different instant from another of them."""
     asked = frozenset(cameras)
     measured = (pair, *(rig.cameras if rig is not None else ()))
     return any(one is not None and one.offset and asked.issuperset(one.cameras) for one in measured)

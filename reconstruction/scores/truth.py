@@ -1,4 +1,4 @@
-"""Measured against true depth: which pixels are right, and which stand still and serve as control."""
+"""Depth against true depth: pixels that are right, and still pixels that serve as control."""
 
 from collections.abc import Sequence
 
@@ -10,36 +10,39 @@ from reconstruction.common.geometry import Array, View, other_from_reference
 from reconstruction.session.motion import dilate
 
 DEPTH_TOLERANCE = 0.02
-"""Greatest relative error of a depth that is called right."""
+"""Maximum relative error of a depth that counts as right."""
 TOLERANCE_TEXT = f"within {100 * DEPTH_TOLERANCE:g} %"
 TOLERANCES = {"within_1pct": 0.01, "within_2pct": DEPTH_TOLERANCE, "within_5pct": 0.05}
-"""By measure of `metrics.json`."""
+"""Relative tolerances by measure of `metrics.json`."""
 
 
 def right_depth(depth: Array, truth: Array, tolerance: float = DEPTH_TOLERANCE) -> Array:
-    """Where depth is right (bool); it is not where there is none, or no true depth (0 or not finite)."""
+    """Return where depth is right (bool); false where depth or true depth is unknown (0 or not finite)."""
     with np.errstate(invalid="ignore"):
         return np.asarray(np.abs(depth - truth) < tolerance * truth)
 
 
 def share_right(depth: Array, truth: Array, mask: Array | None = None) -> float | None:
-    """Share of a mask's pixels (bool) with a true depth (0 = unknown) whose depth is right; None = none."""
+    """Return the fraction of right depths in a mask (bool); None if no true depth is known there (0)."""
     known = truth > 0 if mask is None else (truth > 0) & mask
     return float(right_depth(depth, truth)[known].mean()) if known.any() else None
 
 
 class DepthShares(Struct, frozen=True, kw_only=True):
-    """How right a depth map is, by its pixels with a true depth: empty ones are wrong; None = none known."""
+    """Accuracy of a depth map over pixels of known true depth; empty ones are wrong; None = no truth."""
 
     within_2pct: float | None = None
     mover_within_2pct: float | None = None
     static_within_2pct: float | None = None
     median_error_pct: float | None = None
-    """Median of the relative errors of the depths that there are, percent."""
+    """Median relative error of the depths found, percent."""
 
 
 def depth_shares(depth: Array, truth: Array, movers: Array) -> dict[str, float | None]:
-    """Shares of a depth map by a true one (0 = unknown) and a mask of what moves, all height x width."""
+    """Return accuracy fractions of a depth map, given true depth (0 = unknown) and a motion mask.
+
+    All three arrays are height x width.
+    """
     known, there = truth > 0, (depth > 0) & (truth > 0)
     error = np.abs(depth - truth)[there] / truth[there]
     on_movers = known & movers
@@ -54,10 +57,10 @@ def depth_shares(depth: Array, truth: Array, movers: Array) -> dict[str, float |
 
 
 def true_depth_in_unit(truth: Array, unit: str, still: Array, static: Array) -> Array | None:
-    """True depth (m, 0 = unknown) in the calibration's unit, NaN = unknown.
+    """Return true depth (m, 0 = unknown) in the calibration's unit; NaN = unknown.
 
-    Structure from motion knows no metres: there, what stands still (`static`, bool) gives the scale by its
-    depth `still` (0 = unknown). None where none of that is known.
+    Structure from motion has no metric scale. There, still pixels (`static`, bool) give the scale by their
+    depth `still` (0 = unknown). None if no such depth is known.
     """
     known = np.where(truth > 0, truth, np.nan)
     if unit == "m":
@@ -67,7 +70,7 @@ def true_depth_in_unit(truth: Array, unit: str, still: Array, static: Array) -> 
 
 
 def median_still_depth(depths: Sequence[Array], moving: Sequence[Array]) -> Array:
-    """Depth of what stands still: the median over the instants at which a pixel does not move; 0 = never."""
+    """Return the still scene's depth: the median over the instants at which a pixel is still; 0 = never."""
     stack = np.stack(
         [np.where((depth > 0) & ~mask, depth, np.nan) for depth, mask in zip(depths, moving, strict=True)]
     )
@@ -78,7 +81,7 @@ def median_still_depth(depths: Sequence[Array], moving: Sequence[Array]) -> Arra
 
 
 def fill_from_nearest(depth: Array) -> Array:
-    """Depth, with the nearest known pixel's where it is unknown (0); some must be known."""
+    """Return depth with unknown pixels (0) filled from the nearest known one; at least one must be known."""
     unknown = (depth <= 0).astype(np.uint8)
     if not unknown.any():
         return depth
@@ -89,10 +92,10 @@ def fill_from_nearest(depth: Array) -> Array:
 
 
 def project_into_other(reference: View, other: View, depth: Array) -> tuple[Array, Array]:
-    """For each reference pixel, where a point at this depth lies in the other view.
+    """Project each reference pixel at its depth into the other view.
 
-    Returns float32 maps (height, width, 2), px; and whether it lies in the picture (bool). Pixels of
-    unknown depth (0) take the nearest known one's.
+    Returns float32 maps (height, width, 2), px, and whether the projection is inside the image (bool). Pixels
+    of unknown depth (0) use the nearest known depth.
     """
     if not (depth > 0).any():
         return np.zeros((*depth.shape, 2), np.float32), np.zeros(depth.shape, bool)
@@ -110,10 +113,10 @@ def project_into_other(reference: View, other: View, depth: Array) -> tuple[Arra
 def still_pixels(
     where: Array, inside: Array, reference_movers: Sequence[Array], other_movers: Sequence[Array]
 ) -> Array:
-    """Pixels that no moving object can affect (bool): the control that must be equal in both conditions.
+    """Return the control (bool): pixels that no moving object can affect, equal in both conditions.
 
-    Neither the pixel nor the place in the other view at which its still point is seen (`where`, from
-    `project_into_other`) is touched by a mover, at any of the times.
+    No moving region may touch the pixel itself at any of the times. Nor may one touch its projection in the
+    other view (`where`, from `project_into_other`).
     """
     here = dilate(np.logical_or.reduce(list(reference_movers)), 4)
     there = dilate(np.logical_or.reduce(list(other_movers)), 8).astype(np.uint8)

@@ -20,7 +20,7 @@ Mark = tuple[str, tuple[tuple[float, float], tuple[float, float]]]
 
 
 def _parse_mark(text: str) -> Mark:
-    """Read a camera and two points in its picture."""
+    """Parse a camera name and two points in its image."""
     name, _, numbers = text.partition("=")
     try:
         x1, y1, x2, y2 = (float(number) for number in numbers.split(","))

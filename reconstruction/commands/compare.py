@@ -21,10 +21,10 @@ def _refuse_synced(
 
 
 class _CompareCommand(click.Command):
-    """The command with an option to choose studies, and the options of all that are installed."""
+    """Command with an option to choose studies, and the options of all installed studies."""
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """Load the studies; nothing else does before they run."""
+        """Return the options; loads the studies, which are otherwise not loaded before they run."""
         from reconstruction.compare.comparison import installed_studies
         from reconstruction.report.study_report import GROUP
 

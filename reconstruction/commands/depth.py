@@ -52,7 +52,7 @@ def stereo(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
 
 
 def _parse_all_or_some(text: str) -> tuple[int, ...]:
-    """Read `all`, which is none by number, or a list of instants."""
+    """Parse `all`, returned as None, or a list of instants."""
     return () if text.strip() == "all" else options.parse_instants(text)
 
 

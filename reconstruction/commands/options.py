@@ -1,4 +1,4 @@
-"""Options that several commands share, and how their values are read."""
+"""Options shared by several commands, and the parsing of their values."""
 
 import math
 from collections.abc import Callable, Iterator
@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
 MOST_INSTANTS = 1_000_000
 CONDITION = ParsedType("condition", Condition.parse)
-"""How late each camera's images are: see `CONDITION_HELP`."""
+"""Type of a condition: the delay of each camera's images; see `CONDITION_HELP`."""
 OFFSETS_HELP = (
     "MS: every second camera is late by this much. MS,MS,...: each camera is late by this much, in the "
     "session's order. CAMERA=MS,...: the named cameras are late. "
@@ -31,7 +31,7 @@ CONDITION_HELP = f"{SYNCED}: images of the same instant. {OFFSETS_HELP}"
 
 
 def parse_pair(text: str) -> tuple[str, str]:
-    """Read the names of two cameras with a comma between."""
+    """Parse two camera names separated by a comma."""
     names = [part.strip() for part in text.split(",")]
     if len(names) != 2 or not all(names):
         raise click.BadParameter(f"{text!r} is not two cameras with a comma between, as in cam00,cam01")
@@ -39,7 +39,7 @@ def parse_pair(text: str) -> tuple[str, str]:
 
 
 def parse_instants(text: str) -> tuple[int, ...]:
-    """Read numbers of instants and ranges of them, such as 0-9,20."""
+    """Parse instants and ranges of instants, such as 0-9,20."""
     found: list[int] = []
     for part in text.split(","):
         first, dash, last = (piece.strip() for piece in part.partition("-"))
@@ -61,12 +61,12 @@ def flag(*names: str, **settings: Any) -> msgspec.Meta:
 
 
 def pair_flag(*names: str, use: str, hidden: bool = False) -> msgspec.Meta:
-    """As `flag`, for two cameras and what they are used for; an earlier name is hidden."""
+    """Annotate a field as `flag` does, for two cameras and their use; `hidden` is for earlier names."""
     return flag(*names, hidden=hidden, **_pair_settings(use))
 
 
 def study_options(options: type[msgspec.Struct]) -> Iterator[click.Option]:
-    """Make the command line's options of a study's `Options`."""
+    """Yield the command line options of a study's `Options`."""
     hints = get_type_hints(options, include_extras=True)
     for one in msgspec.structs.fields(options):
         for meta in getattr(hints[one.name], "__metadata__", ()):
@@ -76,7 +76,7 @@ def study_options(options: type[msgspec.Struct]) -> Iterator[click.Option]:
 
 
 def memory_option(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the option `--memory`, keep its dense work within, and say what that changed."""
+    """Add the option `--memory` to a command, limit its dense work, and report what the limit changed."""
 
     @click.option(
         "--memory",
@@ -96,7 +96,9 @@ def memory_option(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def checksums_option(command: Callable[..., None]) -> Callable[..., None]:
-    """Give a command the option `--require-checksums`, and say which pictures are not as they were saved."""
+    """Add the option `--require-checksums` to a command, and report images that changed since they were
+    saved.
+    """
 
     @click.option(
         "--require-checksums",
@@ -114,7 +116,7 @@ def checksums_option(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def pair_option(*names: str, use: str) -> Callable[..., Any]:
-    """Make an option for two cameras and what they are used for."""
+    """Return an option for two cameras and their use."""
     return click.option(*names, **_pair_settings(use))
 
 
@@ -162,7 +164,7 @@ max_instants_option = click.option(
 def _parse_time_shifts(
     ctx: click.Context, param: click.Parameter, texts: tuple[str, ...]
 ) -> dict[str, float]:
-    """Read CAMERA=MS of each."""
+    """Parse CAMERA=MS of each text."""
     found = {}
     for text in texts:
         camera, _, value = text.rpartition("=")

@@ -1,4 +1,4 @@
-"""`reconstruct compare`: the effect of synchronization on one burst, by all studies that are installed."""
+"""`reconstruct compare`: the effect of synchronization on one burst, measured by all installed studies."""
 
 import time
 from collections.abc import Iterator, Mapping, Sequence
@@ -36,23 +36,23 @@ from reconstruction.session.instants import fixed_offsets_ms
 from reconstruction.session.picture_checksums import picture_checks
 
 TOLERANCE_INSTANTS = 6
-"""Instants of the tolerance curve within a comparison; `reconstruct tolerance` takes more."""
+"""Instants of the tolerance curve in a comparison; `reconstruct tolerance` uses more."""
 CORE_STEPS = 6
-"""Progress lines of a comparison besides its studies' own."""
+"""Progress lines of a comparison besides the lines of its studies."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class CompareOptions:
-    """Options of a comparison; `of` makes them of these and of the studies' own."""
+    """Options of a comparison; `of` combines them with the studies' own options."""
 
     offset_ms: float = DEFAULT_OFFSET_MS
     max_instants: int = 16
     conditions: tuple[Condition, ...] = ()
-    """Further conditions beside every study's own."""
+    """Further conditions besides each study's own."""
     against: Path | None = None
     """Another session to compare with."""
     time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
-    """What is added to the times of the cameras it names."""
+    """Corrections added to the times of the named cameras."""
     studies: tuple[str, ...] = ()
     """Names of the studies to make; empty = all."""
     of_studies: Mapping[str, Any] = field(default_factory=dict)
@@ -60,7 +60,7 @@ class CompareOptions:
 
     @classmethod
     def of(cls, **options: Any) -> Self:
-        """Make options by their names, those of studies among them.
+        """Create options by name, including the studies' options.
 
         Raises:
             BadInputError: no installed study has such an option.
@@ -75,18 +75,18 @@ class CompareOptions:
 
 
 def installed_studies() -> list[type[Study]]:
-    """Return the studies that a comparison makes, in their order."""
+    """Return the classes of the studies that a comparison makes, in order."""
     return [kind for kind in study_reports().values() if issubclass(kind, Study)]
 
 
 def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
     """Compare a session with itself, one camera offset; write metrics, pictures and the report to `out`.
 
-    The folder appears whole or not at all.
+    The folder is written atomically.
 
     Raises:
-        SimulshotError: the session, the options or the folder cannot be used, or something that was asked
-            for is not available here.
+        SimulshotError: the session, the options or the folder cannot be used, or a requested feature is not
+          available here.
     """
     began = time.monotonic()
     dataset = Dataset.open(session, options.time_shifts_ms)
@@ -146,7 +146,7 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
 
 
 def _chosen(studies: Mapping[str, Study], names: Sequence[str]) -> dict[str, Study]:
-    """The studies of these names and all that they need, in order; all studies without names."""
+    """Return the named studies and all that they need, in order; all studies if no name is given."""
     wanted, left = set[str](), list(names or studies)
     while left:
         name = left.pop()
@@ -159,10 +159,10 @@ def _chosen(studies: Mapping[str, Study], names: Sequence[str]) -> dict[str, Stu
 
 
 def _run_studies(context: Context, studies: Mapping[str, Study]) -> Known:
-    """Run all studies, each after those that it needs; one that is impossible is skipped with its reason.
+    """Run each study after the studies that it needs; skip an impossible one with its reason.
 
     Raises:
-        NotAvailableError: the calibration takes a package that is not installed, and nothing could be made.
+        NotAvailableError: the calibration needs a package that is not installed, and nothing could be made.
     """
     rig, offset = context.rig, context.offset
     context.progress.step(f"detecting motion in {rig.dataset.name}")
@@ -176,7 +176,7 @@ def _run_studies(context: Context, studies: Mapping[str, Study]) -> Known:
     known = Known(moving_share=moving, uncalibrated=str(no_views or ""))
     context.progress.step("choosing cameras")
     for wave in _waves(studies):
-        # Studies of one wave do not wait for each other.
+        # Studies of one wave are independent of each other.
         found = {name: studies[name].run(_limited(known, studies[name])) for name in wave if name != TIMING}
         known = replace(known, studies={**known.studies, **found})
         if TIMING in wave and no_views is None:
@@ -187,7 +187,7 @@ def _run_studies(context: Context, studies: Mapping[str, Study]) -> Known:
 
 
 def _waves(studies: Mapping[str, Study]) -> Iterator[list[str]]:
-    """Names of studies that can run side by side, in waves, and `TIMING` after all studies of a pair."""
+    """Yield waves of studies that can run side by side; `TIMING` follows all pair studies."""
     graph = {
         name: [one for one in study.needs if one in studies or one == TIMING]
         for name, study in studies.items()
@@ -206,7 +206,7 @@ def _waves(studies: Mapping[str, Study]) -> Iterator[list[str]]:
 
 
 def _limited(known: Known, study: Study) -> Known:
-    """The part of what is known that a study needs."""
+    """Return the part of the known results that a study needs."""
     needed = {name: known.studies[name] for name in study.needs if name in known.studies}
     if TIMING in study.needs:
         return replace(known, studies=needed)
@@ -214,8 +214,7 @@ def _limited(known: Known, study: Study) -> Known:
 
 
 def _with_timing(context: Context, known: Known, studies: Mapping[str, Study]) -> Known:
-    """Measure how late the cameras are, on the first pair that was studied, and how much delay its depth
-    tolerates."""
+    """Measure the time offsets on the first pair studied, and the delay that its depth tolerates."""
     times, progress = TimingStudy(context.rig), context.progress
     pairs = (one for one in studies.values() if isinstance(one, PairStudy) and not one.found.skipped)
     study = next(pairs, None)
@@ -242,7 +241,7 @@ def _with_timing(context: Context, known: Known, studies: Mapping[str, Study]) -
 def _further_conditions(
     context: Context, studies: Sequence[Study], conditions: Sequence[Condition], against: Dataset | None
 ) -> tuple[ConditionResult, ...]:
-    """The conditions asked for, and another session, beside every study's own."""
+    """Compare the requested conditions, and another session, with every study."""
     made = [one for one in studies if isinstance(one, ConditionStudy) and not one.found.skipped]
     found = []
     for condition in conditions:
@@ -252,7 +251,7 @@ def _further_conditions(
         found.append(ConditionResult(name=condition.name, offsets_ms=late_ms, studies=compared))
     if against is not None:
         context.progress.step(f"session {against.name}")
-        # By its own calibration, else by this one's.
+        # The other session uses its own calibration if it has one, else this session's.
         rig = Rig(against, context.rig.stages.folder, context.offset.step if context.offset else 1)
         if calibration := against.calibration() or context.rig.calibration:
             rig.use_calibration(calibration)

@@ -1,4 +1,4 @@
-"""Base of all studies of a comparison: their context, needs and options, how one is skipped, its pictures."""
+"""Base classes of a comparison's studies: context, needs, options, skipping, and pictures."""
 
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
@@ -26,25 +26,25 @@ from reconstruction.session.instants import choose_moving_instants, pair_instant
 
 SYNCHRONIZED, ALL_APART = Condition(SYNCED), Condition(DISTINCT)
 TIMING = "timing"
-"""A study that needs to know how late the cameras are names this; it waits for all studies of a pair."""
+"""Pseudo-study for `needs`: the cameras' time offsets, measured after all pair studies."""
 UNASKED = "it was not asked for"
 
 Pair = tuple[str, str]
 
 
 class NoOptions(msgspec.Struct, frozen=True):
-    """The options of a study that has none."""
+    """Options of a study that has none."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class Context:
-    """What all studies of a comparison share; it does not change while they run."""
+    """Shared, constant context of all studies of a comparison."""
 
     rig: Rig
     offset: FrameOffset | None = None
-    """How late the second camera of a pair is; None = not at all."""
+    """Offset of a pair's second camera; None = no offset."""
     middle: int = 0
-    """The instant from whose images cameras are chosen."""
+    """Instant from whose images cameras are chosen."""
     max_instants: int = 16
     options: Mapping[str, Any] = field(default_factory=dict)
     """Options of all studies, by the names of the fields of their `Options`."""
@@ -55,18 +55,18 @@ class Context:
 
 @dataclass(frozen=True, kw_only=True)
 class Known:
-    """What is known when a study's turn comes: a first look at the session, and the results that it needs."""
+    """What is known when a study runs: a first look at the session, and the results that the study needs."""
 
     moving_share: float = 1.0
     uncalibrated: str = ""
-    """Why the cameras have no calibration; empty where they have one."""
+    """Why the cameras have no calibration; empty if they have one."""
     studies: Mapping[str, StudyResult[Any]] = field(default_factory=dict)
     timing: Timing | None = None
     rig_timing: RigTiming | None = None
     tolerance: OffsetTolerance | None = None
 
     def study(self, name: str) -> StudyResult[Any] | None:
-        """The result of a study; None where it was skipped."""
+        """Return the result of a study; None if it was skipped."""
         found = self.studies.get(name)
         return None if found is None or found.skipped else found
 
@@ -75,14 +75,16 @@ class Study(StudyReport, ABC):
     """One study of a comparison: what it needs, its options, how it is made, and how it is reported."""
 
     needs: ClassVar[Sequence[str]] = ()
-    """Names of studies whose results it reads, made or skipped, or `TIMING`. Studies that do not wait for
-    each other may run side by side."""
+    """Names of the studies whose results it reads, made or skipped, or `TIMING`.
+
+    Independent studies may run side by side.
+    """
     needs_calibration: ClassVar[bool] = False
     min_cameras: ClassVar[int] = 1
     packages: ClassVar[Sequence[str]] = ()
-    """Packages of the extra `reconstruction` that it cannot do without."""
+    """Required packages of the extra `reconstruction`."""
     Options: ClassVar[type[msgspec.Struct]] = NoOptions
-    """Its options; `study_options.flag` says how each is typed."""
+    """Struct of the study's options; `study_options.flag` defines how each is typed."""
 
     def __init__(self, context: Context) -> None:
         self.context, self.progress = context, context.progress
@@ -94,18 +96,18 @@ class Study(StudyReport, ABC):
 
     @property
     def steps(self) -> int:
-        """How many progress lines it prints at most."""
+        """Maximum number of progress lines that the study prints."""
         return 0
 
     def check(self) -> None:
-        """Refuse options that do not go with this session, before anything is computed.
+        """Reject options that this session cannot satisfy, before anything is computed.
 
         Raises:
             SimulshotError: an option cannot be used.
         """
 
     def unasked(self) -> str:
-        """Return why nobody asked for it, by its options and `known`; empty if it is to be made."""
+        """Return why the study was not requested, by its options and `known`; empty if it is to be made."""
         return ""
 
     @abstractmethod
@@ -118,7 +120,7 @@ class Study(StudyReport, ABC):
         """
 
     def run(self, known: Known) -> StudyResult[Any]:
-        """Make the study, or say why it is skipped."""
+        """Make the study, or return a skipped result with the reason."""
         self.known = known
         if why := self.unasked():
             self.found = self.skipped(why, unasked=True)
@@ -140,21 +142,21 @@ class Study(StudyReport, ABC):
             require_reconstruction(package, self.text.subject)
 
     def skipped(self, why: str, *, unasked: bool = False) -> StudyResult[Any]:
-        """Return a result without measures, for this reason."""
+        """Return a result without measures that states this reason."""
         return StudyResult(name=self.text.name, skipped=why, unasked=unasked)
 
 
 class ConditionStudy(Study):
-    """A study that measures any condition against the synchronized one with all else equal."""
+    """Study that measures any condition against the synchronized one, all else equal."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
         self.condition = ALL_APART
-        """The condition that it compares with the synchronized one if nothing else is asked for."""
+        """Default condition that is compared with the synchronized one."""
 
     @abstractmethod
     def prepare(self) -> None:
-        """Fix all that is the same in every condition, from images around the context's middle instant.
+        """Fix all that is equal in every condition, from images around the context's middle instant.
 
         Raises:
             ValueError: these cameras do not allow the measurement.
@@ -162,23 +164,23 @@ class ConditionStudy(Study):
 
     @abstractmethod
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[Any]:
-        """Compare a condition with the synchronized one, with pictures of it where there is a folder.
+        """Compare a condition with the synchronized one; write pictures if a folder is given.
 
         Raises:
-            ValueError: the burst does not hold this condition.
+            ValueError: the burst does not contain this condition.
             NotAvailableError: a package is not installed.
         """
 
     def adopt(self, ours: Self) -> None:
-        """Take over from the same study of the comparison's own session what both have to share."""
+        """Copy what two sessions must share from the same study of the comparison's own session."""
 
     def measure(self) -> StudyResult[Any]:
-        """As `Study.measure`."""
+        """Prepare the study and compare its default condition; see `Study.measure`."""
         self.prepare()
         return self.compare(self.condition, self.context.folder)
 
     def compare_condition(self, condition: Condition) -> StudyResult[Any]:
-        """Compare a further condition, or say why that is impossible."""
+        """Compare a further condition, or return a skipped result with the reason."""
         if condition == self.condition:
             return self.found
         self.progress = Progress(0, silent=True)
@@ -189,7 +191,10 @@ class ConditionStudy(Study):
             return self.skipped(str(error))
 
     def compare_session(self, rig: Rig) -> StudyResult[Any]:
-        """Compare with another session's synchronized images, not paired by instant; else as above."""
+        """Compare with another session's synchronized images, not paired by instant.
+
+        Returns a skipped result with the reason if that is impossible.
+        """
         middle = len(rig.dataset.instants_ns) // 2
         quiet = Progress(0, silent=True)
         theirs = type(self)(replace(self.context, rig=rig, offset=None, middle=middle, progress=quiet))
@@ -208,32 +213,32 @@ class ConditionStudy(Study):
 
 
 class PairStudy(ConditionStudy):
-    """A study of two cameras whose second is late; its option for them is named as the study is."""
+    """Study of two cameras with a delayed second one; the option that names them has the study's name."""
 
     needs_calibration = True
     min_cameras = 2
     measures_delay: ClassVar[bool] = False
-    """Whether `compare_instants` measures depth, of which a curve over the delay is made."""
+    """Whether `compare_instants` measures depth, from which a tolerance curve is made."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
         self.asked: Pair | None = getattr(self.options, self.text.name, None)
-        """The cameras; None = chosen from the images."""
+        """The requested cameras; None = chosen from the images."""
         self.cameras: Pair = ("", "")
         self.reason = ""
 
     @property
     def steps(self) -> int:
-        """One for choosing the cameras, and one for each instant."""
+        """One line for the choice of cameras, and one for each instant."""
         offset = self.context.offset
         return 1 + min(len(offset.pairs) if offset else 0, self.context.max_instants)
 
     def check(self) -> None:
-        """As `Study.check`: the session has the cameras that were asked for."""
+        """Reject requested cameras that the session does not have; see `Study.check`."""
         self.rig.check_pair(self.asked)
 
     def adopt(self, ours: Self) -> None:
-        """Take the pair of the comparison's own session."""
+        """Use the pair of the comparison's own session."""
         self.asked, self.reason = ours.cameras, ours.reason
 
     def compare_instants(
@@ -246,7 +251,7 @@ class PairStudy(ConditionStudy):
     ) -> StudyResult[Any]:
         """Compare depth at `pairs` of instants: the first camera's, and the second's in the other condition.
 
-        The range of depths is that of `range_instants`, or of the pairs' own.
+        The depth range is computed from `range_instants`, or from the pairs.
 
         Raises:
             ValueError: the two views overlap too little.
@@ -254,7 +259,7 @@ class PairStudy(ConditionStudy):
         raise NotImplementedError
 
     def use_pair(self, choice: PairChoice) -> None:
-        """Use the chosen pair, the second late by the context's offset.
+        """Use the chosen pair, with the second camera delayed by the context's offset.
 
         Raises:
             ValueError: no pair could be chosen.
@@ -268,12 +273,12 @@ class PairStudy(ConditionStudy):
             self.condition = Condition(f"{offset.asked_ms:g}ms", named_ms=late)
 
     def instant_pairs(self, condition: Condition) -> tuple[list[tuple[int, int]], dict[str, float]]:
-        """The instants that the two cameras show, where something moves, and how late each camera is, ms.
+        """Return the instants of both cameras at which something moves, and each camera's delay, ms.
 
-        Empty for the latter where both are of one instant, or where every instant is drawn for itself.
+        The delays are empty if both cameras show one instant, or if the delay is drawn at each instant.
 
         Raises:
-            ValueError: the burst does not hold the condition.
+            ValueError: the burst does not contain the condition.
         """
         first, second = self.cameras
         if condition == SYNCHRONIZED:
@@ -297,13 +302,13 @@ class PictureText:
     caption: str
     flat: bool = False
     panels: int = 1
-    """Panels side by side in it."""
+    """Number of panels side by side."""
 
 
 def write_pictures(
     drawn: Mapping[str, Mapping[str, Array]], texts: Mapping[str, PictureText], out: Path
 ) -> tuple[Picture, ...]:
-    """Write pictures, drawn by side and key, into out/pictures; `texts` are theirs by key."""
+    """Write pictures, given by condition and key, into out/pictures; `texts` are their texts by key."""
     pictures = []
     for key, text in texts.items():
         suffix = "png" if text.flat else "jpg"

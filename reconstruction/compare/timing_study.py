@@ -1,4 +1,4 @@
-"""How late the cameras are, and whether they stood still: what comparisons rest on."""
+"""Time offsets of the cameras, and whether the cameras stood still: the basis of comparisons."""
 
 from itertools import pairwise
 
@@ -12,7 +12,7 @@ from reconstruction.time_offsets.rig_offsets import measure_rig_offsets
 
 
 class TimingStudy:
-    """The timing of a calibrated rig, each image's points found once."""
+    """Timing of a calibrated rig; the points of each image are detected once."""
 
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
@@ -22,11 +22,11 @@ class TimingStudy:
         self.offsets = PairOffsets(rig)
 
     def measure_pair(self, cameras: tuple[str, str]) -> Timing:
-        """How late the second camera is against the first, at instants at which something moves."""
+        """Measure the second camera's time offset against the first, at instants with motion."""
         return self._judge(cameras, self.offsets.measure(*cameras))
 
     def measure_rig(self, reference: str | None) -> RigTiming:
-        """How late every camera is, from many pairs' offsets; against `reference` if that tells most."""
+        """Measure every camera's time offset from many pairs; prefer `reference` if most informative."""
         found = measure_rig_offsets(self.rig, preferred=reference, finder=self.offsets)
         first = next(name for name, one in found.items() if one.sd_ms == 0)
         judged = (

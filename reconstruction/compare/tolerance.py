@@ -1,4 +1,4 @@
-"""`reconstruct tolerance`: a pair's depth against offset to both sides, and how much the motion tolerates."""
+"""`reconstruct tolerance`: a pair's depth against offset in both directions, and the tolerated delay."""
 
 import tempfile
 import time
@@ -38,21 +38,24 @@ from reconstruction.session.picture_checksums import picture_checks
 
 Point = StudyResult[DelayFacts]
 MAX_STEPS = 4
-"""Offsets to either side."""
+"""Maximum number of offsets in either direction."""
 CLEAR_PEAK = 0.15
-"""A point of an instant's curve that is higher than the median of the others by this much is its peak."""
+"""Height above the median of the other points from which an instant's highest point is its peak."""
 LOSS = 0.1
-"""The share of the synchronized value whose loss an offset may cause and still be tolerable."""
+"""Fraction of the synchronized value that a tolerable offset may lose."""
 
 
 def curve_measure(points: Sequence[Point]) -> str:
-    """What the curve shows: right depth where the truth is known, else any depth."""
+    """Return the curve's measure: right depth if the truth is known, else any depth."""
     true = any(point.value("mover_within_2pct") is not None for point in points)
     return "mover_within_2pct" if true else "mover_coverage"
 
 
 def with_zero(compared: Sequence[Point]) -> tuple[Point, ...]:
-    """The points of the curve from the earliest to the latest; at zero stands the widest's synchronized."""
+    """Return the curve's points from the earliest to the latest, with a point at zero.
+
+    The point at zero is the synchronized value of the point with the most instants.
+    """
     widest = max(compared, key=lambda one: one.instants)
     measures = tuple(
         Measure(name=one.name, synced=one.synced, offset=one.synced) for one in widest.measures if one.synced
@@ -68,7 +71,7 @@ def with_zero(compared: Sequence[Point]) -> tuple[Point, ...]:
 
 
 def instant_curves(points: Sequence[Point], measure: str) -> tuple[InstantTolerance, ...]:
-    """Every instant's own curve over the points."""
+    """Return every instant's own curve over the points."""
     pixels: dict[int, int] = {}
     found: dict[int, dict[float, float | None]] = {}
     for point in points:
@@ -96,13 +99,13 @@ def _instant(instant: int, pixels: int, curve: list[tuple[float, float | None]])
 
 
 def is_decreasing(points: Sequence[Point], measure: str) -> bool:
-    """Whether, to either side of zero, no point's interval lies wholly above that of the one before it."""
+    """Return whether, away from zero, no point's interval is entirely above the one before it."""
     pairs = [pair for side in _sides(points, measure) for pair in pairwise(side)]
     return bool(pairs) and all(after.ends[0] <= before.ends[1] for (_, before), (_, after) in pairs)
 
 
 def tolerable_offset_ms(points: Sequence[Point], measure: str, speed_px_per_ms: float | None) -> float | None:
-    """The offset at which a tenth is lost or half of what moves has moved by a pixel; None = neither."""
+    """Return the offset at which a tenth is lost or half of what moves moved by a pixel; None = neither."""
     limits = []
     for side in _sides(points, measure):
         least = (1 - LOSS) * side[0][1].value if side else 0.0
@@ -117,7 +120,7 @@ def tolerable_offset_ms(points: Sequence[Point], measure: str, speed_px_per_ms: 
 
 
 def _sides(points: Sequence[Point], measure: str) -> list[list[tuple[float, Interval]]]:
-    """What is known from zero to the earliest point, and to the latest, by the size of the offset."""
+    """Return the known values from zero to the earliest and to the latest point, by absolute offset."""
     known = [(p.late_ms or 0.0, one) for p in points if (one := p.interval(measure, "offset")) is not None]
     early = [(-ms, one) for ms, one in reversed(known) if ms <= 0]
     return [early, [(ms, one) for ms, one in known if ms >= 0]]
@@ -125,20 +128,20 @@ def _sides(points: Sequence[Point], measure: str) -> list[list[tuple[float, Inte
 
 @dataclass(frozen=True, kw_only=True)
 class ToleranceOptions:
-    """Options of a tolerance curve; the pair is names of cameras, None = chosen from the images."""
+    """Options of a tolerance curve; `stereo` names the pair's cameras, None = chosen from the images."""
 
     max_offset_ms: float = DEFAULT_OFFSET_MS
     stereo: tuple[str, str] | None = None
     max_instants: int = 16
     time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
-    """What is added to the times of the cameras it names."""
+    """Corrections added to the times of the named cameras."""
 
 
 def measure_tolerance(session: Path, out: Path | None, options: ToleranceOptions) -> OffsetTolerance:
-    """Measure a pair's depth against offset; write curve, numbers and report to `out` where it is given.
+    """Measure a pair's depth against offset; write curve, numbers and report to `out` if given.
 
     Raises:
-        SimulshotError: the session, the options or the folder cannot be used, or no depth can be made.
+        SimulshotError: the session, the options or the folder cannot be used, or no depth can be computed.
     """
     if out is None:
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
@@ -193,12 +196,12 @@ def _measure(session: Path, stages: Path, options: ToleranceOptions) -> OffsetTo
 
 
 def whole_frame_offsets(dataset: Dataset, most_ms: float) -> list[FrameOffset]:
-    """The whole-frame offsets up to `most_ms` to either side, from the earliest to the latest; without zero.
+    """Return the whole-frame offsets up to `most_ms` in both directions, earliest first, without zero.
 
-    As far as half the burst reaches; at most `MAX_STEPS` to either side.
+    They span at most half the burst, with at most `MAX_STEPS` in either direction.
 
     Raises:
-        BadInputError: there is one instant only.
+        BadInputError: there is only one instant.
     """
     if len(dataset.instants_ns) < 2:
         raise BadInputError(
@@ -206,7 +209,7 @@ def whole_frame_offsets(dataset: Dataset, most_ms: float) -> list[FrameOffset]:
             hint="take a burst of 5 or more",
         )
     spacing_ns = min(b - a for a, b in pairwise(dataset.instants_ns))
-    # Half the burst must be left to measure on, and a frame may be a little longer than asked for.
+    # Half the burst must remain to measure on, and a frame may be slightly longer than requested.
     count = min(int(most_ms * 1e6 / spacing_ns + 0.25), max(1, len(dataset.instants_ns) // 2))
     wanted = sorted({round(k) for k in np.linspace(1, max(1, count), min(max(1, count), MAX_STEPS))})
     late = [
@@ -216,7 +219,7 @@ def whole_frame_offsets(dataset: Dataset, most_ms: float) -> list[FrameOffset]:
 
 
 def _depth_study() -> type[PairStudy]:
-    """The installed study whose depth a curve over the delay is made of."""
+    """Return the installed study whose depth the tolerance curve uses."""
     for study in study_reports().values():
         if issubclass(study, PairStudy) and study.measures_delay:
             return study
@@ -230,9 +233,9 @@ def measure_curve(
     steps: list[FrameOffset],
     timing: Timing,
 ) -> OffsetTolerance:
-    """Measure the curve of a pair by a study, at these offsets, every point on the same moving pixels.
+    """Measure a pair's curve with a study at these offsets; every point uses the same moving pixels.
 
-    And on the same instants, where the burst has enough that reach all offsets.
+    All points use the same instants, if enough instants of the burst have frames at all offsets.
 
     Raises:
         ValueError: the two views overlap too little, or no instant has its frames.
@@ -282,7 +285,7 @@ def measure_curve(
 
 
 def _speed_px_per_ms(rig: Rig, camera: str, nows: list[int]) -> float | None:
-    """Median speed of the moving pixels in a camera's picture, by optical flow to a neighbour in time."""
+    """Return the median speed of a camera's moving pixels, by optical flow to a neighbouring frame."""
     times = rig.dataset.instants_ns
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
     lengths = []

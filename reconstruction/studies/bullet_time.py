@@ -1,4 +1,4 @@
-"""Bullet time: one moment from camera to camera, by stabilized views, as pictures and as an animation."""
+"""Bullet time: one instant from camera to camera, stabilized, as pictures and as an animation."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -25,27 +25,27 @@ from reconstruction.session.motion import SceneMotion
 
 MAX_CAMERAS = 20
 PANEL_PX, MANY = 400, 8
-"""Longest side of each half; of more pictures than that, two thirds."""
+"""Longest side of each half; two thirds of it with more pictures than the second number."""
 STRIP_PX = 34
 GAP_PX = 6
 STEP_MS, REST_MS = 160, 480
 PAPER, INK = (26, 22, 20), (226, 231, 233)
 TONES = ((255, 179, 109), (87, 156, 255))
-"""BGR of the marks of the first and the second sequence, those of the report in the dark."""
+"""BGR colours of the first and second sequence, as in the report's dark theme."""
 MAX_MISS_SHARE = 0.12
-"""How far the point may be from where a camera saw it, as a share of the picture's width."""
+"""Maximum distance of the subject from its place in a camera's image, as a fraction of image width."""
 ZOOMS = np.geomspace(0.6, 1.7, 50)
-"""Tried in turn until every picture is filled; beyond, too little of the pictures would be left."""
+"""Zooms tried in order until every picture is filled; beyond, too little of the images would remain."""
 LATE_MS = (0.0, 66.0, -33.0, 33.0, -66.0)
-"""How late the cameras of the other condition are, in the sweep's order; neighbours are far apart in time."""
+"""Delays of the offset cameras in sweep order; neighbours are far apart in time."""
 LONG_SIDE_PX = 512
 SMALLER_PX, MANY_CAMERAS = 384, 8
-"""With more cameras than that their pictures are made smaller, so that a report stays a few megabytes."""
+"""Size for more than this number of cameras, so that a report stays at a few megabytes."""
 QUALITY = 82
 MAX_CANDIDATES = 6
-"""Instants among which the one with the most motion is taken."""
+"""Number of candidate instants, of which the one with the most motion is chosen."""
 MIN_MOVING_PX = 40
-"""With fewer moving pixels in a picture the subject's place is unknown."""
+"""Minimum number of moving pixels in an image that locate the subject."""
 SECTION = """
 {% set sweep = view.found.facts %}
 {% macro reel(tone, title, paths, times) %}
@@ -99,24 +99,23 @@ As a file to share: <code>{{ sweep.file }}</code>.</figcaption>
 
 
 class BulletTime(msgspec.Struct, frozen=True, kw_only=True):
-    """One instant from camera to camera, synchronized and with cameras late: paths of pictures by camera."""
+    """One instant from camera to camera, synchronized and with delayed cameras; picture paths by camera."""
 
     cameras: tuple[str, ...]
-    """In the order of the sweep."""
+    """Cameras in sweep order."""
     instant: int
     synced: tuple[str, ...]
     offset: tuple[str, ...]
     offsets_ms: tuple[float, ...]
-    """How late each camera's offset picture is."""
+    """Delay of each camera's offset picture."""
     stabilized: bool
-    """The pictures are turned and zoomed so that what moves stays where it is."""
+    """Whether the pictures are rotated and zoomed so that the subject stays in place."""
     ordered_by_position: bool
-    """The order is that of the cameras' places, not of their names."""
+    """Whether the order follows the cameras' positions instead of their names."""
     file: str
-    """An animation of both side by side."""
+    """Path of an animation of both sequences side by side."""
     synced_step_px: float | None = None
-    """How far the largest thing that moves goes from one picture to the next at most, px of the pictures;
-    None where they are not stabilized."""
+    """Largest step of the largest moving object between pictures, px; None if not stabilized."""
     offset_step_px: float | None = None
 
 
@@ -128,8 +127,8 @@ def save_animation(
 ) -> str:
     """Write folder/pictures/`name`.gif and return its path relative to the folder.
 
-    `halves` are pictures (BGR uint8) of equal number and size; `titles` are that of the first half and those
-    of each picture of the second.
+    `halves` are pictures (BGR uint8) of equal number and size. `titles` holds the title of the first half and
+    one title for each picture of the second.
     """
     side = PANEL_PX if len(halves[0]) <= MANY else PANEL_PX * 2 // 3
     there = [
@@ -159,11 +158,11 @@ def _panel(picture: Array, title: str, tone: tuple[int, int, int], side: int) ->
 
 
 def triangulate_subject(views: Mapping[str, View], seen: Mapping[str, Array]) -> tuple[Array, float] | None:
-    """The point (3,) of the rig's frame nearest to what each camera saw at a pixel (2,), or None.
+    """Triangulate the subject (3,), in the rig's frame, from one pixel (2,) per camera.
 
-    Least squares over the distances from the rays (a pixel each). With it how far it is from those pixels at
-    most, px. None where fewer than two cameras saw something, or a camera would have the point behind it,
-    outside its picture or farther than `MAX_MISS_SHARE` from that pixel.
+    Minimizes the squared distances from the pixels' rays. Also returns the maximum reprojection error, px.
+    None if fewer than two cameras saw something. None also if the point is behind a camera, outside its
+    image, or farther than `MAX_MISS_SHARE` from its pixel.
     """
     matrix, vector = np.zeros((3, 3)), np.zeros(3)
     for name, pixel in seen.items():
@@ -190,7 +189,7 @@ def triangulate_subject(views: Mapping[str, View], seen: Mapping[str, Array]) ->
 
 
 def project_point(view: View, point: Array) -> Array | None:
-    """Where a view shows a point of the rig's frame, px (2,); None = behind it."""
+    """Return a view's pixel (2,) of a point in the rig's frame; None if it is behind the view."""
     at = view.rotation @ point + view.translation
     if at[2] <= 1e-9:
         return None
@@ -200,11 +199,11 @@ def project_point(view: View, point: Array) -> Array | None:
 def stabilize_views(
     views: Mapping[str, View], point: Array, width: int, height: int
 ) -> dict[str, View] | None:
-    """Undistorted views that all show the point at one place, upright and at one scale, width x height px.
+    """Return undistorted, upright views of one scale that show the point at one place, width x height px.
 
-    Each stands where its camera stands and is only turned and zoomed, so that a picture of it needs nothing
-    that its camera did not see. The place is where the cameras themselves show the point on average. None
-    where no zoom fills them all.
+    Each view keeps its camera's position and is only rotated and zoomed, so it shows nothing that the camera
+    did not see. The place is the mean of the point's positions in the cameras' images. None if no zoom fills
+    all views.
     """
     down = np.mean([view.rotation[1] for view in views.values()], axis=0)
     places = []
@@ -237,7 +236,7 @@ def stabilize_views(
 
 
 def _filled(held: View, view: View) -> bool:
-    """Whether the camera's own picture reaches every edge of the stabilized one."""
+    """Return whether the camera's own image reaches every edge of the stabilized view."""
     rays = held.rays(held.border(12)) @ held.rotation @ view.rotation.T
     if float(rays[:, 2].min()) < 0.1:
         return False
@@ -248,7 +247,7 @@ def _filled(held: View, view: View) -> bool:
 
 
 def render_view(held: View, view: View, image: Array, empty: tuple[int, int, int]) -> Array:
-    """A camera's picture as its stabilized view shows it (BGR); what it does not reach is `empty`."""
+    """Render a camera's image in its stabilized view (BGR); uncovered pixels are `empty`."""
     shrink = max(1.0, view.focal / held.focal)
     if shrink > 1.5:
         size = round(view.width / shrink), round(view.height / shrink)
@@ -264,11 +263,11 @@ def render_view(held: View, view: View, image: Array, empty: tuple[int, int, int
 
 
 def order_by_place(views: Mapping[str, View]) -> tuple[str, ...]:
-    """The shortest path past all cameras, from left to right as they see it.
+    """Return the shortest path along all cameras, from left to right as they see it.
 
-    The distance between two cameras is that of their places, in
-    shares of the rig's size, together with that of their viewing directions. So the path follows a row or an
-    arc, a ring from its largest gap on, and the viewing directions of cameras that stand in one spot.
+    The distance of two cameras combines their positions, relative to the rig's size, with their viewing
+    directions. The path thus follows a row or an arc, a ring from its largest gap, and the directions of
+    cameras at one spot.
     """
     names = sorted(views)
     if len(names) < 2:
@@ -282,7 +281,7 @@ def order_by_place(views: Mapping[str, View]) -> tuple[str, ...]:
     path = min(paths, key=lambda steps: (round(_path_length(steps, distance), 9), steps))
     first, last = views[names[path[0]]], views[names[path[-1]]]
     right = np.mean([view.rotation[0] for view in views.values()], axis=0)
-    # Where cameras stand in one spot, the one that looks farther left is the first.
+    # If all cameras are at one spot, the one that looks farthest left is the first.
     across = (last.centre - first.centre) / size if size > 1e-9 else last.axis - first.axis
     if float(across @ right) < 0:
         path = path[::-1]
@@ -299,7 +298,7 @@ def _nearest_neighbour_path(distance: Array, start: int) -> list[int]:
 
 
 def _uncrossed(path: list[int], distance: Array) -> list[int]:
-    """The path with stretches turned round for as long as that makes it shorter (2-opt)."""
+    """Shorten the path by reversing sections until none helps (2-opt)."""
     shorter = True
     while shorter:
         shorter = False
@@ -316,7 +315,7 @@ def _path_length(path: Sequence[int], distance: Array) -> float:
 
 
 class BulletTimeStudy(Study):
-    """One instant from camera to camera, beside cameras that are late."""
+    """One instant from camera to camera, beside delayed cameras."""
 
     text = StudyText(
         name="bullet_time",
@@ -330,7 +329,7 @@ class BulletTimeStudy(Study):
 
     @classmethod
     def files(cls, found: StudyResult[BulletTime]) -> dict[str, Sequence[str]]:
-        """As `StudyReport.files`."""
+        """Return the animation and its single pictures; see `StudyReport.files`."""
         sweep = found.facts
         if sweep is None:
             return {}
@@ -340,7 +339,7 @@ class BulletTimeStudy(Study):
         }
 
     def measure(self) -> StudyResult[Any]:
-        """As `Study.measure`."""
+        """Render the sweep; see `Study.measure`."""
         assert self.context.folder is not None
         sweep = render_camera_sweep(
             self.dataset,
@@ -364,13 +363,12 @@ def render_camera_sweep(
     timing: Timing | None = None,
     rig_timing: RigTiming | None = None,
 ) -> BulletTime | None:
-    """Write the sweep's pictures and an animation of it into out/pictures; None where there is no sweep.
+    """Write the sweep's pictures and an animation into out/pictures; None if no sweep is possible.
 
-    The cameras come in the order of their places where they are calibrated, else by name. Pictures of
-    calibrated cameras are rotated and zoomed so that what moves stays where it is; no view is interpolated.
-    In the other condition each camera is late by one of `LATE_MS`, as far as the burst goes.
-    The animation says synchronized only where the pictures of the sweep's cameras were found to be of one
-    instant.
+    Cameras are ordered by position if they are calibrated, else by name. Pictures of calibrated cameras are
+    rotated and zoomed so that the subject stays in place; no view is interpolated. In the other condition
+    each camera is delayed by one of `LATE_MS`, as far as the burst reaches. The animation says synchronized
+    only if the images of the sweep's cameras were found to show one instant.
     """
     calibrated = {name: views[name] for name in dataset.cameras if name in views}
     order = order_by_place(calibrated) if len(calibrated) > 1 else tuple(sorted(dataset.cameras))
@@ -417,10 +415,10 @@ def render_camera_sweep(
 def _choose_instant(
     dataset: Dataset, motion: SceneMotion, order: tuple[str, ...]
 ) -> tuple[int, dict[str, int]] | None:
-    """The instant to stop at, and from which instant each camera's picture comes when it is late.
+    """Return the instant of the sweep, and the source instant of each camera's delayed image.
 
-    Of the instants at which most cameras have both pictures, most at distinct times, and these nearest to
-    `LATE_MS`, the one with the most motion.
+    Candidates are ranked by cameras with both images, then by distinct times, then by closeness to `LATE_MS`.
+    Of the best, the instant with the most motion is chosen.
     """
     wanted_ns = {name: LATE_MS[place % len(LATE_MS)] * 1e6 for place, name in enumerate(order)}
     times = dataset.instants_ns
@@ -451,9 +449,9 @@ def _choose_instant(
 def _stabilized_views(
     motion: SceneMotion, views: Mapping[str, View], order: tuple[str, ...], instant: int
 ) -> dict[str, View]:
-    """Views that hold the subject in place; none where the cameras do not agree on where it is.
+    """Return views that hold the subject in place; empty if the cameras disagree about its position.
 
-    The subject is the largest moving thing, or the middle of all that moves: whichever fits better.
+    The subject is the largest moving object or the centre of all motion, whichever has the smaller error.
     """
     ours = {name: views[name] for name in order if name in views}
     if len(ours) < len(order):
@@ -471,19 +469,19 @@ def _stabilized_views(
 
 
 def _centroid(mask: Array) -> Array:
-    """The middle of a mask, px (2,)."""
+    """Return the centroid of a mask, px (2,)."""
     return np.asarray(np.argwhere(mask).mean(0)[::-1])
 
 
 def _largest_centroid(mask: Array) -> Array:
-    """The middle of the largest spot of a mask, px (2,)."""
+    """Return the centroid of the largest component of a mask, px (2,)."""
     _, _, stats, middles = cv2.connectedComponentsWithStats(np.asarray(mask, np.uint8))
     return np.asarray(middles[1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))])
 
 
 @dataclass(frozen=True)
 class _SweepPictures:
-    """The cameras' pictures as the sweep shows them: as the stabilized views see them, else fitted."""
+    """Pictures of the sweep: rendered in the stabilized views, or else fitted to the canvas."""
 
     dataset: Dataset
     views: Mapping[str, View]
@@ -491,7 +489,7 @@ class _SweepPictures:
     canvas: tuple[int, int]
 
     def picture(self, camera: str, instant: int) -> Array:
-        """A camera's picture (BGR)."""
+        """Return a camera's picture (BGR)."""
         image = self.dataset.image(camera, instant)
         if camera in self.stabilized:
             return render_view(self.stabilized[camera], self.views[camera], image, EMPTY)
@@ -499,7 +497,7 @@ class _SweepPictures:
 
 
 def _largest_step_px(pictures: _SweepPictures, motion: SceneMotion, taken: Mapping[str, int]) -> float | None:
-    """The largest step of the largest moving thing's middle from one stabilized picture to the next, px."""
+    """Return the largest step of the largest moving object between stabilized pictures, px."""
     middles = []
     for camera, instant in taken.items():
         if camera not in pictures.stabilized:
@@ -513,7 +511,7 @@ def _largest_step_px(pictures: _SweepPictures, motion: SceneMotion, taken: Mappi
 
 
 def _canvas_size(dataset: Dataset, order: Sequence[str]) -> tuple[int, int]:
-    """Width and height that the pictures are shown at, px, of the largest camera's shape."""
+    """Return width and height of the pictures, px, in the largest camera's aspect ratio."""
     width, height = max((dataset.size(name) for name in order), key=lambda size: size[0] * size[1])
     side = SMALLER_PX if len(order) > MANY_CAMERAS else LONG_SIDE_PX
     scale = min(1.0, side / max(width, height))

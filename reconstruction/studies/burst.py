@@ -51,12 +51,12 @@ class BurstGrid(msgspec.Struct, frozen=True, kw_only=True):
     cameras: tuple[str, ...]
     instants: tuple[int, ...]
     times_ms: tuple[float, ...]
-    """Since the burst's first instant."""
+    """Times since the burst's first instant."""
     thumbnails: tuple[tuple[str, ...], ...]
 
 
 class BurstStudy(Study):
-    """Small pictures of the burst, which show where late images come from."""
+    """Study with small pictures of the burst, which show the source of delayed images."""
 
     text = StudyText(
         name="burst",
@@ -69,12 +69,12 @@ class BurstStudy(Study):
 
     @classmethod
     def files(cls, found: StudyResult[BurstGrid]) -> dict[str, Sequence[str]]:
-        """As `StudyReport.files`."""
+        """Return the grid's pictures; see `StudyReport.files`."""
         rows = found.facts.thumbnails if found.facts is not None else ()
         return {"the burst": [path for row in rows for path in row if path]}
 
     def measure(self) -> StudyResult[Any]:
-        """As `Study.measure`."""
+        """Write the grid; see `Study.measure`."""
         assert self.context.folder is not None
         grid = _render(self.dataset, self.context.folder)
         cameras, instants = grid.cameras, len(grid.instants)
@@ -82,7 +82,7 @@ class BurstStudy(Study):
 
 
 def _render(dataset: Dataset, out: Path) -> BurstGrid:
-    """Write the thumbnails into out/pictures; of a long burst, instants spread evenly over it."""
+    """Write the thumbnails into out/pictures; a long burst is sampled at evenly spaced instants."""
     count = len(dataset.instants_ns)
     instants = evenly_spread(range(count), MAX_INSTANTS)
     cameras = dataset.cameras[:MAX_CAMERAS]

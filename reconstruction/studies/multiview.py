@@ -1,4 +1,4 @@
-"""Depth of the middle camera from all cameras, and the cloud that is fused from all."""
+"""Depth of the middle camera from all cameras, and the cloud fused from all."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -41,12 +41,12 @@ from reconstruction.session.instants import (
 )
 
 MIN_POINTS = 500
-"""A synchronized cloud of fewer points shows nothing."""
+"""Minimum points of a synchronized cloud worth showing."""
 MIN_CAMERAS = 3
 MAX_CAMERAS = 5
-"""More cameras make better clouds, but say no more about timing; each takes as long as the first."""
+"""More cameras improve the cloud but say no more about timing; each takes as long as the first."""
 MAX_TRIES = 4
-"""Instants tried to find one at which every camera has a usable picture."""
+"""Number of instants tried until every camera has a usable image."""
 SECTION = """
 {% from "figures.html" import figure with context %}
 {% from "tables.html" import table, folded %}
@@ -76,17 +76,17 @@ them agree. {{ view.delays|keep_units }}</p>
 
 @dataclass(frozen=True)
 class CameraGroup:
-    """Cameras with overlapping views around a reference in their middle, and why others are left out."""
+    """Cameras with overlapping views around a central reference, and reasons why others are left out."""
 
     reference: str = ""
     cameras: tuple[str, ...] = ()
     scene: CoarseScene = field(default_factory=lambda: CoarseScene({}, {}))
-    """What a first look found of the scene."""
+    """Coarse scene found by a first look."""
     left_out: Mapping[str, str] = field(default_factory=dict)
 
 
 def choose_camera_group(shots: UndistortedSession, middle: int) -> CameraGroup:
-    """Choose the cameras from synchronized pictures around the instant `middle`.
+    """Choose the cameras from synchronized images around the instant `middle`.
 
     Raises:
         ValueError: fewer than `MIN_CAMERAS` have overlapping views.
@@ -131,10 +131,10 @@ def _require_cameras(count: int, left_out: Mapping[str, str]) -> None:
 def save_clouds(
     instant: int, maps: Mapping[str, InstantDepth], view: View, moving: Array, out: Path
 ) -> InstantClouds | None:
-    """Write both clouds into out/pictures; None where there is nothing to see.
+    """Write both clouds into out/pictures; None if they have too few points.
 
-    `view` and `moving` (bool) are the reference camera's: a page begins from its place, and turns about what
-    moves.
+    `view` and `moving` (bool) belong to the reference camera. A page starts from its position and rotates
+    about the moving objects.
     """
     if len(maps["synced"].points) < MIN_POINTS:
         return None
@@ -154,7 +154,7 @@ def save_clouds(
 
 
 def _pivot(synced: InstantDepth, view: View, moving: Array) -> Array:
-    """The middle of what moves, else of everything, in the rig's frame."""
+    """Return the centre of the moving points, else of all points, in the rig's frame."""
     known = synced.depth > 0
     rows, columns = np.nonzero(known & moving if (known & moving).any() else known)
     if not len(rows):
@@ -189,25 +189,25 @@ class MultiviewOptions(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MultiviewFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """Results that this study alone has."""
+    """Results that only this study has."""
 
     reference: str
-    """The middle camera, on whose pixels depth is judged."""
+    """The middle camera, on whose pixels depth is scored."""
     tolerance_m: float | None
     """Distance within which a point of the cloud is correct."""
     width_px: int
     matcher: str
     matcher_note: str
-    """Why this matcher, or what it runs on."""
+    """Reason for this matcher, or the hardware it runs on."""
     clouds: InstantClouds | None
     left_out: dict[str, str]
     """Why other cameras take no part."""
     cloud_skipped: str
-    """Why there is no cloud; empty where there is one."""
+    """Why there is no cloud; empty if there is one."""
 
 
 class MultiviewStudy(ConditionStudy):
-    """Depth from all cameras in any condition; what is fixed for all comes from synchronized pictures."""
+    """Depth from all cameras in any condition; synchronized images determine what all conditions share."""
 
     text = StudyText(
         name="multiview",
@@ -271,7 +271,7 @@ class MultiviewStudy(ConditionStudy):
 
     @classmethod
     def placeholders(cls, found: StudyResult[MultiviewFacts]) -> dict[str, str]:
-        """As `StudyReport.placeholders`."""
+        """Return values for the names in braces; see `StudyReport.placeholders`."""
         facts = found.facts
         if facts is None:
             return super().placeholders(found)
@@ -286,7 +286,7 @@ class MultiviewStudy(ConditionStudy):
 
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[MultiviewFacts]) -> str:
-        """As `StudyReport.verdict`."""
+        """Return the sentence on depth; see `StudyReport.verdict`."""
         cameras, when = f"all {len(found.cameras)} cameras", "the pictures of {} are paired as recorded"
         if result.together(found.cameras):
             when = "{} show the same instant"
@@ -294,7 +294,7 @@ class MultiviewStudy(ConditionStudy):
 
     @classmethod
     def view(cls, found: StudyResult[MultiviewFacts], heads: Mapping[str, str], out: Path) -> dict[str, Any]:
-        """As `StudyReport.view`: the cloud to be turned by hand."""
+        """Return the cloud for the page's 3D view; see `StudyReport.view`."""
         facts = found.facts
         if facts is None or facts.clouds is None:
             return {"cloud": None}
@@ -302,7 +302,7 @@ class MultiviewStudy(ConditionStudy):
 
     @classmethod
     def files(cls, found: StudyResult[MultiviewFacts]) -> dict[str, Sequence[str]]:
-        """As `StudyReport.files`."""
+        """Return the paths of both clouds; see `StudyReport.files`."""
         clouds = found.facts.clouds if found.facts is not None else None
         return {"the cloud of one instant in both": [clouds.synced, clouds.offset]} if clouds else {}
 
@@ -311,30 +311,30 @@ class MultiviewStudy(ConditionStudy):
         self.options: MultiviewOptions
         self.matcher = choose_matcher(self.options.matcher, quick=True)
         self.middle_camera = ""
-        """Any other middle camera is refused."""
+        """Required middle camera; any other is rejected. Empty accepts all."""
         self.group = CameraGroup()
 
     @property
     def steps(self) -> int:
-        """One for choosing the cameras, and one for each instant and condition."""
+        """One line for the choice of cameras, and one for each instant and condition."""
         most = self.options.multiview_instants
         return 1 + 2 * min(most, len(self.dataset.instants_ns)) if most else 0
 
     def unasked(self) -> str:
-        """As `Study.unasked`."""
+        """Return that the study was not requested, if it has no instants; see `Study.unasked`."""
         return "" if self.options.multiview_instants else UNASKED
 
     def adopt(self, ours: Self) -> None:
-        """Take the middle camera of the comparison's own session."""
+        """Use the middle camera of the comparison's own session."""
         self.middle_camera = ours.group.reference
 
     @cached_property
     def shots(self) -> UndistortedSession:
-        """The session's pictures, undistorted."""
+        """The session's images, undistorted."""
         return UndistortedSession(self.dataset, self.motion, self.rig.views, self.options.multiview_width)
 
     def prepare(self) -> None:
-        """As `ConditionStudy.prepare`.
+        """Choose the cameras; see `ConditionStudy.prepare`.
 
         Raises:
             ValueError: fewer than three calibrated cameras have overlapping views.
@@ -347,12 +347,12 @@ class MultiviewStudy(ConditionStudy):
             raise ValueError(f"its middle camera is {self.group.reference}, not {self.middle_camera}")
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[MultiviewFacts]:
-        """A condition against the synchronized one, on the same instants, pixels and cameras.
+        """Compare a condition with the synchronized one on the same instants, pixels and cameras.
 
-        Pictures of the instant with most moving pixels found go into the folder.
+        Writes pictures of the instant with the most moving pixels found into the folder.
 
         Raises:
-            ValueError: the burst does not hold this condition.
+            ValueError: the burst does not contain this condition.
         """
         instants = self._instants(condition)
         found = []
@@ -398,7 +398,7 @@ class MultiviewStudy(ConditionStudy):
         )
 
     def _instants(self, condition: Condition) -> list[ShownInstant]:
-        """The instants at which most cameras have their pictures in both conditions and something moves."""
+        """Return instants with motion at which most cameras have their images in both conditions."""
         reference, problem = self.group.reference, self.shots.problem
         fullest = fullest_instants(self.dataset, condition, reference, self.group.cameras)
         by_instant = {one.instant: one.shown for one in fullest}
@@ -440,7 +440,7 @@ class MultiviewStudy(ConditionStudy):
         scorer: InstantScorer,
         folder: Path,
     ) -> tuple[tuple[Picture, ...], InstantClouds | None]:
-        """Pictures and clouds of the instant at which most of what moves was found."""
+        """Write pictures and clouds of the instant with the most moving pixels found."""
         moving = [self.shots.moving(self.group.reference, one.instant) for one in instants]
         seen = [
             int((mask & (maps["synced"].depth > 0)).sum()) for mask, maps in zip(moving, found, strict=True)
@@ -455,7 +455,7 @@ class MultiviewStudy(ConditionStudy):
     def _draw_turntable(
         self, one: ShownInstant, maps: Mapping[str, InstantDepth], folder: Path
     ) -> tuple[Picture, ...]:
-        """Both clouds from six places; none where there is nothing to see."""
+        """Draw both clouds from six viewpoints; empty with too few points."""
         if len(maps["synced"].points) < MIN_POINTS:
             return ()
         clouds = {side: (found.points, found.colours) for side, found in maps.items()}
@@ -469,9 +469,9 @@ class MultiviewStudy(ConditionStudy):
 def _draw_depth(
     photo: Array, maps: Mapping[str, InstantDepth], moving: Array, truth: Array | None, out: Path
 ) -> tuple[Picture, ...]:
-    """Distance and what moves (bool) of one instant in both conditions, in out/pictures.
+    """Draw depth and motion (bool) of one instant in both conditions into out/pictures.
 
-    `photo` (BGR) is the reference's undistorted picture; `truth` is in the maps' unit, NaN = unknown.
+    `photo` (BGR) is the reference's undistorted image. `truth` is in the maps' unit, NaN = unknown.
     """
     near, far = display_range(maps["synced"].depth, moving)
     drawn = {}

@@ -1,4 +1,4 @@
-"""A panorama of two cameras: registered once, then measured in both conditions."""
+"""Panorama of two cameras: registered once, then measured in both conditions."""
 
 from pathlib import Path
 from typing import Annotated, Any
@@ -23,13 +23,13 @@ from reconstruction.session.conditions import Condition
 from reconstruction.session.motion import dilate
 
 FEWEST_GREY_LEVELS = 12
-"""A difference between the conditions smaller than this is noise."""
+"""Difference between the conditions below which it is noise."""
 STILL_MARGIN_PX = 12
-"""Points so near to what moves share their window with it."""
+"""Margin within which a point's window overlaps a moving object."""
 MIN_POINTS, MIN_PIXELS = 5, 50
-"""What is measured at fewer is left out."""
+"""Minimum number of points and of pixels for a measure."""
 MEASURES = ("mover_misfit_px", "mover_found")
-"""What it is judged by: how far off what moves is, else how much of it is found again at all."""
+"""Measures in order of preference: residual of moving objects, else the fraction found again."""
 CLEAR_RATIO = 1.5
 TEXTS = {
     "panorama": PictureText("Panorama", "Two pictures in one, the seam where they agree best."),
@@ -60,7 +60,7 @@ class PanoramaOptions(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PanoramaStudy(PairStudy):
-    """A panorama of two cameras, synchronized and offset, registered once on what stands still."""
+    """Panorama of two cameras, synchronized and offset, registered once by the still scene."""
 
     text = StudyText(
         name="panorama",
@@ -100,7 +100,7 @@ class PanoramaStudy(PairStudy):
 
     @classmethod
     def claim(cls, found: StudyResult[Any]) -> Claim | None:
-        """As `StudyReport.claim`."""
+        """Return the panorama's main result; see `StudyReport.claim`."""
         known = found.first_known(*MEASURES)
         if known is None:
             return None
@@ -113,7 +113,7 @@ class PanoramaStudy(PairStudy):
 
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
-        """As `StudyReport.verdict`."""
+        """Return the sentence on the panorama; see `StudyReport.verdict`."""
         when = "at the same instant" if result.together(found.cameras) else "as recorded"
         late = late_text(result)
         misfit = found.first_known(MEASURES[0])
@@ -131,13 +131,13 @@ class PanoramaStudy(PairStudy):
         )
 
     stitcher: PanoramaStitcher
-    """What registers, projects and composes the pair, from `prepare` on."""
+    """Registers, projects and composes the pair; set by `prepare`."""
 
     def prepare(self) -> None:
-        """Choose the pair, and register its pictures of the same instant.
+        """Choose the pair, and register its images of the same instant.
 
         Raises:
-            ValueError: no two cameras suit, or their pictures make no panorama.
+            ValueError: no two cameras are suitable, or their images cannot be stitched.
         """
         middle = self.context.middle
         self.use_pair(self.rig.choose_panorama_pair(self.asked, middle))
@@ -155,7 +155,7 @@ class PanoramaStudy(PairStudy):
             raise ValueError(f"the pictures of {first} and {second} hardly overlap")
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[None]:
-        """As `ConditionStudy.compare`; the misfit is measured in the overlap, before seams and blending."""
+        """Measure a condition in the overlap, before seams and blending; see `ConditionStudy.compare`."""
         first, second = self.cameras
         pairs, offsets_ms = self.instant_pairs(condition)
         tally = Tally()
@@ -186,7 +186,7 @@ class PanoramaStudy(PairStudy):
         )
 
     def _measure(self, now: int, later: int, shown: int) -> Measurements:
-        """The overlap when the second camera shows the instant `shown`; what stands still does so in both."""
+        """Measure the overlap with the second camera at instant `shown`; the still mask covers both times."""
         first, second = self.cameras
         a, b = self._layers(now, shown).values()
         overlap = overlap_of(a, b)
@@ -209,7 +209,7 @@ class PanoramaStudy(PairStudy):
         return _misfit_of(overlap, moving, moving | other_moving, still)
 
     def _pictures(self, now: int, later: int, out: Path) -> tuple[Picture, ...]:
-        """The panorama of an instant, close up, and the overlap before the seam, in both conditions."""
+        """Draw an instant's panorama, a close-up, and the overlap before the seam, in both conditions."""
         canvas = self.stitcher.projection.canvas
         drawn: dict[str, dict[str, Array]] = {}
         for side, shown in zip(SIDES, (now, later), strict=True):
@@ -227,7 +227,7 @@ class PanoramaStudy(PairStudy):
 
 
 def _misfit_of(overlap: Overlap, moving: Array, moved: Array, still: Array) -> Measurements:
-    """A panorama's measures; masks of what moves in the first, moved in either, and stands still."""
+    """Return a panorama's measures, by masks of motion in the first, in either, and of the still control."""
     matched_overlap = overlap.with_brightness_matched(still)
     found, difference = measure_misfit(matched_overlap), matched_overlap.difference
     measured = Measurements(medians={"overlap_misfit_px": known(found.length)})

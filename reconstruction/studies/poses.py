@@ -1,4 +1,4 @@
-"""Camera poses that are estimated from single instants, compared with the calibration."""
+"""Camera poses estimated from single instants, compared with the calibration."""
 
 import tempfile
 from collections.abc import Iterable, Mapping, Sequence
@@ -29,7 +29,7 @@ from reconstruction.session.instants import ShownInstant, fullest_instants, rela
 TOLERANCE_DEG = 2.0
 HARMED = 0.1
 LARGE_MOVING_SHARE = 0.2
-"""If less of the picture moves, pose estimation rejects it as outliers, in late pictures too."""
+"""Moving fraction below which pose estimation rejects motion as outliers, even in delayed images."""
 MAX_INSTANTS = 5
 POSE_AXES = Axes(480, 220, 62, 10, 12, 48, (0, 0.5, 1), "camera pairs placed correctly, by instant")
 SECTION = """
@@ -70,7 +70,7 @@ ImageKey = tuple[str, int]
 
 
 class PoseFinder:
-    """Poses of any set of pictures by known intrinsics; features and matches are made once, in a folder."""
+    """Pose estimation for any set of images with known intrinsics; features and matches are cached."""
 
     def __init__(self, dataset: Dataset, views: Mapping[str, View], folder: Path) -> None:
         self._dataset = dataset
@@ -86,7 +86,7 @@ class PoseFinder:
         return load_pycolmap("finding the cameras' positions from the images")
 
     def find_poses(self, shown: Mapping[str, int]) -> dict[str, Pose]:
-        """The poses of the largest model that these pictures give; cameras without one are left out.
+        """Return the poses of the largest model from these images; cameras without a pose are left out.
 
         Raises:
             NotAvailableError: COLMAP is not installed.
@@ -157,7 +157,7 @@ def _name(camera: str, instant: int) -> str:
 
 
 def _camera(view: View) -> tuple[str, str]:
-    """COLMAP's name for the view's kind of camera, and its numbers."""
+    """Return COLMAP's camera model for the view, and its parameters."""
     m = view.matrix
     # COLMAP's first pixel has its centre at (0.5, 0.5).
     numbers = [m[0, 0], m[1, 1], m[0, 2] + 0.5, m[1, 2] + 0.5]
@@ -167,8 +167,10 @@ def _camera(view: View) -> tuple[str, str]:
 
 
 def relative_pose_errors(found: Mapping[str, Pose], true: Mapping[str, Pose]) -> list[tuple[float, float]]:
-    """Errors of each two cameras that were found: of their rotation against each other, and of the
-    direction from one to the other; degrees. The world's place, turn and scale do not matter."""
+    """Return the errors of relative rotation and direction for each pair of estimated cameras, degrees.
+
+    The world's origin, rotation and scale do not matter.
+    """
     errors = []
     for a, b in combinations(sorted(found), 2):
         (turn, way), (true_turn, true_way) = (_relative(poses[a], poses[b]) for poses in (found, true))
@@ -178,7 +180,7 @@ def relative_pose_errors(found: Mapping[str, Pose], true: Mapping[str, Pose]) ->
 
 
 def _relative(a: Pose, b: Pose) -> Pose:
-    """Rotation from a's frame to b's, and where b stands in a's frame."""
+    """Return the rotation from a's frame to b's, and b's position in a's frame."""
     turn = b[0] @ a[0].T
     return turn, a[1] - turn.T @ b[1]
 
@@ -197,20 +199,20 @@ class PoseOptions(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PoseFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """Results that this study alone has."""
+    """Results that only this study has."""
 
     degraded: bool
-    """Delays harm the poses."""
+    """Whether delays degrade the poses."""
     tolerance_deg: float
-    """Errors within which a pair is placed correctly."""
+    """Maximum errors of a correctly placed pair."""
     truth_source: str
-    """Where the poses come from that it compares with."""
+    """Source of the reference poses."""
 
 
 def pose_chart(poses: StudyResult[PoseFacts], heads: Mapping[str, str]) -> dict[str, object]:
-    """Two bars for each instant: the share of camera pairs that were placed correctly; none of no instant.
+    """Draw two bars per instant: the fraction of correctly placed camera pairs in each condition.
 
-    Of each of the `bars`: its condition, x, y and height.
+    Each of the `bars` has its condition, x, y and height.
     """
     axes = POSE_AXES
     step = (axes.width - axes.left - axes.right) / max(1, len(poses.per_instant))
@@ -221,7 +223,7 @@ def pose_chart(poses: StudyResult[PoseFacts], heads: Mapping[str, str]) -> dict[
         words = []
         for (tone, name), left in zip(heads.items(), (-1.0, 0.0), strict=True):
             share = row.get(f"{tone}_correct_pairs") or 0.0
-            # A share of 0 still gets a visible bar.
+            # A fraction of 0 still gets a visible bar.
             top = min(axes.y(share), axes.y(0) - 2)
             bars.append((tone, round(middle + left * (width + 1), 1), top, round(axes.y(0) - top, 1)))
             words.append(f"{name.lower()} {wording.share(share, decimals=0)}")
@@ -279,13 +281,13 @@ class PoseStudy(ConditionStudy):
 
     @classmethod
     def placeholders(cls, found: StudyResult[PoseFacts]) -> dict[str, str]:
-        """As `StudyReport.placeholders`."""
+        """Return values for the names in braces; see `StudyReport.placeholders`."""
         tolerance_deg = found.facts.tolerance_deg if found.facts is not None else None
         return super().placeholders(found) | {"tolerance": wording.measured(tolerance_deg, wording.DEGREES)}
 
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[PoseFacts]) -> str:
-        """Say how delays harm the poses; nothing where what stands still places the cameras both times."""
+        """Return how delays degrade the poses; empty if the still scene fixes them in both conditions."""
         before = found.value("rotation_deg") if found.facts is not None and found.facts.degraded else None
         if before is None:
             return ""
@@ -306,7 +308,7 @@ class PoseStudy(ConditionStudy):
 
     @classmethod
     def view(cls, found: StudyResult[PoseFacts], heads: Mapping[str, str], out: Path) -> dict[str, Any]:
-        """As `StudyReport.view`: the chart of every instant's pairs."""
+        """Return the chart of every instant's pairs; see `StudyReport.view`."""
         return {"chart": pose_chart(found, heads)}
 
     def __init__(self, context: Context) -> None:
@@ -317,11 +319,11 @@ class PoseStudy(ConditionStudy):
 
     @property
     def steps(self) -> int:
-        """One, for all."""
+        """One line for the whole study."""
         return 0 if self.options.poses is False else 1
 
     def unasked(self) -> str:
-        """Estimate poses if asked for or if much moves."""
+        """Return why poses are not estimated; empty if requested or if much of the image moves."""
         asked, moving = self.options.poses, self.known.moving_share
         share = wording.share(moving, decimals=0)
         self.reason = "asked for" if asked else f"{share} of the picture moves"
@@ -333,7 +335,7 @@ class PoseStudy(ConditionStudy):
         return UNASKED if asked is False else ""
 
     def prepare(self) -> None:
-        """Refuse cameras whose poses cannot be compared.
+        """Reject cameras whose poses cannot be compared.
 
         Raises:
             ValueError: fewer than three cameras are calibrated.
@@ -346,7 +348,7 @@ class PoseStudy(ConditionStudy):
             raise ValueError("poses of fewer than three cameras cannot be judged: the scale is unknown")
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[PoseFacts]:
-        """As `ConditionStudy.compare`; there are no pictures."""
+        """Compare a condition, without pictures; see `ConditionStudy.compare`."""
         instants = self._instants(condition)
         tally = Tally()
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
@@ -371,13 +373,13 @@ class PoseStudy(ConditionStudy):
         return msgspec.structs.replace(found, facts=msgspec.structs.replace(found.facts, degraded=True))
 
     def _instants(self, condition: Condition) -> list[ShownInstant]:
-        """The instants at which every camera has its pictures, thinned."""
+        """Return evenly spaced instants at which every camera has its images."""
         cameras = self.cameras
         found = fullest_instants(self.dataset, condition, cameras[0], cameras, fewest=len(cameras))
         return evenly_spread(found, MAX_INSTANTS)
 
     def _measure(self, finder: PoseFinder, shown: dict[str, int]) -> Measurements:
-        """How many cameras were placed, and both errors of each pair of them."""
+        """Return the number of placed cameras, and both errors of each pair."""
         views = self.rig.views
 
         def make() -> tuple[int, list[tuple[float, float]]]:

@@ -58,7 +58,7 @@ from reconstruction.stereo.stereo_pair import DepthMap, StereoPair, epipolar_err
 
 RANGE_INSTANTS = 8
 FALLEN_CONTROL = 0.1
-"""A loss of this share of what stands still has another reason than timing."""
+"""Lost fraction of still pixels from which timing is not the only cause."""
 WHY = """
 <p>Two cameras see the world from two places, as two eyes do. The further a thing shifts from one picture to
 the other, the nearer it is: that shift is how distance is measured, point by point.</p>
@@ -70,9 +70,9 @@ come out right either way. {{ result.actual_offset_ms|walking_distance }}</p>
 
 @dataclass(frozen=True)
 class StereoInstant:
-    """Depth by side (`synced`, `offset`), and the pixels it is measured on (bool, reference view).
+    """Depth by condition (`synced`, `offset`), and the measured pixels (bool, reference view).
 
-    `truth` is in the calibration's unit, NaN = unknown; None where the truth is unknown.
+    `truth` is in the calibration's unit, NaN = unknown; None if there is no truth.
     """
 
     now: int
@@ -84,14 +84,14 @@ class StereoInstant:
     matcher: StereoPair
 
     def shown(self, side: str) -> int:
-        """The instant that the second camera shows."""
+        """Return the instant that the second camera shows."""
         return self.now if side == "synced" else self.later
 
 
 def stereo_pictures(
     dataset: Dataset, cameras: tuple[str, str], instants: Sequence[StereoInstant], out: Path
 ) -> tuple[Picture, ...]:
-    """Write the pictures into out/pictures: of the instant with the most moving pixels that have a depth."""
+    """Write pictures of the instant with the most moving pixels with depth into out/pictures."""
     one = max(instants, key=lambda i: int((i.moving & (i.maps["synced"].depth > 0)).sum()))
     photo = dataset.image(cameras[0], one.now)
     drawn = {side: _draw(one, side, photo, dataset.image(cameras[1], one.shown(side))) for side in SIDES}
@@ -139,7 +139,7 @@ def _draw(one: StereoInstant, side: str, photo: Array, other: Array) -> dict[str
 
 
 def _draw_pair(one: StereoInstant, photo: Array, other: Array) -> Array:
-    """Both pictures turned so that the same point lies in the same row, with lines to compare by."""
+    """Draw both rectified images, in which a point has the same row, with lines for comparison."""
     canvas = one.matcher.rectification
     a, seen = canvas.remap(photo)
     b, seen_b = canvas.remap(other, other=True)
@@ -163,7 +163,7 @@ class StereoOptions(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class StereoStudy(PairStudy):
-    """Depth of a pair, synchronized and offset, with all that is fixed for both taken from synced images."""
+    """Depth of a pair, synchronized and offset; synchronized images determine what both share."""
 
     text = StudyText(
         name="stereo",
@@ -215,7 +215,7 @@ class StereoStudy(PairStudy):
 
     @classmethod
     def claim(cls, found: StudyResult[Any]) -> Claim | None:
-        """As `StudyReport.claim`."""
+        """Return the main result on moving objects; see `StudyReport.claim`."""
         known = found.first_known(*DEPTH_MEASURES)
         if known is None:
             return None
@@ -227,7 +227,7 @@ class StereoStudy(PairStudy):
 
     @classmethod
     def as_recorded(cls, found: StudyResult[Any]) -> str | None:
-        """As `StudyReport.as_recorded`."""
+        """Return the sentence on the images as recorded; see `StudyReport.as_recorded`."""
         moving, still = found_shares(found)
         if moving is None or still is None:
             return ""
@@ -239,7 +239,7 @@ class StereoStudy(PairStudy):
 
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
-        """As `StudyReport.verdict`, with what stands still: a control, unless the cameras moved."""
+        """Return the sentence on depth, with the still control unless the cameras moved."""
         together = result.together(found.cameras)
         recorded = (
             "both pictures show the same instant" if together else "the pictures are paired as recorded"
@@ -265,7 +265,7 @@ class StereoStudy(PairStudy):
 
     @classmethod
     def control_sentence(cls, result: CompareResult, found: StudyResult[Any]) -> str:
-        """As `StudyReport.control_sentence`."""
+        """Return the sentence on the still control; see `StudyReport.control_sentence`."""
         if result.timing is not None and result.timing.moving_cameras:
             return "The cameras moved while they recorded, so nothing in the pictures is a control."
         still = found.first_known("static_within_2pct", "static_coverage")
@@ -292,12 +292,12 @@ class StereoStudy(PairStudy):
         """Choose the pair.
 
         Raises:
-            ValueError: no two cameras suit, or one of them has no calibration.
+            ValueError: no two cameras are suitable, or one of them has no calibration.
         """
         self.use_pair(self.rig.choose_stereo_pair(self.asked, self.context.middle))
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[None]:
-        """As `ConditionStudy.compare`."""
+        """Compare a condition at its instants; see `ConditionStudy.compare`."""
         pairs, offsets_ms = self.instant_pairs(condition)
         return self.compare_instants(pairs, offsets_ms, folder=folder)
 
@@ -309,7 +309,7 @@ class StereoStudy(PairStudy):
         range_instants: Sequence[int] = (),
         folder: Path | None = None,
     ) -> StudyResult[None]:
-        """As `PairStudy.compare_instants`."""
+        """Compare depth at pairs of instants; see `PairStudy.compare_instants`."""
         rig, (reference, other) = self.rig, self.cameras
         views = rig.views[reference], rig.views[other]
         self.progress.step(f"depth range of {reference} and {other}")
@@ -345,12 +345,12 @@ class StereoStudy(PairStudy):
         )
 
     def _make_matcher(self, cameras: Pair, disparities: tuple[float, float]) -> StereoPair:
-        """The pair's matcher; its maps serve every condition."""
+        """Return the pair's matcher; its maps are used in every condition."""
         reference, other = (self.rig.views[name] for name in cameras)
         return StereoPair(reference, other, disparities)
 
     def _projected(self, still: Array) -> tuple[Array, Array]:
-        """As `project_into_other`; conditions on the same instants share it."""
+        """Return `project_into_other`, cached for conditions with the same instants."""
         if self._kept_still is None or not np.array_equal(self._kept_still[0], still):
             reference, other = (self.rig.views[name] for name in self.cameras)
             self._kept_still = still, project_into_other(reference, other, still)
@@ -370,7 +370,7 @@ class StereoStudy(PairStudy):
         return find_disparity_range((self.rig.views[reference], self.rig.views[other]), images)
 
     def _depth(self, matcher: StereoPair, disparities: tuple[float, float], now: int, shown: int) -> DepthMap:
-        """Depth of the reference at an instant, with what the other camera shows, from the stages' folder."""
+        """Return the reference's depth against the other camera's instant `shown`, cached on disk."""
         rig, (reference, other) = self.rig, self.cameras
         return rig.stages.arrays(
             "depth",
@@ -388,7 +388,7 @@ class StereoStudy(PairStudy):
     def _instants(
         self, pairs: Sequence[tuple[int, int]], maps: Sequence[dict[str, DepthMap]], matcher: StereoPair
     ) -> list[StereoInstant]:
-        """The pixels that every instant is measured on, the same in both conditions."""
+        """Return the measured pixels of every instant, equal in both conditions."""
         (reference, other), dataset, motion = self.cameras, self.dataset, self.motion
         moving = [motion.moving(reference, now) for now, _ in pairs]
         still = median_still_depth([one["synced"].depth for one in maps], moving)

@@ -1,4 +1,4 @@
-"""Single points that COLMAP matches and triangulates under the rig's known poses."""
+"""Points that COLMAP matches and triangulates with the rig's known poses."""
 
 import tempfile
 from collections.abc import Mapping
@@ -29,31 +29,33 @@ from reconstruction.session.instants import (
 from reconstruction.session.motion import dilate
 
 MAX_ERROR_PX = 2.0
-"""The error of a match and of a point, in the picture that features are found in. COLMAP's own 4 px are for
-poses still to be found, and let points through that have moved."""
+"""Maximum match and reprojection error, in the image that features are detected in.
+
+COLMAP's default of 4 px is meant for unknown poses, and accepts points that have moved.
+"""
 MIN_ANGLE_DEG = 0.5
-"""Rays that meet at less than this place no point; COLMAP's own 1.5 is too much for cameras side by side."""
+"""Minimum angle between a point's rays; COLMAP's default of 1.5 is too large for cameras side by side."""
 NO_LIMIT = 1e9
 MAX_CAMERAS = 5
 """More cameras find more points, but say no more about timing."""
 MAX_PICTURES = 24
-"""Pictures whose features are matched, about."""
+"""Approximate number of images whose features are matched."""
 INSTANT_LIMITS = (3, 8)
 CONTROL_MARGIN_PX = 4
-"""Points seen this near to something that moves do not belong to the control."""
+"""Distance from a moving object below which points are left out of the control."""
 PURPOSE = "triangulating points"
 
 Masks = tuple[Array, Array]
-"""What moves in the picture that a camera shows in a condition, and what moves or changes in either."""
+"""Motion mask of a camera's image in one condition, and the mask of motion or change in either."""
 
 
 @dataclass(frozen=True, eq=False)
 class RigPoints:
-    """Points that at least two cameras see, and where each of these sees them.
+    """Points seen by at least two cameras, and their observations.
 
-    `points` (n, 3) in the rig's frame; `errors` (n,): mean reprojection error, px of the undistorted
-    pictures. Of every observation: `point`, `camera` (its place among those given) (m,), and
-    `pixel` (m, 2), the one of the camera's picture, column and row.
+    `points` (n, 3) are in the rig's frame. `errors` (n,) are mean reprojection errors, px of the undistorted
+    images. Each observation has `point` and `camera`, an index into the given cameras, (m,), and `pixel` (m,
+    2), column and row in the camera's image.
     """
 
     points: Array
@@ -64,9 +66,9 @@ class RigPoints:
 
 
 def triangulate(rig: Rig, shown: Mapping[str, int]) -> RigPoints:
-    """The points that these cameras (two or more) see, each at its instant.
+    """Triangulate the points that these cameras (two or more) see, each at its instant.
 
-    Features are the rig's, found once for all that asks for them; COLMAP does all else.
+    Features are the rig's, detected once for all studies; COLMAP does all else.
 
     Raises:
         NotAvailableError: COLMAP is not installed.
@@ -86,9 +88,9 @@ def triangulate(rig: Rig, shown: Mapping[str, int]) -> RigPoints:
 
 
 def _write_database(colmap: Any, path: Path, views: Mapping[str, View], found: Mapping[str, Features]) -> Any:
-    """Write cameras and features into a new database; the same with the rig's poses, without points.
+    """Write cameras and features into a new database; return a model with the rig's poses, without points.
 
-    Pictures are undistorted point by point: COLMAP refuses some strong distortions that OpenCV allows.
+    Feature positions are undistorted one by one: COLMAP rejects some strong distortions that OpenCV allows.
     """
     model = colmap.Reconstruction()
     database = colmap.Database.open(path)
@@ -116,16 +118,16 @@ def _write_database(colmap: Any, path: Path, views: Mapping[str, View], found: M
 
 
 def _roots(descriptors: Array) -> Array:
-    """Descriptors as COLMAP's SIFT has them: 512 times the root of each one's share of their sum, uint8."""
+    """Return descriptors as in COLMAP's SIFT: 512 times the root of the L1-normalized values, uint8."""
     shares = descriptors / np.maximum(descriptors.sum(1, keepdims=True), 1e-7)
     return np.asarray(np.rint(512 * np.sqrt(shares)).clip(0, 255).astype(np.uint8))
 
 
 def _match(colmap: Any, database: Path, model: Any, limit_px: float) -> None:
-    """Match every two pictures, and keep what fits the known poses."""
+    """Match every two images, and keep the matches that fit the known poses."""
     matching = colmap.FeatureMatchingOptions(skip_geometric_verification=True, num_threads=1)
     colmap.match_exhaustive(database, matching, device=colmap.Device.cpu)
-    # A pair counts however few matches it has: what moves may be small.
+    # A pair counts however few matches it has: moving objects may be small.
     verification = colmap.TwoViewGeometryOptions(min_num_inliers=1)
     verification.ransac.random_seed = 0
     verification.ransac.max_error = limit_px
@@ -155,7 +157,7 @@ def _place_points(colmap: Any, database: Path, model: Any, limit_px: float) -> A
 
 
 def _pinhole(colmap: Any, view: View, number: int) -> Any:
-    """The view without its distortion."""
+    """Return the view as a COLMAP camera without distortion."""
     m = view.matrix
     return colmap.Camera(
         model="PINHOLE",
@@ -188,14 +190,14 @@ def _rig_points(model: Any, found: Mapping[str, Features]) -> RigPoints:
 
 
 class TriangulationFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """Results that this study alone has."""
+    """Results that only this study has."""
 
     left_out: list[str]
     """Calibrated cameras that take no part."""
 
 
 class TriangulationStudy(ConditionStudy):
-    """COLMAP's points on what moves and on what stands still, from the same cameras in both conditions."""
+    """COLMAP's points on moving and still objects, from the same cameras in both conditions."""
 
     text = StudyText(
         name="triangulation",
@@ -233,18 +235,18 @@ class TriangulationStudy(ConditionStudy):
 
     @property
     def steps(self) -> int:
-        """One for choosing the cameras, and one for each instant."""
+        """One line for the choice of cameras, and one for each instant."""
         return 1 + min(self.context.max_instants, INSTANT_LIMITS[1], len(self.dataset.instants_ns))
 
     def adopt(self, ours: Self) -> None:
-        """Take the cameras of the comparison's own session."""
+        """Use the cameras of the comparison's own session."""
         self.cameras = ours.cameras
 
     def prepare(self) -> None:
-        """As `ConditionStudy.prepare`.
+        """Choose the cameras and the condition; see `ConditionStudy.prepare`.
 
         Raises:
-            ValueError: fewer than two of the cameras are calibrated, or the burst does not hold the offset.
+            ValueError: fewer than two cameras are calibrated, or the burst does not contain the offset.
         """
         self.progress.step("choosing cameras for points by COLMAP")
         self.cameras = self._choose_cameras()
@@ -257,10 +259,10 @@ class TriangulationStudy(ConditionStudy):
             self.condition = second_late
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[TriangulationFacts]:
-        """As `ConditionStudy.compare`; there are no pictures.
+        """Compare a condition, without pictures; see `ConditionStudy.compare`.
 
         Raises:
-            ValueError: the burst does not hold this condition, or COLMAP finds no point when synchronized.
+            ValueError: the burst does not contain this condition, or COLMAP finds no point when synchronized.
         """
         instants = self._instants(condition)
         tally = Tally()
@@ -287,7 +289,7 @@ class TriangulationStudy(ConditionStudy):
         )
 
     def _choose_cameras(self) -> tuple[str, ...]:
-        """The pair for depth and those nearest to it; without one, those nearest to the rig's middle."""
+        """Return the depth pair and the cameras nearest to it; without one, those nearest to the centre."""
         views = self.rig.views
         if not views:
             raise ValueError("the cameras have no calibration")
@@ -302,7 +304,7 @@ class TriangulationStudy(ConditionStudy):
         away = {c: float(np.linalg.norm(centre - middle)) for c, centre in centres.items()}
         chosen += sorted((c for c in views if c not in chosen), key=lambda c: away[c])
         chosen = chosen[:MAX_CAMERAS]
-        # Of two the second is late, as in the pair for depth.
+        # Of two cameras the second is delayed, as in the depth pair.
         chosen = chosen if len(chosen) == 2 else [c for c in views if c in chosen]
         if len(chosen) < 2:
             raise ValueError("points are placed by two calibrated cameras or more")
@@ -316,7 +318,7 @@ class TriangulationStudy(ConditionStudy):
         return True
 
     def _instants(self, condition: Condition) -> list[ShownInstant]:
-        """The instants at which most cameras have all their pictures and something moves."""
+        """Return instants with motion at which most cameras have all their images."""
         fullest = fullest_instants(self.dataset, condition, self.cameras[0], self.cameras, fewest=2)
         wanted = int(np.clip(MAX_PICTURES // (2 * len(fullest[0].shown) - 1), *INSTANT_LIMITS))
         first = list(fullest[0].shown)[:2]
@@ -347,7 +349,7 @@ class TriangulationStudy(ConditionStudy):
         return masks
 
     def _measure(self, found: RigPoints, pictures: Mapping[str, int], masks: list[Masks]) -> Measurements:
-        """Points on what moves (in half of their pictures or more) and on the still control."""
+        """Measure points on moving objects (in at least half of their images) and on the still control."""
         moving, hidden = np.zeros(len(found.point), bool), np.zeros(len(found.point), bool)
         right, known = np.zeros(len(found.point), bool), np.zeros(len(found.point), bool)
         for place, ((camera, instant), (moves, hides)) in enumerate(
@@ -380,5 +382,5 @@ class TriangulationStudy(ConditionStudy):
 
 
 def _count(found: RigPoints, which: Array) -> Array:
-    """How many of each point's observations are among these (bool)."""
+    """Return how many of each point's observations are selected (bool)."""
     return np.bincount(found.point[which], minlength=len(found.points))

@@ -29,7 +29,7 @@ def batch(
 ) -> BatchResult:
     """Compute all units that are not in `out` yet, and the summary of all.
 
-    Units that fail are in the result, and leave the others alone.
+    Failed units are listed in the result and do not affect the others.
 
     Raises:
         BadInputError: `out` cannot be used or is in use.
@@ -55,7 +55,7 @@ def batch(
         result = BatchResult(
             out=str(out),
             computed=computed,
-            # Also what another process finished meanwhile.
+            # Includes units that another process finished meanwhile.
             reused=len(rows) - computed - failed - not_applicable,
             failed=failed,
             not_applicable=not_applicable,
@@ -68,9 +68,10 @@ def batch(
 
 
 def exit_code(result: BatchResult) -> ExitCode:
-    """OK; the common failure where every unit failed alike; BAD_INPUT where none applies; else INCOMPLETE.
+    """Return the exit code of a batch.
 
-    A unit that does not apply beside others that are done is no failure.
+    OK without failures; the common code if every unit failed with the same one; else INCOMPLETE. BAD_INPUT if
+    no unit is applicable; among units that are done, such a unit is not a failure.
     """
     codes = {row.exit_code for row in result.units if row.error}
     if not codes:
@@ -81,7 +82,7 @@ def exit_code(result: BatchResult) -> ExitCode:
 
 
 def _plan(sessions: Sequence[Path], options: BatchOptions) -> tuple[list[Unit], list[Row]]:
-    """All units, and rows for what cannot be begun."""
+    """Return all units, and rows for sessions and units that cannot be started."""
     units: dict[str, Unit] = {}
     failures: list[Row] = []
     for session in sessions:
@@ -94,7 +95,7 @@ def _plan(sessions: Sequence[Path], options: BatchOptions) -> tuple[list[Unit], 
             code = error.exit_code if isinstance(error, SimulshotError) else ExitCode.FAILURE
             failures.append(Row(session=session.name, error=str(error), exit_code=code))
             continue
-        # The same session named twice is one.
+        # A session named twice counts once.
         units.update((unit.key, unit) for unit in found)
         failures += refused
     return list(units.values()), failures
@@ -107,7 +108,7 @@ def _run_units(
     workers: Workers,
     task: str,
 ) -> dict[str, Outcome]:
-    """Run the units; `done` are there already, and count in the progress lines."""
+    """Run the units; `done` existing results count in the progress lines."""
     by_key = {unit.key: unit for unit in units}
     outcomes: dict[str, Outcome] = {}
     began = time.monotonic()
@@ -122,7 +123,7 @@ def _run_units(
             step = ProgressStep(done + len(outcomes), done + len(units), f"{label}: {how}{left}")
             talk(str(step))
             if outcome.computed:
-                # Timings are optional: a full disk shows in the units themselves.
+                # Timings are optional: a full disk is reported by the units themselves.
                 with suppress(OSError), (root / WORK / TIMINGS).open("a") as file:
                     file.write(f"{outcome.key},{outcome.seconds:.3f},{label}\n")
     return outcomes

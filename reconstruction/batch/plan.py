@@ -1,4 +1,4 @@
-"""The units of a session, and how one is computed: the depth of an instant in a condition."""
+"""Units of a session and their computation: the depth of an instant in a condition."""
 
 import hashlib
 import shutil
@@ -30,7 +30,7 @@ TIMES = ("seconds", "seconds_of")
 
 @cache
 def program_checksum() -> str:
-    """A checksum of this package's source and of the libraries' versions, which decide a result too."""
+    """Return a checksum of this package's source and the library versions, on which results depend."""
     digest = hashlib.sha256(repr(sorted(library_versions().items())).encode())
     here = Path(__file__).parents[1]
     for path in sorted(here.rglob("*.py")):
@@ -40,23 +40,23 @@ def program_checksum() -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class BatchOptions:
-    """What to compute of every session; instants: None = all that reach far enough into the burst."""
+    """What to compute for every session; `instants` None = all at which the burst contains the condition."""
 
     conditions: tuple[Condition, ...] = (Condition(SYNCED),)
     instants: tuple[int, ...] | None = None
     matcher: Matcher = Matcher.AUTO
     time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
-    """What is added to the times of the cameras it names."""
+    """Corrections added to the times of the named cameras."""
     program: str = field(default_factory=program_checksum)
-    """Results of another program are computed anew."""
+    """Checksum of the program; results of another program are computed again."""
 
 
 def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
-    """A session's units, and rows for those that the burst does not hold.
+    """Return a session's units, and rows for units that the burst does not contain.
 
     Raises:
         SimulshotError: the session cannot be used at all.
-        NotApplicableError: it is sound, but has one camera only.
+        NotApplicableError: the session is valid but has only one camera.
     """
     dataset = Dataset.open(session, options.time_shifts_ms)
     dataset.require_cameras(2, "depth needs two that see the same from different places")
@@ -108,10 +108,10 @@ def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
 def compute_depth(unit: Unit, folder: Path) -> None:
     """Compute depth maps, the fused cloud and unit.json into `folder`.
 
-    Where the session, sound as it is, does not allow any, unit.json says so: a result too.
+    If a valid session does not permit depth, unit.json says so; that is a result too.
 
     Raises:
-        SimulshotError: the session cannot be used as it is.
+        SimulshotError: the session cannot be used.
     """
     session = Path(unit.session)
     options = MultiviewOptions(
@@ -131,7 +131,7 @@ def compute_depth(unit: Unit, folder: Path) -> None:
         return
     for name in TIMES:
         del result[name]
-    # Large, and can be computed from the images and the depth maps.
+    # Large, and can be computed again from the images and the depth maps.
     shutil.rmtree(folder / "workspace", ignore_errors=True)
     for leftover in ("fused.ply.vis", MULTIVIEW_RESULT):
         (folder / leftover).unlink(missing_ok=True)
@@ -140,7 +140,7 @@ def compute_depth(unit: Unit, folder: Path) -> None:
 
 
 def _truth_checksums(dataset: Dataset, chosen: dict[str, int]) -> list[str]:
-    """Checksums of the true depths that a unit is compared with."""
+    """Return the checksums of the true depths that a unit is compared with."""
     sums = []
     for camera, instant in chosen.items():
         path = dataset.ground_truth_file(camera, instant)

@@ -1,4 +1,4 @@
-"""Results of a batch as rows: one for each unit, and their medians."""
+"""Results of a batch as rows, one for each unit, and their medians."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -18,15 +18,15 @@ FIGURES = (
 
 
 class Row(Struct, frozen=True, kw_only=True):
-    """A unit with the figures of its reference camera, or why it has none; instant and condition if known."""
+    """A unit's figures for its reference camera, or why it has none; instant and condition if known."""
 
     session: str
     instant: int | None = None
     condition: str = ""
     error: str = ""
-    """Why it failed."""
+    """Why the unit failed."""
     not_applicable: str = ""
-    """Why no depth can be made of this input, sound as it is; no failure."""
+    """Why this valid input does not permit depth; not a failure."""
     exit_code: int = ExitCode.OK
     cameras: int | None = None
     coverage: float | None = None
@@ -37,18 +37,18 @@ class Row(Struct, frozen=True, kw_only=True):
     fused_points: int | None = None
     folder: str = ""
     picture: str = ""
-    """The reference camera's depth, as colours."""
+    """Path of the reference camera's depth as a colour picture."""
 
     @property
     def problem(self) -> str:
-        """Why it has no figures, and whether that is a failure; empty where it has them."""
+        """Why the unit has no figures, and whether that is a failure; empty if it has them."""
         if self.error:
             return f"failed: {self.error}"
         return f"not applicable: {self.not_applicable}" if self.not_applicable else ""
 
 
 class Group(DepthShares, frozen=True, kw_only=True):
-    """Medians over a session's instants in one condition; None where no instant has the figure."""
+    """Medians over a session's instants in one condition; None if no instant has the figure."""
 
     session: str
     condition: str
@@ -60,7 +60,7 @@ class Group(DepthShares, frozen=True, kw_only=True):
 
 
 class BatchResult(Struct, frozen=True, kw_only=True):
-    """What `reconstruct batch --json` prints; the summary holds its `groups` and `units`."""
+    """Output of `reconstruct batch --json`; the summary contains its `groups` and `units`."""
 
     out: str
     computed: int
@@ -69,14 +69,14 @@ class BatchResult(Struct, frozen=True, kw_only=True):
     """Units whose earlier results were reused."""
     failed: int
     not_applicable: int
-    """Units of which no depth can be made, whatever is repeated; their rows say why."""
+    """Units that do not permit depth, even if repeated; their rows say why."""
     groups: tuple[Group, ...]
     units: tuple[Row, ...]
     seconds: float
 
 
 def completed_row(unit: Unit, root: Path) -> Row:
-    """The row of a unit with a result."""
+    """Return the row of a unit with a result."""
     record = msgspec.json.decode((root / unit.folder / RESULT).read_bytes())
     views = record.get("views", ())
     picture = next((one["picture"] for one in views if one["camera"] == record["reference"]), "")
@@ -93,9 +93,9 @@ def completed_row(unit: Unit, root: Path) -> Row:
 
 
 def judged_rows(rows: Sequence[Row]) -> list[Row]:
-    """The rows, less those of other conditions of an instant to which synchronized pictures do not apply.
+    """Mark other conditions of an instant as not applicable if its synchronized images are.
 
-    Depth of pictures that were taken apart says nothing where there is none of those taken together.
+    Depth of offset images is meaningless where synchronized images give none.
     """
     refused = {
         (row.session, row.instant): row.not_applicable
@@ -116,7 +116,7 @@ def judged_rows(rows: Sequence[Row]) -> list[Row]:
 
 
 def group_medians(rows: Sequence[Row]) -> tuple[Group, ...]:
-    """One group for each session and condition that has a unit, in the rows' order."""
+    """Return one group for each session and condition that has a unit, in the rows' order."""
     groups = []
     for session, condition in dict.fromkeys((row.session, row.condition) for row in rows if row.condition):
         ours = [row for row in rows if (row.session, row.condition) == (session, condition)]

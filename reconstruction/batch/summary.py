@@ -1,6 +1,6 @@
-"""The summary of a batch: CSV for spreadsheets, JSON for programs, HTML with small pictures for people.
+"""Summary of a batch: CSV for spreadsheets, JSON for programs, HTML with small pictures for people.
 
-Holds no times of day and no durations: the same units give the same bytes.
+It contains no times of day and no durations: equal units give equal bytes.
 """
 
 import csv
@@ -24,9 +24,9 @@ from reconstruction.session.conditions import evenly_spread
 
 THUMBNAIL_PX = 160
 MAX_COLUMNS = 12
-"""Instants that a sheet shows, spread evenly: more do not fit a page."""
+"""Maximum number of instants on a sheet, evenly spaced; more do not fit a page."""
 MAX_SHEETS = 20
-"""Sessions whose pictures a page shows; the tables list them all."""
+"""Maximum number of sessions with pictures on a page; the tables list all sessions."""
 CSV, JSON, HTML = "summary.csv", "summary.json", "summary.html"
 NAMES = (CSV, JSON, HTML)
 SHARES = {
@@ -39,9 +39,9 @@ FIRST = "Session and condition"
 
 
 def depth_sheets(root: Path, rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """The pictures of each `session` that has any, up to `MAX_SHEETS`, as the page shows them.
+    """Return the pictures of each `session` that has any, up to `MAX_SHEETS`, for the page.
 
-    One of `rows` for each condition, a picture or None for each of the `instants`.
+    Each sheet's `rows` has an entry for each condition, with a picture or None for each of the `instants`.
     """
     pictured = [row for row in rows if row.picture]
     sessions = list(dict.fromkeys(row.session for row in pictured))[:MAX_SHEETS]
@@ -58,9 +58,9 @@ def _sheet(root: Path, session: str, rows: Sequence[Row]) -> dict[str, Any]:
 
 
 def _thumbnail(root: Path, path: str) -> dict[str, object] | None:
-    """A small picture as `embed_image` packs it, and the `path` of the whole one beside the page.
+    """Return a small picture as `embed_image` packs it, and the `path` of the original beside the page.
 
-    None also where the picture was deleted or spoilt since: the figures stand without it.
+    None also if the picture was deleted or damaged since: the figures remain valid.
     """
     if not path:
         return None
@@ -87,7 +87,7 @@ def _csv(rows: Sequence[Row]) -> str:
 
 
 def _html(root: Path, result: BatchResult) -> str:
-    """The whole page. Holds no times and no durations."""
+    """Return the whole page, without times and durations."""
     failures = [row for row in result.units if row.problem]
     failed = f", {result.failed} failed" if result.failed else ""
     failed += f", {result.not_applicable} not applicable" if result.not_applicable else ""

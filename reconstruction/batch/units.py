@@ -1,4 +1,4 @@
-"""One unit of a batch: computed whole or not at all, by one process at a time, and never twice.
+"""One unit of a batch: computed atomically, by one process at a time, and only once.
 
 Imports nothing that starts threads: a worker chooses its cores first.
 """
@@ -18,7 +18,7 @@ WORK = "work"
 RESULT = "unit.json"
 FREE_BYTES_BEFORE = 64 << 20
 FREE_BYTES_AFTER = 1 << 20
-"""Checked because native code leaves half a file on a full disk without an error."""
+"""Checked because native code leaves a truncated file on a full disk without an error."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -26,58 +26,58 @@ class Unit:
     """One instant of a session in one condition; `key` is a checksum of all that its result depends on."""
 
     session: str
-    """Its folder, absolute."""
+    """Absolute path of the session's folder."""
     name: str
     instant: int
     condition: str
     key: str
     offsets_ms: tuple[float, ...] = ()
-    """How late each camera's image is, in the session's order; empty: all of the instant."""
+    """Delay of each camera's image, in the session's order; empty if all are of the instant."""
     matcher: str = "sweep"
     time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
-    """What is added to the times of the cameras it names."""
+    """Corrections added to the times of the named cameras."""
 
     @property
     def label(self) -> str:
-        """Its name in a progress line."""
+        """Name of the unit in a progress line."""
         return f"{self.name}, instant {self.instant}, {self.condition}"
 
     @property
     def folder(self) -> str:
-        """The folder of its result, relative to the batch's folder."""
+        """Folder of the unit's result, relative to the batch's folder."""
         return f"{UNITS}/{self.name}/{self.instant:04d}-{self.condition}-{self.key[:16]}"
 
 
 @dataclass(frozen=True, kw_only=True)
 class Outcome:
-    """How a unit ended; `error` says why there is no result."""
+    """Outcome of a unit; `error` says why there is no result."""
 
     key: str
     seconds: float = 0.0
     computed: bool = False
-    """False: an earlier result was reused."""
+    """Whether this run computed it; false if an earlier result was reused."""
     error: str = ""
     exit_code: int = ExitCode.OK
 
 
 Task = Callable[[Unit, Path], None]
-"""Writes a unit's files into an empty folder; the same bytes whenever it is called."""
+"""Function that writes a unit's files into an empty folder; each call writes the same bytes."""
 
 
 def load_task(name: str) -> Task:
-    """Import the function `module:function`; a name is what other processes and machines can be told."""
+    """Import the function `module:function`; a name can be sent to other processes and machines."""
     module, _, function = name.partition(":")
     found: Task = getattr(import_module(module), function)
     return found
 
 
 def is_done(unit: Unit, root: Path) -> bool:
-    """Whether its result exists: a folder appears by its name only when it is complete."""
+    """Return whether the unit's result exists; a folder gets its name only when it is complete."""
     return (root / unit.folder).is_dir()
 
 
 def run_unit(task: str, unit: Unit, root: Path) -> Outcome:
-    """Compute a unit's folder in the batch's folder, unless it exists; waits for another process at it.
+    """Compute a unit's folder in the batch's folder, unless it exists; wait for another process at it.
 
     Raises nothing, so that a failing unit does not stop the others.
     """
@@ -98,7 +98,7 @@ def run_unit(task: str, unit: Unit, root: Path) -> Outcome:
 
 
 def _compute(task: str, unit: Unit, root: Path) -> bool:
-    # A unit's name stands for its content, so that a complete one is never replaced.
+    # A unit's name identifies its content, so a complete result is never replaced.
     with OutputFolder(root / unit.folder, lambda _: None, wait=True) as output:
         if is_done(unit, root):
             output.discard()

@@ -1,6 +1,6 @@
-"""The workers of a batch: processes of this machine, jobs of a cluster, or a Dask scheduler's own.
+"""Workers of a batch: local processes, jobs of a cluster, or the workers of a Dask scheduler.
 
-Processes, not threads, so that a crash in native code costs one unit only. Anyone who can connect to a Dask
+Workers are processes, not threads, so that a crash in native code costs only one unit. Any client of a Dask
 scheduler can run code through it, so the schedulers started here use TLS with keys made for the run.
 """
 
@@ -36,22 +36,22 @@ QUEUES = {
     "slurm": "SLURMCluster", "pbs": "PBSCluster", "lsf": "LSFCluster", "sge": "SGECluster",
     "oar": "OARCluster", "moab": "MoabCluster", "htcondor": "HTCondorCluster",
 }  # fmt: skip
-"""Queueing systems, and what submits jobs to each in dask-jobqueue."""
+"""Queueing systems, each with its class in dask-jobqueue."""
 MEMORY_OF_UNIT = 1 << 30
-"""Bytes that a unit of five 640x480 images needs at most."""
+"""Maximum memory in bytes of a unit with five 640x480 images."""
 MAX_QUEUED_JOBS = 100
-"""Jobs in the cluster's queue where `--jobs` names no other number."""
+"""Jobs in the cluster's queue if `--jobs` is not given."""
 CONNECT_S = 5
 NO_DASHBOARD = "127.0.0.1:0"
 CHECK_S = 30
 """Interval at which jobs that ended early are replaced, and a queue in which none starts is reported."""
 SETTINGS: Mapping[str, Any] = {"cores": 1, "memory": "2GB"}
 CONFIGURATION: Mapping[str, Any] = {
-    # The time of a worker's job may have ended, or memory may have been short: once is no proof of a crash.
+    # A worker's job may time out or run short of memory: a single death does not prove a crash.
     "distributed.scheduler.allowed-failures": 1,
-    # A unit may keep the interpreter busy for minutes, and a suspended computer wakes up again.
+    # A unit may block the interpreter for minutes, and a suspended computer may resume.
     "distributed.scheduler.worker-ttl": None,
-    # Its default of one OpenMP thread would leave cores idle: each worker is bound to its cores instead.
+    # Dask's default of one OpenMP thread would leave cores idle; workers are bound to cores instead.
     "distributed.nanny.pre-spawn-environ": {},
     # Nothing is served over HTTP, which has no keys.
     "distributed.scheduler.http.routes": [],
@@ -63,14 +63,15 @@ class Workers:
     """Where the units of a batch are computed, and how many at once."""
 
     def __init__(self, where: str = LOCAL, jobs: int | None = None, settings: Sequence[str] = ()) -> None:
-        """`where`: `local`, one of `QUEUES`, or a Dask scheduler's address.
+        """Choose the workers.
 
-        `jobs`: how many units at once; None = one per core as memory allows, one per unit in a queue.
-        `settings`: `name=value` of a queue's jobs, as dask-jobqueue names them.
+        `where` is `local`, one of `QUEUES`, or a Dask scheduler's address. `jobs` is the number of units at
+        once; None = one per core as memory permits, one per unit in a queue. `settings` are `name=value`
+        options of a queue's jobs, named as in dask-jobqueue.
 
         Raises:
             NotAvailableError: Dask is not installed, or the queue's commands are not on this machine.
-            BadInputError: there is no such place, or a setting is not `name=value`.
+            BadInputError: `where` is unknown, or a setting is not `name=value`.
         """
         if where not in (LOCAL, *QUEUES) and "://" not in where:
             known = ", ".join((LOCAL, *QUEUES))
@@ -84,7 +85,7 @@ class Workers:
         self.where, self.jobs = where, jobs
         self.settings = {**SETTINGS, **dict(map(_parse_setting, settings))}
         if where in QUEUES:
-            # Importing it makes Ctrl-C end a process as if all was well.
+            # Importing it makes Ctrl-C end the process with a success code.
             on_interrupt = signal.getsignal(signal.SIGINT)
             queues = load_optional("dask_jobqueue", "cluster", f"--cluster {where}")
             signal.signal(signal.SIGINT, on_interrupt)
@@ -104,7 +105,7 @@ class Workers:
         """
         if not units:
             return
-        # Its news is for Dask's developers; what happens to a unit is in its outcome.
+        # Its log is for Dask's developers; each unit's outcome reports what happened to it.
         logging.getLogger("distributed").setLevel(logging.CRITICAL)
         with ExitStack() as stack:
             stack.enter_context(import_module("dask").config.set(CONFIGURATION))
@@ -132,14 +133,14 @@ class Workers:
                     yield _outcome(future, running.pop(future))
 
     def _local_share(self, units: int) -> tuple[int, int]:
-        """How many processes of this machine, and the memory budget of each in bytes."""
+        """Return the number of local processes, and the memory budget of each in bytes."""
         budget = memory_budget()
         total = budget.limit_bytes if budget.asked_for else int(DEFAULT_SHARE * free_memory())
         count = self.jobs or max(1, min(len(os.sched_getaffinity(0)), total // MEMORY_OF_UNIT))
         return min(count, units), min(total // count, total if budget.asked_for else MOST_BY_DEFAULT)
 
     def _local_cluster(self, count: int) -> Any:
-        # Ctrl-C is for this process alone: the others inherit what Dask's thread, begun here, blocks.
+        # Only this process handles Ctrl-C: workers inherit the mask of Dask's thread, which starts here.
         resource_tracker.ensure_running()
         before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
         try:
@@ -162,7 +163,7 @@ class Workers:
             "job_name": "simulshot",
             "log_directory": str(folder),
             "shared_temp_directory": str(folder),
-            # One unit at a time, whatever its cores; the queue itself limits the memory.
+            # One unit at a time, however many cores; the queue itself limits the memory.
             "worker_extra_args": ["--nthreads", "1", "--memory-limit", "0", "--no-dashboard"],
             "scheduler_options": {"dashboard_address": NO_DASHBOARD},
             **self.settings,
@@ -174,7 +175,7 @@ class Workers:
         try:
             cluster.sync(_submit_jobs, cluster, count)
         except BaseException as error:
-            # It asserts that all jobs were started, also where one was refused.
+            # It asserts that all jobs were started, even if one was refused.
             with suppress(AssertionError):
                 cluster.close()
             if not isinstance(error, RuntimeError):
@@ -195,7 +196,7 @@ class Workers:
             ) from error
 
     def _wait_for_any(self, futures: list[Any], client: Any, cluster: Any, count: int) -> set[Any]:
-        """The futures that are done, at least one; jobs that ended early are submitted again meanwhile."""
+        """Return the finished futures, at least one; meanwhile resubmit jobs that ended early."""
         while True:
             with suppress(TimeoutError):
                 done: set[Any] = self.dask.wait(futures, CHECK_S, return_when="FIRST_COMPLETED").done
@@ -208,7 +209,7 @@ class Workers:
 
 
 async def _submit_jobs(cluster: Any, count: int) -> None:
-    """What `scale` does, except that it only logs what the queue refuses."""
+    """Submit jobs as `scale` does, which however only logs what the queue refuses."""
     while len(cluster.worker_spec) < count:
         cluster.worker_spec.update(cluster.new_worker_spec())
     await cluster
@@ -217,12 +218,12 @@ async def _submit_jobs(cluster: Any, count: int) -> None:
 def _run_in_worker(
     task: str, unit: Unit, root: Path, memory: int | None, cores: Sequence[Sequence[int]] | None
 ) -> Outcome:
-    """Compute a unit in a worker: on the cores that are this worker's, within its share of the memory."""
+    """Compute a unit in a worker, on the worker's cores and within its part of the memory."""
     if cores is not None:
         worker = import_module("distributed").get_worker()
-        # Of this thread, and so of all threads that it starts.
+        # Sets the affinity of this thread, and so of all threads that it starts.
         os.sched_setaffinity(0, cores[int(worker.name)])
-    # Before pycolmap: in the other order the first PNG that OpenCV writes aborts the process.
+    # Must precede pycolmap: otherwise the first PNG that OpenCV writes aborts the process.
     import_module("cv2")
     with limited_memory(memory):
         return run_unit(task, unit, root)

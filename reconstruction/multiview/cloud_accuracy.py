@@ -1,4 +1,4 @@
-"""Which points of a fused cloud lie on what moves, and how right and complete they are by the truth."""
+"""Accuracy and completeness of a fused cloud against true surfaces, for moving and still points."""
 
 import math
 from collections.abc import Mapping
@@ -19,16 +19,16 @@ from reconstruction.scores.tally import Measurements
 from reconstruction.session.dataset import Dataset
 
 TOLERANCE_M = 0.01
-"""A point within this of a true surface is right, and a surface within this of a point is found."""
+"""Distance within which a point is right, and a true surface is found."""
 MAX_SAMPLED = 20_000
-"""Size of the random sample that is taken of more points."""
+"""Size of the random sample of larger point sets."""
 MAX_WIDTH_PX = 960
 VISIBLE_SHARE = 0.01
-"""A view sees a point whose depth differs from its true depth there by less than this share."""
+"""Relative depth error below which a view sees a point, i.e. it is not occluded."""
 
 
 class PointIndex:
-    """A search index over points (n, 3), in metres, for those within the tolerance of others."""
+    """Search index over points (n, 3), in metres, for neighbours within the tolerance."""
 
     def __init__(self, points: Array) -> None:
         core = load_open3d().core
@@ -39,7 +39,7 @@ class PointIndex:
             self._tree.hybrid_index(TOLERANCE_M)
 
     def count_near(self, asked: Array) -> tuple[int, int]:
-        """How many points have an indexed one within the tolerance, and of how many of a sample."""
+        """Return the number of points with an indexed neighbour in the tolerance, and the sample size."""
         asked = _sample(asked)
         if self._tree is None or not len(asked):
             return 0, len(asked)
@@ -51,16 +51,18 @@ class PointIndex:
 
 
 TrueSurface = tuple[PointIndex, Array]
-"""An index of all that any view sees of it, and points (n, 3) evenly spread over what at least two views see,
-which a reconstruction can find."""
+"""Index of all points that any view sees, and evenly spaced points (n, 3) that at least two views see.
+
+A reconstruction can find only the latter.
+"""
 
 
 def known_surfaces(
     dataset: Dataset, views: Mapping[str, View], instant: int
 ) -> dict[str, TrueSurface] | None:
-    """The true surfaces of an instant, as `true_surfaces`; None where a camera's truth is not known.
+    """Return the true surfaces of an instant, see `true_surfaces`; None if a camera's truth is unknown.
 
-    `views` have the distortion of the session's pictures.
+    `views` have the distortion of the session's images.
     """
     loaded = {camera: undistorted_truth(dataset, view, camera, instant) for camera, view in views.items()}
     known = {camera: one for camera, one in loaded.items() if one is not None}
@@ -74,10 +76,10 @@ def known_surfaces(
 def true_surfaces(
     views: Mapping[str, View], depth: Mapping[str, Array], movers: Mapping[str, Array]
 ) -> dict[str, TrueSurface]:
-    """The moving (`mover`) and the still (`static`) surfaces by undistorted true depth and masks (bool).
+    """Return the moving (`mover`) and still (`static`) surfaces from undistorted true depth and masks (bool).
 
     Raises:
-        NotAvailableError: Open3D is not installed here.
+        NotAvailableError: Open3D is not installed.
     """
     parts: dict[str, list[Array]] = {"mover": [], "static": []}
     for name, view in views.items():
@@ -99,9 +101,9 @@ def true_surfaces(
 def points_on_movers(
     points: Array, seen: Array, views: Mapping[str, View], movers: Mapping[str, Array]
 ) -> Array:
-    """Points (bool) that lie on a mover in most of the pictures that they were fused from.
+    """Return the points (bool) that are on a moving object in most of the images they were fused from.
 
-    `seen` (n, views) bool, in the views' order; `movers` are masks (bool) of what each view shows.
+    `seen` (n, views) is bool, in the order of the views. `movers` are the motion masks (bool) of the views.
     """
     votes = np.zeros(len(points), int)
     for place, (name, view) in enumerate(views.items()):
@@ -110,7 +112,7 @@ def points_on_movers(
 
 
 def points_on_masks(points: Array, views: Mapping[str, View], masks: Mapping[str, Array]) -> Array:
-    """Points (bool) that any of the views sees on its mask (bool)."""
+    """Return the points (bool) that any view sees on its mask (bool)."""
     touched = np.zeros(len(points), bool)
     for name, mask in masks.items():
         touched |= _on_mask(views[name], mask, points)
@@ -118,13 +120,13 @@ def points_on_masks(points: Array, views: Mapping[str, View], masks: Mapping[str
 
 
 def visible_points(view: View, depth: Array, points: Array) -> Array:
-    """Points (bool) that a view sees by its true depth: they are not occluded."""
+    """Return the points (bool) that a view sees, by its true depth; they are not occluded."""
     rows, columns, z, inside = project_points(view, points)
     return np.asarray(inside & (np.abs(depth[rows, columns] - z) < VISIBLE_SHARE * z))
 
 
 def _points(view: View, rows: Array, columns: Array, depth: Array) -> Array:
-    """Points (n, 3) float32 in the rig's frame."""
+    """Return points (n, 3) float32 in the rig's frame."""
     back = (np.linalg.inv(view.matrix).T @ view.rotation).astype(np.float32)
     pixels = np.column_stack([columns, rows, np.ones(len(rows))]).astype(np.float32)
     return np.asarray((pixels @ back) * depth.astype(np.float32)[:, None] + view.centre.astype(np.float32))
@@ -136,18 +138,18 @@ def _on_mask(view: View, mask: Array, points: Array) -> Array:
 
 
 def _sample(points: Array) -> Array:
-    """At most MAX_SAMPLED of the points; the same every time."""
+    """Return at most MAX_SAMPLED of the points, always the same ones."""
     if len(points) <= MAX_SAMPLED:
         return points
     return np.asarray(points[np.random.default_rng(0).choice(len(points), MAX_SAMPLED, replace=False)])
 
 
 def _thin_out(points: Array) -> Array:
-    """One point for each cube of a tolerance's side."""
+    """Return one point for each cube with a side of one tolerance."""
     if not len(points):
         return points
     cubes = np.floor((points - points.min(0)) / TOLERANCE_M).astype(np.int64)
-    # A million cubes along each axis, ten kilometres, are enough for any scene.
+    # A million cubes along each axis, ten kilometres, suffice for any scene.
     keys = (cubes[:, 0] << 40) | (cubes[:, 1] << 20) | cubes[:, 2]
     return np.asarray(points[np.unique(keys, return_index=True)[1]])
 
@@ -155,10 +157,10 @@ def _thin_out(points: Array) -> Array:
 def score_movers(
     dataset: Dataset, images: Mapping[str, InputImage], unit: str, instant: int, cloud: Path
 ) -> CloudScore | None:
-    """Hold what moves in a fused cloud against the true surfaces of an instant.
+    """Score the moving points of a fused cloud against the true surfaces of an instant.
 
-    `images` are those it was fused from, in that order; some may be of other instants. None where the truth
-    is not known, the calibration (in `unit`) knows no metres, nothing moves, or Open3D is not here.
+    `images` are the images it was fused from, in order; some may be of other instants. None if the truth is
+    unknown, the calibration (in `unit`) is not metric, nothing moves, or Open3D is not installed.
     """
     if unit != "m":
         return None

@@ -1,4 +1,4 @@
-"""The pictures of one instant, made ready for matching: undistorted, grey, with their noise."""
+"""Images of one instant prepared for matching: undistorted, grey, with their noise level."""
 
 from dataclasses import dataclass, replace
 
@@ -17,29 +17,29 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SceneMotion
 
 MIN_CONTRAST = 2.0
-"""Standard deviation of grey levels (of 255) below which a picture is empty."""
+"""Standard deviation of grey levels (of 255) below which an image is empty."""
 MAP_BYTES_PER_PIXEL = 60
-"""Memory for each pixel of every camera: its picture, rays, surface, depth and normals."""
+"""Memory per pixel of every camera: its image, rays, surface, depth and normals."""
 SWEEP_BYTES_PER_PIXEL = 300
-"""Memory for each pixel of a picture that a worker is at: sources, voters and what is between."""
+"""Memory per pixel of an image in a worker: sources, voters and intermediate results."""
 NOISE_FACTOR = 3.0
 NOISE_LIMITS = (2.0, 100.0)
 
 
 @dataclass(frozen=True, eq=False)
 class InputImage:
-    """One camera's picture: undistorted colours (uint8 height x width x 3), and in grey with its view."""
+    """One camera's image: undistorted colours (uint8 height x width x 3), and in grey with its view."""
 
     camera: str
     instant: int
     colours: Array
     calibrated: CalibratedImage
     view: View
-    """With the distortion that the picture had."""
+    """The view with the image's original distortion."""
 
 
 def undistort_nearest(view: View, image: Array) -> Array:
-    """An image of a view's pixels as if the view had no distortion; the nearest pixel's value."""
+    """Undistort an image of a view's pixels by nearest neighbour."""
     if not view.distortion.any():
         return image
     maps = cv2.initUndistortRectifyMap(
@@ -49,7 +49,7 @@ def undistort_nearest(view: View, image: Array) -> Array:
 
 
 def undistorted_truth(dataset: Dataset, view: View, camera: str, instant: int) -> tuple[Array, Array] | None:
-    """True depth (m, 0 = unknown) and movers (bool) of an image, undistorted by its view; None without."""
+    """Return an image's true depth (m, 0 = unknown) and motion mask (bool), undistorted; None if unknown."""
     truth = dataset.ground_truth(camera, instant)
     if truth is None:
         return None
@@ -57,10 +57,10 @@ def undistorted_truth(dataset: Dataset, view: View, camera: str, instant: int) -
 
 
 def undistort_image(camera: str, instant: int, image: Array, view: View) -> InputImage:
-    """Undistort a picture (uint8 height x width x 3, BGR).
+    """Undistort an image (uint8 height x width x 3, BGR).
 
     Raises:
-        BadInputError: it is empty.
+        BadInputError: the image is empty.
     """
     plain = replace(view, distortion=np.zeros(5))
     colours = image
@@ -75,7 +75,7 @@ def undistort_image(camera: str, instant: int, image: Array, view: View) -> Inpu
 
 
 def find_movers(image: InputImage, motion: SceneMotion) -> Array | None:
-    """What moves in a picture (bool), a little widened; None where its camera took no other."""
+    """Return an image's slightly widened motion mask (bool); None if its camera has no other image."""
     if len(motion.dataset.instants(image.camera)) < 2:
         return None
     mask = motion.widened_movers(image.camera, image.instant).astype(np.uint8)
@@ -85,10 +85,10 @@ def find_movers(image: InputImage, motion: SceneMotion) -> Array | None:
 def load_input_images(
     dataset: Dataset, instants: dict[str, int], motion: SceneMotion
 ) -> tuple[dict[str, InputImage], dict[str, str], str, str]:
-    """The usable pictures by camera, the others and why they are left out, the calibration's source and unit.
+    """Return usable images by camera, reasons for the others, and the calibration's source and unit.
 
     Raises:
-        BadInputError: fewer than two pictures are usable, or no calibration can be found.
+        BadInputError: fewer than two images are usable, or no calibration can be found.
     """
     dataset.require_cameras(2, "depth needs two that see the same from different places")
     workers = worker_count()
@@ -119,7 +119,7 @@ def load_input_images(
             f"fewer than two cameras can be used ({reasons})",
             hint="depth needs two that are calibrated and see the same from different places",
         )
-    # Planes are laid on blank walls, and must not be on what moves before them; nor does that stand still.
+    # Planes are fitted to blank walls, not to objects moving in front; nor are those part of the still scene.
     for camera, image in images.items():
         known = replace(image.calibrated, moving=find_movers(image, motion))
         images[camera] = replace(image, calibrated=known)

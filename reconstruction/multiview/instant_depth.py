@@ -1,4 +1,4 @@
-"""Depth of one camera from several at one instant, and the cloud fused from all their maps."""
+"""Depth of one camera from several at one instant, and the cloud fused from all their depth maps."""
 
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -22,19 +22,19 @@ from reconstruction.multiview.matcher import ChosenMatcher, image_colours, image
 
 SWEEP = ChosenMatcher()
 CONFIRMING_VIEWS = 2
-"""Other views that must have found a depth for it to be called consistent."""
+"""Number of other views that must find a depth for it to be called consistent."""
 
 
 @dataclass(frozen=True, eq=False)
 class InstantDepth:
     """Maps on the reference's undistorted pixels (height x width), and a cloud in the rig's frame.
 
-    `depth` is 0 where there is none. `consistent` (bool): where two other views, each matched by
-    itself, found the same depth, before any other check. `difference`: grey levels between the reference
-    and its sources, seen through all that was matched; the median over them, NaN = none sees it.
-    `points` (n, 3) float32 of `colours` (n, 3) uint8 RGB; `seen` (n, cameras) bool: whose maps each point was
-    fused from, in the order in which the images were given. Without COLMAP there is no cloud, and `no_cloud`
-    says so.
+    `depth` is 0 where unknown. `consistent` (bool) marks pixels where two other views, each matched
+    independently, found the same depth, before any other check. `difference` is in grey levels between the
+    reference and its sources, warped by all matched depth: the median over the sources, NaN = none sees it.
+    `points` (n, 3) are float32 with `colours` (n, 3), uint8 RGB. `seen` (n, cameras), bool, marks the maps
+    that each point was fused from, in the order of the images. Without COLMAP there is no cloud, and
+    `no_cloud` says why.
     """
 
     depth: Array
@@ -53,9 +53,9 @@ def compute_instant_depth(
     reference: str,
     matcher: ChosenMatcher = SWEEP,
 ) -> InstantDepth:
-    """Match all cameras' pictures, check them against each other, and fuse the maps.
+    """Match all cameras' images, check them against each other, and fuse the maps.
 
-    `depth_ranges`: between which two depths each camera's scene is.
+    `depth_ranges` holds each camera's depth range of the scene.
     """
     calibrated = {camera: image.calibrated for camera, image in images.items()}
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
@@ -75,7 +75,7 @@ def compute_instant_depth(
 
 
 def _surface(view: ViewDepth) -> Surface:
-    """What was found before our checks; of COLMAP's maps all that it left (0 = nothing there)."""
+    """Return the surface before our checks; for COLMAP, the depth that its own checks left (0 = unknown)."""
     if view.surface is not None:
         return view.surface
     inverse = np.where(view.depth > 0, 1 / np.maximum(view.depth, 1e-12), 0).astype(np.float32)
@@ -84,14 +84,14 @@ def _surface(view: ViewDepth) -> Surface:
 
 
 def _difference(inverse_depth: Array, source_views: Sequence[SourceView]) -> Array:
-    """Median over the sources of their difference in brightness, once they are made equally bright."""
+    """Return the median over the sources of the brightness difference, after brightness matching."""
     differences = []
     for source_view in source_views:
         seen = CPU.warp(source_view, inverse_depth)
         seen = np.where((seen < 0) | (inverse_depth <= 0), np.nan, seen).astype(np.float32)
         reference = source_view.reference.grey
         differences.append(np.abs(reference - match_brightness(reference, seen)))
-    # What is not known comes last.
+    # NaN is sorted last.
     ordered = np.sort(differences, axis=0)
     count = np.isfinite(ordered).sum(0)
     middle = np.maximum([(count - 1) // 2, count // 2], 0)
@@ -116,7 +116,7 @@ def _fuse_cloud(
         except NotAvailableError as error:
             reason = str(error)
         except BadInputError:
-            # No point is consistent in enough cameras: an empty cloud is a result too.
+            # No point is consistent in enough cameras; an empty cloud is a valid result.
             pass
     seen = np.zeros((len(points), len(images)), bool)
     seen[:, [list(images).index(camera) for camera in fused]] = of_fused

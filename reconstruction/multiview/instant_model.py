@@ -1,4 +1,4 @@
-"""`reconstruct multiview`: depth of every camera of an instant, a cloud of points of them all, and a mesh."""
+"""`reconstruct multiview`: depth of every camera at an instant, a fused point cloud, and a mesh."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -58,22 +58,22 @@ OURS = {*FILES, RESULT, "depth", "workspace", FUSED, f"{FUSED}.vis", "cloud.ply"
 
 @dataclass(frozen=True, kw_only=True)
 class MultiviewOptions:
-    """What to make: `offsets_ms` are one for each camera in the session's order, or none."""
+    """What to compute; `offsets_ms` holds one offset per camera in the session's order, or is empty."""
 
     instant: int = 0
     offsets_ms: tuple[float, ...] = ()
     matcher: Matcher = Matcher.AUTO
     mesh: bool = True
     cloud: bool = True
-    """Clean the fused cloud, which takes Open3D."""
+    """Whether to clean the fused cloud, which needs Open3D."""
     quick: bool = False
-    """A first sweep at half the size; the cloud is neither scored nor, without a mesh, cleaned."""
+    """Start the sweep at half the size; do not score the cloud, and clean it only for a mesh."""
     page: bool = False
-    """Also write a page on which the cloud is turned by hand."""
+    """Whether to also write a page with a 3D view of the cloud."""
     calibrated: bool = False
-    """Refuse to find a calibration in the pictures where none is known."""
+    """Refuse to estimate a calibration from the images if none is known."""
     time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
-    """What is added to the times of the cameras it names."""
+    """Corrections added to the times of the named cameras."""
 
 
 def model_instant(
@@ -85,9 +85,9 @@ def model_instant(
     motion: SceneMotion | None = None,
     still: StillScene | None = None,
 ) -> MultiviewResult:
-    """Make an instant's depth maps, cloud and mesh in the folder `part`, which is there and empty.
+    """Compute an instant's depth maps, cloud and mesh in `part`, an existing empty folder.
 
-    `motion` and `still`: what moves in the session, and what earlier instants found of the rest.
+    `motion` is the session's motion, and `still` the still scene found at earlier instants.
 
     Raises:
         BadInputError: the instant or the offsets cannot be used, or nothing was found.
@@ -115,7 +115,7 @@ def model_instant(
     marks["fusion"] = time.perf_counter()
     (part / "depth").mkdir()
     views = tuple(write_view(dataset, images[c], found[c], sources[c], part) for c in found)
-    # Open3D, which looks for the cloud's neighbours, is slower to load than all the rest.
+    # Open3D searches the cloud's neighbours, and takes longer to load than all the rest.
     movers = None if options.quick else score_movers(dataset, images, unit, options.instant, part / FUSED)
     marks["judging"] = time.perf_counter()
     points, triangles = fused, 0
@@ -163,7 +163,7 @@ def model_instant(
 def _find_sources(
     images: Mapping[str, CalibratedImage], still: StillScene
 ) -> tuple[CoarseScene, dict[str, tuple[str, ...]]]:
-    """Find where the scene is, and the cameras that each camera's depth is measured with.
+    """Find the scene's position, and the source cameras for each camera's depth.
 
     Raises:
         BadInputError: no two cameras can measure depth together.
@@ -178,18 +178,18 @@ def _find_sources(
 
 
 def _figures(view: ViewResult) -> dict[str, Any]:
-    """The figures of a view that stand for its instant."""
+    """Return the figures of a view that represent its instant."""
     return {name: getattr(view, name) for name in ("coverage", *DepthShares.__struct_fields__)}
 
 
 def _stage_seconds(marks: Mapping[str, float]) -> dict[str, float]:
-    """How long each stage took, from the times (s) at which the stages ended."""
+    """Return the duration of each stage, from the times (s) at which the stages ended."""
     ends = list(marks.items())
     return {stage: round(now - before, 3) for (_, before), (stage, now) in pairwise(ends)}
 
 
 def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: CoarseScene) -> str:
-    """Why a camera has no sources."""
+    """Return why a camera has no sources."""
     if camera not in scene.points:
         return "nothing in its picture could be matched in another camera's"
     inside = {
@@ -208,7 +208,7 @@ def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: Coarse
 def write_view(
     dataset: Dataset, image: InputImage, found: ViewDepth, sources: Sequence[str], part: Path
 ) -> ViewResult:
-    """Write a camera's depth, normals and picture into `part`/depth, and judge them."""
+    """Write a camera's depth, normals and picture into `part`/depth, and score the depth."""
     name = f"depth/{image.camera}"
     np.savez(part / f"{name}.npz", depth=found.depth, normals=found.normals.astype(np.float16))
     write_image(part / f"{name}.png", colour_depth(found.depth, *display_range(found.depth)))
@@ -230,11 +230,11 @@ def write_view(
 def multiview(
     session: Path, out: Path, options: MultiviewOptions, progress: Progress | None = None
 ) -> MultiviewResult:
-    """Make the depth, the cloud and the mesh of one instant; `out` appears whole or not at all.
+    """Compute depth, cloud and mesh of one instant; `out` is written atomically.
 
     Raises:
         BadInputError: the session, the instant or the offsets cannot be used, or nothing was found.
-        NotAvailableError: the matcher asked for, or COLMAP or Open3D, is not here.
+        NotAvailableError: the requested matcher, COLMAP or Open3D is not available.
     """
     require_reconstruction("pycolmap", "joining the cameras' depth")
     if options.mesh:

@@ -1,4 +1,4 @@
-"""Scores of an instant's depth and cloud, on what moves and on the still control that must not change."""
+"""Scores of an instant's depth and cloud, on moving objects and on the constant still control."""
 
 from collections.abc import Mapping, Sequence
 
@@ -21,11 +21,11 @@ from reconstruction.scores.truth import fill_from_nearest, median_still_depth, t
 from reconstruction.session.motion import dilate
 
 CONTROL_MARGIN_PX = 4
-"""Pixels this near to a mover do not belong to the control."""
+"""Distance from a moving object below which pixels are left out of the control."""
 
 
 class InstantScorer:
-    """Measures instants of one reference camera; what stands still is taken from the synchronized maps."""
+    """Scores instants of one reference camera; the still scene is taken from the synchronized maps."""
 
     def __init__(
         self,
@@ -46,9 +46,9 @@ class InstantScorer:
     def measure(
         self, instant: int, shown: Mapping[str, int], maps: Mapping[str, InstantDepth]
     ) -> dict[str, Measurements]:
-        """Movers and still control of each map, by condition: `synced`, and `offset` with what is `shown`.
+        """Measure moving objects and control by condition: `synced`, or `offset` with instants `shown`.
 
-        The control is equal in both: no mover is in front of it in any picture of either.
+        The control is equal in both: no moving object is in front of it in any image of either.
         """
         moving = self.undistorted.moving(self.reference, instant)
         hidden = {
@@ -70,7 +70,7 @@ class InstantScorer:
         return measured
 
     def true_depth(self, instant: int) -> Array | None:
-        """The reference's true depth in the calibration's unit, NaN = unknown; None where it is unknown."""
+        """Return the reference's true depth in the calibration's unit, NaN = unknown; None without truth."""
         return self._true_depth(instant, ~self.undistorted.moving(self.reference, instant))
 
     def _still_control(self, instant: int, hidden: Mapping[str, Array]) -> Array:
@@ -89,7 +89,7 @@ class InstantScorer:
         return None if truth is None else true_depth_in_unit(truth, self.unit, self._still, static)
 
     def _true_surfaces(self, instant: int, shown: Mapping[str, int]) -> dict[str, TrueSurface] | None:
-        """The true surfaces of an instant, if the calibration knows metres."""
+        """Return the true surfaces of an instant if the calibration is metric."""
         if self.unit != "m":
             return None
         full = {camera: self.undistorted.full_views[camera] for camera in shown}
@@ -106,7 +106,7 @@ class InstantScorer:
         hidden: Mapping[str, Array],
         surfaces: dict[str, TrueSurface] | None,
     ) -> dict[str, Measurements]:
-        """Points, precision and recall of the cloud on movers and on the still control."""
+        """Measure the cloud's points, precision and recall on moving objects and on the still control."""
         self.cloud_skipped = self.cloud_skipped or str(found.no_cloud)
         if str(found.no_cloud):
             return {}

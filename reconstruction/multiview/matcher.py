@@ -1,4 +1,4 @@
-"""What finds the depth of all cameras of an instant: the plane sweep, or COLMAP's PatchMatch on a GPU."""
+"""Choice of the depth matcher for all cameras: the plane sweep, or COLMAP's PatchMatch on a GPU."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -19,7 +19,7 @@ FINDS_MORE = "it finds more than PatchMatch does"
 
 
 class Matcher(StrEnum):
-    """What is asked for."""
+    """The requested matcher."""
 
     AUTO = "auto"
     SWEEP = "sweep"
@@ -27,31 +27,31 @@ class Matcher(StrEnum):
 
     @property
     def engine(self) -> "Matcher":
-        """What runs where this is asked for: by itself the sweep, which finds more, with or without a GPU."""
+        """The matcher that runs; AUTO is the sweep, which finds more, with or without a GPU."""
         return Matcher.SWEEP if self is Matcher.AUTO else self
 
 
 @dataclass(frozen=True)
 class ChosenMatcher:
-    """What matches, and why: PatchMatch on a GPU, or the sweep and what it runs on."""
+    """The chosen matcher and the reason: PatchMatch on a GPU, or the sweep and its engine."""
 
     gpu: CudaGpu | None = None
     note: str = FINDS_MORE
     engine: SweepEngine = CPU
     quick: bool = False
-    """Whether the sweep begins at half the pictures' size."""
+    """Whether the sweep starts at half the images' size."""
 
     @property
     def name(self) -> str:
-        """As in results."""
+        """Name of the matcher in results."""
         return Matcher.SWEEP if self.gpu is None else Matcher.PATCHMATCH
 
 
 def choose_matcher(asked: Matcher, *, quick: bool = False) -> ChosenMatcher:
-    """The matcher that is asked for, see `Matcher.engine`.
+    """Return the requested matcher, see `Matcher.engine`.
 
     Raises:
-        NotAvailableError: PatchMatch is asked for, and this machine cannot run it.
+        NotAvailableError: PatchMatch is requested, and this machine cannot run it.
     """
     if asked.engine is Matcher.PATCHMATCH:
         gpu = find_gpu()
@@ -70,9 +70,9 @@ def match_cameras(
     progress: Progress | None = None,
     still: StillScene | None = None,
 ) -> dict[str, ViewDepth]:
-    """Depth and normals of every camera; PatchMatch takes a COLMAP workspace and leaves its maps there.
+    """Compute depth and normals of every camera; PatchMatch writes a COLMAP workspace with its maps.
 
-    `still` as of `match_all_views`; PatchMatch has no use for it.
+    `still` is as in `match_all_views`; PatchMatch does not use it.
     """
     if matcher.gpu is None:
         calibrated = {camera: image.calibrated for camera, image in images.items()}
@@ -93,10 +93,10 @@ def match_cameras(
 
 
 def image_views(images: Mapping[str, InputImage]) -> dict[str, View]:
-    """The undistorted view of each camera."""
+    """Return the undistorted view of each camera."""
     return {camera: image.calibrated.view for camera, image in images.items()}
 
 
 def image_colours(images: Mapping[str, InputImage]) -> dict[str, Array]:
-    """The undistorted picture of each camera."""
+    """Return the undistorted image of each camera."""
     return {camera: image.colours for camera, image in images.items()}

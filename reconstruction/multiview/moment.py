@@ -1,4 +1,4 @@
-"""A moment to be turned by hand: how much of what moves was measured, and a page with the cloud."""
+"""Page with a 3D view of one instant's cloud, and the fraction of moving pixels that was measured."""
 
 from pathlib import Path
 
@@ -20,15 +20,15 @@ FILES = (POINTS, REPORT)
 
 
 def measured_share(image: InputImage, depth: Array, motion: SceneMotion) -> float | None:
-    """Share of what moves in a picture that has a depth; None where nothing moves, or nobody knows."""
+    """Return the fraction of an image's moving pixels with depth; None if nothing moves or it is unknown."""
     moving = find_movers(image, motion)
     return None if moving is None or not moving.any() else round(float((depth[moving] > 0).mean()), 4)
 
 
 def write_moment(result: MultiviewResult, image: InputImage, depth: Array, fused: Path) -> None:
-    """Write `FILES` beside a fused cloud: its points, and the page on which they are turned.
+    """Write `FILES` beside a fused cloud: its points, and the page that shows them in 3D.
 
-    `image` and `depth` are the reference's.
+    `image` and `depth` belong to the reference camera.
     """
     points, colours, _ = read_fused_cloud(fused, len(result.views))
     write_ply(fused.with_name(POINTS), PointCloud(points, colours))

@@ -1,4 +1,4 @@
-"""What `reconstruct multiview` found; written as multiview.json and printed by --json."""
+"""Result of `reconstruct multiview`; written to multiview.json and printed by --json."""
 
 from msgspec import Struct, field
 
@@ -7,14 +7,14 @@ from reconstruction.scores.truth import DepthShares
 
 
 class ViewResult(DepthShares, frozen=True, kw_only=True):
-    """One camera's depth map, and how right it is."""
+    """One camera's depth map, and its accuracy."""
 
     camera: str
     instant: int
-    """The instant of its image: another than asked for where an offset was asked for."""
+    """Instant of the image; differs from the requested one if an offset was requested."""
     sources: tuple[str, ...]
     coverage: float
-    """Share of its pixels that have a depth."""
+    """Fraction of the pixels that have a depth."""
     depth: str
     """File with `depth` (height x width, 0 = none) and `normals` (x 3, camera's frame)."""
     picture: str
@@ -22,50 +22,50 @@ class ViewResult(DepthShares, frozen=True, kw_only=True):
 
 
 class CloudScore(Struct, frozen=True, kw_only=True):
-    """What moves in a cloud against the true surfaces: within 1 cm is right, and found."""
+    """Score of a cloud's moving points against the true surfaces, with a tolerance of 1 cm."""
 
     points: int
     precision: float | None
-    """Share of its points that lie on a true surface; None of a few points."""
+    """Fraction of the points on a true surface; None with too few points."""
     recall: float
-    """Share of the surfaces that at least two cameras see which the cloud has."""
+    """Fraction of the surfaces seen by at least two cameras that the cloud contains."""
     f_score: float
-    """Their harmonic mean."""
+    """Harmonic mean of precision and recall."""
 
 
 class MultiviewResult(Provenance, frozen=True, kw_only=True):
-    """Depth of all cameras of an instant; the first shares are those of the reference camera."""
+    """Depth of all cameras at an instant; the top-level fractions belong to the reference camera."""
 
     session: str
     instant: int
     offsets_ms: tuple[float, ...] = ()
     matcher: str
     matcher_note: str = ""
-    """Why this matcher was taken."""
+    """Reason for the choice of matcher."""
     calibration: str
     unit: str
     reference: str
-    """The camera in the middle of the rig, whose picture the others share most of."""
+    """Camera in the middle of the rig, whose image overlaps most with the others."""
     coverage: float
     within_2pct: float | None = None
     mover_within_2pct: float | None = None
     static_within_2pct: float | None = None
     median_error_pct: float | None = None
     movers_1cm: CloudScore | None = None
-    """None where nothing moves, or the truth is not known in metres."""
+    """None if nothing moves, or the truth is not known in metres."""
     moving_measured: float | None = None
-    """Share of what moves by the pictures that has a depth; only with a page."""
+    """Fraction of moving pixels, by motion in the images, that have a depth; only with a page."""
     nearest: float
     farthest: float
     views: tuple[ViewResult, ...]
     left_out: dict[str, str] = field(default_factory=dict)
-    """Cameras without depth, and why."""
+    """Cameras without depth, with the reasons."""
     fused_points: int
     cloud_points: int
     mesh_triangles: int
     files: tuple[str, ...]
     seconds_of: dict[str, float]
-    """Wall seconds of each stage."""
+    """Wall-clock seconds of each stage."""
 
 
 class SequenceInstant(DepthShares, frozen=True, kw_only=True, omit_defaults=True):
@@ -79,13 +79,13 @@ class SequenceInstant(DepthShares, frozen=True, kw_only=True, omit_defaults=True
     coverage: float | None = None
     movers_1cm: CloudScore | None = None
     left_out: dict[str, str] = field(default_factory=dict)
-    """Cameras without depth, and why."""
+    """Cameras without depth, with the reasons."""
     seconds: float = 0.0
     reason: str = ""
 
 
 class SequenceResult(Provenance, frozen=True, kw_only=True, omit_defaults=True):
-    """The clouds of many instants, and this run; shares are medians over the instants that have them."""
+    """Clouds of many instants, and this run; fractions are medians over the instants that have them."""
 
     session: str
     condition: str
@@ -95,7 +95,7 @@ class SequenceResult(Provenance, frozen=True, kw_only=True, omit_defaults=True):
     instants: tuple[SequenceInstant, ...]
     clouds: int
     kept: int = 0
-    """Clouds that an earlier run had made, which was stopped."""
+    """Clouds reused from an earlier run that was stopped."""
     mover_f_score_1cm: float | None = None
     mover_within_2pct: float | None = None
     within_2pct: float | None = None

@@ -1,7 +1,7 @@
-"""`reconstruct multiview --instants`: a cloud of every instant, masks of what moves, a recording.
+"""`reconstruct multiview --instants`: clouds of many instants, motion masks, and a Rerun recording.
 
-The folder grows cloud by cloud, and a run that was stopped goes on where it was: `plan.json` is what it is
-made of and how, `instants/<instant>.json` says that an instant is done.
+The folder grows cloud by cloud, and a stopped run can be resumed. `plan.json` holds the inputs and settings;
+`instants/<instant>.json` marks an instant as done.
 """
 
 import os
@@ -57,9 +57,9 @@ OURS = _BEGUN | {RESULT, INSTANTS, CLOUDS, MESHES, DEPTH, MASKS, CALIBRATION, RE
 def write_recording(
     file: Path, out: Path, dataset: Dataset, calibration: Calibration, instants: Sequence[SequenceInstant]
 ) -> None:
-    """Write `cloud` (those in `out`) and `rig/<camera>` on the timelines `leader` and `instant`.
+    """Write `cloud` (files in `out`) and `rig/<camera>` on the timelines `leader` and `instant`.
 
-    One instant is in memory at a time. Raises NotAvailableError without rerun-sdk.
+    Only one instant is in memory at a time. Raises NotAvailableError without rerun-sdk.
     """
     rerun = load_optional("rerun", "rerun", "the .rrd format")
     stream = rerun.RecordingStream("simulshot", recording_id=dataset.name, send_properties=False)
@@ -79,17 +79,17 @@ def write_recording(
 
 
 OURS |= {f"{RESULT}{PART}", f"{CALIBRATION}{PART}"}
-"""With what a killed run leaves half written."""
+"""Includes partial files that a killed run leaves."""
 
 Form = TypeVar("Form", bound=Struct)
 
 
 class SequencePlan(Struct, frozen=True, kw_only=True):
-    """What a folder's clouds are made of and how: those of another plan do not belong among them."""
+    """Inputs and settings of a folder's clouds; clouds of another plan do not belong among them."""
 
     session: str
     pictures: str
-    """Their fingerprint, with the calibration's."""
+    """Fingerprint of the images and the calibration."""
     condition: str
     time_shifts_ms: dict[str, float]
     matcher: str
@@ -99,7 +99,7 @@ class SequencePlan(Struct, frozen=True, kw_only=True):
     whole: bool = True
 
     def require_same(self, earlier: "SequencePlan", out: Path) -> None:
-        """Raises BadInputError where an earlier plan differs."""
+        """Raise BadInputError if an earlier plan differs."""
         for name in self.__struct_fields__:
             was = getattr(earlier, name)
             if getattr(self, name) != was:
@@ -111,7 +111,7 @@ class SequencePlan(Struct, frozen=True, kw_only=True):
 
 
 class SequenceFolder:
-    """A sequence's folder, locked against other runs while its context lasts."""
+    """Folder of a sequence, locked against other runs inside its context."""
 
     def __init__(self, out: Path, plan: SequencePlan) -> None:
         self.out = out
@@ -119,11 +119,11 @@ class SequenceFolder:
         self._lock = -1
 
     def __enter__(self) -> Self:
-        """Lock the folder, make it where there is none, and remove what a run that was killed had begun.
+        """Lock the folder, create it if missing, and remove unfinished work of a killed run.
 
         Raises:
             TryAgainError: another run is writing to it.
-            BadInputError: it holds something else, or clouds that were made otherwise, or cannot be written.
+            BadInputError: it has other contents or clouds with other settings, or is not writable.
         """
         try:
             if self.out.exists():
@@ -146,39 +146,39 @@ class SequenceFolder:
     def __exit__(
         self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
     ) -> None:
-        """Release the folder; without a cloud nothing is left of it."""
-        # What is removed makes room: the disk is asked before.
+        """Release the folder, and remove it if it has no cloud."""
+        # Cleanup frees space, so the free space is checked before it.
         explained = self._explain(error) if isinstance(error, OSError) else None
         self._release()
         if explained is not None:
             raise explained from error
 
     def done(self, instant: int) -> SequenceInstant | None:
-        """What came of an instant; None where its cloud is still to make."""
+        """Return the result of an instant; None if its cloud is not computed yet."""
         done = _read(self._record(instant), SequenceInstant)
         return done if done and done.cloud and (self.out / done.cloud).is_file() else None
 
     def finish(self, done: SequenceInstant) -> None:
-        """Keep what came of an instant, whose cloud has its name."""
+        """Save the result of an instant whose cloud is in place."""
         write_atomic(self._record(done.instant), pretty_json(done))
 
     def calibration(self) -> Calibration | None:
-        """The calibration that an earlier run made for this folder, as its session has none."""
+        """Return the calibration that an earlier run estimated for this folder, as its session has none."""
         return _read(self.out / CALIBRATION, Calibration)
 
     @property
     def files(self) -> tuple[str, ...]:
-        """What the finished folder holds."""
+        """Contents of the finished folder."""
         return tuple(sorted({RESULT} | {path.name for path in self.out.iterdir()} - {_WORK, _LOCK}))
 
     def empty_work(self) -> Path:
-        """A folder to make files in, empty now; it is gone in the end, or when a killed run goes on."""
+        """Return an empty work folder; it is removed at the end, or when a killed run is resumed."""
         shutil.rmtree(self.out / _WORK, ignore_errors=True)
         (self.out / _WORK).mkdir()
         return self.out / _WORK
 
     def take_over(self, name: str) -> None:
-        """Give what was made in the folder to work in its place."""
+        """Move a result from the work folder into its place."""
         (self.out / _WORK / name).replace(self.out / name)
         sync_folder(self.out)
 
@@ -201,7 +201,7 @@ class SequenceFolder:
         return self.out / INSTANTS / f"{instant:06d}.json"
 
     def _release(self) -> None:
-        # A plan that was refused is another's, and so is all the rest.
+        # A folder with a rejected plan belongs to another run, with all its contents.
         if _read(self.out / PLAN, SequencePlan) == self._plan:
             shutil.rmtree(self.out / _WORK, ignore_errors=True)
             if not self._has_clouds():
@@ -215,10 +215,10 @@ class SequenceFolder:
         return any((self.out / CLOUDS).glob("*.ply"))
 
     def _clear(self) -> None:
-        """Remove what is of no use without clouds."""
+        """Remove files that are useless without clouds."""
         for folder in (INSTANTS, CLOUDS, MESHES, DEPTH, MASKS):
             shutil.rmtree(self.out / folder, ignore_errors=True)
-        # Last the plan: with it the next run knows the rest for its own.
+        # The plan is removed last: it marks the remaining files as ours for the next run.
         for file in (CALIBRATION, RECORDING, RESULT, PLAN):
             (self.out / file).unlink(missing_ok=True)
 
@@ -230,7 +230,7 @@ class SequenceFolder:
 
 
 def _read(path: Path, form: type[Form]) -> Form | None:
-    """A file of ours; None where there is none, or it is broken."""
+    """Read one of our files; None if it is missing or corrupt."""
     try:
         return msgspec.json.decode(path.read_bytes(), type=form)
     except (FileNotFoundError, msgspec.MsgspecError):
@@ -239,30 +239,30 @@ def _read(path: Path, form: type[Form]) -> Form | None:
 
 @dataclass(frozen=True, kw_only=True)
 class SequenceOptions:
-    """Which instants, and what to make of each; `each` says the rest, its instant and offsets unused."""
+    """Which instants to reconstruct, and how; the instant and offsets of `each` are ignored."""
 
     instants: Sequence[int] | None = None
-    """None: all."""
+    """The instants; None = all."""
     condition: Condition
     each: MultiviewOptions
     depth: bool = False
-    """Keep the depth maps, too."""
+    """Also save the depth maps."""
     whole: bool = False
-    """Sweep what stands still again for every instant."""
+    """Match the still scene again at every instant."""
     recording: bool = False
 
 
 def model_sequence(
     session: Path, out: Path, options: SequenceOptions, progress: Progress | None = None
 ) -> SequenceResult:
-    """Make a cloud of each instant in `out`; those that are there already are kept.
+    """Compute a cloud of each instant in `out`; existing clouds are reused.
 
-    An instant of which nothing can be made is left out, with the reason.
+    An instant that cannot be reconstructed is left out, with the reason.
 
     Raises:
-        BadInputError: the session or an instant cannot be used, `out` holds something else, or no instant
-            gave a cloud.
-        NotAvailableError: the matcher asked for, COLMAP, Open3D or Rerun is not here.
+        BadInputError: the session or an instant cannot be used, `out` has other contents, or no instant gave
+            a cloud.
+        NotAvailableError: the requested matcher, COLMAP, Open3D or Rerun is not available.
         TryAgainError: another run is writing to `out`.
     """
     began = time.perf_counter()
@@ -325,7 +325,7 @@ def model_sequence(
 
 
 def cloud_file(instant: int) -> str:
-    """Where the cloud of an instant is; the names are a sequence that viewers play."""
+    """Return the path of an instant's cloud; the names form a sequence that viewers can play."""
     return f"{CLOUDS}/{instant:06d}.ply"
 
 
@@ -339,7 +339,7 @@ def _chosen_instants(dataset: Dataset, asked: Sequence[int] | None) -> list[int]
 
 
 def _calibrate(dataset: Dataset, folder: SequenceFolder) -> Calibration:
-    """The session's calibration, or one of its pictures, which all runs to this folder share."""
+    """Return the session's calibration, or one from its images, shared by all runs to this folder."""
     calibration = dataset.calibration() or folder.calibration()
     if calibration is None:
         calibration = guess_calibration(SceneMotion(dataset, 1))
@@ -356,7 +356,7 @@ def _make(
     instant: int,
     folder: SequenceFolder,
 ) -> SequenceInstant:
-    """Make an instant's files in a folder of their own, then give them their names; last that it is done."""
+    """Compute an instant in the work folder, move its files into place, then mark it as done."""
     work, out, dataset = folder.empty_work(), folder.out, motion.dataset
     leader_ns = dataset.instants_ns[instant]
     try:

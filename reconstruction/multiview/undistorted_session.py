@@ -1,4 +1,4 @@
-"""A session's pictures, masks and true depth, undistorted and made smaller for a comparison."""
+"""A session's images, masks and true depth, undistorted and reduced in size for a comparison."""
 
 from functools import lru_cache
 
@@ -19,7 +19,7 @@ KEPT_IMAGES = 32
 
 
 class UndistortedSession:
-    """Pictures, moving pixels and true depth by camera and instant, at most `width_px` wide."""
+    """Images, moving pixels and true depth by camera and instant, at most `width_px` wide."""
 
     def __init__(self, dataset: Dataset, motion: SceneMotion, views: dict[str, View], width_px: int) -> None:
         self.dataset = dataset
@@ -29,7 +29,7 @@ class UndistortedSession:
         self._image = lru_cache(maxsize=KEPT_IMAGES)(self._load)
 
     def problem(self, camera: str, instant: int) -> str:
-        """Why there is no picture to match; empty where there is one."""
+        """Return why there is no image to match; empty if there is one."""
         if camera not in self.views:
             return "it is not in the calibration"
         if not self.dataset.has_image(camera, instant):
@@ -38,27 +38,27 @@ class UndistortedSession:
         return found if isinstance(found, str) else ""
 
     def image(self, camera: str, instant: int) -> InputImage:
-        """The picture; it must be usable."""
+        """Return the image; it must be usable."""
         found = self._image(camera, instant)
         assert isinstance(found, InputImage)
         return found
 
     def moving(self, camera: str, instant: int) -> Array:
-        """What moves (bool)."""
+        """Return the motion mask (bool)."""
         return self.undistort_mask(camera, self.motion.moving(camera, instant))
 
     def changing(self, camera: str, instant: int) -> Array:
-        """What moves or changes (bool), widened: pixels that the still control leaves out."""
+        """Return the widened mask of motion and change (bool): pixels that the still control leaves out."""
         mask = self.undistort_mask(camera, self.motion.changing(camera, instant))
         return dilate(mask, max(3, mask.shape[1] // 80))
 
     def true_depth(self, camera: str, instant: int) -> Array | None:
-        """True depth (m, 0 = unknown), undistorted, at the small size; None without."""
+        """Return true depth (m, 0 = unknown), undistorted, at the reduced size; None if unknown."""
         loaded = self.dataset.ground_truth(camera, instant)
         return None if loaded is None else self._undistort_small(camera, loaded[0])
 
     def undistort_mask(self, camera: str, mask: Array) -> Array:
-        """A mask (bool) of the session's own pixels as the small picture shows it."""
+        """Undistort and resize a mask (bool) of the session's original pixels."""
         return self._undistort_small(camera, mask.astype(np.uint8)) > 0
 
     def _undistort_small(self, camera: str, image: Array) -> Array:

@@ -1,4 +1,4 @@
-"""`reconstruct panorama`: the panorama of a session's instant, or of a folder of pictures."""
+"""`reconstruct panorama`: panorama of one instant of a session, or of a folder of images."""
 
 import time
 from collections.abc import Collection, Mapping, Sequence
@@ -26,71 +26,71 @@ from reconstruction.session.picture_checksums import picture_checks
 SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}
 
 KEPT_BYTES_PER_PIXEL = 12
-"""Memory for each pixel of a session's picture: it is kept in both conditions with its movers, and cached."""
+"""Memory per pixel of a session's image: both conditions with their motion masks, and the cache."""
 
 
 @dataclass(frozen=True, kw_only=True)
 class PanoramaOptions:
-    """`instant` of a session; `offset_ms`: also compose it with every second camera so much later."""
+    """Options of a panorama; `offset_ms` also composes it with every second camera delayed by this much."""
 
     instant: int = 0
     offset_ms: float | None = None
     time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
-    """What is added to the times of the cameras it names."""
+    """Corrections added to the times of the named cameras."""
 
 
 class ConditionPanorama(msgspec.Struct, frozen=True, kw_only=True):
-    """One condition's panorama: paths relative to the output folder."""
+    """Panorama of one condition; paths are relative to the output folder."""
 
     panorama: str
     ghosts: str
     width: int
     height: int
     misfit: Misfit
-    """Before blending, at the points of all overlaps, or of those between a late camera and another."""
+    """Residual before blending, over all overlaps, or only overlaps of a delayed camera with another."""
     mover_misfit: Misfit | None
-    """Misfit on what moves; None for single pictures, of which nobody knows what does."""
+    """Residual on moving objects; None for single images, in which motion is unknown."""
     overlaps: tuple[OverlapScore, ...]
 
 
 class PanoramaResult(Provenance, frozen=True, kw_only=True):
-    """Everything `reconstruct panorama` found."""
+    """All results of `reconstruct panorama`."""
 
     source: str
     used: tuple[str, ...]
     left_out: dict[str, str]
-    """Pictures that are not in it, and why."""
+    """Images that were left out, with the reasons."""
     calibration: str = ""
-    """Where the lenses are known from; empty where they were estimated from the pictures."""
+    """Source of the lens parameters; empty if they were estimated from the images."""
     synced: ConditionPanorama
     offset: ConditionPanorama | None = None
     actual_offset_ms: float = 0.0
 
 
 Pictures = tuple[dict[str, Array], dict[str, Array]]
-"""One condition's pictures (BGR) by name, and what moves in them (bool) where that is known."""
+"""One condition's images (BGR) by name, and the motion masks (bool) where motion is known."""
 
 
 @dataclass(frozen=True)
 class PanoramaInput:
-    """What is composed: one instant, and maybe the same with every second camera late; and known views."""
+    """Input of a panorama: one instant, optionally also with every second camera delayed, and known views."""
 
     conditions: dict[str, Pictures]
-    """`synced`, and `offset` where it is asked for."""
+    """Images by condition: `synced`, and `offset` if requested."""
     views: dict[str, View] = field(default_factory=dict)
     late: tuple[str, ...] = ()
     offset_ms: float = 0.0
     absent: dict[str, str] = field(default_factory=dict)
-    """Cameras without a picture of the instant, and that."""
+    """Cameras without an image of the instant, with the reason."""
     calibration: str = ""
-    """Where the views are from."""
+    """Source of the views."""
 
 
 def panorama(sources: tuple[Path, ...], out: Path, options: PanoramaOptions) -> PanoramaResult:
-    """Make a panorama of a session, of a folder of pictures or of pictures; write it to `out`.
+    """Make a panorama of a session, of a folder of images or of single images; write it to `out`.
 
     Raises:
-        SimulshotError: the pictures cannot be read, or make no panorama.
+        SimulshotError: the images cannot be read or stitched.
     """
     began = time.monotonic()
     with comparison_folder(out) as output:
@@ -143,10 +143,10 @@ def _save_panorama(
 
 
 def _load_input(sources: Sequence[Path], options: PanoramaOptions) -> PanoramaInput:
-    """Read the pictures; a session is a single source.
+    """Read the images; a session must be the only source.
 
     Raises:
-        BadInputError: there are none, they cannot be read, or not at this instant and offset.
+        BadInputError: there are none, or they cannot be read, or not at this instant and offset.
     """
     if len(sources) == 1 and (sources[0] / MANIFEST).exists():
         return _session_input(sources[0], options)

@@ -1,4 +1,4 @@
-"""A panorama's layers on a cylinder or a sphere: exposures matched, seams cut where they agree, blended."""
+"""Composition of a panorama on a cylinder or sphere: exposure compensation, seams, and blending."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -10,39 +10,39 @@ import numpy as np
 from reconstruction.common.geometry import Array, View
 
 STEEPEST = 1.2
-"""Tangent of the steepest direction that a cylinder shows without stretching it too much."""
+"""Tangent of the steepest direction that a cylinder shows without too much stretch."""
 MAX_GROWTH = 6.0
-"""A panorama of so many times its pictures' pixels is a failed registration."""
+"""Size, as a multiple of the images' pixels, above which a registration has failed."""
 MAX_WIDENING = 2.0
-"""How much wider than its picture a lens's distortion may be drawn, undone."""
+"""Maximum width of an undistorted image, as a multiple of the image's size."""
 
 Box = tuple[int, int, int, int]
-"""Left, top, right and bottom, px of the panorama; it may begin below zero."""
+"""Left, top, right and bottom, px of the panorama; may start below zero."""
 SEAM_PIXELS = 0.1e6
-"""Exposures and seams are found in layers made this small: both take minutes in full pictures."""
+"""Layer size for the search of exposures and seams; both take minutes at full size."""
 
 
 @dataclass(frozen=True)
 class Layer:
-    """One picture on the panorama: `box` is where, `seen` (bool) which pixels of it the picture has."""
+    """One image on the panorama: `box` is its position, `seen` (bool) the pixels that it covers."""
 
     box: Box
     picture: Array
-    """Uint8, height x width (x 3); mirrored where it is not seen."""
+    """Uint8, height x width (x 3); mirrored outside of `seen`."""
     seen: Array
 
 
 def part_of(box: Box, canvas: Box) -> tuple[slice, slice]:
-    """Rows and columns of a box in an array as large as a canvas."""
+    """Return the rows and columns of a box in an array the size of a canvas."""
     left, top, right, bottom = box
     return slice(top - canvas[1], bottom - canvas[1]), slice(left - canvas[0], right - canvas[0])
 
 
 class Projection:
-    """Where every pixel of a panorama looks in every picture, the same for all instants and conditions."""
+    """Mapping from panorama pixels to image pixels, constant over all instants and conditions."""
 
     def __init__(self, views: Mapping[str, View]) -> None:
-        """`views` as `register_pictures` gives them.
+        """Compute the mapping from views, as `register_pictures` returns them.
 
         Raises:
             ValueError: the panorama would be too small or too large.
@@ -58,19 +58,19 @@ class Projection:
 
     @property
     def canvas(self) -> Box:
-        """The box that holds all pictures."""
+        """Bounding box of all images."""
         sides = np.array(list(self.boxes.values()))
         left, top = (int(v) for v in sides[:, :2].min(0))
         right, bottom = (int(v) for v in sides[:, 2:].max(0))
         return left, top, right, bottom
 
     def warp(self, name: str, image: Array) -> Layer:
-        """A picture of a camera (uint8, of its view's size) on the panorama."""
+        """Warp a camera's image (uint8, of its view's size) onto the panorama."""
         picture = cv2.remap(image, self._maps[name], None, cv2.INTER_LINEAR, borderMode=cv2.BORDER_REFLECT)
         return Layer(self.boxes[name], np.asarray(picture), self.seen[name])
 
     def warp_mask(self, name: str, mask: Array) -> Array:
-        """A mask (bool) of a camera's pixels on the panorama, in the camera's box."""
+        """Warp a mask (bool) of a camera's pixels onto the panorama, in the camera's box."""
         warped = cv2.remap(mask.astype(np.uint8), self._maps[name], None, cv2.INTER_NEAREST)
         return np.asarray(warped > 0) & self.seen[name]
 
@@ -80,7 +80,7 @@ class Projection:
         return int(x), int(y), int(x + width), int(y + height)
 
     def _map(self, view: View) -> Array:
-        """Pixels of the picture, float32 (height, width, 2), for each pixel of its box."""
+        """Return image pixels, float32 (height, width, 2), for each pixel of the view's box."""
         flat = _flat_view(view)
         _, xs, ys = self._warper.buildMaps((flat.width, flat.height), *_for_warper(flat))
         at = np.dstack([np.asarray(xs), np.asarray(ys)])
@@ -102,13 +102,13 @@ class Projection:
 
 
 def _steepest(view: View) -> float:
-    """Tangent of the highest or lowest direction of a picture's edge."""
+    """Return the tangent of the steepest direction on an image's border, up or down."""
     rays = view.rays(view.border()) @ view.rotation
     return float((np.abs(rays[:, 1]) / np.maximum(np.hypot(rays[:, 0], rays[:, 2]), 1e-6)).max())
 
 
 def _flat_view(view: View) -> View:
-    """The view without distortion, as large as it takes to hold the whole picture."""
+    """Return the view without distortion, large enough to contain the whole image."""
     if not view.distortion.any():
         return view
     focal = np.array([view.matrix[0, 0], view.matrix[1, 1]])
@@ -122,22 +122,22 @@ def _flat_view(view: View) -> View:
 
 
 def _for_warper(view: View) -> tuple[Array, Array]:
-    """Intrinsics and panorama-from-camera rotation as OpenCV's warpers take them."""
+    """Return intrinsics and panorama-from-camera rotation in the form of OpenCV's warpers."""
     return view.matrix.astype(np.float32), np.ascontiguousarray(view.rotation.T, np.float32)
 
 
 def _inside(at: Array, view: View) -> Array:
-    """Whether pixels (..., 2) lie in a view's picture (bool)."""
+    """Return whether pixels (..., 2) are inside a view's image (bool)."""
     return np.asarray(((at > -0.5) & (at < (view.width - 0.5, view.height - 0.5))).all(-1))
 
 
 def compose_layers(layers: Sequence[Layer], canvas: Box) -> Array:
-    """The panorama (BGR, uint8) of layers (BGR), as large as the canvas; black where none sees anything."""
+    """Compose layers (BGR) into a panorama (BGR, uint8) of the canvas's size; uncovered pixels are black."""
     largest = max(layer.seen.size for layer in layers)
     scale = min(1.0, float(np.sqrt(SEAM_PIXELS / largest)))
     small = [_shrink(layer, scale) for layer in layers]
     full = list(layers)
-    # First a gain for each picture, then what is left, such as vignetting, block by block.
+    # First one gain per image, then the remainder, such as vignetting, block by block.
     for compensator in (cv2.detail.GainCompensator(), cv2.detail.BlocksGainCompensator()):
         compensator.feed(
             [layer.box[:2] for layer in small],
@@ -149,7 +149,7 @@ def compose_layers(layers: Sequence[Layer], canvas: Box) -> Array:
 
 
 def average_layers(layers: Sequence[Layer], canvas: Box) -> tuple[Array, Array]:
-    """The mean of layers (BGR, uint8), as large as the canvas, and how many layers see each of its pixels."""
+    """Return the mean of layers (BGR, uint8) on the canvas, and the number of layers at each pixel."""
     left, top, right, bottom = canvas
     total = np.zeros((bottom - top, right - left, 3), np.float32)
     count = np.zeros(total.shape[:2], np.uint8)
@@ -177,13 +177,13 @@ def _match_exposure(layers: Sequence[Layer], compensator: cv2.detail.ExposureCom
 
 
 def _cut_seams(layers: Sequence[Layer]) -> list[Array]:
-    """Which pixels of each layer the panorama shows (uint8, 255)."""
+    """Return the pixels of each layer that the panorama shows (uint8, 255)."""
     found = cv2.detail.GraphCutSeamFinder("COST_COLOR").find(
         [_umat(layer.picture.astype(np.float32)) for layer in layers],
         [layer.box[:2] for layer in layers],
         [_umat(_mask(layer.seen)) for layer in layers],
     )
-    # One pixel more, so that rounding leaves no gap between two layers.
+    # Dilated by one pixel, so that rounding leaves no gap between two layers.
     return [np.asarray(cv2.dilate(share.get(), None)) for share in found]
 
 

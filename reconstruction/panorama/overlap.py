@@ -1,4 +1,4 @@
-"""How well two layers of a panorama fit where they overlap, before blending, and where things show twice."""
+"""Registration residual of two overlapping panorama layers before blending, and ghosts."""
 
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass, replace
@@ -16,46 +16,46 @@ from reconstruction.panorama.composition import Box, Layer, average_layers, part
 
 MIN_OVERLAP_PX = 500
 LEAST_GRADIENT = 2.5
-"""Grey levels a px in every direction; a window with less has nothing to hold on to (sky, a blank wall)."""
+"""Minimum gradient in every direction, grey levels per px; flat windows (sky, a blank wall) have less."""
 WINDOW_PX = 21
-"""Window in which a point is found again."""
+"""Window for tracking a point."""
 SPACING_PX = 9
-"""There is at most one point in a square so wide."""
+"""Side of the square that contains at most one point."""
 REACH_PX = 48
-"""How far around a point that tracking has lost its window is compared with every other."""
+"""Search radius around a point that tracking has lost; its window is matched exhaustively there."""
 PATCH_PX = 11
 MOST_ROWS = 1 << 14
 LEAST_LIKENESS = 0.8
-"""Normalized correlation of both patches; less is another thing."""
+"""Minimum normalized correlation of both patches."""
 MOST_RETURN_PX = 0.5
-"""Found again from there, a point must lie so near to where it began."""
+"""Maximum distance of a point, tracked forward and back, from its start."""
 GHOST_GREY = 30.0
-"""Where two pictures differ by more grey levels than this, they are marked as a ghost."""
+"""Difference in grey levels from which two images are marked as a ghost."""
 
 
 @dataclass(frozen=True)
 class PictureMisfit:
-    """Where points of the first picture lie in the second: pixels (n, 2) of `Overlap`, and how far off, px.
+    """Displacement of the first image's points in the second: `Overlap` pixels (n, 2), and length, px.
 
-    NaN is a point that is not found again, or not back from there.
+    The length is NaN if tracking failed in either direction.
     """
 
     at: Array
     length: Array
 
     def of(self, mask: Array) -> Array:
-        """Lengths at the points in a mask (bool) of the overlap, NaN included."""
+        """Return the lengths at points inside a mask (bool) of the overlap, including NaN."""
         return np.asarray(self.length[mask[self.at[:, 1], self.at[:, 0]]])
 
 
 def known(lengths: Array) -> Array:
-    """Those that are not NaN."""
+    """Return the values that are not NaN."""
     return np.asarray(lengths[np.isfinite(lengths)])
 
 
 @dataclass(frozen=True)
 class Overlap:
-    """Two layers in a box that both reach into: grey pictures, and which pixels both have (bool)."""
+    """Two layers in the box that both reach: grey images, and the pixels that both cover (bool)."""
 
     box: Box
     first: Array
@@ -63,25 +63,25 @@ class Overlap:
     both: Array
 
     def crop(self, pixels: Array, box: Box) -> Array:
-        """The part of a layer's pixels, which lie in `box`, that the overlap has."""
+        """Crop a layer's pixels, which cover `box`, to the overlap."""
         left, top, right, bottom = self.box
         return pixels[top - box[1] : bottom - box[1], left - box[0] : right - box[0]]
 
     def with_brightness_matched(self, still: Array) -> "Overlap":
-        """The second picture (float32 then) as bright as the first is on what stands still (bool)."""
+        """Return the overlap with the second image (float32) as bright as the first on `still` (bool)."""
         second = self.second.astype(np.float32)
         gain, bias = gain_and_bias(self.first, np.where(self.both & still, second, np.float32(np.nan)))
         return replace(self, second=np.asarray(np.clip(gain * second + bias, 0, 255), np.float32))
 
     @property
     def difference(self) -> Array:
-        """By how many grey levels the pictures differ (float32); 0 where only one has a pixel."""
+        """Absolute grey-level difference of the images (float32); 0 where only one covers the pixel."""
         apart = np.abs(self.first - self.second.astype(np.float32))
         return np.asarray(np.where(self.both, apart, np.float32(0)))
 
 
 def overlap_of(a: Layer, b: Layer) -> Overlap | None:
-    """Where two layers (BGR) overlap, the outermost pixels left out; None where they hardly do."""
+    """Return the overlap of two layers (BGR) without its outermost pixels; None if it is too small."""
     low = np.maximum(a.box[:2], b.box[:2])
     high = np.minimum(a.box[2:], b.box[2:])
     if (high <= low).any():
@@ -100,7 +100,7 @@ def overlap_of(a: Layer, b: Layer) -> Overlap | None:
 
 
 def measure_misfit(overlap: Overlap) -> PictureMisfit:
-    """Find the first picture's points again in the second, and back from there (Lucas and Kanade)."""
+    """Track the first image's points into the second and back (Lucas and Kanade)."""
     first, second = (
         np.where(overlap.both, picture, 0).astype(np.uint8) for picture in (overlap.first, overlap.second)
     )
@@ -111,7 +111,7 @@ def measure_misfit(overlap: Overlap) -> PictureMisfit:
 
 
 def _points(picture: Array, allowed: Array) -> Array:
-    """Pixels (n, 2; int) with structure in every direction (Shi and Tomasi), apart from each other."""
+    """Return spaced pixels (n, 2; int) with structure in every direction (Shi and Tomasi)."""
     inner = cv2.erode(
         allowed.astype(np.uint8),
         np.ones((WINDOW_PX, WINDOW_PX), np.uint8),
@@ -127,7 +127,7 @@ def _points(picture: Array, allowed: Array) -> Array:
 
 
 def _displacement(a: Array, b: Array, at: Array, both: Array) -> Array:
-    """How far points (n, 2) of a lie from there in b, px; NaN where that does not hold both ways."""
+    """Return the displacement of points (n, 2) from a to b, px; NaN if it fails in either direction."""
     levels = int(np.clip(np.log2(min(a.shape) / (2 * WINDOW_PX)), 0, 4))
     there, drift = track_there_and_back(a, b, at, WINDOW_PX, levels)
     kept = drift < MOST_RETURN_PX
@@ -143,14 +143,14 @@ def _displacement(a: Array, b: Array, at: Array, both: Array) -> Array:
 
 
 def _search(a: Array, b: Array, at: Array) -> Array | None:
-    """The place in b (2,) most like a point of a within reach, if that point is the one most like it in a."""
+    """Return the place in b (2,) most similar to a point of a within reach, if the match is mutual."""
     there = _most_alike(a, at, b)
     back = None if there is None else _most_alike(b, there, a)
     return there if back is not None and np.abs(back - at).max() <= 1 else None
 
 
 def _most_alike(picture: Array, at: Array, other: Array) -> Array | None:
-    """The place (2,) in another picture, in a square around `at`, of the patch around `at`."""
+    """Return the best match (2,), in a square around `at` of another image, for the patch around `at`."""
     half = WINDOW_PX // 2
     low, high = np.maximum(at - REACH_PX - half, 0), at + REACH_PX + half + 1
     patch = picture[max(at[1] - half, 0) : at[1] + half + 1, max(at[0] - half, 0) : at[0] + half + 1]
@@ -162,37 +162,37 @@ def _most_alike(picture: Array, at: Array, other: Array) -> Array | None:
 
 
 def _likeness(a: Array, at_a: Array, b: Array, at_b: Array) -> Array:
-    """Normalized correlation (n,) of the patches around pixels (n, 2) of two pictures."""
+    """Return the normalized correlation (n,) of the patches around pixels (n, 2) of two images."""
     one, other = _patches(a, at_a), _patches(b, at_b)
     power = np.sqrt((one**2).sum(1) * (other**2).sum(1))
     return np.asarray((one * other).sum(1) / np.maximum(power, 1e-6))
 
 
 def _patches(picture: Array, at: Array) -> Array:
-    """The pixels (n, PATCH_PX squared; float32) around places (n, 2), without their mean."""
+    """Return zero-mean patches (n, PATCH_PX squared; float32) around points (n, 2)."""
     reach = np.arange(PATCH_PX, dtype=np.float32) - PATCH_PX // 2
     across, down = (grid.ravel() for grid in np.meshgrid(reach, reach))
     xs, ys = ((at[:, i, None] + grid).astype(np.float32) for i, grid in enumerate((across, down)))
     grey = picture.astype(np.float32)
-    # Remapping takes no more rows than a short integer counts.
+    # Remapping is limited to the number of rows that a short integer can count.
     parts = [slice(k, k + MOST_ROWS) for k in range(0, len(at), MOST_ROWS)]
     sampled = np.concatenate([cv2.remap(grey, xs[part], ys[part], cv2.INTER_LINEAR) for part in parts])
     return np.asarray(sampled - sampled.mean(1, keepdims=True))
 
 
 class Misfit(Struct, frozen=True, kw_only=True):
-    """How far off things lie in a second picture, at points with structure that are found there and back."""
+    """Residual in a second image, at structured points that are tracked there and back."""
 
     points: int
     lost: int
-    """Points with structure that were not found again, or not back from there."""
+    """Structured points for which tracking failed in either direction."""
     median_px: float | None = None
-    """Px of the panorama; None where there are no points."""
+    """Median in px of the panorama; None if there are no points."""
     p95_px: float | None = None
 
     @classmethod
     def at_points(cls, lengths: Array) -> "Misfit":
-        """Of lengths (n,), NaN where a point was not found again."""
+        """Summarize lengths (n,), NaN where a point was lost."""
         found = known(lengths)
         lost = len(lengths) - len(found)
         if not len(found):
@@ -202,19 +202,19 @@ class Misfit(Struct, frozen=True, kw_only=True):
 
 
 class OverlapScore(Struct, frozen=True, kw_only=True):
-    """Misfit of two pictures where they overlap, before blending."""
+    """Residual of two images in their overlap, before blending."""
 
     first: str
     second: str
     misfit: Misfit
     mover_misfit: Misfit | None = None
-    """On what moves in the first picture; None where nothing is known to."""
+    """Residual on what moves in the first image; None if motion is unknown."""
     mad: float
-    """Mean absolute difference of brightness, grey levels."""
+    """Mean absolute brightness difference, grey levels."""
 
 
 class Overlaps:
-    """Every two layers that overlap, judged; `movers` are masks (bool) as large as their layers."""
+    """Residuals of all overlapping layers; `movers` are motion masks (bool) of the layers' sizes."""
 
     def __init__(
         self,
@@ -223,7 +223,7 @@ class Overlaps:
         canvas: Box,
         late: Collection[str] = (),
     ) -> None:
-        """`late`: where some cameras are late in a condition, overlaps of one of these with another count."""
+        """Measure all overlaps; with delayed cameras in `late`, only their overlaps with others count."""
         self.scores: list[OverlapScore] = []
         self._lengths: list[Array] = []
         self._mover_lengths: list[Array] = []
@@ -238,16 +238,16 @@ class Overlaps:
 
     @property
     def misfit(self) -> Misfit:
-        """At the points of all overlaps that count."""
+        """Residual at the points of all overlaps that count."""
         return Misfit.at_points(np.concatenate([np.zeros(0), *self._lengths]))
 
     @property
     def mover_misfit(self) -> Misfit | None:
-        """The same on what moves; None where nothing is known to."""
+        """Residual on moving objects in these overlaps; None if motion is unknown."""
         return Misfit.at_points(np.concatenate(self._mover_lengths)) if self._mover_lengths else None
 
     def marked(self) -> Array:
-        """The mean of the layers, paler (BGR), with ghosts marked."""
+        """Return the lightened mean of the layers (BGR) with ghosts marked."""
         mean, count = average_layers(list(self._layers.values()), self._canvas)
         grey = cv2.cvtColor(cv2.cvtColor(mean, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
         picture = (0.35 * 255 + 0.55 * grey).astype(np.uint8)

@@ -1,8 +1,8 @@
-"""Where the pictures of a panorama belong: cameras that only turn, found by what stands still.
+"""Registration of a panorama's images: cameras that only rotate, estimated from the still scene.
 
 Brown and Lowe, Automatic Panoramic Image Stitching using Invariant Features, 2007, by OpenCV's estimators
-(`cv2.detail`); what surrounds them leaves out points that do not fit all pictures together: clouds, ice or
-people fit a homography between two of them.
+(`cv2.detail`). Points that do not fit all images together are rejected in addition: clouds, ice or people can
+fit a homography between two images.
 """
 
 from collections.abc import Mapping, Sequence
@@ -17,39 +17,40 @@ from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.pairs import MIN_MATCHES, Features, match_features
 
 ROUNDS = 3
-"""Times that the cameras are adjusted again without the points that do not fit all pictures together."""
+"""Readjustments of the cameras without the points that do not fit all images together."""
 OUTLIER = 2.0
-"""Such points are off by more than so many medians, and by more than a pixel."""
+"""Outlier limit in medians of the residuals; outliers are also off by more than one pixel."""
 FOCAL_LIMITS = (0.25, 30.0)
-"""Least and greatest share of the picture's longer side; a focal length beyond is a failed estimate."""
+"""Plausible focal lengths as multiples of the image's longer side; others are failed estimates."""
 HELD_FOCALS = (1.0, 4.0, 20.0)
-"""Focal lengths, in longer sides, to try where none can be estimated: pictures only shifted look tele."""
+"""Trial focal lengths, in longer sides, if the estimate fails; purely shifted images look like telephoto."""
 GOOD_PX = 2.0
-"""An estimate whose points are off by less needs no other to be tried."""
+"""Residual below which no other focal length is tried."""
 LEVEL_DEG = 3.0
-"""Cameras that look less far apart cannot tell where up is."""
+"""Minimum angle between cameras from which the vertical direction can be estimated."""
 EXPECTED_MATCHES = (8.0, 0.2)
-"""Two pictures overlap if more matches than this number and share of all fit (Brown and Lowe, eq. 13).
+"""Two images overlap if more matches fit than this number plus this fraction of all.
 
-Their share is 0.3; cameras of a rig stand apart, and one plane of the scene is less of all that they share.
+Brown and Lowe, eq. 13, with their fraction of 0.3. A rig's cameras stand apart, and one plane of the scene
+covers less of all that they share.
 """
 INLIER_PX = 3.0
 
 
 @dataclass(frozen=True)
 class PictureOverlap:
-    """Still points that two pictures share, and which of them one homography explains."""
+    """Still points that two images share, and which of them one homography explains."""
 
     at: tuple[Array, Array]
-    """Pixels (n, 2) in both, without the lens's distortion."""
+    """Undistorted pixels (n, 2) in both images."""
     fits: Array
-    """Bool (n,)."""
+    """Whether the homography explains each point, bool (n,)."""
     homography: Array
-    """3x3, from the first to the second, pixels counted from the pictures' middles."""
+    """Homography, 3x3, from the first to the second image; pixels relative to the image centres."""
 
     @property
     def confidence(self) -> float:
-        """Above 1 the two pictures show the same place."""
+        """Confidence of the overlap; above 1 both images show the same place."""
         least, share = EXPECTED_MATCHES
         found = int(self.fits.sum())
         return found / (least + share * len(self.fits)) if found >= MIN_MATCHES else 0.0
@@ -58,12 +59,12 @@ class PictureOverlap:
 def estimate_cameras(
     views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap], calibrated: bool
 ) -> dict[str, View]:
-    """Views whose `rotation` is camera from panorama, without translation.
+    """Estimate views with a camera-from-panorama `rotation` and no translation.
 
-    The focal lengths are estimated too where the views are not `calibrated`.
+    Focal lengths are also estimated if the views are not `calibrated`.
 
     Raises:
-        ValueError: there is no such estimate.
+        ValueError: no estimate explains the images.
     """
     used = {pair: one for pair, one in overlaps.items() if one.confidence > 1 and views.keys() >= set(pair)}
     turned = _adjust_by_rounds(views, used, calibrated)
@@ -84,13 +85,13 @@ def estimate_cameras(
 
 
 def long_view(width: int, height: int) -> View:
-    """The view of an unknown camera: a focal length of the longer side, no distortion."""
+    """Return the view of an unknown camera: focal length equal to the longer side, no distortion."""
     view = View(width, height, np.eye(3), np.zeros(5), np.eye(3), np.zeros(3))
     return _with_focal(view, max(width, height))
 
 
 def _with_focal(view: View, focal: float) -> View:
-    """An unknown view with a focal length, px."""
+    """Return an uncalibrated view with a given focal length, px."""
     matrix = np.diag([focal, focal, 1.0])
     matrix[:2, 2] = view.width / 2, view.height / 2
     return replace(view, matrix=matrix)
@@ -99,7 +100,7 @@ def _with_focal(view: View, focal: float) -> View:
 def _adjust_by_rounds(
     views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap], held: bool
 ) -> dict[str, View] | None:
-    """Adjust the cameras, and again without outliers; None where that fails. `held`: intrinsics stay."""
+    """Adjust the cameras, repeatedly without outliers; None on failure. `held` fixes the intrinsics."""
     turned = _adjust(views, overlaps, held)
     for _ in range(ROUNDS):
         if turned is None:
@@ -110,13 +111,13 @@ def _adjust_by_rounds(
 
 
 def _misfit(views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap]) -> float:
-    """How far the points are off, px: the mean over the overlaps of their medians."""
+    """Return the residual of the points, px: the mean over the overlaps of their medians."""
     medians = [np.median(_off(one, views[a], views[b])[one.fits]) for (a, b), one in overlaps.items()]
     return float(np.mean(medians))
 
 
 def _level(views: Mapping[str, View]) -> dict[str, View]:
-    """Turn all views together so that up is up."""
+    """Rotate all views together so that the panorama is level."""
     turns: list[Any] = [np.ascontiguousarray(view.rotation.T, np.float32) for view in views.values()]
     first, *others = views.values()
     if max(angle_deg(first.axis, other.axis) for other in others) > LEVEL_DEG:
@@ -156,14 +157,14 @@ def _adjust(
 
 
 def _without_outliers(overlap: PictureOverlap, a: View, b: View) -> PictureOverlap:
-    """The overlap by those of its points that fit these views."""
+    """Return the overlap restricted to the points that fit these views."""
     off = _off(overlap, a, b)
     fits = overlap.fits & (off <= max(1.0, OUTLIER * float(np.median(off[overlap.fits]))))
     return replace(overlap, fits=fits) if fits.sum() >= MIN_MATCHES else overlap
 
 
 def _off(overlap: PictureOverlap, a: View, b: View) -> Array:
-    """How far points (n,) are off in the second picture by these views, px."""
+    """Return the residuals of points (n,) in the second image by these views, px."""
     rays = np.column_stack([overlap.at[0], np.ones(len(overlap.fits))]) @ np.linalg.inv(a.matrix).T
     seen = rays @ a.rotation @ b.rotation.T @ b.matrix.T
     depth = np.where(np.abs(seen[:, 2:]) < 1e-9, 1e-9, seen[:, 2:])
@@ -191,7 +192,7 @@ def _plausible(cameras: Sequence[Any], views: Mapping[str, View]) -> bool:
 def _for_opencv(
     names: Sequence[str], views: Sequence[View], overlaps: Mapping[tuple[str, str], PictureOverlap]
 ) -> tuple[list[Any], list[Any]]:
-    """Features of each picture and matches of any two, both ways, as `cv2.detail` takes them."""
+    """Return each image's features and all pairwise matches, in both directions, for `cv2.detail`."""
     count = len(names)
     keypoints: list[list[Any]] = [[] for _ in names]
     matches = [cv2.detail.MatchesInfo() for _ in range(count**2)]
@@ -223,14 +224,14 @@ def _for_opencv(
 def register_pictures(
     points: Mapping[str, Features], sizes: Mapping[str, tuple[int, int]], known: Mapping[str, View]
 ) -> tuple[dict[str, View], dict[str, str]]:
-    """Register pictures of these sizes (width, height) by their still points.
+    """Register images of these sizes (width, height) by their still points.
 
-    Returns by camera its intrinsics and `rotation`, camera from panorama, without translation; and why
-    others are left out. `known` are calibrated views of these sizes: where all pictures have one, focal
-    length and distortion are theirs, else estimated and none.
+    Returns each camera's view with intrinsics and camera-from-panorama `rotation`, without translation, and
+    the reasons why others are left out. `known` are calibrated views of these sizes. If all images have one,
+    focal length and distortion are taken from there; else focal length is estimated and distortion is none.
 
     Raises:
-        ValueError: no two pictures belong together, or no camera that only turns explains them.
+        ValueError: no two images belong together, or no purely rotating camera explains them.
     """
     calibrated = all(name in known for name in points)
     views = {name: known[name] if calibrated else long_view(*sizes[name]) for name in points}
@@ -250,7 +251,7 @@ def register_pictures(
 
 
 def flat_pixels(view: View, at: Array) -> Array:
-    """Pixels (n, 2) as they would be without the lens's distortion."""
+    """Return pixels (n, 2) without the lens distortion."""
     return np.asarray((view.rays(at) @ view.matrix.T)[:, :2]) if len(at) else at
 
 
@@ -269,7 +270,7 @@ def _find_overlap(at: tuple[Array, Array], a: View, b: View) -> PictureOverlap:
 
 
 def _largest_group(names: Sequence[str], overlaps: Mapping[tuple[str, str], PictureOverlap]) -> list[str]:
-    """The most pictures that belong together, each by an overlap with another."""
+    """Return the largest group of images connected by overlaps."""
     group = {name: {name} for name in names}
     for (a, b), overlap in overlaps.items():
         if overlap.confidence > 1 and group[a] is not group[b]:

@@ -1,4 +1,4 @@
-"""The one engine of panoramas: pictures registered once, then projected and composed in any condition."""
+"""Stitching engine: images are registered once, then projected and composed in any condition."""
 
 from collections.abc import Mapping
 
@@ -12,15 +12,15 @@ from reconstruction.panorama.composition import Layer, Projection, compose_layer
 from reconstruction.panorama.registration import register_pictures
 
 MAX_SIDE_PX = 2000
-"""Larger pictures are made smaller: panoramas of full camera pictures take minutes."""
+"""Image size limit; panoramas of full camera images take minutes."""
 BYTES_PER_PIXEL = 70
-"""Memory for each pixel of a picture: maps and layer, both again while they are blended, and the canvas."""
+"""Memory per image pixel: maps and layer, both doubled during blending, and the canvas."""
 
 
 class PanoramaStitcher:
-    """Pictures registered by what stands still; `used` are in it, `left_out` says why others are not.
+    """Images registered by the still scene; `used` are included, `left_out` holds reasons for the others.
 
-    Its methods take pictures of the same cameras and sizes, of this or another condition.
+    The methods take images of the same cameras and sizes, of this or another condition.
     """
 
     def __init__(
@@ -29,10 +29,10 @@ class PanoramaStitcher:
         movers: Mapping[str, Array] | None = None,
         known: Mapping[str, View] | None = None,
     ) -> None:
-        """Register BGR pictures by features outside of their `movers` (bool); `known` are calibrated views.
+        """Register BGR images by features outside of their `movers` (bool); `known` are calibrated views.
 
         Raises:
-            ValueError: the pictures make no panorama.
+            ValueError: the images cannot be stitched.
         """
         if len(images) < 2:
             raise ValueError("a panorama takes two pictures or more")
@@ -48,15 +48,15 @@ class PanoramaStitcher:
         self.used, self.projection = tuple(found), Projection(found)
 
     def layers(self, images: Mapping[str, Array]) -> dict[str, Layer]:
-        """The used ones of BGR pictures on the panorama."""
+        """Warp the used ones of the BGR images onto the panorama."""
         return {name: self.projection.warp(name, self._shrink(name, images[name])) for name in self.used}
 
     def layer_mask(self, name: str, mask: Array) -> Array:
-        """A mask (bool) of a camera's picture on the panorama, as large as its layer."""
+        """Warp a mask (bool) of a camera's image onto the panorama, at its layer's size."""
         return self.projection.warp_mask(name, self._shrink_mask(name, mask))
 
     def compose(self, layers: Mapping[str, Layer]) -> Array:
-        """The panorama (BGR) of all layers; its size depends on the registration alone."""
+        """Compose all layers into the panorama (BGR); its size depends on the registration alone."""
         return compose_layers(list(layers.values()), self.projection.canvas)
 
     def _fit_sizes(self, sizes: Mapping[str, tuple[int, ...]]) -> dict[str, tuple[int, int]]:

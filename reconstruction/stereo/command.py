@@ -28,20 +28,20 @@ FILLED = "depth_filled.tiff"
 
 @dataclass(frozen=True, kw_only=True)
 class StereoOptions:
-    """`pair` is names of cameras, None = chosen from the images; `other_instant`: None = the same."""
+    """Options of a pair's depth; `pair` None = chosen, `other_instant` None = the same instant."""
 
     instant: int = 0
     other_instant: int | None = None
     pair: tuple[str, str] | None = None
     time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
-    """What is added to the times of the cameras it names."""
+    """Corrections added to the times of the named cameras."""
 
 
 class StereoDepth(Provenance, frozen=True, kw_only=True):
-    """What `reconstruct stereo` made: paths relative to the output folder, shares of all pixels.
+    """Result of `reconstruct stereo`: paths relative to the output folder, fractions of all pixels.
 
-    `depth` holds float32 in `unit`s along the reference's axis, 0 = none; `depth_filled` the same with a
-    guess where there is none; `confidence` 0 (a guess) to 255.
+    `depth` is float32 in `unit`s along the reference's axis, 0 = unknown. `depth_filled` has a guess in its
+    place. `confidence` is 0 (a guess) to 255.
     """
 
     session: str
@@ -58,22 +58,22 @@ class StereoDepth(Provenance, frozen=True, kw_only=True):
     farthest: float
     coverage: float
     within_2pct: float | None
-    """Share of the pixels with a true depth whose depth is right; empty ones count as wrong."""
+    """Fraction of right depths over pixels with a true depth; empty ones count as wrong."""
     filled_within_2pct: float | None
-    """Share of these pixels whose filled depth is right."""
+    """Fraction of these pixels whose filled depth is right."""
     calibration: str
     why: str = ""
     left_out: dict[str, str] = msgspec.field(default_factory=dict)
-    """Cameras without an image of the instant, and that."""
+    """Cameras without an image of the instant, with the reason."""
     pairs_left_out: dict[str, str] = msgspec.field(default_factory=dict)
-    """By two names with a comma between, why those cameras can make no depth."""
+    """Reasons why pairs cannot make depth, by the two names separated by a comma."""
 
 
 def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
     """Match one pair of a session densely; write depth, confidence and a picture to `out`.
 
     Raises:
-        SimulshotError: the session or the options cannot be used, or the pair sees too little in common.
+        SimulshotError: the session or the options cannot be used, or the two views overlap too little.
     """
     began = time.monotonic()
     dataset = Dataset.open(session, options.time_shifts_ms)
@@ -121,14 +121,14 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
 
 
 def _without_image(dataset: Dataset, instants: set[int]) -> dict[str, str]:
-    """The cameras that lack an image of one of these instants, and which."""
+    """Return the cameras that lack an image of one of these instants, with the instant."""
     lacks = {name: sorted(k for k in instants if not dataset.has_image(name, k)) for name in dataset.cameras}
     return {name: f"it has no image of instant {which[0]}" for name, which in lacks.items() if which}
 
 
 def _match_pair(rig: Rig, cameras: tuple[str, str], instant: int, later: int) -> FilledDepthMap:
     views = rig.views[cameras[0]], rig.views[cameras[1]]
-    # The range is the scene's, from images of one instant, whatever instant is matched.
+    # The range belongs to the scene: it is found in images of one instant, whatever instant is matched.
     images = [rig.dataset.grey(name, instant) for name in cameras]
     moving = rig.motion.detected_movers(cameras[0], instant) if len(rig.dataset.instants_ns) > 1 else None
     still = np.zeros(images[0].shape, bool) if moving is None else moving

@@ -1,7 +1,7 @@
 """Disparities of a rectified pair by OpenCV's semi-global block matching (SGBM), checked and refined.
 
-SGBM's own parabola pulls disparities towards whole pixels (Szeliski and Scharstein 2004): the shift that is
-left between the pictures is measured, and surfaces are smoothed.
+SGBM's own parabola biases disparities towards whole pixels (Szeliski and Scharstein 2004). The remaining
+shift between the images is therefore measured, and surfaces are smoothed.
 """
 
 import cv2
@@ -14,37 +14,37 @@ BLOCK = 3
 """Side of the matched window, px."""
 
 BYTES_PER_PIXEL = 160
-"""Memory that matching and its checks take for each pixel (measured); of costs, only some rows are kept."""
+"""Memory per pixel for matching and its checks (measured); only some rows of costs are stored."""
 CHECK_WINDOW = 9
 """Side of the window in which the two views are correlated, px."""
 MAX_LEFT_RIGHT_PX = 1.0
-"""Difference between the disparities of both directions within which a match is accepted."""
+"""Difference between the disparities of both directions up to which a match is accepted."""
 MAX_GREY_DIFFERENCE = 10.0
-"""Mean difference of brightness beside the noise within which it is, grey levels of 255."""
+"""Mean brightness difference beyond the noise up to which a match is accepted, grey levels of 255."""
 SURFACE_PX = 1.0
-"""How far neighbours on one surface lie from each other, standard deviation in px of disparity."""
+"""Scatter of neighbours on one surface, standard deviation in px of disparity."""
 REACH_PX = 5.0
-"""Over how many pixels a surface is smoothed, standard deviation; the window is as wide."""
+"""Radius of surface smoothing, standard deviation in px; also half the window."""
 WINDOW = 7
-"""Side of the window over which the left shift is measured, px."""
+"""Side of the window over which the remaining shift is measured, px."""
 MAX_SHIFT_PX = 0.5
 WEAK_GRADIENT = 20.0
-"""Squared change of brightness per pixel ((grey levels)^2) at which half of a shift is believed."""
+"""Squared brightness gradient ((grey levels)^2 per px^2) at which half of a shift is applied."""
 
 
 def matching_bytes(width: float, height: float, disparities: float) -> float:
-    """Memory that matching a rectified pair of this size takes."""
+    """Return the memory for matching a rectified pair of this size."""
     return height * (width + disparities + 16) * BYTES_PER_PIXEL
 
 
 def match_rectified(reference: Array, other: Array, low: int, count: int) -> Array:
-    """Disparity (height x width, px, NaN = none) of a rectified pair; reference minus other, in
-    [low, low + count), count a multiple of 16.
+    """Return the disparity (height x width, px, NaN = none) of a rectified pair, reference minus other.
 
-    Paths run along the rows both ways, and down: no volume of costs is kept, and four threads share the rows.
+    The search covers [low, low + count), count a multiple of 16. Cost paths run along the rows in both
+    directions, and down. No cost volume is stored, and four threads share the rows.
     """
     if reference.shape[1] <= low + count:
-        # Too narrow to search all of these anywhere: OpenCV would fail.
+        # Too narrow for the whole search range at any pixel: OpenCV would fail.
         return np.full(reference.shape, np.nan, np.float32)
     matcher = cv2.StereoSGBM.create(
         minDisparity=low,
@@ -64,18 +64,18 @@ def match_rectified(reference: Array, other: Array, low: int, count: int) -> Arr
 
 
 def match_rectified_back(reference: Array, other: Array, low: int, count: int) -> Array:
-    """Disparity as in `match_rectified`, but on the other view's pixels, with paths that run up.
+    """Return the disparity on the other view's pixels, with cost paths that run up; see `match_rectified`.
 
-    What one direction of paths carries too far the other does not: where both agree, fewer are wrong.
+    Each direction of paths propagates different errors: fewer pixels are wrong where both agree.
     """
-    # The matcher leaves out the first low + count columns: give it so many more of them.
+    # The matcher leaves out the first low + count columns, so the image is padded by as many.
     padding = (0, 0), (0, low + count)
     first, second = (np.ascontiguousarray(np.pad(i, padding)[::-1, ::-1]) for i in (other, reference))
     return match_rectified(first, second, low, count)[::-1, : low + count - 1 : -1]
 
 
 def warp_by_disparity(image: Array, disparity: Array) -> Array:
-    """The other view's image (float32) seen through the disparity, on the reference's canvas."""
+    """Warp the other view's image (float32) onto the reference's canvas by the disparity."""
     xs, ys = np.meshgrid(*(np.arange(size, dtype=np.float32) for size in reversed(disparity.shape)))
     shifted = (xs - np.where(np.isnan(disparity), np.float32(1e6), disparity)).astype(np.float32)
     source = np.ascontiguousarray(image, np.float32)
@@ -83,9 +83,9 @@ def warp_by_disparity(image: Array, disparity: Array) -> Array:
 
 
 def same_appearance(a: Array, b: Array, min_correlation: float = 0.0) -> Array:
-    """Where two images (float32, grey levels) look the same, by correlation and brightness (bool).
+    """Return where two images (float32, grey levels) look the same, by correlation and brightness (bool).
 
-    The correlation is normalized, in a window, and asked for where there is texture.
+    The correlation is normalized over a window, and required only where there is texture.
     """
     size = (CHECK_WINDOW, CHECK_WINDOW)
     mean_a, mean_b = cv2.blur(a, size), cv2.blur(b, size)
@@ -100,7 +100,7 @@ def same_appearance(a: Array, b: Array, min_correlation: float = 0.0) -> Array:
 
 
 def fill_small_holes(checked: Array, raw: Array) -> Array:
-    """Accept rejected pixels beside accepted ones (0.3 of a 7 x 7 window) where they continue them."""
+    """Accept rejected pixels beside accepted ones (0.3 of a 7 x 7 window) if they continue them."""
     good = np.isfinite(checked)
     value = np.where(good, checked, 0).astype(np.float32)
     weight = cv2.blur(good.astype(np.float32), (7, 7))
@@ -110,16 +110,16 @@ def fill_small_holes(checked: Array, raw: Array) -> Array:
 
 
 def refine_disparity(reference: Array, other: Array, disparity: Array) -> Array:
-    """The disparity (float32 height x width, px, NaN = none) refined; NaN stays NaN.
+    """Refine a disparity (float32 height x width, px, NaN = none); NaN stays NaN.
 
-    The pictures are a rectified pair, grey levels, equally bright.
+    The images are a rectified pair, in grey levels, equally bright.
     """
     smooth = _smooth_surfaces(disparity)
     return _smooth_surfaces(smooth + _left_shift(reference, other, smooth))
 
 
 def _left_shift(reference: Array, other: Array, disparity: Array) -> Array:
-    """The shift between the reference and the other picture warped onto it (Lucas and Kanade 1981), px."""
+    """Return the shift between the reference and the warped other image (Lucas and Kanade 1981), px."""
     seen = warp_by_disparity(other, disparity)
     slope = warp_by_disparity(cv2.Scharr(other.astype(np.float32), cv2.CV_32F, 1, 0, scale=1 / 32), disparity)
     there = np.isfinite(seen) & np.isfinite(slope)
@@ -133,7 +133,7 @@ def _left_shift(reference: Array, other: Array, disparity: Array) -> Array:
 
 def _smooth_surfaces(disparity: Array) -> Array:
     known = np.isfinite(disparity)
-    # So far from all that is known that it has no weight.
+    # Far enough from all known values to have no weight.
     nothing = np.float32(-50.0 * SURFACE_PX)
     smooth = cv2.bilateralFilter(
         np.where(known, disparity, nothing), 2 * round(REACH_PX) + 1, SURFACE_PX, REACH_PX

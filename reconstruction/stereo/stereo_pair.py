@@ -1,7 +1,7 @@
-"""Dense depth of a rectified pair, the range of its disparities, and how far matches lie from their row.
+"""Dense depth of a rectified pair, its disparity range, and epipolar errors of matches.
 
-Checks keep only what both views agree on; filled, what one view alone sees is taken from the surface behind
-it.
+Checks accept only depth on which both views agree. Filling assigns pixels that only one view sees to the
+surface behind.
 """
 
 from collections.abc import Sequence
@@ -31,34 +31,37 @@ from reconstruction.stereo.matching import (
 STEP = 16
 """Distance over which slopes are measured, px."""
 WINDOW = 61
-"""Side of the window over which they are averaged, px."""
+"""Side of the window over which slopes are averaged, px."""
 MAX_CHANGE = 3.0
-"""Over one step; a greater one is an edge, not a slope. px."""
+"""Maximum change over one step, px; a larger change is an edge, not a slope."""
 SAME_GAIN, SAME_BIAS = 0.05, 4.0
-"""Pictures that differ by more (factor, grey levels) are made equally bright and matched again."""
+"""Brightness difference (factor, grey levels) above which images are equalized and matched again."""
 MAX_RESIDUAL_PX = 0.7
-"""Displacement left after the disparity is taken out, also between rows: 0 for a true match."""
+"""Displacement left after warping by the disparity, also between rows: 0 for a true match."""
 MIN_ISLAND_PX = 60
 """Smaller islands of depth are dropped."""
 VOLUME_SHARE = 0.6
-"""Share of the memory budget for matching; the rest is for pictures and maps."""
+"""Fraction of the memory budget for matching; the rest is for images and maps."""
 MIN_AGREEMENT = 0.35
-"""Share of textured pixels on whose coarse disparity both directions agree: views of the same thing reach
-0.55 to 0.75, unrelated noise 0.27."""
+"""Minimum fraction of textured pixels on whose coarse disparity both directions agree.
+
+Views of the same scene reach 0.55 to 0.75, unrelated noise 0.27.
+"""
 MIN_PIXELS = 30
-"""Fewer pixels than this are not measured."""
+"""Minimum number of pixels for a measurement."""
 PATCH_PX = 21
 PATCHES = 40
 ROWS_PX = 28
-"""How far from its row a patch is searched, px."""
+"""Search range of a patch above and below its row, px."""
 LIKENESS = 0.75
 
 
 def fill_holes(disparity: Array) -> Array:
-    """The disparity (float32 height x width, px, NaN = none) with every hole filled; 0 if nothing is known.
+    """Fill every hole of a disparity (float32 height x width, px, NaN = none); 0 if nothing is known.
 
-    What one view alone sees lies behind what hides it from the other, so a hole continues the farther one
-    of the surfaces to its left and right (Hirschmueller 2008), along their slope; then the median around it.
+    Pixels that only one view sees are behind the object that hides them from the other. A hole therefore
+    continues the farther of the surfaces to its left and right (Hirschmueller 2008), along their slope. A
+    median filter follows.
     """
     known = np.isfinite(disparity)
     rows = np.flatnonzero(known.any(axis=1))
@@ -76,14 +79,14 @@ def fill_holes(disparity: Array) -> Array:
         nearest.append(value)
         continued.append(value + np.take_along_axis(slope, place, 1) * (columns - place))
     behind = np.where(nearest[0] <= nearest[1], continued[0], continued[1])
-    # A row without anything is as the nearest one that has something.
+    # An empty row takes the values of the nearest row with any.
     behind = behind[rows[np.abs(np.arange(len(behind))[:, None] - rows).argmin(axis=1)]]
     smooth = cv2.medianBlur(np.maximum(behind, 0).astype(np.float32), 5)
     return np.where(known, disparity, smooth)
 
 
 def _mean_slope(disparity: Array) -> Array:
-    """Change of the disparity per pixel along the row, the mean around each pixel; 0 = unknown."""
+    """Return the change of the disparity per pixel along the row, averaged around each pixel; 0 = unknown."""
     change = disparity[:, STEP:] - disparity[:, :-STEP]
     gentle = np.abs(change) < MAX_CHANGE
     sums = np.zeros((2, *disparity.shape), np.float32)
@@ -96,12 +99,12 @@ def _mean_slope(disparity: Array) -> Array:
 
 @dataclass(frozen=True)
 class Rectification:
-    """A pair rotated onto one common image plane, whose rows run along the baseline.
+    """A pair rotated onto one common image plane, whose rows are parallel to the baseline.
 
-    A point at depth z (in the rectified frame, calibration's unit) lies `focal * baseline / z` px
-    further left in the other view than in the reference. Where the other camera stands on the far side,
-    both images are mirrored (`mirror`), so that this always holds with a positive sign. `left` and `top`
-    are the coordinates of the canvas's first pixel relative to the common principal point.
+    A point at depth z (in the rectified frame, calibration's unit) is `focal * baseline / z` px further left
+    in the other view than in the reference. If the other camera is on the opposite side, both images are
+    mirrored (`mirror`), so that the sign is always positive. `left` and `top` are the coordinates of the
+    canvas's first pixel relative to the common principal point.
     """
 
     reference: View
@@ -117,38 +120,38 @@ class Rectification:
     mirror: bool
 
     def remap(self, image: Array, *, other: bool = False, nearest: bool = False) -> tuple[Array, Array]:
-        """The image on the canvas, and where the canvas sees it (bool)."""
+        """Return the image on the canvas, and the canvas pixels that it covers (bool)."""
         xs, ys, seen = self._canvases[other]
         how = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
-        # What lies outside continues the edge: windows that reach out match better than with a black frame.
+        # Edges are replicated: windows across the border match better than with a black frame.
         return cv2.remap(image, xs, ys, how, borderMode=cv2.BORDER_REPLICATE), seen
 
     def project(self, rays: Array, *, other: bool = False) -> Array:
-        """Canvas pixels (n, 2) of directions (n, 3) in one of the two camera frames."""
+        """Return canvas pixels (n, 2) of directions (n, 3) in one of the two camera frames."""
         turned = rays @ (self.other_rotation if other else self.reference_rotation).T
         projection = self._projection()
         flat = turned[:, :2] / turned[:, 2:]
         return np.asarray(flat * np.diagonal(projection)[:2] + projection[:2, 2])
 
     def depth(self, disparity: Array) -> Array:
-        """Depth in the reference view's pixels (height x width, 0 = none) from the canvas's disparity."""
+        """Return depth in the reference's pixels (height x width, 0 = none) from the canvas's disparity."""
         shift = self.to_reference(disparity.astype(np.float32))
         near = shift > 0
         rectified = np.where(near, self.focal * self.baseline / np.where(near, shift, 1.0), 0.0)
         return np.asarray(rectified / self._reference_pixels[2], np.float32)
 
     def to_reference(self, canvas: Array) -> Array:
-        """A canvas's values (nearest) in the reference view's pixels; 0 where the canvas does not reach."""
+        """Return the canvas's values (nearest) in the reference view's pixels; 0 outside the canvas."""
         xs, ys, _ = self._reference_pixels
         return np.asarray(cv2.remap(canvas, xs, ys, cv2.INTER_NEAREST, borderValue=(0.0,)))
 
     @cached_property
     def _canvases(self) -> tuple[tuple[Array, Array, Array], tuple[Array, Array, Array]]:
-        """The reference's and the other's."""
+        """Maps of the reference's and of the other's canvas."""
         return self._canvas(other=False), self._canvas(other=True)
 
     def _canvas(self, *, other: bool) -> tuple[Array, Array, Array]:
-        """A view's pixel for each of the canvas's (x, y: float32), and where the canvas sees it (bool)."""
+        """Return a view's pixel for each canvas pixel (x, y: float32), and the covered pixels (bool)."""
         view = self.other if other else self.reference
         turn = self.other_rotation if other else self.reference_rotation
         size = (self.width, self.height)
@@ -162,7 +165,7 @@ class Rectification:
 
     @cached_property
     def _reference_pixels(self) -> tuple[Array, Array, Array]:
-        """The canvas's pixel for each of the reference's (x, y), and its ray's z on the canvas; float32."""
+        """Canvas pixel for each reference pixel (x, y), and its ray's z on the canvas; float32."""
         view = self.reference
         pixels = view.grid().astype(np.float32).reshape(-1, 1, 2)
         where = cv2.undistortPoints(
@@ -183,13 +186,13 @@ class Rectification:
 def rectify(
     reference: View, other: View, disparities: tuple[float, float], scale: float = 1.0
 ) -> Rectification:
-    """The pair's rectification, wide enough for these disparities (least, greatest; px at scale 1).
+    """Return the pair's rectification, wide enough for these disparities (min, max; px at scale 1).
 
-    The canvas holds all of the reference view and, beside it, what its matches in the other need;
-    `scale` makes it smaller or larger than the reference's own resolution.
+    The canvas contains the whole reference view and the area of its matches in the other view. `scale` sets
+    its size relative to the reference's own resolution.
 
     Raises:
-        ValueError: the two cannot be rectified, as `canvas_bounds` says.
+        ValueError: the two views cannot be rectified; see `canvas_bounds`.
     """
     low, high = canvas_bounds(reference, other)
     reference_rotation, other_rotation, length, mirror = rectifying_rotations(reference, other)
@@ -216,10 +219,10 @@ def rectify(
 
 @dataclass(frozen=True)
 class DepthMap:
-    """One pair's depth on the reference view's pixels.
+    """Depth of one pair on the reference view's pixels.
 
-    `depth` (height x width, calibration's unit, 0 = none or rejected), and `difference`: grey levels between
-    the reference and the other view warped onto it by the depth before the checks (NaN = none).
+    `depth` (height x width) is in the calibration's unit, 0 = none or rejected. `difference` is in grey
+    levels between the reference and the other view, warped by the depth before the checks (NaN = none).
     """
 
     depth: Array
@@ -228,15 +231,15 @@ class DepthMap:
 
 @dataclass(frozen=True)
 class FilledDepthMap(DepthMap):
-    """The same, with a depth for every pixel: `filled`, the rest taken from the background beside it."""
+    """Depth map with a value for every pixel in `filled`; the holes are filled from the background."""
 
     filled: Array
     confidence: Array
-    """0 (rejected) to 1: half from how well both directions agree, half from how similar they look."""
+    """Confidence, 0 (rejected) to 1: half from the agreement of both directions, half from similarity."""
 
 
 class _Match(NamedTuple):
-    """On the canvas: both pictures, checked disparity, and how far grey levels and both directions differ."""
+    """Match on the canvas: images, checked disparity, and differences of grey levels and of directions."""
 
     reference: Array
     other: Array
@@ -246,15 +249,15 @@ class _Match(NamedTuple):
 
 
 class StereoPair:
-    """Depth from one calibrated pair, with everything that is not in the images fixed beforehand."""
+    """Depth from one calibrated pair; all that does not depend on the images is computed in advance."""
 
     def __init__(self, reference: View, other: View, disparities: tuple[float, float]) -> None:
-        """The disparity range (px) comes from `find_disparity_range`, the same for all conditions.
+        """Prepare matching; the disparity range (px) from `find_disparity_range` is fixed for all conditions.
 
-        A range and a canvas that take more than the memory budget are matched at a smaller scale.
+        If the range and the canvas exceed the memory budget, the pair is matched at a smaller scale.
 
         Raises:
-            ValueError: the two cannot be rectified.
+            ValueError: the two views cannot be rectified.
         """
         low, high = max(0, int(np.floor(disparities[0]))), disparities[1]
         bare = rectify(reference, other, (low, high))
@@ -263,7 +266,7 @@ class StereoPair:
             lambda scale: matching_bytes(bare.width * scale, bare.height * scale, (high - low) * scale),
             share=VOLUME_SHARE,
         )
-        """Size of the rectified pictures against the reference's own resolution."""
+        """Size of the rectified images relative to the reference's own resolution."""
         self.min_disparity = int(low * self.scale)
         self.num_disparities = int(np.ceil((high * self.scale - self.min_disparity + 1) / 16)) * 16
         end = self.min_disparity + self.num_disparities
@@ -271,12 +274,15 @@ class StereoPair:
         self.rectification: Rectification = rectify(reference, other, searched, self.scale)
 
     def compute_depth(self, reference: Array, other: Array) -> DepthMap:
-        """Depth from two grey images (uint8) of the pair, checked from left to right and back."""
+        """Return depth from two grey images (uint8) of the pair, checked from left to right and back."""
         found = self._match_checked(reference, other)
         return DepthMap(self._depth(found.checked), self._difference(found.difference))
 
     def compute_filled_depth(self, reference: Array, other: Array) -> FilledDepthMap:
-        """The same, with what looks alike in both by the depth beside it, and a guess for all else."""
+        """Return depth as `compute_depth`, plus filled depth.
+
+        Filled pixels that look equal in both images are accepted; all others are a guess.
+        """
         found = self._match_checked(reference, other)
         filled = fill_holes(found.checked)
         found = found._replace(checked=np.where(_looks_alike(found, filled), filled, found.checked))
@@ -308,7 +314,7 @@ class StereoPair:
         return _Match(a, b, checked, np.abs(a.astype(np.float32) - warped), left_right)
 
     def _match(self, a: Array, b: Array, seen_a: Array, seen_b: Array) -> tuple[Array, Array]:
-        """The reference's disparity where both views reach, NaN elsewhere, and the other view's own."""
+        """Return the reference's disparity where both views reach, else NaN, and the other view's own."""
         forward = match_rectified(a, b, self.min_disparity, self.num_disparities)
         backward = match_rectified_back(a, b, self.min_disparity, self.num_disparities)
         inside = warp_by_disparity(seen_b.astype(np.float32), forward) > 0.99
@@ -341,7 +347,7 @@ class StereoPair:
 
 
 def _looks_alike(found: _Match, disparity: Array) -> Array:
-    """Where none was checked, and by this one the other picture shows what the reference does (bool)."""
+    """Return unchecked pixels at which this disparity makes both images look the same (bool)."""
     warped = warp_by_disparity(found.other, disparity)
     there = np.isfinite(warped)
     alike = there & same_appearance(found.reference.astype(np.float32), np.where(there, warped, 0))
@@ -351,11 +357,11 @@ def _looks_alike(found: _Match, disparity: Array) -> Array:
 def find_disparity_range(
     pair: tuple[View, View], images: list[tuple[Array, Array, Array]]
 ) -> tuple[float, float]:
-    """Least and greatest disparity of the scene, px, from a coarse match of synchronized images.
+    """Return the scene's min and max disparity, px, from a coarse match of synchronized images.
 
-    `images` are pairs of grey images and the reference's movers (bool). Matched at low resolution over
-    everything that can be; pixels without texture, or on which the two directions disagree, do not
-    vote, and a few wrong ones are left out. Movers vote separately: they are few, and often the nearest.
+    `images` are pairs of grey images with the reference's motion mask (bool). All matchable pixels are
+    matched at low resolution. Pixels without texture, or on which the two directions disagree, do not vote,
+    and a few outliers are cut off. Moving objects vote separately: they are few, and often the nearest.
 
     Raises:
         ValueError: the two views have nothing in common, or cannot be rectified.
@@ -397,9 +403,9 @@ def find_disparity_range(
 def epipolar_errors(
     pair: StereoPair, reference: Array, other: Array, masks: Sequence[Array]
 ) -> list[list[float]]:
-    """How far matched patches on each of the masks lie from their row, px at the reference's own resolution.
+    """Return epipolar errors of patches on each mask, px at the reference's own resolution.
 
-    Patches of the reference (grey, uint8) are looked for freely in two dimensions; only sure finds count.
+    Patches of the reference (grey, uint8) are searched in two dimensions; only confident matches count.
     """
     canvas = pair.rectification
     a, _ = canvas.remap(reference)
@@ -410,7 +416,7 @@ def epipolar_errors(
 
 
 def _patch_errors(pair: StereoPair, a: Array, b: Array, seen: Array, on: Array, least: float) -> list[float]:
-    """The errors of patches on a mask of the canvas whose contrast is at least so large."""
+    """Return the errors of patches on a canvas mask with at least this contrast."""
     half = PATCH_PX // 2
     ys, xs = np.nonzero(on)
     inside = (xs >= half) & (xs < a.shape[1] - half) & (ys >= half) & (ys < a.shape[0] - half)
@@ -438,7 +444,7 @@ def _patch_errors(pair: StereoPair, a: Array, b: Array, seen: Array, on: Array, 
 
 
 def _peak(values: Array) -> float:
-    """Offset of a parabola's top from the middle of three values, in -0.5..0.5."""
+    """Return the offset of a parabola's peak from the middle of three values, in -0.5..0.5."""
     low, middle, high = (float(value) for value in values)
     bend = low - 2 * middle + high
     return 0.0 if bend >= 0 else float(np.clip(0.5 * (low - high) / bend, -0.5, 0.5))

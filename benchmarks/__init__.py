@@ -1,1 +1,1 @@
-"""Speed and accuracy, measured: most files are commands (`python -m benchmarks.clock.sync_link --help`)."""
+"""Speed and accuracy benchmarks; most files are commands (`python -m benchmarks.clock.sync_link --help`)."""

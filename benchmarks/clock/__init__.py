@@ -1,1 +1,1 @@
-"""What clocks reach: laws of delay in virtual time, emulated links, many clients of one leader."""
+"""Accuracy of clocks: delay laws in virtual time, emulated links, many clients of one leader."""

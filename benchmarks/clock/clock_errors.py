@@ -1,4 +1,4 @@
-"""How far the times of simulated cameras' pictures are off the leader's, by what their sessions know.
+"""Time errors of simulated cameras' images against the leader, by the truth in their sessions.
 
 The bursts are taken by real processes in network namespaces.
 """
@@ -14,23 +14,23 @@ from capture_app.session.reading.reader import Session
 
 
 def take_burst(namespace: str, leader: str, *, nodes: int, frames: int, wait_s: int) -> dict[str, Any]:
-    """Take a burst by the command, once so many nodes are ready; return what it prints."""
+    """Take a burst with the command, once this many nodes are ready; return its output."""
     ask = ("burst", "--leader", leader, "--frames", str(frames), "--wait-s", str(wait_s), "--json")
     return dict(json.loads(read_output(namespace, *CAPTURE_APP, *ask, "--min-nodes", str(nodes))))
 
 
 class ClockError(NamedTuple):
-    """The error of one picture's time, and what was stated of it, in us."""
+    """Error of one image's time and its stated bounds, in us."""
 
     off_us: float
     sure_us: float
     bound_us: float
     late_us: float
-    """From the instant that was asked for to the true start of its exposure."""
+    """From the requested instant to the true start of its exposure."""
 
 
 def read_clock_errors(folders: Iterable[Path]) -> dict[str, list[ClockError]]:
-    """The errors of all pictures of these sessions, by camera."""
+    """Return the errors of all images of these sessions, by camera."""
     found: dict[str, list[ClockError]] = {}
     for folder in folders:
         session = Session.open(folder)
@@ -49,7 +49,7 @@ def read_clock_errors(folders: Iterable[Path]) -> dict[str, list[ClockError]]:
 
 
 def error_figures(errors: Sequence[ClockError]) -> dict[str, float]:
-    """What a table shows of them; its columns are COLUMNS."""
+    """Return the figures that a table shows; its columns are COLUMNS."""
     return {
         "images": len(errors),
         "mean_abs_us": fmean(abs(error.off_us) for error in errors),

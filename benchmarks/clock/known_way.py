@@ -23,11 +23,11 @@ LEADER = ("--leader", f"{ADDRESS}:{PORT}")
 CAMERA = ("--camera", "sim:phone-a,scene=led-panel,drops=0", "--tolerance-us", "2000")
 SETTLE_S, EVERY_S = 15.0, 3.0
 TAILS_US = (1399.0, 616.0)
-"""Mean delay beyond the least, there and back: as the paper's link has it beyond its quickest message."""
+"""Mean delay beyond the minimum in each direction, as on the paper's link beyond its quickest message."""
 
 
 def main() -> int:
-    """Print the table; 0 if all bars hold once the link is known, 1 if not."""
+    """Print the table; return 0 if all error bars contain the truth once the asymmetry is known, else 1."""
     parser = new_parser(__doc__, seed_of="the delays")
     parser.add_argument("--least-us", type=float, nargs=2, default=(1200.0, 400.0), help="there, back")
     parser.add_argument("--bursts", type=int, default=5, help="bursts of each part (5)")

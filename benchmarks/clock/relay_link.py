@@ -29,7 +29,7 @@ BETWEEN_BURSTS_S = 4.0
 
 
 def main() -> int:
-    """Take the bursts and print the errors; 0 where every hard bound held, 1 if not."""
+    """Take the bursts and print the errors; return 0 if every hard bound held, else 1."""
     parser = new_parser(__doc__, seed_of="the emulated links")
     parser.add_argument("--bursts", type=int, default=40, help="bursts, some seconds apart (40)")
     options = parser.parse_args()
@@ -77,7 +77,7 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _errors(sessions: Path) -> dict[str, Any]:
-    """Each node's errors of the root's time, in us, and those between the two nodes below the relay."""
+    """Return each node's errors of the root's time, in us, and between the two nodes below the relay."""
     seen = read_clock_errors(sorted(sessions.glob("burst-*")))
     nodes = {name: {"links": node[2], **error_figures(seen[name])} for name, node in NODES.items()}
     pairs = [abs(a.off_us - b.off_us) for a, b in zip(seen["far"], seen["far2"], strict=True)]

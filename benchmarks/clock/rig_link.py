@@ -22,7 +22,7 @@ from benchmarks.report import new_parser, print_circumstances, print_report, pri
 
 PORT = 47010
 SPREAD_S = 3600.0
-"""Clocks are so many hours apart."""
+"""Range of the clocks' offsets, in seconds (one hour)."""
 NODES = {
     "cam01": ("sim:pi", -35.0),
     "cam02": ("sim:phone-a", 12.0),
@@ -30,13 +30,13 @@ NODES = {
     "fast1": ("sim:phone-a", 130.0),
     "fast2": ("sim:pi", 200.0),
 }
-"""Each node's camera, and by how many ppm its clock is fast."""
+"""Each node's camera, and its clock's skew in ppm."""
 TARGET_US = 150.0
-"""No picture may be further from its instant."""
+"""Maximum allowed time between an image and its instant."""
 
 
 def main() -> int:
-    """Take the bursts and print the errors; 0 where all is met, 1 if not."""
+    """Take the bursts and print the errors; return 0 if all targets are met, else 1."""
     parser = new_parser(__doc__, seed_of="the emulated links")
     parser.add_argument("--bursts", type=int, default=20, help="bursts (20)")
     parser.add_argument("--frames", type=int, default=3, help="frames of each burst (3)")
@@ -100,7 +100,7 @@ def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
 
 
 def _errors(sessions: Path, told: list[dict[str, Any]]) -> dict[str, dict[str, Any]]:
-    """Each node's errors against the truth, and how often it was ready after a burst."""
+    """Return each node's errors against the truth, and how often it was ready after a burst."""
     seen = read_clock_errors(sorted(sessions.glob("burst-*")))
     states = [{node["name"]: node["state"] for node in status["nodes"]} for status in told]
     nodes = {}
@@ -121,7 +121,7 @@ def _errors(sessions: Path, told: list[dict[str, Any]]) -> dict[str, dict[str, A
 
 
 def _verdicts(nodes: dict[str, dict[str, Any]], expected: int) -> list[dict[str, Any]]:
-    """Each target beside what was measured."""
+    """Return each target with its measured value."""
     images, held = (sum(node[key] for node in nodes.values()) for key in ("images", "bound_held"))
     worst_us = max((node["total_max_us"] for node in nodes.values()), default=float("inf"))
     return [

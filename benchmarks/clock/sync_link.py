@@ -33,7 +33,7 @@ CASES = {
     "minute": "the paper's link, 66 s, clock simulated 20 ppm fast",
 }
 MINUTE = ("--messages", "3160", "--clock", "sim:offset_s=7200,skew_ppm=20")
-"""At the engine's own pace."""
+"""One minute at the engine's own rate."""
 TARGETS: dict[str, dict[str, float]] = {
     "paper": {"mean_us": 14.0, "max_us": 60.0, "share_of_minimum": 1 / 3, "seconds": 1.1},
     "loss": {"times_paper": 1.2, "seconds": 1.3},
@@ -43,7 +43,7 @@ TARGETS: dict[str, dict[str, float]] = {
 
 
 def main() -> int:
-    """Run all cases and print them; 0 if all targets are met, 1 if not."""
+    """Run all cases and print them; return 0 if all targets are met, else 1."""
     parser = new_parser(__doc__, seed_of="the emulated link")
     parser.add_argument("--trials", type=int, default=100, help="trials of each short case (100)")
     parser.add_argument("--minute-trials", type=int, default=3, help="trials of the 66 s case (3)")
@@ -120,7 +120,7 @@ def _measure_cases(
 
 
 def _verdicts(cases: dict[str, dict[str, Any]]) -> list[dict[str, Any]]:
-    """Each target beside what was measured."""
+    """Return each target with its measured value."""
     paper_us = cases["paper"]["mean_abs_us"]
     verdicts = []
     for case, result in cases.items():

@@ -50,7 +50,7 @@ CAMERA = CameraFacts(
 
 
 class OnceASecond(TreeSchedule):
-    """Asks once a second from the start."""
+    """Schedule with one request per second from the start."""
 
     def _pace(self, progress: Progress | None = None) -> int:
         return S
@@ -72,12 +72,12 @@ class Member:
         self.choice = LeaderChoice(leaders, self.time)
         self.next_timer = self.time.next_timer
         self.triggered_ns: dict[int, int] = {}
-        """True times at which the first trigger of each burst came, by the run of its leader."""
+        """True times at which the first trigger of each burst arrived, by the instance of its leader."""
         self.clock = tree.add(name, self, rng, leaders)
         self._tree = tree
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in one datagram."""
+        """Process one datagram."""
         message = self.time.decode(data) if address == self.choice.leader else None
         if message is None:
             return
@@ -89,12 +89,12 @@ class Member:
             self.time.send(TriggerAck(message.client, message.leader, message.burst))
 
     def handle_timer(self, now_ns: int) -> None:
-        """Do what has become due."""
+        """Run the timers that are due."""
         self.time.handle_timer(now_ns)
         self.choice.update(now_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
-        """Return what is due, stamped with `now_ns`."""
+        """Return the datagrams that are due, stamped with `now_ns`."""
         return [(data, self.choice.leader) for data in self.time.datagrams_to_send(now_ns)]
 
 
@@ -102,7 +102,7 @@ class BigRig:
     """Two ranked leaders, relays, and members below them."""
 
     def __init__(self, members: int, relays: int, seed: int, below: type[SteadySchedule]) -> None:
-        """Members ask their relays for the time by a schedule of their own."""
+        """Build the rig; members ask their relays for the time by the schedule `below`."""
         self.tree = Tree(TreeSpec(0, 0), seed=seed)
         self.machines = add_leaders(self.tree, "ab")
         leaders = tuple((name, 0) for name in self.machines)
@@ -120,27 +120,27 @@ class BigRig:
 
     @property
     def now_s(self) -> float:
-        """The true time in s."""
+        """Return the true time in s."""
         return self.tree.now_true_ns / 1e9
 
     def run(self, seconds: float) -> None:
-        """Let time pass."""
+        """Advance the simulation."""
         self.tree.run_until(self.tree.now_true_ns + round(seconds * S))
 
     def have_leader(self, name: str) -> bool:
-        """Whether all relays, or where there are none all members, follow that machine."""
+        """Return whether all relays follow that machine; without relays, all members."""
         choices = [(r.member.time, r.member.parent) for r in self.relays] or [
             (m.time, m.choice.leader) for m in self.members
         ]
         return all(time.is_member and parent == (name, 0) for time, parent in choices)
 
     def is_complete(self, name: str) -> bool:
-        """Whether the leader on that machine knows all members, and that they are there."""
+        """Return whether the leader on that machine knows all members as present."""
         leader = self.machines[name].leader
         return leader is not None and len(leader.roster.cameras()) == len(self.members)
 
     def until(self, done: str, name: str, limit_s: float = 30.0) -> float:
-        """Let time pass until one of the above is true of a machine; return how long that was, in s."""
+        """Advance until the named condition holds for a machine; return the elapsed time in s."""
         began_s = self.now_s
         while not getattr(self, done)(name):
             if self.now_s - began_s > limit_s:
@@ -149,18 +149,18 @@ class BigRig:
         return self.now_s - began_s
 
     def datagrams(self) -> int:
-        """How many the leaders have received and sent."""
+        """Return the number of datagrams that the leaders have received and sent."""
         return sum(self.tree.nodes[name, 0].datagrams for name in self.machines)
 
     def errors_us(self, machine: Machine) -> list[float]:
-        """By how much the members' times are off that leader's, in us, smallest first."""
+        """Return the members' time errors against that leader, in us, in ascending order."""
         true_ns = self.tree.now_true_ns
         leader_ns = machine.leader_ns(machine.clock.local_from_true(true_ns))
         maps = [(m.time.time_map, m.clock.local_from_true(true_ns)) for m in self.members]
         return sorted(abs(m.leader_from_local(local) - leader_ns) / 1e3 for m, local in maps if m is not None)
 
     def order(self, name: str) -> dict[str, Any]:
-        """Order a burst; measure when all have heard of it, and when the leader knows that."""
+        """Order a burst; measure when all members have received it, and when the leader knows that."""
         machine = self.machines[name]
         assert machine.leader is not None
         for _ in iter(machine.leader.next_event, None):
@@ -193,7 +193,7 @@ class BigRig:
         }
 
     def count(self, machine: Machine, seconds: float) -> dict[str, float]:
-        """Messages that a leader gets in a second, by kind, and all that it gets and sends."""
+        """Return the messages per second that a leader receives, by kind, and its totals both ways."""
         before, kinds = self.datagrams(), Counter(machine.received)
         self.run(seconds)
         rates = {kind: count / seconds for kind, count in (machine.received - kinds).items()}
@@ -203,7 +203,7 @@ class BigRig:
 def measure(
     members: int, relays: int, seed: int, below: type[SteadySchedule] = TreeSchedule
 ) -> dict[str, Any]:
-    """Let all join, count, order a burst, kill the leader, and count and order again."""
+    """Let all members join, count, order a burst, kill the leader, and count and order again."""
     began_s, rig = process_time(), BigRig(members, relays, seed, below)
     first, second = rig.machines.values()
     joined_s = rig.until("is_complete", "a", 60.0)
@@ -287,7 +287,7 @@ def _rates(rates: dict[str, float]) -> str:
 
 
 def main() -> int:
-    """Run it; 0 if every burst was answered by all, and all had a leader again."""
+    """Run it; return 0 if all members answered every burst and all had a leader again."""
     parser = new_parser(__doc__, seed_of="links and clocks")
     parser.add_argument("--members", type=int, default=MEMBERS, help=f"cameras ({MEMBERS})")
     parser.add_argument("--relays", type=int, help="relays below the leader (the root of that)")

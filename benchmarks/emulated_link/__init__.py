@@ -1,1 +1,1 @@
-"""Network namespaces on this machine, joined by bare cables and by emulated wireless links (Linux, root)."""
+"""Network namespaces on this machine, joined by plain veth cables and emulated WiFi links (Linux, root)."""

@@ -1,4 +1,4 @@
-"""The delays of an emulated link; `delay_laws.h` draws them."""
+"""Delays of an emulated link; `delay_laws.h` draws them."""
 
 from dataclasses import dataclass
 from typing import ClassVar
@@ -16,10 +16,11 @@ from capture_app.simulation.links import DelayLaw
 
 @dataclass(frozen=True, slots=True)
 class Delays:
-    """One-way delays in us: `constant` is the minimum; `gamma` and `lognormal` have this mean in all.
+    """One-way delays in us: `constant` is the minimum; `gamma` and `lognormal` have this total mean.
 
-    `shape` is that of the Gamma, or the sigma of the lognormal. `rare` is a Gamma of that mean in all from
-    `wait_us` above the minimum on, and at quick moments exponential from the minimum on, of mean `quick_us`.
+    `shape` is the shape of the Gamma law, or the sigma of the lognormal. `rare` is a Gamma law of that total
+    mean from `wait_us` above the minimum on. In quick moments it is exponential from the minimum on, with
+    mean `quick_us`.
     """
 
     minimum_us: float
@@ -30,7 +31,7 @@ class Delays:
     quick_us: float = 0.0
 
     def __str__(self) -> str:
-        """Return the emulator's word for it."""
+        """Return the emulator's notation for it."""
         if self.law == "constant":
             return f"constant,{self.minimum_us}"
         word = f"{self.law},{self.minimum_us},{self.mean_us},{self.shape}"
@@ -54,10 +55,12 @@ def _rarely_quick(most: DelayLaw, quick: DelayLaw) -> Delays:
 assert PAPER_LINK.quick is not None
 TO_LEADER = _rarely_quick(PAPER_LINK.to_leader, PAPER_LINK.quick.to_leader)
 TO_CLIENT = _rarely_quick(PAPER_LINK.to_client, PAPER_LINK.quick.to_client)
-"""WiFi as the paper measured it; `benchmarks/simulated/wireless.py` says what is assumed."""
+"""WiFi as measured in the paper; `benchmarks/simulated/wireless.py` lists the assumptions."""
 IDLE_US = 200_000
-"""A link that was idle for longer is as slow as at first: each trial of a benchmark finds it as a phone does
-that has just joined."""
+"""Idle time after which a link is as slow as a fresh one.
+
+Each trial of a benchmark thus finds the link as a phone does that has just joined.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -68,7 +71,7 @@ class EmulatedLink:
         *("-o", f"{LATE_SHARE}", "-f", f"{LATE_NS / 1000:.0f}", "-u", "20000"),
         *("-q", f"{QUICK_SHARE}", "-a", f"{QUICK_AFTER_NS / 1000:.0f}", "-i", f"{IDLE_US}"),
     )
-    """The shares of frames that come 10 to 20 ms later still, and of quick moments."""
+    """Fractions of frames that arrive 10 to 20 ms later still, and of quick moments."""
 
     leader: str
     client: str
@@ -76,9 +79,9 @@ class EmulatedLink:
     to_client: Delays = TO_CLIENT
 
     def words(self) -> tuple[str, str, str, str]:
-        """Return the emulator's words for it."""
+        """Return the emulator's arguments for it."""
         return self.leader, self.client, str(self.to_leader), str(self.to_client)
 
     def ways(self) -> tuple[tuple[str, Delays], tuple[str, Delays]]:
-        """Return who receives, and with what delays, in the order of the emulator's reports."""
+        """Return the receivers with their delays, in the order of the emulator's reports."""
         return ("leader", self.to_leader), ("client", self.to_client)

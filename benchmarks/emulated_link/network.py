@@ -1,8 +1,7 @@
-"""Network namespaces for one run of a benchmark, what joins them, and the processes in them.
+"""Network namespaces of one benchmark run, the links between them, and the processes inside.
 
-All namespaces share one kernel clock, so the true offset between any two nodes is known: it is 0. Their
-names carry this process's id: two runs can stand side by side, and what a killed run left is removed by the
-next one.
+All namespaces share one kernel clock, so the true offset between any two nodes is known to be 0. Their names
+contain this process's id. Two runs can therefore coexist, and the next run removes what a killed run left.
 """
 
 import contextlib
@@ -29,7 +28,7 @@ _END_S = 20.0
 
 
 def what_is_missing(*, is_root: bool, search_path: str = SEARCH_PATH) -> str:
-    """Say what an emulated network needs and this machine lacks, and what to type; empty if nothing."""
+    """Return what this machine lacks for an emulated network, with the command to type; empty if nothing."""
     if not sys.platform.startswith("linux"):
         return "an emulated network needs Linux"
     for tool, packages in _PACKAGES.items():
@@ -41,9 +40,9 @@ def what_is_missing(*, is_root: bool, search_path: str = SEARCH_PATH) -> str:
 
 
 class Network:
-    """Namespaces and what joins them, within a `with` block; raises SystemExit where that cannot be.
+    """Namespaces and their links, as a context manager; raises SystemExit if they cannot be made.
 
-    `scratch` is a folder that goes with it, `air` the namespace in which emulated links are passed.
+    `scratch` is a temporary folder. `air` is the namespace in which emulated links are forwarded.
     """
 
     def __init__(self) -> None:
@@ -63,18 +62,18 @@ class Network:
         return self
 
     def __exit__(self, *_: object) -> None:
-        """Remove the namespaces, and with them all devices in them."""
+        """Remove the namespaces, and with them all devices inside."""
         self._stack.close()
 
     def keep_user_files(self) -> None:
-        """Have all commands that are run from now on keep their user's state and keys in `scratch`.
+        """Store the user state and keys of all later commands in `scratch`.
 
-        All of them: those that ask a leader must be of the same user as it.
+        This applies to all commands, because clients of a leader must belong to the leader's user.
         """
         os.environ |= {"XDG_STATE_HOME": str(self.scratch), "XDG_DATA_HOME": str(self.scratch)}
 
     def namespace(self, name: str) -> str:
-        """Make a namespace, and return its full name."""
+        """Create a namespace, and return its full name."""
         full_name = f"{_PREFIX}-{os.getpid()}-{name}"
         _call("ip", "netns", "add", full_name)
         self._stack.callback(_remove_namespace, full_name)
@@ -82,13 +81,13 @@ class Network:
         return full_name
 
     def cable(self, one: str, one_address: str, other: str, other_address: str) -> None:
-        """Join two namespaces by a bare virtual cable; addresses are IPv4 with a prefix length."""
+        """Join two namespaces by a plain veth cable; addresses are IPv4 with a prefix length."""
         device = self._add_veth(one, other)
         _set_up(one, device, one_address)
         _set_up(other, device, other_address)
 
     def link_end(self, namespace: str, address: str = "") -> str:
-        """Make one end of an emulated link; return it as `EmulatedLink` wants it."""
+        """Create one end of an emulated link; return it in the form of `EmulatedLink`."""
         device = self._add_veth(namespace, self.air)
         _ip_in(self.air, "link", "set", device, "addrgenmode", "none", "up")
         _set_up(namespace, device, address)
@@ -98,7 +97,7 @@ class Network:
     def emulation(
         self, links: Sequence[EmulatedLink], seed: int, *, loss: float = 0.0
     ) -> Iterator[list[dict[str, Any]]]:
-        """Pass frames over the links within the block; afterwards the list holds each direction's report."""
+        """Forward frames over the links inside the block; then the list holds each direction's report."""
         options = ["-s", str(seed), "-l", str(loss), *EmulatedLink.OPTIONS]
         words = [word for link in links for word in link.words()]
         command = [str(self.scratch / "emulator"), *options, self.air, *words]
@@ -116,7 +115,7 @@ class Network:
                     reports.append(json.loads(line) | {"to": end, "asked_mean_us": delays.mean_us})
 
     def _add_veth(self, one: str, other: str) -> str:
-        """Lay a virtual cable between two namespaces; return its device's name, the same in both."""
+        """Create a veth cable between two namespaces; return its device's name, the same in both."""
         self._cables += 1
         device = f"cable{self._cables}"
         _ip_in(one, "link", "add", device, "type", "veth", "peer", "name", device, "netns", other)
@@ -124,7 +123,7 @@ class Network:
 
 
 def in_namespace(namespace: str, *command: str) -> list[str]:
-    """Return the command that runs another one in a namespace."""
+    """Return the command that runs another command in a namespace."""
     return [_tool("ip"), "netns", "exec", namespace, *command]
 
 

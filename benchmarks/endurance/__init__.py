@@ -1,1 +1,1 @@
-"""What a rig is like after a long time, or after many bursts."""
+"""State of a rig after a long time, or after many bursts."""

@@ -43,7 +43,7 @@ from capture_app.trust.trust import Trust
 BURST_S = 10.0
 MEMORY_MB = 60.0
 TURN = 500
-"""So many are sent before the processes get their turn."""
+"""Number of messages sent before the processes get to run."""
 
 
 async def keys_of(leaders: list[Address]) -> LeaderKeys:
@@ -61,7 +61,7 @@ async def keys_of(leaders: list[Address]) -> LeaderKeys:
 async def flood(
     places: list[Address], datagrams: int, until_s: float, rng: random.Random, keys: LeaderKeys
 ) -> int:
-    """Send datagrams to all these places, every other one sealed where there is a key; how many it were."""
+    """Send datagrams to all addresses, every other one sealed if there is a key; return their number."""
     sock = socket.socket(socket.AF_INET, socket.SOCK_DGRAM)
     with sock:
         for number in range(datagrams):
@@ -81,7 +81,7 @@ async def flood(
 
 
 async def pester(places: list[Address], frames: int, until_s: float, rng: random.Random) -> int:
-    """Send frames over streams, several on each while it is open; how many it were."""
+    """Send frames over streams, several on each while it is open; return their number."""
     sent = 0
     while sent < frames and asyncio.get_running_loop().time() < until_s:
         try:
@@ -103,7 +103,7 @@ async def pester(places: list[Address], frames: int, until_s: float, rng: random
 
 
 def dropped_datagrams() -> int:
-    """How many datagrams found a full buffer in this network namespace, whoever they were for."""
+    """Return the datagrams dropped at full buffers in this network namespace, for any receiver."""
     head, counts = [
         line.split() for line in Path("/proc/net/snmp").read_text().splitlines() if line.startswith("Udp:")
     ]
@@ -111,7 +111,7 @@ def dropped_datagrams() -> int:
 
 
 async def hold(places: list[Address], connections: int) -> list[asyncio.StreamWriter]:
-    """Open connections and keep them: idle ones, and ones with half a header."""
+    """Open connections and hold them: some idle, some with half a header."""
     held = []
     half = struct.pack(">4sIQ", b"SSH1", 60_000, 0) + bytes(30_000)
     for number in range(connections):
@@ -126,7 +126,7 @@ async def hold(places: list[Address], connections: int) -> list[asyncio.StreamWr
 
 @asynccontextmanager
 async def rig(folder: Path) -> AsyncIterator[tuple[Soak, Address]]:
-    """A leader with one node, and a relay with another; and where the relay listens."""
+    """Run a leader with one node and a relay with another; yield also the relay's address."""
     where = ("--host", "127.0.0.1", "--port", "0")
     processes = {"leader": await start("leader", "leader", *where, "--sessions", str(folder / "sessions"))}
     try:
@@ -142,7 +142,7 @@ async def rig(folder: Path) -> AsyncIterator[tuple[Soak, Address]]:
 
 
 async def attack(options: Namespace, folder: Path) -> dict[str, Any]:
-    """Run the rig, attack it, take bursts, and return what came of it."""
+    """Run the rig, attack it, take bursts, and return the results."""
     rng = random.Random(options.seed)
     errors: dict[str, list[str]] = {}
     async with rig(folder) as (run, relay):
@@ -233,7 +233,7 @@ def read_all(processes: dict[str, Watched], place: int) -> None:
 
 
 def print_tables(report: dict[str, Any]) -> None:
-    """Print a report for a reader."""
+    """Print a report as tables."""
     columns = {"process": ("process", ""), "kind": ("figure", "")}
     figures = {name: (name, ".1f") for name in ("before", "during", "after")}
     print_rows(report["processes"], columns | figures)
@@ -255,7 +255,7 @@ def print_tables(report: dict[str, Any]) -> None:
 
 
 def main() -> int:
-    """Run it; 0 if the rig bears it, 1 if not."""
+    """Run it; return 0 if the rig withstands the attack, else 1."""
     parser = new_parser(__doc__, seed_of="what is sent")
     parser.add_argument("--datagrams", type=int, default=200_000)
     parser.add_argument("--frames", type=int, default=5_000)

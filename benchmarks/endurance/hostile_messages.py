@@ -1,4 +1,4 @@
-"""What strangers send: messages of the protocol that are not as they should be, by datagram and by stream."""
+"""Malformed protocol messages as an untrusted peer sends them, by datagram and by stream."""
 
 import random
 import struct
@@ -75,7 +75,7 @@ def mutated(value: Any, rng: random.Random) -> Any:
 
 
 def damaged(data: bytes, rng: random.Random) -> bytes:
-    """Return bytes that are cut, changed or followed by a deep nesting, or as they were."""
+    """Return bytes that are cut, changed, followed by deep nesting, or unchanged."""
     kind = rng.randrange(6)
     if kind == 0:
         return data[: rng.randrange(len(data) + 1)]
@@ -88,7 +88,7 @@ def damaged(data: bytes, rng: random.Random) -> bytes:
 
 
 def hostile_datagram(rng: random.Random) -> bytes:
-    """Return a datagram: of noise, a time message, or a control message that is not as it should be."""
+    """Return a datagram: noise, a time message, or a malformed control message."""
     kind = rng.randrange(8)
     if kind == 0:
         return rng.randbytes(rng.randrange(1_400))
@@ -102,7 +102,7 @@ def hostile_datagram(rng: random.Random) -> bytes:
 
 
 def hostile_frame(rng: random.Random) -> bytes:
-    """Return the bytes of a message of a stream that is not as it should be."""
+    """Return the bytes of a malformed stream message."""
     plain = msgspec.to_builtins(rng.choice(FRAMES))
     if rng.random() < 0.8:
         plain = mutated(plain, rng)

@@ -1,4 +1,4 @@
-"""A paired camera that means harm, against a running rig: names, streams, pictures and bursts of others."""
+"""Malicious paired camera against a running rig: it claims names, streams, images and bursts of others."""
 
 import asyncio
 import socket
@@ -32,7 +32,7 @@ LOOK_EVERY_S = 0.25
 
 @dataclass(slots=True)
 class PairedThief:
-    """What it has tried, what was granted to it, and how an operator fared meanwhile."""
+    """Attempts of the malicious machine, what was granted, and how an operator fared meanwhile."""
 
     leader: Address
     trust: Trust
@@ -40,16 +40,16 @@ class PairedThief:
     welcomes: int = 0
     streams: int = 0
     thefts: int = 0
-    """Names of others that it was welcomed under, or answers to their messages that were no refusal."""
+    """Other machines' names under which it was accepted, or messages of theirs that were not refused."""
     tried: int = 0
     answers_s: list[float] = field(default_factory=list)
-    """How long an operator waited for each status."""
+    """Response time of each status request of an operator."""
     unanswered: int = 0
-    """How often it was refused, or nobody answered."""
+    """Number of status requests that were refused or not answered."""
     most_nodes: int = 0
 
     async def attack(self, names: int, burst: tuple[int, int]) -> None:
-        """Do all of it, once; `burst` is another machine's, by the leader's run and its number."""
+        """Make all attempts once; `burst` is another machine's, by the leader's instance and its number."""
         held: list[Channel[Any]] = []
         with client_socket(socket.AF_INET) as sock:
             for number in range(names):
@@ -70,7 +70,7 @@ class PairedThief:
             channel.abort()
 
     async def look(self) -> None:
-        """Ask for the status as an operator does, again and again, until cancelled."""
+        """Request the status as an operator does, repeatedly, until cancelled."""
         loop = asyncio.get_running_loop()
         while True:
             began_s = loop.time()
@@ -83,7 +83,7 @@ class PairedThief:
             await asyncio.sleep(LOOK_EVERY_S)
 
     async def _hello(self, sock: socket.socket, name: str, run: int, facts: Any) -> bool:
-        """Ask to join under a name, with a key for it; whether that was granted."""
+        """Request to join under a name, with a key for it; return whether that was granted."""
         loop, keys = asyncio.get_running_loop(), LeaderKeys()
         with suppress(SimulshotError, TimeoutError, ValueError):
             async with await connect(self.leader, wire.FromLeader, trust=self.trust) as channel:
@@ -103,7 +103,7 @@ class PairedThief:
         return False
 
     async def _bring(self, name: str, run: int, burst: tuple[int, int]) -> None:
-        """Speak as another's camera: its stream, its report of a burst, its disk."""
+        """Pose as another machine's camera: its stream, its report of a burst, its disk."""
         record = replace(RECORD, name=name)
         report = wire.CameraReport(
             leader=burst[0], burst=burst[1], plan=CameraPlan(camera=record, reported=True, instants=(0, 1))
@@ -118,7 +118,7 @@ class PairedThief:
                     self.thefts += said is not None and not isinstance(said, wire.Refusal)
 
     async def _show(self, name: str, run: int, with_picture: bool) -> Channel[Any]:
-        """Open a viewfinder of its own, and send a picture that nobody asked for."""
+        """Open a viewfinder of its own, and send an image that was not requested."""
         channel = await connect(self.leader, wire.FromLeader, trust=self.trust)
         await channel.send(wire.NodeStream(camera=name, instance=run, shows=True))
         if with_picture:
@@ -128,7 +128,7 @@ class PairedThief:
 
 
 def paired_machine(folder: Path) -> Trust:
-    """Another machine, known as a camera to the rig of this process' user."""
+    """Return another machine, known as a camera to the rig of this process's user."""
     machine, home = Trust(folder), Trust.of_user()
     own, other = machine.identity, home.identity
     machine.known.add(other.pin, Role.LEADER, name="leader", certificate=other.certificate)

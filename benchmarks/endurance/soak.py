@@ -41,17 +41,17 @@ JOIN_S = 300.0
 TOLERANCE_US = 500.0
 
 LIMITS = {"threads": 4.0, "files": 6.0, "memory_mb": 12.0, "phase_us": TOLERANCE_US}
-"""By how much each may grow in a run, however long it is; a pool or a ring that still fills does."""
+"""Maximum growth of each figure in a run of any length, e.g. by a pool or a ring that still fills."""
 
 
 FEWEST = 6
-"""Bursts of a run that says anything."""
+"""Minimum number of bursts of a meaningful run."""
 LOOK_EVERY_S, TALK_EVERY_S = 1.0, 300.0
 
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """One figure of one process: what it was at first and at last, and how much it grew, by its slope."""
+    """One figure of one process: its first and last value, and its growth by the slope."""
 
     process: str
     kind: str
@@ -63,13 +63,13 @@ class Figure:
 
 @dataclass(slots=True)
 class Watched:
-    """A process of the rig, and what was read of it."""
+    """A process of the rig, with its recorded figures."""
 
     child: Child
     series: dict[str, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
 
     def read(self, burst: int) -> None:
-        """Read its figures, after that burst."""
+        """Record the process's figures after that burst."""
         place = Path("/proc") / str(self.child.process.pid)
         status = dict(line.split(":", 1) for line in (place / "status").read_text().splitlines())
         self.series["threads"].append((burst, float(status["Threads"])))
@@ -79,7 +79,7 @@ class Watched:
 
 @dataclass(slots=True)
 class Soak:
-    """A run: its processes, and what came of its bursts."""
+    """A run: its processes, and the results of its bursts."""
 
     leader: Address
     processes: dict[str, Watched]
@@ -87,14 +87,14 @@ class Soak:
     images: int = 0
     incomplete: list[str] = field(default_factory=list)
     broken: list[str] = field(default_factory=list)
-    """What `verify` says of the sessions."""
+    """Output of `verify` for faulty sessions."""
     over_bound: int = 0
-    """Images whose true error is over their hard bound."""
+    """Number of images whose true error exceeds their hard bound."""
     phases: dict[str, list[tuple[float, float]]] = field(default_factory=lambda: defaultdict(list))
     between: dict[str, list[float]] = field(default_factory=lambda: defaultdict(list))
-    """Of each camera, the phase errors between bursts too, in us, without their sign."""
+    """Absolute phase errors of each camera, including those between bursts, in us."""
     not_ready: dict[str, int] = field(default_factory=lambda: defaultdict(int))
-    """How often a camera was seen in another state than ready."""
+    """Number of times that a camera was in another state than ready."""
 
     async def take(self, request: BurstRequest, *, keep: bool) -> None:
         """Take one burst and judge it."""
@@ -123,14 +123,14 @@ class Soak:
             shutil.rmtree(folder)
 
     async def look(self) -> None:
-        """Read the figures of all processes, and the phases of all cameras."""
+        """Record the figures of all processes, and the phases of all cameras."""
         for process in self.processes.values():
             process.read(self.bursts)
         for name, phase_us in (await self._phases_us()).items():
             self.phases[name].append((self.bursts, phase_us))
 
     async def watch(self, until_s: float) -> None:
-        """Keep the phases of all cameras each second, until then by the loop's time."""
+        """Record the phases of all cameras each second, until this time of the event loop."""
         loop = asyncio.get_running_loop()
         while (left_s := until_s - loop.time()) > 0:
             await asyncio.sleep(min(LOOK_EVERY_S, left_s))
@@ -151,11 +151,11 @@ class Soak:
         return found
 
     def largest_us(self) -> float:
-        """Return the largest phase error that was seen of any camera that takes pictures."""
+        """Return the largest phase error seen in any camera that takes images."""
         return max((max(of) for of in self.between.values()), default=0.0)
 
     def figures(self) -> list[Figure]:
-        """Return how much each figure has grown, and its limit."""
+        """Return the growth of each figure, and its limit."""
         series = [(name, kind, of) for name, one in self.processes.items() for kind, of in one.series.items()]
         series += [(name, "phase_us", of) for name, of in sorted(self.phases.items())]
         return [
@@ -163,7 +163,7 @@ class Soak:
         ]
 
     def complaints(self) -> list[str]:
-        """Return what is wrong, in lines, beside bursts that are not whole; none where all is well."""
+        """Return the faults other than incomplete bursts, as lines; empty if there are none."""
         grown = [
             f"{of.process}: {of.kind} grew by {of.growth:.1f}, over its limit of {of.limit:g}"
             for of in self.figures()
@@ -177,9 +177,9 @@ class Soak:
 
 
 async def soak(options: Namespace, folder: Path) -> Soak:
-    """Run a rig for so long, or so many bursts, and return what came of it."""
+    """Run a rig for this time, or this many bursts, and return the results."""
     async with rig(options.cameras, folder) as run:
-        # Frames from before the request need no time to be ordered.
+        # Frames from before the request need no lead time.
         request = BurstRequest(frames=options.frames, before=0 if options.every else options.frames)
         loop = asyncio.get_running_loop()
         began_s = due_s = told_s = loop.time()
@@ -219,7 +219,7 @@ async def start(name: str, command: str, *arguments: str) -> Watched:
 
 
 async def listening(child: Child, said: str = "leader at ") -> Address:
-    """Return where a leader, or a relay that says so, listens."""
+    """Return the address of a leader, or of a relay, from its output."""
     async with asyncio.timeout(JOIN_S):
         while True:
             for line in child.said:
@@ -238,7 +238,7 @@ def camera_command(name: str, folder: Path, *leaders: Address) -> list[str]:
 
 
 async def wait_until_ready(leader: Address, nodes: int) -> None:
-    """Wait until there are so many nodes, all aligned."""
+    """Wait until there are this many nodes, all aligned."""
     states: list[NodeState] = []
     async with asyncio.timeout(JOIN_S):
         while len(states) != nodes or not {*states} <= {NodeState.READY, NodeState.COARSE}:
@@ -247,7 +247,7 @@ async def wait_until_ready(leader: Address, nodes: int) -> None:
 
 
 def report_of(run: Soak, options: Namespace, complaints: list[str]) -> dict[str, Any]:
-    """Return the figures as they are printed."""
+    """Return the figures in the form in which they are printed."""
     return {
         "kind": "real (loopback), simulated cameras",
         "cameras": options.cameras,
@@ -271,7 +271,7 @@ def report_of(run: Soak, options: Namespace, complaints: list[str]) -> dict[str,
 
 
 def print_tables(report: dict[str, Any]) -> None:
-    """Print a report for a reader."""
+    """Print a report as tables."""
     print_rows(
         report["figures"],
         {
@@ -302,7 +302,7 @@ def print_tables(report: dict[str, Any]) -> None:
 
 
 def main() -> int:
-    """Run it; 0 if nothing grows, 1 if something does or a burst was not whole."""
+    """Run it; return 0 if nothing grows and every burst is complete, else 1."""
     parser = new_parser(__doc__)
     parser.add_argument("--seconds", type=float, default=120.0, help="length of the run (120)")
     parser.add_argument("--bursts", type=int, default=1_000_000, help="end after so many bursts")

@@ -38,25 +38,25 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
 ORDERED_S = 2.0
-"""From a kill to the burst."""
+"""Time from a kill to the burst."""
 FOLLOWED_S = 6.0
-"""How long a standby has followed before its leader is killed."""
+"""Time for which a standby has followed before its leader is killed."""
 LEADS, FOLLOWS = "LEADS ", " leads: this one follows"
 SPAN_NS = 10**12
 
 
 @dataclass(slots=True)
 class Machine:
-    """A ranked leader's place: its process, and the line of its clock while it leads."""
+    """A ranked leader: its process, and the line of its clock while it leads."""
 
     address: Address
     folder: Path
     child: Child
     line: tuple[int, int, int] | None = None
-    """A true time, what its clock as a leader shows then, and SPAN_NS later."""
+    """A true time, and the leader clock's reading then and SPAN_NS later."""
 
     def leader_ns(self, true_ns: int) -> int:
-        """What its clock as a leader shows at a true time."""
+        """Return the reading of its leader clock at a true time."""
         assert self.line is not None
         at_ns, shown_ns, later_ns = self.line
         return shown_ns + round((true_ns - at_ns) * (later_ns - shown_ns) / SPAN_NS)
@@ -64,10 +64,10 @@ class Machine:
 
 @dataclass(slots=True)
 class Run:
-    """What came of the kills."""
+    """Results of the kills."""
 
     back_s: list[float] = field(default_factory=list)
-    """From each kill until all cameras were with the other leader."""
+    """Time from each kill until all cameras had joined the other leader."""
     jumps_us: list[float] = field(default_factory=list)
     jumps_over: int = 0
     images: int = 0
@@ -78,7 +78,7 @@ class Run:
 
 
 async def lead(name: str, options: Namespace) -> None:
-    """Be one of the leaders, until killed."""
+    """Run as one of the leaders, until killed."""
     at = parse_address(options.lead)
 
     def make_options() -> LeaderOptions:
@@ -109,7 +109,7 @@ async def start_leader(address: Address, among: list[Address], folder: Path, nam
 
 
 async def says(machine: Machine, text: str) -> str:
-    """Wait until it has said this, and return the last such line."""
+    """Wait until its output contains this text, and return the last such line."""
     async with asyncio.timeout(JOIN_S):
         while True:
             found = [line for line in machine.child.said if text in line]
@@ -121,14 +121,14 @@ async def says(machine: Machine, text: str) -> str:
 
 
 async def note_lead(machine: Machine) -> tuple[float, float] | None:
-    """Wait until it leads, and return the errors that it tells of the time it took over."""
+    """Wait until it leads, and return the errors that it reports for the time it took over."""
     told = json.loads((await says(machine, LEADS)).partition(LEADS)[2])
     machine.line = tuple(told["line"])
     return None if told["told"] is None else (told["told"][0], told["told"][1])
 
 
 async def wait_for_cameras(machine: Machine, cameras: int) -> None:
-    """Wait until so many cameras are here."""
+    """Wait until this many cameras have joined."""
     async with asyncio.timeout(JOIN_S):
         while True:
             with suppress(SimulshotError):
@@ -139,7 +139,7 @@ async def wait_for_cameras(machine: Machine, cameras: int) -> None:
 
 
 async def kill_and_take(run: Run, leader: Machine, other: Machine, cameras: int) -> None:
-    """Kill the one that leads, take a burst of the other ORDERED_S later, and judge both."""
+    """Kill the leader, take a burst of the other one ORDERED_S later, and judge both."""
     leader.child.process.send_signal(signal.SIGKILL)
     killed_s, killed_ns = time.monotonic(), time.monotonic_ns()
     told = await note_lead(other)
@@ -161,7 +161,7 @@ async def kill_and_take(run: Run, leader: Machine, other: Machine, cameras: int)
 
 
 def judge(run: Run, folder: Path, leader: Machine) -> None:
-    """Hold the times of a session against the clock of its leader."""
+    """Compare the times of a session with its leader's clock."""
     session = Session.open(folder)
     run.wrong += [f"{folder.name}: {problem}" for problem in verify(session)]
     times = session.true_times()
@@ -208,7 +208,7 @@ async def repeat(options: Namespace, folder: Path) -> Run:
 
 
 def report_of(run: Run, options: Namespace) -> dict[str, Any]:
-    """Return the figures as they are printed."""
+    """Return the figures in the form in which they are printed."""
     return {
         "kind": "real (loopback), simulated cameras",
         "kills": len(run.back_s),
@@ -227,7 +227,7 @@ def report_of(run: Run, options: Namespace) -> dict[str, Any]:
 
 
 def print_tables(report: dict[str, Any]) -> None:
-    """Print a report for a reader."""
+    """Print a report as tables."""
     back, error, jump = report["back_s"], report["error_us"], report["jump_us"]
     print_table(
         (
@@ -260,7 +260,7 @@ def print_tables(report: dict[str, Any]) -> None:
 
 
 def main() -> int:
-    """Run it; 0 if each burst was whole and every hard bound held."""
+    """Run it; return 0 if each burst was complete and every hard bound held."""
     parser = new_parser(__doc__)
     parser.add_argument("--kills", type=int, default=20, help="how often a leader is killed (20)")
     parser.add_argument("--cameras", type=int, default=3, help="simulated cameras (3)")

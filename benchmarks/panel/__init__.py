@@ -1,1 +1,1 @@
-"""How well the time is read off photographs of panels."""
+"""Accuracy of times read from photographs of panels."""

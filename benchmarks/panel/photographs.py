@@ -1,4 +1,4 @@
-"""Photographs of panels drawn at random: poses, exposures, row times, blur, glare, covered markers."""
+"""Random photographs of panels: poses, exposures, row times, blur, glare, covered markers."""
 
 from dataclasses import dataclass
 
@@ -12,7 +12,7 @@ WIDTH, HEIGHT = 960, 720
 EXPOSURES_NS = (100e3, 20e6)
 ROW_TIMES_NS = (0.0, 30e3)
 COMMON_EXPOSURES_NS = (1e9 / 50, 1e9 / 60, 1e9 / 100, 1e9 / 125, 1e9 / 250, 1e9 / 500, 1e9 / 1000)
-"""What photographers set: half of the photographs have one of these."""
+"""Common exposure settings; half of the photographs use one of these."""
 LED_PANELS = ("led-pair", "led-pair", "led-pair", "led-200us")
 SCREENS = (
     "screen-60hz-down",
@@ -25,7 +25,7 @@ SCREENS = (
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A photograph, when it was taken, and what its camera tells of it."""
+    """A photograph, its true time, and its camera's parameters."""
 
     photograph: HandheldPhotograph
     start_ns: float
@@ -34,11 +34,11 @@ class Case:
     seed: int
 
     def picture(self) -> NDArray[np.uint8]:
-        """The picture, BGR uint8."""
+        """Return the photograph, BGR uint8."""
         return self.photograph.take(self.start_ns, np.random.default_rng(self.seed))
 
     def shown_ns(self, row: float) -> float:
-        """What the panel showed in the middle of that row's exposure; a screen's cells are late."""
+        """Return the panel's time in the middle of that row's exposure; a screen's cells are delayed."""
         photograph = self.photograph
         return (
             self.start_ns + photograph.exposure_ns / 2 + row * photograph.row_time_ns - photograph.response_ns
@@ -46,7 +46,7 @@ class Case:
 
 
 def draw_case(seed: int, *, screen: bool) -> Case:
-    """A case of that seed, of a panel of LEDs or of a screen."""
+    """Return the case of that seed, with an LED panel or a screen."""
     rng = np.random.default_rng([seed, int(screen)])
     panel = panel_named(str(rng.choice(SCREENS if screen else LED_PANELS)))
     exposure_ns = float(np.exp(rng.uniform(*np.log(EXPOSURES_NS))))
@@ -97,7 +97,7 @@ def draw_case(seed: int, *, screen: bool) -> Case:
 
 
 def _corners(panel: Panel, rng: np.random.Generator) -> tuple[tuple[float, float], ...]:
-    """Where a camera somewhere before the panel sees its corners."""
+    """Return the panel's corners as seen by a randomly placed camera."""
     while True:
         yaw, pitch = rng.uniform(-0.6, 0.6), rng.uniform(-0.45, 0.45)
         roll = rng.normal(0, 0.12) + (np.pi / 2) * rng.choice([0, 0, 0, 0, 1, 2, 3])

@@ -21,7 +21,7 @@ SCREEN_LIMIT_TICKS = 0.25
 
 @dataclass(frozen=True, slots=True)
 class Outcome:
-    """What came of a photograph: its error and error bar in ns, or why it was refused."""
+    """Result of a photograph: its error and error bar in ns, or why it was refused."""
 
     case: Case
     error_ns: float = 0.0
@@ -30,18 +30,18 @@ class Outcome:
 
     @property
     def limit_ns(self) -> float:
-        """How far a time may be off."""
+        """Maximum error of a correct time."""
         panel = self.case.photograph.panel
         return SCREEN_LIMIT_TICKS * panel.tick_ns if panel.is_screen else LED_LIMIT_NS
 
     @property
     def in_bar(self) -> bool:
-        """The truth is within the error bar."""
+        """Whether the truth is within the error bar."""
         return abs(self.error_ns) <= self.uncertainty_ns
 
 
 def judge(case: Case) -> Outcome:
-    """Read a photograph and hold it against the truth."""
+    """Read a photograph and compare it with the truth."""
     photograph = case.photograph
     picture = case.picture()
     try:
@@ -57,7 +57,7 @@ def judge(case: Case) -> Outcome:
 
 
 def table(outcomes: Sequence[Outcome]) -> str:
-    """Read, refused, within the limit and within the error bar, by exposure."""
+    """Return counts by exposure: read, refused, within the limit, and within the error bar."""
     lines = ["exposure          read  refused  in limit  in bar  largest/limit  median bar/limit"]
     edges = (0.0, 0.3e6, 1e6, 3e6, 8e6, 21e6)
     bands = [(f"{a / 1e6:4.1f} to {b / 1e6:4.1f} ms", a, b) for a, b in itertools.pairwise(edges)]

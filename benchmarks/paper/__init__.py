@@ -1,1 +1,1 @@
-"""The paper measured again, and more tables of our own, all simulated: `python -m benchmarks.paper`."""
+"""The paper's measurements repeated, and more tables of ours, all simulated: `python -m benchmarks.paper`."""

@@ -25,7 +25,7 @@ STUDIES = {
     "phase": "frame injections, restarts and frame durations that phase alignment takes",
     "scale": "thousands of clocks for an hour: one leader, and a tree of relays",
 }
-"""Name and what it shows; its module has the same name, with underscores."""
+"""Name and content of each experiment; its module has the same name, with underscores."""
 PAPER = "paper"
 
 
@@ -71,7 +71,7 @@ def main(arguments: Sequence[str] | None = None) -> int:
 
 
 def _run(options: Namespace, names: Sequence[str]) -> None:
-    """Run them all; the JSON of several is one object, by name."""
+    """Run the named experiments; the JSON of several is one object, by name."""
     if PAPER in names:
         require_plots(options.out)
     found: dict[str, Any] = {}

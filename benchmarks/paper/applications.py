@@ -1,4 +1,4 @@
-"""The paper's applications: which command shows the same of a bundled session, and what of its result."""
+"""The paper's applications, with the command that shows the same for a bundled session, and its results."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
@@ -18,7 +18,7 @@ BURST, SWEEP_STEP = "burst", "what moves, from picture to picture in the sweep"
 
 
 class Measure(msgspec.Struct, frozen=True):
-    """A number of synchronized pictures, and of those that are some time apart."""
+    """A value for synchronized images, and for offset images."""
 
     label: str
     unit: str
@@ -27,30 +27,30 @@ class Measure(msgspec.Struct, frozen=True):
 
 
 class Application(msgspec.Struct, frozen=True, kw_only=True):
-    """What the paper shows, the command that shows the same, and what that command found."""
+    """What the paper shows, the equivalent command, and that command's results."""
 
     key: str
     place: str
     title: str
     command: str
     engine: str = ""
-    """What finds its depth, in a sentence."""
+    """Method that computes its depth, as a sentence."""
     measures: tuple[Measure, ...] = ()
     files: tuple[str, ...] = ()
-    """Of both conditions, synchronized first; one alone is of synchronized pictures."""
+    """Pictures of both conditions, synchronized first; a single one is synchronized."""
 
 
 @dataclass(frozen=True, slots=True)
 class Showing:
-    """An application, and what of the results of `reconstruct compare` it is."""
+    """An application, and its place in the results of `reconstruct compare`."""
 
     application: Application
     session: str
     study: str
-    """Its name in `metrics.json`."""
+    """Name of the study in `metrics.json`."""
     picture: str = ""
     measures: Mapping[str, tuple[str, str]] = field(default_factory=dict)
-    """Label and unit by name; of another study, with that one's name and a point before."""
+    """Label and unit by measure; measures of another study are prefixed with its name and a point."""
 
 
 _COMPARE = "reconstruct compare sample_sessions"
@@ -132,7 +132,7 @@ APPLICATIONS = (
         },
     ),
 )
-"""In the order of the page."""
+"""Applications in page order."""
 
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_sessions"
@@ -179,7 +179,7 @@ class _Metrics(msgspec.Struct):
 
 
 def compare_samples(folder: Path, *, quick: bool) -> list[Path]:
-    """Compare the applications' sessions into folders of their names, small ones if it is to be quick.
+    """Compare the applications' sessions into folders of their names; `quick` uses small sessions.
 
     Raises what `reconstruct compare` raises.
     """
@@ -194,9 +194,9 @@ def compare_samples(folder: Path, *, quick: bool) -> list[Path]:
 
 
 def read_compared(results: Sequence[Path], out: Path) -> tuple[Application, ...]:
-    """Return all applications, with what these folders of `reconstruct compare` have of them.
+    """Return all applications, with their values from these folders of `reconstruct compare`.
 
-    Pictures go into the folder `out`. Raises BadInputError for a folder that is not such a one.
+    Pictures go into the folder `out`. Raises BadInputError for a folder without such results.
     """
     found = {showing.application.key: showing.application for showing in APPLICATIONS}
     for folder in results:
@@ -237,7 +237,7 @@ def _fill(showing: Showing, metrics: _Metrics, folder: Path, out: Path) -> Appli
 
 
 def _fill_burst(application: Application, metrics: _Metrics, folder: Path, out: Path) -> Application:
-    """All pictures of the burst as one, and how far what moves goes from camera to camera."""
+    """Draw all images of the burst as one, and measure motion from camera to camera."""
     measures: tuple[Measure, ...] = ()
     files: tuple[str, ...] = ()
     facts = {one.name: one.facts for one in metrics.studies}

@@ -1,6 +1,6 @@
-"""The family of clock estimators: one interface and one result, from the paper's filters to ours.
+"""Clock estimators with one interface and one result, from the paper's filters to ours.
 
-`ClockFilter` is the one that the engine uses; the others are what it is measured against.
+`ClockFilter` is the engine's estimator; the others are baselines.
 """
 
 from collections import deque
@@ -12,16 +12,16 @@ from capture_app.sync.clock.likely_line import MAX_SKEW, lower_hull
 from capture_app.sync.clock.time_map import ROUNDING_NS, TimeMap
 
 REJECT_NS = 10_000_000
-"""The paper's mean filter passes over longer round trips (section 4)."""
+"""Round trip above which the paper's mean filter drops a sample (section 4)."""
 
 Line = tuple[float, float, int]
 """Offset in ns at a local time in ns, skew (dimensionless), and that local time."""
 
 
 class WindowFilter:
-    """A line through the samples of a window, by a rule; the hard bound is that of any such line.
+    """Estimator that fits a line to a window's samples by a rule; its hard bound holds for any line.
 
-    These rules do not know their error: the uncertainty they state is the hard bound.
+    The rules do not estimate their error: the stated uncertainty is the hard bound.
     """
 
     def __init__(self, rule: Callable[[Sequence[ClockSample], int], Line], *, window_ns: int) -> None:
@@ -31,7 +31,7 @@ class WindowFilter:
         self.samples = 0
 
     def add(self, sample: ClockSample) -> bool:
-        """Take a sample in; a step is not noticed."""
+        """Add a sample; steps are not detected."""
         if sample.round_trip_ns < 0 or sample.t2_ns < sample.t1_ns or sample.t3_ns < sample.t0_ns:
             return True
         self.samples += 1
@@ -41,7 +41,7 @@ class WindowFilter:
         return True
 
     def time_map(self, now_local_ns: int) -> TimeMap | None:
-        """The map as it stands at a local time in ns, its epoch; None before the first sample."""
+        """Return the time map with its epoch at a local time in ns; None before the first sample."""
         if not self._kept:
             return None
         anchor_ns = (self._kept[0].upper_ns + self._kept[0].lower_ns) // 2
@@ -67,27 +67,27 @@ ClockEstimator = ClockFilter | WindowFilter
 
 
 def mean(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
-    """Mean of all offsets but those of round trips over 10 ms (of all, where no other is there)."""
+    """Return the mean of all offsets with round trips up to 10 ms; of all offsets if there are no others."""
     short = [s for s in samples if s.round_trip_ns <= REJECT_NS] or samples
     offset = sum(s.upper_ns + s.lower_ns - 2 * anchor_ns for s in short) / (2.0 * len(short))
     return offset, 0.0, samples[-1].t3_ns
 
 
 def minimum(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
-    """Offset of the sample with the least round trip, as the paper and libsoftwaresync take it."""
+    """Return the offset of the sample with the minimum round trip, as in the paper and libsoftwaresync."""
     best = min(samples, key=lambda s: s.round_trip_ns)
     return (best.upper_ns + best.lower_ns - 2 * anchor_ns) / 2.0, 0.0, (best.t0_ns + best.t3_ns) // 2
 
 
 def per_direction_minimum(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
-    """Middle of the tightest bounds of the two directions, each taken apart."""
+    """Return the middle of the tightest bounds of the two directions, each taken separately."""
     upper = min(s.upper_ns for s in samples) - anchor_ns
     lower = max(s.lower_ns for s in samples) - anchor_ns
     return (upper + lower) / 2.0, 0.0, samples[-1].t3_ns
 
 
 def widest_line(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
-    """The line with most room between the two directions (Moon et al. 1999, a linear program)."""
+    """Return the line with the largest margin between both directions (Moon et al. 1999, linear program)."""
     at_ns = samples[-1].t3_ns
     above = lower_hull((float(s.t0_ns - at_ns), float(s.upper_ns - anchor_ns)) for s in samples)
     below = lower_hull((float(s.t3_ns - at_ns), float(anchor_ns - s.lower_ns)) for s in samples)
@@ -95,7 +95,7 @@ def widest_line(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
     def edges(skew: float) -> tuple[float, float]:
         return min(v - skew * t for t, v in above), min(v + skew * t for t, v in below)
 
-    # The room is concave in the skew, and straight between the slopes of the two hulls.
+    # The margin is concave in the skew, and linear between the slopes of the two hulls.
     turns = [(v2 - v1) / (t2 - t1) for (t1, v1), (t2, v2) in pairwise(above)]
     turns += [(v1 - v2) / (t2 - t1) for (t1, v1), (t2, v2) in pairwise(below)]
     turns = [turn for turn in turns if abs(turn) < MAX_SKEW]
@@ -105,7 +105,7 @@ def widest_line(samples: Sequence[ClockSample], anchor_ns: int) -> Line:
 
 
 def estimator_family(window_ns: int = 30_000_000_000) -> dict[str, ClockEstimator]:
-    """Return one of each, by name, over a window in ns; `ours` is the engine's."""
+    """Return one of each estimator by name, over a window in ns; `ours` is the engine's."""
     rules = {
         "mean": mean,
         "minimum": minimum,

@@ -1,4 +1,4 @@
-"""Clock estimators in virtual time under seven laws of delay: their errors, and how often our 95 % holds."""
+"""Clock estimators in virtual time under seven delay laws: their errors, and the coverage of our 95 %."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -22,25 +22,25 @@ from capture_app.console.terminal import talk
 
 TRIALS = 100
 WORTH_PROCESSES = 20
-"""So many trials are worth the start of other processes."""
+"""Number of trials from which other processes are started."""
 
 
 @dataclass(frozen=True, slots=True)
 class Study:
-    """All that is measured, for the figures and the tables."""
+    """All measurements for the figures and tables."""
 
     laws: Mapping[str, EstimatorErrors]
     coverages: Mapping[str, Coverages]
-    """By law, on links whose least delays differ by chance."""
+    """Coverage by law, on links with random asymmetry of the minimum delays."""
 
     def coverage(self, situation: str) -> float:
-        """Share of the trials of all laws in which the stated 95 % held in a situation."""
+        """Return the fraction of the trials of all laws in which the stated 95 % held in a situation."""
         found = [by_situation[situation] for by_situation in self.coverages.values()]
         return sum(one.held for one in found) / sum(len(one.errors_us) for one in found)
 
 
 def run(*, trials: int | None, seed: int, coverage_trials: int = MOST_TRIALS) -> Outcome:
-    """Run it; `coverage_trials` are those of each law in the situations after the first second."""
+    """Run it; `coverage_trials` is the number for each law in the situations after the first second."""
     count = TRIALS if trials is None else trials
     few = WORTH_PROCESSES if count < WORTH_PROCESSES else 2
     talk(f"{', '.join(LINKS_BY_LAW)}: {count} trials of {FIRST} messages")
@@ -63,7 +63,7 @@ def _coverage(law: str, count: int, seed: int, most: int) -> Coverages:
 
 
 def _tables(study: Study) -> tuple[Table, ...]:
-    """The tables to print: by law, and by situation."""
+    """Return the tables to print: by law, and by situation."""
     names = list(next(iter(study.laws.values())).errors_us)
     by_law = [
         (

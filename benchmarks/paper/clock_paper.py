@@ -1,4 +1,4 @@
-"""The paper's section 4 and the figures of its supplement that show clocks."""
+"""The paper's section 4, and the figures of its supplement that show clocks."""
 
 import random
 from collections.abc import Mapping, Sequence
@@ -41,17 +41,17 @@ class Message:
 
     @property
     def round_trip_us(self) -> float:
-        """Both ways together."""
+        """Sum of both directions."""
         return self.to_client_us + self.to_leader_us
 
     @property
     def offset_error_us(self) -> float:
-        """How far the offset is off that this message gives by itself."""
+        """Offset error of an estimate from this message alone."""
         return (self.to_client_us - self.to_leader_us) / 2.0
 
 
 def run_of_messages(seed: str, count: int = MESSAGES) -> list[Message]:
-    """A run on the paper's link: messages that the leader begins, at the paper's pace, but those lost."""
+    """Simulate a run on the paper's link: leader-initiated messages at the paper's rate, lost ones omitted."""
     channel, rng, found = PAPER_LINK.open(), random.Random(seed), []
     for sent_ns in range(START_TRUE_NS, START_TRUE_NS + count * PACE_NS, PACE_NS):
         for there_ns in channel.deliveries("to_client", sent_ns, rng)[:1]:
@@ -62,12 +62,12 @@ def run_of_messages(seed: str, count: int = MESSAGES) -> list[Message]:
 
 
 def quickest(messages: Sequence[Message]) -> Message:
-    """The message with the least round trip."""
+    """Return the message with the minimum round trip."""
     return min(messages, key=lambda message: message.round_trip_us)
 
 
 def one_way_table(messages: Sequence[Message]) -> Mapping[str, float]:
-    """Table III of a run, by the names of `TABLE_3`; in us."""
+    """Return Table III of a run, by the names of `TABLE_3`; in us."""
     kept = [message for message in messages if message.round_trip_us <= LATE_NS / 1000.0]
     best = quickest(messages)
     to_client_us, to_leader_us = mean(m.to_client_us for m in kept), mean(m.to_leader_us for m in kept)
@@ -88,12 +88,12 @@ def one_way_table(messages: Sequence[Message]) -> Mapping[str, float]:
 
 
 def mean_table(tables: Sequence[Mapping[str, float]]) -> dict[str, float]:
-    """The means of the figures of some runs."""
+    """Return the mean figures of several runs."""
     return {name: mean(table[name] for table in tables) for name in tables[0]}
 
 
 def least_round_trips(seed: str, counts: Mapping[int, int]) -> dict[int, list[float]]:
-    """The least round trips in us of runs of so many messages; `counts` says how many runs of each length."""
+    """Return the minimum round trips in us of runs by length; `counts` is the number of runs of each."""
     return {
         count: [quickest(run_of_messages(f"{seed} {count} {i}", count)).round_trip_us for i in range(runs)]
         for count, runs in counts.items()
@@ -105,7 +105,7 @@ COLOURS = ("tab:blue", "tab:orange", "tab:green", "tab:red")
 
 
 def draw_convergence(found: Mapping[Setting, Convergence], path: Path) -> Path:
-    """Draw the errors of the filters after K messages, each setting by itself."""
+    """Draw the errors of the filters after K messages, one panel for each setting."""
     figure = new_figure(figsize=(12, 4.5))
     for axes, (setting, convergence) in zip(
         figure.subplots(1, len(found), sharey=True), found.items(), strict=True
@@ -121,11 +121,11 @@ def draw_convergence(found: Mapping[Setting, Convergence], path: Path) -> Path:
 
 
 RUNS = 30
-"""Of 10,000 messages; the paper has one."""
+"""Number of runs of 10,000 messages; the paper has one."""
 SHORT_RUNS = {300: 239, 1000: 100}
-"""Of as many messages: 239 as the trials of the panel, each of which began with 300."""
+"""Number of runs by length: 239 as the panel's trials, each of which began with 300 messages."""
 SHORT = 5
-"""So many of the numbers of messages after which filters are judged are small, up to 1,000."""
+"""How many of the message counts at which filters are judged are small, up to 1,000."""
 SIMULATED = "The link's delays, by a law made from the paper's figures, and the clocks."
 BEGINS = (
     "At the paper's protocol the leader asks its clients in turn, by default each client asks; an exchange "
@@ -134,7 +134,7 @@ BEGINS = (
 
 
 def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
-    """Measure Table III, the least round trips, figure 7 and the supplement's figures."""
+    """Measure Table III, the minimum round trips, figure 7 and the supplement's figures."""
     runs = share_of(RUNS, share)
     talk(f"{runs} runs of {MESSAGES} messages")
     done = [run_of_messages(f"{seed} run {i}") for i in range(runs)]

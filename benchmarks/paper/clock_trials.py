@@ -1,4 +1,4 @@
-"""Links and clocks drawn by chance, and how well estimators do on their messages."""
+"""Random links and clocks, and the accuracy of estimators on their messages."""
 
 import random
 from collections.abc import Callable, Iterator, Mapping
@@ -25,12 +25,12 @@ FIRST = 300
 """K of the paper, and of our engine."""
 LAW_PACE_NS = 3_000_000
 SKEW_PPM = 20.0
-"""One sigma of the clients' skew in each trial; offsets are hours."""
+"""Standard deviation of the clients' skew in each trial; offsets are hours."""
 
 
 @dataclass(slots=True)
 class EstimatorErrors:
-    """Errors of each estimator in us over all trials under one law, and how often ours held its bounds."""
+    """Errors of each estimator in us over all trials under one law, and coverage of our bounds."""
 
     errors_us: dict[str, list[float]] = field(default_factory=dict)
     covered: int = 0
@@ -50,7 +50,7 @@ class EstimatorErrors:
             self.uncertainties_us.append(time_map.uncertainty_ns / 1000.0)
 
     def mean_abs(self, name: str) -> float:
-        """Mean absolute error of an estimator in us."""
+        """Return the mean absolute error of an estimator in us."""
         return error_figures(self.errors_us[name])["mean_abs"]
 
 
@@ -77,9 +77,9 @@ def run_law_trials(link: Link, count: int, seed: str) -> EstimatorErrors:
 
 
 HALF_LEAST_NS = 498_000
-"""Half the least round trip of the paper's link: no more than this can an asymmetry be."""
+"""Half the minimum round trip of the paper's link: the bound of the asymmetry."""
 ASYMMETRY = 0.05
-"""One sigma of half the difference of the least delays, as a share of half the least round trip."""
+"""Standard deviation of half the difference of the minimum delays, as a fraction of half the round trip."""
 _CABLE = Link(GammaDelay(50_000, 60_000), GammaDelay(50_000, 60_000))
 
 DrawLink = Callable[[random.Random], Link]
@@ -88,7 +88,7 @@ DrawLink = Callable[[random.Random], Link]
 def unequal(
     link: Link, rng: random.Random, *, half_ns: int = HALF_LEAST_NS, share: float = ASYMMETRY
 ) -> WirelessLink:
-    """Return a link with this half of the least round trip, whose least delays differ by chance."""
+    """Return a link with half this minimum round trip, and random asymmetry of the minimum delays."""
     same = wireless(link)
     shift_ns = round(rng.gauss(0.0, share * half_ns))
     floors = same if same.quick is None else same.quick
@@ -103,17 +103,17 @@ def unequal(
 
 
 def unequal_links(law: str) -> DrawLink:
-    """Links under one of the laws."""
+    """Return asymmetric links under one of the laws."""
     return lambda rng: unequal(LINKS_BY_LAW[law], rng)
 
 
 def any_law(rng: random.Random, share: float = ASYMMETRY) -> Link:
-    """The paper's mean delays, under one of the laws of a WiFi link."""
+    """Return a link with the paper's mean delays, under one of the laws of a WiFi link."""
     return unequal(LINKS_BY_LAW[rng.choice(list(LINKS_BY_LAW))], rng, share=share)
 
 
 def cable(rng: random.Random) -> Link:
-    """A cable with a switch: 50 us each way, and 10 more on average."""
+    """Return a cable with a switch: 50 us in each direction, and 10 more on average."""
     return unequal(_CABLE, rng, half_ns=50_000)
 
 
@@ -123,24 +123,24 @@ def _minimum(law: DelayLaw) -> int:
 
 
 def _moved(law: DelayLaw, by_ns: int) -> DelayLaw:
-    """The same law with its minimum and mean moved."""
+    """Return the same law with minimum and mean shifted."""
     assert isinstance(law, GammaDelay | BimodalDelay)
     return replace(law, minimum_ns=law.minimum_ns + by_ns, mean_ns=law.mean_ns + by_ns)
 
 
 _S = 1_000_000_000
 MOST_TRIALS = 100
-"""Of each law in the situations after the first second; they take long."""
+"""Trials of each law in the situations after the first second; they take long."""
 FIRST_SECOND, AHEAD_1, AHEAD_5 = "first second", "1 s later", "5 s later"
 AHEAD = {FIRST_SECOND: 0, AHEAD_1: _S, AHEAD_5: 5 * _S}
-"""How long after the last message of the first second; ns."""
+"""Time after the last message of the first second; ns."""
 STEADY = {f"asking for {s} s": s * _S for s in (2, 3, 4, 10, 30)}
 SITUATIONS = (*AHEAD, *STEADY)
 
 
 @dataclass(slots=True)
 class Coverage:
-    """Stated uncertainties in one situation, the errors, and how often both bounds held."""
+    """Stated uncertainties in one situation, the errors, and the coverage of both bounds."""
 
     held: int = 0
     bounded: int = 0
@@ -149,16 +149,16 @@ class Coverage:
 
     @property
     def share(self) -> float:
-        """Share of the trials in which the stated 95 % held."""
+        """Return the fraction of the trials in which the stated 95 % held."""
         return self.held / len(self.errors_us)
 
 
 Coverages = Mapping[str, Coverage]
-"""By situation."""
+"""Coverage by situation."""
 
 
 def measure_coverage(draw: DrawLink, count: int, seed: str, *, most: int = MOST_TRIALS) -> Coverages:
-    """Judge each situation on links that are drawn: the first second in `count` trials, others in `most`."""
+    """Judge each situation on random links: the first second in `count` trials, others in `most`."""
     found = {situation: Coverage() for situation in SITUATIONS}
     for i in range(count):
         _first_second(found, _Trial(draw, f"{seed} drawn {i}"))
@@ -168,7 +168,7 @@ def measure_coverage(draw: DrawLink, count: int, seed: str, *, most: int = MOST_
 
 
 def steady_times(until_ns: int) -> list[int]:
-    """When a client with a camera asks, in ns from the start: quickly at first, then less and less often."""
+    """Return the request times of a camera's client, in ns from the start; first quickly, then less often."""
     paces_ns = [poll_schedule.FIRST_PACE_NS] * poll_schedule.FIRST_SAMPLES
     for pace_ns in poll_schedule.EASING_PACES_NS:
         paces_ns += [pace_ns] * poll_schedule.EASING_SAMPLES
@@ -180,7 +180,7 @@ def steady_times(until_ns: int) -> list[int]:
 
 
 class _Trial:
-    """One link and one clock, drawn by chance."""
+    """One random link and one random clock."""
 
     def __init__(self, draw: DrawLink, seed: str) -> None:
         self._rng = random.Random(seed)
@@ -198,11 +198,11 @@ class _Trial:
             yield stop_ns
 
     def local_ns(self, since_start_ns: int) -> int:
-        """The client's clock so long after the start, in ns."""
+        """Return the client's clock at this time after the start, in ns."""
         return self._clock.local_from_true(START_TRUE_NS + since_start_ns)
 
     def judge(self, clock: ClockFilter, now_ns: int, ahead: Mapping[str, int], found: Coverages) -> None:
-        """Compare the filter's time map at now, and at times ahead of it, with the truth."""
+        """Compare the filter's time map with the truth, at now and at times ahead of it."""
         time_map = clock.time_map(self.local_ns(now_ns))
         assert time_map is not None
         for situation, ahead_ns in ahead.items():
@@ -225,7 +225,7 @@ def _first_second(found: Coverages, trial: _Trial) -> None:
 
 
 def _steady(found: Coverages, trial: _Trial) -> None:
-    """A client with a camera: it asks in quick succession, then less and less often."""
+    """Simulate a camera's client: it asks in quick succession, then less and less often."""
     clock, situations = ClockFilter(), iter(STEADY)
     for now_ns in trial.feed(clock, steady_times(max(STEADY.values())), sorted(STEADY.values())):
         trial.judge(clock, now_ns, {next(situations): 0}, found)
@@ -233,9 +233,9 @@ def _steady(found: Coverages, trial: _Trial) -> None:
 
 COUNTS = (10, 30, 100, 300, 1000, 3000, 10_000)
 WHOLE_RUN_NS = 1000 * _S
-"""A window that forgets nothing."""
+"""Window that forgets nothing."""
 ENGINE_WINDOW_NS = 30 * _S
-"""Where clocks run apart, all filters look back as far as the engine's."""
+"""Window of all filters where clocks drift apart: the same as the engine's."""
 
 
 @dataclass(slots=True)
@@ -245,13 +245,13 @@ class Convergence:
     after: dict[int, EstimatorErrors] = field(default_factory=dict)
 
     def mean_abs(self, name: str) -> list[float]:
-        """Mean absolute errors of a filter in us, by K."""
+        """Return the mean absolute errors of a filter in us, by K."""
         return [errors.mean_abs(name) for errors in self.after.values()]
 
 
 @dataclass(frozen=True, slots=True)
 class Setting:
-    """How the messages go out, and what is known of the clocks."""
+    """Rate of the messages, and what is known of the clocks."""
 
     name: str
     skewed: bool
@@ -263,7 +263,7 @@ BY_DEFAULT = Setting("skews of 20 ppm, the engine's own pace", skewed=True, wind
 
 
 def converge(setting: Setting, counts: tuple[int, ...], trials: int, seed: str) -> Convergence:
-    """Give all filters the same messages on the paper's link, and judge them after as many as `counts`."""
+    """Give all filters the same messages on the paper's link, and judge them after each of `counts`."""
     found = Convergence({count: EstimatorErrors() for count in sorted(counts)})
     for i in range(trials):
         rng = random.Random(f"{seed} {i}")

@@ -1,4 +1,4 @@
-"""Five phones: how long their clocks take, how far apart the worst pair is, and a burst of five views."""
+"""Five phones: their synchronization time, the error of the worst pair, and a burst of five views."""
 
 import random
 from collections.abc import Sequence
@@ -27,7 +27,7 @@ EXPOSURE_NS = 43_000
 READY_NS, BURST_NS = 120_000_000_000, 3_000_000_000
 HOURS_NS = 9 * 3600 * 1_000_000_000
 SKEW_PPM = 15.0
-"""One sigma of the clients' clocks."""
+"""Standard deviation of the clients' skew."""
 SIMULATED = (
     "Phones, clocks (15 ppm, one sigma) and the paper's link; the leader's own camera is one of the five."
 )
@@ -35,19 +35,19 @@ SIMULATED = (
 
 @dataclass(frozen=True, slots=True)
 class RigTrial:
-    """What became of one rig: seconds from its start, differences of pictures' true times in us."""
+    """Result of one rig: seconds from its start, differences of images' true times in us."""
 
     clocks_s: float
-    """Until all clocks were synchronized."""
+    """Time until all clocks were synchronized."""
     one_clock_s: float
-    """Until one client's was, on average."""
+    """Time until one client's clock was synchronized, on average."""
     ready_s: float
     pair_us: float
-    """The worst pair of the burst's first instant."""
+    """Worst pair of the burst's first instant."""
     apart_us: float
-    """The worst pair of any instant of the burst."""
+    """Worst pair of any instant of the burst."""
     missing: int
-    """Frames of the burst that some phone did not have."""
+    """Frames of the burst that were missing on some phone."""
 
 
 def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
@@ -122,7 +122,7 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
 
 
 def synchronize_in_turn(rng: random.Random) -> list[float]:
-    """Seconds that each client takes where the leader asks one after the other, a message at a time."""
+    """Return the seconds per client if the leader asks one after the other, one message at a time."""
     channel, now_ns, took_s = PAPER_LINK.open(), 0, []
     for _ in range(PHONES - 1):
         began_ns = now_ns
@@ -134,7 +134,7 @@ def synchronize_in_turn(rng: random.Random) -> list[float]:
 
 
 def run_trial(seed: str, tolerance_ns: int) -> RigTrial:
-    """Start five phones that nobody has seen, and take a burst as soon as they are ready."""
+    """Start five phones of unknown models, and take a burst as soon as they are ready."""
     rng = random.Random(seed)
     specs = [NodeSpec("leader", _phone(rng), SimulatedClock(0), LOOPBACK, tolerance_ns)]
     for number in range(1, PHONES):
@@ -173,7 +173,7 @@ def run_trial(seed: str, tolerance_ns: int) -> RigTrial:
 
 
 def _phone(rng: random.Random) -> SensorProfile:
-    """A phone whose overhead nobody has seen yet."""
+    """Return a phone with unknown overhead."""
     return replace(
         PROFILES["phone-a"],
         exposure_ns=EXPOSURE_NS,
@@ -183,5 +183,5 @@ def _phone(rng: random.Random) -> SensorProfile:
 
 
 def _worst_us(times_ns: Sequence[int]) -> float:
-    """Largest difference of any two."""
+    """Return the largest difference of any two."""
     return (max(times_ns) - min(times_ns)) / 1000.0

@@ -1,7 +1,7 @@
-"""The whole chain, judged by pictures of the LED panel, at the paper's protocol and as the program comes.
+"""The whole chain, judged by images of the LED panel, at the paper's protocol and by default.
 
-Two phones take a picture of the same instant: one at the leader, one on the paper's WiFi. The LEDs that each
-sees lit tell when its picture was taken (paper, section 6.1).
+Two phones take an image of the same instant, one at the leader, one on the paper's WiFi. The lit LEDs in each
+image give its time (paper, section 6.1).
 """
 
 import random
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 
 def draw_panel(pictures: tuple[Image, Image], path: Path) -> Path:
-    """Draw what the leader's phone and the client's phone see of the panel at one instant (BGR)."""
+    """Draw the leader phone's and the client phone's views of the panel at one instant (BGR)."""
     figure = new_figure(figsize=(12, 4.7))
     for axes, picture, title in zip(figure.subplots(1, 2), pictures, ("leader", "client"), strict=True):
         axes.imshow(picture[..., ::-1])
@@ -34,7 +34,7 @@ def draw_panel(pictures: tuple[Image, Image], path: Path) -> Path:
 
 TRIALS = 239
 TAU_US, REPEATS_MS = 200.0, 20.0
-"""Of the finer one of the two panels; the other one, of 10 ms, excludes whole periods."""
+"""Parameters of the finer of the two panels; the other one, of 10 ms, excludes whole periods."""
 SIMULATED = (
     "Phones, clocks, the paper's link, the panel and its pictures. One phone is at the leader, one on the "
     "link."

@@ -1,4 +1,4 @@
-"""Triggers sent to cameras that are not synchronized, by their known mechanisms (the paper's Table I)."""
+"""Triggers of unsynchronized cameras, by their known mechanisms (the paper's Table I)."""
 
 import random
 from collections.abc import Callable, Mapping, Sequence
@@ -12,47 +12,53 @@ from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.console.terminal import talk
 
 FRAME_MS = 33.0
-"""A camera that streams takes the frame nearest to the key: up to half a period early or late (CameraX, "zero
-shutter lag"; Bucher, Cao, Viard and Guichard 2015 measured that lag to be limited by the frame time)."""
+"""Frame interval of a streaming camera, which takes the nearest frame, up to half a period off.
+
+CameraX, "zero shutter lag"; Bucher, Cao, Viard and Guichard 2015 measured that the frame time limits the lag.
+"""
 HID_INTERVAL_MS = (7.5, 50.0)
-"""A Bluetooth remote's key waits for its next connection event; the HID over GATT profile allows these
-intervals (Texas Instruments, SWRA715, 2021)."""
+"""Connection intervals of a Bluetooth remote, whose key waits for the next connection event.
+
+The HID over GATT profile permits these intervals (Texas Instruments, SWRA715, 2021).
+"""
 BEACON_MS = 102.4
-"""For a phone that saves power an access point keeps a datagram until its next beacon (IEEE 802.11-2020,
-11.2); this is the usual interval of 100 time units."""
+"""Beacon interval, for which an access point holds a datagram to a phone in power-saving mode.
+
+IEEE 802.11-2020, 11.2; this is the typical interval of 100 time units.
+"""
 
 Draw = Callable[[random.Random], float]
 
 
 def frame_grid_ms(rng: random.Random) -> float:
-    """How much later than the key one camera's frame is."""
+    """Return one camera's frame delay after the key."""
     return rng.uniform(-FRAME_MS / 2.0, FRAME_MS / 2.0)
 
 
 def bluetooth_ms(rng: random.Random) -> float:
-    """How much later a phone hears of a remote's key; each remote has an interval of its own."""
+    """Return a phone's delay of a remote's key; each remote has its own interval."""
     return rng.uniform(0.0, rng.uniform(*HID_INTERVAL_MS))
 
 
 def wifi_ms(rng: random.Random) -> float:
-    """How much later the message is at the phone that joined the hotspot, asleep between beacons."""
+    """Return the delay of the message at the phone on the hotspot, asleep between beacons."""
     return rng.uniform(0.0, BEACON_MS) + PAPER_LINK.open().deliveries("to_client", 0, rng)[0] / 1e6
 
 
 def nothing_ms(_: random.Random) -> float:
-    """Both see the same edge on their wires; the hotspot's phone tells itself at once."""
+    """Return zero: both cameras see the same edge on a wire, or the hotspot's phone triggers itself."""
     return 0.0
 
 
 @dataclass(frozen=True, slots=True)
 class Trigger:
-    """What one and the other camera wait for, from the key to the order to take a picture."""
+    """Delays of both cameras, from the key to the order to take an image."""
 
     one: Draw
     other: Draw
 
     def apart_ms(self, rng: random.Random) -> float:
-        """How far apart two cameras' pictures are, in ms."""
+        """Return the time difference of two cameras' images, in ms."""
         one_ms = self.one(rng) + frame_grid_ms(rng)
         return abs(self.other(rng) + frame_grid_ms(rng) - one_ms)
 
@@ -62,12 +68,12 @@ TRIGGERS: Mapping[str, Trigger] = {
     "bluetooth": Trigger(bluetooth_ms, bluetooth_ms),
     "wifi": Trigger(nothing_ms, wifi_ms),
 }
-"""The paper's three by their names."""
+"""The paper's three triggers by name."""
 
 
 TRIALS = 1000
 FIGURES = {"mean_abs": "mean", "max": "max", "std": "std"}
-"""Ours and the paper's names."""
+"""Our names of the figures, and the paper's."""
 NOTES = (
     "Modelled from mechanisms that have published numbers, none of them the paper's table: input polling, "
     "Bluetooth connection intervals, WiFi power saving, the frame grid. What the paper's phones have beyond "
@@ -78,7 +84,7 @@ NOTES = (
 
 
 def draw_sizes(seed: str, count: int) -> dict[str, list[float]]:
-    """How far apart pictures are, in ms, by trigger."""
+    """Return the absolute time differences, in ms, by trigger."""
     sizes: dict[str, list[float]] = {}
     for name, trigger in TRIGGERS.items():
         rng = random.Random(f"{seed}/{name}")
@@ -87,13 +93,13 @@ def draw_sizes(seed: str, count: int) -> dict[str, list[float]]:
 
 
 def figures_of(sizes_ms: list[float]) -> dict[str, float]:
-    """Mean, largest and deviation of distances in ms."""
+    """Return mean, maximum and standard deviation of time differences in ms."""
     figures = error_figures(sizes_ms)
     return {key: figures[key] for key in FIGURES}
 
 
 def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
-    """Set what known mechanisms explain beside what the paper measured."""
+    """Compare the effect of known mechanisms with the paper's measurements."""
     count = share_of(TRIALS, share, least=200)
     talk(f"{count} triggers of each kind")
     sizes_ms = draw_sizes(str(seed), count)

@@ -1,4 +1,4 @@
-"""All that is measured of the paper, written as a page of Markdown and as JSON, with its pictures."""
+"""All measurements of the paper as a Markdown page and as JSON, with pictures."""
 
 import re
 import shutil
@@ -33,7 +33,7 @@ SIGNS = {"better": "✓", "worse": "✗", "put in": "=", "": ""}
 
 
 def number(value: float | None, unit: str, *, digits: int | None = None) -> str:
-    """Write a number with its unit, to three figures or so many digits after the point."""
+    """Format a number with its unit, to three significant digits or this many decimals."""
     if value is None:
         return NOTHING
     if digits is None and unit == "ms" and 0 < abs(value) < 0.1:
@@ -45,13 +45,13 @@ def number(value: float | None, unit: str, *, digits: int | None = None) -> str:
 
 
 def cells(row: Row) -> tuple[str, str, str]:
-    """Write the paper's number, ours at its protocol with how it compares, and ours by default."""
+    """Format the paper's number, ours at its protocol with a comparison, and ours by default."""
     ours = f"{number(row.protocol, row.unit)} {SIGNS[row.verdict]}".strip()
     return _papers(row), ours, number(row.default, row.unit)
 
 
 def _papers(row: Row) -> str:
-    """Write the paper's number, as the paper does."""
+    """Format the paper's number as the paper does."""
     if row.paper is None:
         return NOTHING
     text = number(row.paper, row.unit, digits=len(f"{row.paper:.6g}".partition(".")[2]))
@@ -59,7 +59,7 @@ def _papers(row: Row) -> str:
 
 
 def set_ups(entry: Entry) -> tuple[str, ...]:
-    """Say how both of ours were measured."""
+    """Return how both of our numbers were measured."""
     if entry.default == entry.protocol:  # the set-ups, not the numbers
         return (f"Both: {_set_up(entry.protocol)}",)
     return (
@@ -73,24 +73,24 @@ def _set_up(one: SetUp) -> str:
 
 
 def in_print(text: str) -> str:
-    """Return a text with its units as they are printed."""
+    """Return a text with typographic units."""
     return re.sub(r"(?<=\d) us\b", "\N{NO-BREAK SPACE}µs", text)
 
 
 def measured(report: PaperReport) -> str:
-    """Say how the report came about."""
+    """Return how the report was produced."""
     quick = " --quick" if report.quick else ""
     return f"Made by `python -m benchmarks.paper paper{quick}`, seed {report.seed}; trials stand with each."
 
 
 def headlines(report: PaperReport) -> list[tuple[Entry, Row]]:
-    """Return the numbers for the top of the page, each with what it is of."""
+    """Return the numbers for the top of the page, each with its entry."""
     entries = (*report.tables, *report.figures)
     return [(entry, row) for entry in entries for row in entry.rows if row.headline]
 
 
 def render_markdown(report: PaperReport, pictures: str) -> str:
-    """Return the page; `pictures` comes before its pictures' names in links to them."""
+    """Return the page; `pictures` is the prefix of the pictures' names in links."""
     return "\n".join([*_lines(report, pictures), ""])
 
 
@@ -145,7 +145,7 @@ def _application(one: Application, pictures: str) -> Iterator[str]:
 
 
 def _anchor(entry: Entry) -> str:
-    """The anchor that a heading gets where Markdown is shown."""
+    """Return the anchor that Markdown viewers give a heading."""
     kept = (char for char in _heading(entry).lower() if char.isalnum() or char in " -")
     return "".join(kept).replace(" ", "-")
 
@@ -190,11 +190,11 @@ def run(
     markdown: Path | None = None,
     only: frozenset[str] = frozenset(),
 ) -> PaperReport:
-    """Measure everything and write the page into a folder that exists; `only` names keys, empty for all.
+    """Measure everything and write the page into an existing folder; `only` names keys, empty for all.
 
-    `compared` are folders of `reconstruct compare`, of bundled sessions; without any, and without `only`,
-    they are made here. `markdown` is a file that gets the page, too; its pictures go into `images` beside it.
-    Raises BadInputError where something cannot be read or written, NotAvailableError without matplotlib.
+    `compared` are folders of `reconstruct compare` for bundled sessions; without any, and without `only`,
+    they are made here. `markdown` is a file that also gets the page; its pictures go into `images` beside it.
+    Raises BadInputError if something cannot be read or written, NotAvailableError without matplotlib.
     """
     if not compared and not only:
         compared = compare_samples(out / "compared", quick=quick)

@@ -20,20 +20,20 @@ from capture_app.sync.timekeeping.poll_schedule import NEVER_NS, Progress, Stead
 
 
 class OnceSchedule(SteadySchedule):
-    """Asks in quick succession until so many answers are there, and then never again."""
+    """Schedule that asks in quick succession until it has this many answers, and then stops."""
 
     def __init__(self, messages: int) -> None:
         super().__init__()
         self._messages = messages
 
     def request_sent(self, now_ns: int, progress: Progress) -> None:
-        """Note a request, and fix when the next is due."""
+        """Record a request, and schedule the next."""
         super().request_sent(now_ns, progress)
         if progress.samples >= self._messages:
             self.request_due_ns = NEVER_NS
 
     def reply_arrived(self, now_ns: int, round_trip_ns: int, progress: Progress) -> bool:
-        """Note a reply; whether the next request is to be sent at once."""
+        """Record a reply; return whether the next request is to be sent at once."""
         at_once = super().reply_arrived(now_ns, round_trip_ns, progress)
         if progress.samples >= self._messages:
             self.request_due_ns = NEVER_NS
@@ -42,25 +42,27 @@ class OnceSchedule(SteadySchedule):
 
 EXPOSURE_NS = 100_000
 PICK_NS = 1_500_000_000
-"""So long after its instants a burst is picked."""
+"""Time after its instants at which a burst is picked."""
 READY_NS = 60_000_000_000
 HOURS_NS = 9 * 3600 * 1_000_000_000
 LEAST_STRETCH_NS = 2_000_000
-"""Of the random long exposure that undoes a phase, beyond a period."""
+"""Minimum of the random long exposure that resets a phase, beyond a period."""
 
 
 @dataclass(frozen=True, slots=True)
 class PanelProtocol:
-    """How two phones are synchronized before each picture."""
+    """How two phones are synchronized before each image."""
 
     tolerance_ns: int
     messages: int | None = None
-    """With so many a clock is synchronized and asks no more; None for as the program comes."""
+    """Number of messages after which a clock stops asking; None for the default behaviour."""
     anew: bool = False
-    """Whether the phones have been in step before: then the clock is reset, on a link as at first, and the
-    phases are undone by a random long exposure. Else all is new, the phones' models too."""
+    """Whether the phones were in phase before: clocks are reset, and random long exposures reset the phases.
+
+    The link is then as at first. Otherwise everything is new, including the phones' models.
+    """
     skew_ppm: float = 15.0
-    """One sigma of the client's clock."""
+    """Standard deviation of the client's skew."""
 
 
 PAPERS = PanelProtocol(20_000, messages=300, anew=True, skew_ppm=0.3)
@@ -70,7 +72,7 @@ DEFAULT = PanelProtocol(DEFAULT_TOLERANCE_NS)
 
 @dataclass(frozen=True, slots=True)
 class Trial:
-    """Errors of one trial in us, client minus leader: decoded from the pictures, true, and its two parts."""
+    """Errors of one trial in us, client minus leader: decoded from the images, true, and its two parts."""
 
     decoded_us: float
     true_us: float
@@ -81,17 +83,17 @@ class Trial:
 
 @dataclass(frozen=True, slots=True)
 class Shot:
-    """A node's picture of a burst: its frame, and how far its own clock puts it off the burst's instant."""
+    """A node's image of a burst: its frame, and its distance from the burst's instant by its own clock."""
 
     frame: SensorFrame
     phase_error_ns: int
 
 
 def run_trial(rng: random.Random, protocol: PanelProtocol = PAPERS, *, keep: bool = False) -> Trial:
-    """Run one trial: new clocks, new phases; devices that are new to the rig, or were in step before.
+    """Run one trial with new clocks and phases; devices are new to the rig, or were in phase before.
 
-    The picture is asked for as soon as both phones are ready, and is that of half a second later, as with any
-    burst. `keep` keeps its pictures.
+    The image is requested as soon as both phones are ready, for half a second later, as with any burst.
+    `keep` stores its images.
     """
     phones = [_draw_phone(rng) for _ in range(2)]
     clock = SimulatedClock(rng.randrange(-HOURS_NS, HOURS_NS), rng.gauss(0.0, protocol.skew_ppm))
@@ -120,7 +122,7 @@ def run_trial(rng: random.Random, protocol: PanelProtocol = PAPERS, *, keep: boo
         shots = [_find_shot(rig.nodes[name], number) for name in ("leader", "client")]
         if all(shots):
             break
-        # A dropped frame: the paper's phones would have been asked again, too.
+        # A dropped frame; the paper's phones would have been asked again, too.
     leader, client = (shot for shot in shots if shot is not None)
     pictures, times_ns = [], []
     for node, shot in zip(rig.nodes.values(), (leader, client), strict=True):
@@ -146,7 +148,7 @@ def _wait(rig: VirtualRig) -> None:
 
 
 def _draw_phone(rng: random.Random) -> SensorProfile:
-    """A phone with the paper's rows, of unknown overhead, and an exposure of 100 us."""
+    """Return a phone with the paper's row time, unknown overhead, and an exposure of 100 us."""
     return replace(
         PROFILES["phone-a"],
         exposure_ns=EXPOSURE_NS,
@@ -155,7 +157,7 @@ def _draw_phone(rng: random.Random) -> SensorProfile:
 
 
 def _find_shot(node: VirtualNode, number: int) -> Shot | None:
-    """The picture of a burst; None where its frame was dropped."""
+    """Return the image of a burst; None if its frame was dropped."""
     ready = node.bursts.get(number)
     if ready is None or not ready.frames:
         return None

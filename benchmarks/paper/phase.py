@@ -1,4 +1,4 @@
-"""Bringing cameras into phase: injections, restarts and frame durations, ours beside the paper's way."""
+"""Phase alignment of cameras: injections, restarts and frame durations, beside the paper's method."""
 
 import random
 from collections.abc import Callable, Mapping, Sequence
@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
 
 def sum_up(attempts: Sequence[Attempt]) -> dict[str, float]:
-    """Moves and seconds of the trials that arrived, nan if none did, and the share of those that did not."""
+    """Return moves and seconds of the successful trials, nan if none, and the fraction of failures."""
     moves = [attempt.moves for attempt in attempts if attempt.seconds is not None]
     seconds = [attempt.seconds for attempt in attempts if attempt.seconds is not None]
     return {
@@ -56,7 +56,7 @@ def tables(result: Result) -> tuple[Table, ...]:
 
 
 def _rows(result: Result, kind: str, theirs: str, digits: int) -> list[tuple[str, ...]]:
-    """A row for each device and way: mean moves and seconds, ours and those of the baseline `theirs`."""
+    """Return a row per device and method: mean moves and seconds, ours and the baseline's (`theirs`)."""
     seconds = result.ours["seconds_mean"]
     return [
         (
@@ -80,18 +80,18 @@ def _baseline(old: Figures, kind: str, device: str, method: str) -> tuple[str, .
 
 TRIALS = 20
 TOLERANCE_NS = 20_000
-"""Of injections, as in the paper."""
+"""Tolerance of injections, as in the paper."""
 WIDE_NS = 1_000_000
-"""Of groups that restart, to each side: twice the paper's window, which is one of 1 ms in all."""
+"""Tolerance of groups that restart, to each side: twice the paper's window, which is 1 ms in total."""
 PAPERS_WINDOW_NS = 500_000
-"""Half of the paper's window, to each side: a restart is accepted with a chance of 1 ms in a period."""
+"""Half of the paper's window, to each side: a restart succeeds with a chance of 1 ms per period."""
 UNKNOWN = "unknown-phones"
 GROUPS = {10: 1.0, 50: 0.02}
-"""Numbers of cameras that can only restart, and the share of the trials that each gets."""
+"""Numbers of cameras that can only restart, with the fraction of the trials for each."""
 THEIRS_SHARE = 10.0
-"""The paper's way, where no frames are simulated, gets so many times more, up to all."""
+"""Factor of trials of the paper's method, which simulates no frames, up to all trials."""
 THEIRS = "restart"
-"""The paper's way."""
+"""Name of the paper's method."""
 PHONE = replace(
     PROFILES["webcam"],
     name="paper-phone",
@@ -99,7 +99,7 @@ PHONE = replace(
     start_latency_ns=(700_000_000, 58_000_000),
     timestamp_noise_ns=3_000,
 )
-"""Starts in 600 to 800 ms (paper, section 5.1): the spread covers a period, so that no aim helps."""
+"""Starts in 600 to 800 ms (paper, section 5.1): the scatter covers a period, so aiming does not help."""
 
 
 def run(
@@ -107,8 +107,8 @@ def run(
 ) -> Outcome:
     """Run it; everything is simulated, with the engine's own aligners and shared goal.
 
-    `groups` are numbers of cameras that can only restart, and the share of the trials that each gets;
-    `jobs` is the number of processes, None for one per core.
+    `groups` are numbers of cameras that can only restart, with the fraction of the trials for each. `jobs` is
+    the number of processes, None for one per core.
     """
     count = TRIALS if trials is None else trials
     ours, theirs = Attempts(), Attempts()
@@ -171,9 +171,9 @@ def _figures(ways: Mapping[str, Mapping[str, list[Attempt]]], figure: str) -> di
 def _restarts(
     cameras: int, few: int, many: int, seed: int, ours: Attempts, theirs: Attempts, jobs: int | None
 ) -> None:
-    """Measure a group of webcams, and one of the paper's phones, whose starts scatter so that no aim helps.
+    """Measure a group of webcams, and one of the paper's phones, for whose starts aiming does not help.
 
-    `few` trials of ours, in which every frame is simulated, and `many` of the paper's way.
+    `few` is the number of our trials, in which every frame is simulated, and `many` of the paper's method.
     """
     calls: dict[tuple[str, str], list[Callable[[], Attempt]]] = {}
     for profile, method in ((PROFILES["webcam"], "aimed"), (PHONE, "uniform")):

@@ -17,7 +17,7 @@ from capture_app.console.terminal import talk
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS, RESET_TOLERANCE_NS
 
 TRIALS = 239
-"""Of the paper's injections; it has ten of restarts."""
+"""Trials of the paper's injections; it has ten of restarts."""
 SEARCH_NS = 600 * S
 ENOUGH = 0.95
 SIMULATED = "Phones; clocks and the network are perfect here. Their crystals are off by 15 ppm (one sigma)."
@@ -25,13 +25,13 @@ SIMULATED = "Phones; clocks and the network are perfect here. Their crystals are
 
 @dataclass(frozen=True, slots=True)
 class Restarts:
-    """What it took to bring one camera into the window: seconds of each restart, to the next one's frames."""
+    """Restarts that brought one camera into the window, with the seconds of each until the next frames."""
 
     seconds: tuple[float, ...]
 
 
 def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
-    """Measure both ways into phase, at the paper's protocol and by default."""
+    """Measure both alignment methods, at the paper's protocol and by default."""
     count = share_of(TRIALS, share)
     injected = call_all(
         [

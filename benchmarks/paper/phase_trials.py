@@ -1,4 +1,4 @@
-"""Single trials of the experiment `phase`: a camera, or a group, brought into phase by our engine."""
+"""Single trials of the experiment `phase`: our engine aligns one camera, or a group."""
 
 import heapq
 import random
@@ -14,21 +14,21 @@ from capture_app.sync.phase.grid_phase_choice import CameraPhase, GridPhaseChoic
 
 S = 1_000_000_000
 PAPERS_SLEEP_NS = S
-"""The paper's way sleeps U(0, 1 s) before each start, and one frame shows the phase: 1.23 s in all."""
+"""Maximum sleep of the paper's method: U(0, 1 s) before each start; with one frame, 1.23 s in total."""
 ALONE_S, TOGETHER_S, PAPERS_S = 300, 600, 5000
-"""Who has not arrived by then never does: one camera, a group, a group in the paper's way."""
+"""Timeouts: one camera, a group, a group by the paper's method."""
 PPM = 20.0
-"""Crystals of cameras that restart are off by about so much."""
+"""Maximum crystal error of cameras that restart."""
 LIB_OVERHEAD_NS = 200_000
 LIB_LEAST_NS = 50_000
 LIB_WAIT_NS = 400_000_000
 LIB_MOST = 50
-"""Of libsoftwaresync's rule: its constants, its pause between injections, and when we stop counting."""
+"""Limits of libsoftwaresync's rule: its constants, its pause between injections, and our cutoff."""
 
 
 @dataclass(frozen=True, slots=True)
 class Attempt:
-    """What it took: injections or restarts, and seconds from the first of them; None for never."""
+    """Cost of an alignment: injections or restarts, and seconds from the first of them; None for never."""
 
     moves: int
     seconds: float | None
@@ -36,14 +36,14 @@ class Attempt:
 
 @dataclass(slots=True)
 class Attempts:
-    """What all trials took, by device and way."""
+    """Costs of all trials, by device and method."""
 
     injections: dict[str, dict[str, list[Attempt]]] = field(default_factory=dict)
     restarts: dict[str, dict[str, list[Attempt]]] = field(default_factory=dict)
 
 
 def inject_like_libsoftwaresync(profile: SensorProfile, seed: int, tolerance_ns: int) -> Attempt:
-    """The paper's way as its published code has it: exposure = T + d/2 - overhead, again and again."""
+    """Align by the paper's published code: exposure = T + d/2 - overhead, again and again."""
     rng = random.Random(seed)
     period_ns, drift = profile.period_ns, rng.gauss(0.0, 15e-6)
     error_ns = rng.uniform(-period_ns / 2, period_ns / 2)
@@ -58,7 +58,7 @@ def inject_like_libsoftwaresync(profile: SensorProfile, seed: int, tolerance_ns:
 
 
 def uniform_ppm(rng: random.Random) -> float:
-    """Error of a crystal that is at most PPM off."""
+    """Return the error of a crystal, at most PPM."""
     return rng.uniform(-PPM, PPM)
 
 
@@ -68,7 +68,7 @@ def restart_like_the_paper(
     seed: int,
     tolerance_ns: int,
 ) -> Attempt:
-    """The paper's way with restarts: each camera by itself, against one grid, until all are in at one moment.
+    """Align by restarts as in the paper: each camera alone, against one grid, until all are in at once.
 
     A model of restarts and drift without frames: a camera that drifts out of the tolerance is restarted.
     """
@@ -82,7 +82,7 @@ def restart_like_the_paper(
     due: list[tuple[float, int]] = [(0.0, camera) for camera in range(count)]
 
     def inside_until(camera: int) -> float:
-        """When that camera leaves the tolerance; before now if it is outside already."""
+        """Return when that camera leaves the tolerance; before now if it is already outside."""
         error_ns = phases_ns[camera] + drifts[camera] * (now_ns - since_ns[camera])
         if abs(error_ns) > tolerance_ns:
             return now_ns - 1.0
@@ -111,11 +111,11 @@ def restart_like_the_paper(
 
 EXACT = TimeMap(0, 0, 0.0, 0.0, 0.0, 0.0, 0.0, 300, 1000)
 REPORT_NS = 500_000_000
-"""A camera that knows its phase reports it again after so long."""
+"""Interval at which a camera that knows its phase reports it."""
 
 
 def unknown_phone(rng: random.Random) -> SensorProfile:
-    """A phone whose row time is known, but neither how long it holds a frame nor its overhead."""
+    """Return a phone with known row time, but unknown frame latency and overhead."""
     row_ns = rng.choice((8_000, 10_840, 12_300, 15_000))
     return replace(
         PROFILES["phone-a"],
@@ -127,7 +127,7 @@ def unknown_phone(rng: random.Random) -> SensorProfile:
 
 
 def known_profile(profile: SensorProfile) -> InjectionProfile:
-    """What is kept on disk of a device of that model once it was used."""
+    """Return the profile stored on disk after a device of that model was used."""
     return InjectionProfile(profile.row_time_ns, profile.injection_gain, float(profile.neutral_rows))
 
 
@@ -160,9 +160,9 @@ def restart_together(
     *,
     aimed: bool,
 ) -> Attempt:
-    """Our way: cameras that can only restart get a shared grid and a meeting instant, until all are aligned.
+    """Align restart-only cameras with our engine: a shared grid and a common instant, until all are aligned.
 
-    The engine's aligners and shared grid on simulated sensors, with perfect clocks and network. Seconds
+    Uses the engine's aligners and shared grid on simulated sensors, with perfect clocks and network. Seconds
     count from the moment that all cameras know their phase.
     """
     rng = random.Random(seed)

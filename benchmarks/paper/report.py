@@ -1,4 +1,4 @@
-"""What `paper.json` holds: every table and figure of the paper, with ours beside it, measured and drawn."""
+"""Contents of `paper.json`: every table and figure of the paper beside ours, measured and drawn."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import replace
@@ -15,11 +15,11 @@ from benchmarks.paper.values import FIGURES, TABLE_1, TABLE_2, TABLES, PaperTabl
 from capture_app.console.terminal import talk
 
 Verdict = Literal["better", "worse", "put in", ""]
-"""Of ours at the paper's protocol: beside its number where less is better, or put into the model."""
+"""Verdict on our value at the paper's protocol, if less is better; "put in" means a model input."""
 
 
 class Row(msgspec.Struct, frozen=True, kw_only=True):
-    """A number: the paper's, ours at its protocol, ours by default; None for what is not known."""
+    """A number: the paper's, ours at its protocol, ours by default; None if unknown."""
 
     name: str
     label: str
@@ -33,7 +33,7 @@ class Row(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class SetUp(msgspec.Struct, frozen=True, kw_only=True):
-    """How ours were measured."""
+    """How our values were measured."""
 
     setup: str
     trials: int
@@ -56,17 +56,17 @@ class Entry(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PaperReport(msgspec.Struct, frozen=True, kw_only=True):
-    """All of them, in the paper's order."""
+    """All tables and figures, in the paper's order."""
 
     quick: bool
     seed: int
     tables: tuple[Entry, ...]
     figures: tuple[Entry, ...]
     applications: tuple[Application, ...]
-    """What other commands make of bundled sessions; without numbers where their results were not given."""
+    """Results of other commands for bundled sessions; without numbers if these were not given."""
 
     def pictures(self) -> tuple[str, ...]:
-        """The names of all pictures."""
+        """Return the names of all pictures."""
         entries = (*self.tables, *self.figures)
         return tuple(
             name
@@ -83,7 +83,7 @@ def make_report(
     quick: bool,
     seed: int,
 ) -> PaperReport:
-    """Draw all pictures into a folder that exists, and put everything together."""
+    """Draw all pictures into an existing folder, and assemble the report."""
     tables: list[Entry] = []
     figures: list[Entry] = []
     for one in found.values():
@@ -146,14 +146,17 @@ PARTS = {
     "five_phones": ("worst-pair", "start-up", "burst"),
     "naive": ("table-1",),
 }
-"""What each module measures, by key: it has `paper_part(share, seed)`, which returns a `Reproduction`
-of each, with that share of the paper's number of trials."""
+"""What each module measures, by key.
+
+Each has `paper_part(share, seed)`, which returns a `Reproduction` per key, with that fraction of the paper's
+number of trials.
+"""
 
 
 def measure_all(*, share: float, seed: int, only: frozenset[str] = frozenset()) -> dict[str, Reproduction]:
     """Return all tables and figures by key, as their modules measure them; `only` names keys, empty for all.
 
-    Raises ValueError where a module gives another table than it says.
+    Raises ValueError if a module returns another table than declared.
     """
     found: dict[str, Reproduction] = {}
     for module, keys in PARTS.items():
@@ -172,7 +175,7 @@ def measure_all(*, share: float, seed: int, only: frozenset[str] = frozenset()) 
 
 
 def _with_our_method(table_1: Reproduction, table_2: Reproduction) -> Reproduction:
-    """Table I's last row, which is the whole error of Table II, in ms."""
+    """Return Table I with its last row, the total error of Table II, in ms."""
     totals = [
         {f"ours.{name}": one.values[f"total.{name}"] / 1000 for name in ("mean", "max", "std")}
         for one in (table_2.protocol, table_2.default or table_2.protocol)
@@ -189,5 +192,5 @@ def _with_our_method(table_1: Reproduction, table_2: Reproduction) -> Reproducti
 
 
 def all_of_the_paper() -> tuple[PaperTable, ...]:
-    """All tables, then all figures."""
+    """Return all tables, then all figures."""
     return (*TABLES, *FIGURES)

@@ -1,4 +1,4 @@
-"""A table or figure of the paper with our numbers beside it, by the names that `values` has."""
+"""A table or figure of the paper with our numbers beside it, by the names in `values`."""
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass
@@ -9,17 +9,17 @@ from benchmarks.paper.values import PaperFigure, PaperTable
 
 @dataclass(frozen=True, slots=True)
 class Measured:
-    """Our numbers in one set-up, by the paper's names; those that it does not measure are left out."""
+    """Our numbers in one set-up, by the paper's names; unmeasured ones are left out."""
 
     values: Mapping[str, float]
     trials: int
     setup: str
-    """A clause that says what differs between protocol and default, such as "tolerance 20 us"."""
+    """Difference between protocol and default as a clause, such as "tolerance 20 us"."""
 
 
 @dataclass(frozen=True, slots=True)
 class Reproduction:
-    """A table or figure of the paper with our numbers: as the paper measured, and as the program comes.
+    """A table or figure of the paper with our numbers, at the paper's protocol and by default.
 
     Raises ValueError for a name that the table does not have, and for a figure without a drawing.
     """
@@ -27,18 +27,20 @@ class Reproduction:
     of: PaperTable
     protocol: Measured
     default: Measured | None
-    """What the program does where no option is given (`DEFAULT_TOLERANCE_NS`, no delay of a trigger); None
-    where there is nothing to choose, so that the protocol's numbers are the default's, too."""
+    """Numbers without any option (`DEFAULT_TOLERANCE_NS`, no delay of a trigger).
+
+    None if there is nothing to choose, so that the protocol's numbers are also the default's.
+    """
     simulated: str
-    """Which parts are simulated, in a sentence."""
+    """Simulated parts, as a sentence."""
     given: tuple[str, ...] = ()
-    """Names of numbers that went into the model, so that they agree by construction."""
+    """Names of numbers that are inputs of the model, so that they agree by construction."""
     notes: tuple[str, ...] = ()
-    """Sentences, such as what differs from the paper and why."""
+    """Notes as sentences, such as differences from the paper and their reasons."""
     draw: Callable[[Path], Path] | None = None
-    """Draws a figure into the file that it is given, and returns that."""
+    """Draws a figure into a given file, and returns the file."""
     suffix: str = ".png"
-    """What kind of picture it is drawn as."""
+    """File suffix of the picture."""
 
     def __post_init__(self) -> None:
         """Check the names."""

@@ -1,4 +1,4 @@
-"""What a measurement returns: figures that sum up errors, tables to print, pictures to draw."""
+"""Result of a measurement: summarized errors, tables to print, pictures to draw."""
 
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
@@ -15,13 +15,13 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Figures = Mapping[str, Any]
-"""Numbers by name, the unit last in the name (`_us`, `_s`, `_ppm`; none for counts); nested at will."""
+"""Numbers by name, the unit last in the name (`_us`, `_s`, `_ppm`; none for counts); may be nested."""
 
 Kind = Literal["simulated", "emulated link", "real"]
 
 
 class Result(msgspec.Struct, frozen=True, kw_only=True):
-    """The figures of a measurement: ours, those of the baselines in the same run, and the paper's."""
+    """Figures of a measurement: ours, the baselines' in the same run, and the paper's."""
 
     name: str
     kind: Kind
@@ -51,7 +51,7 @@ class Outcome:
 
 
 def outcome_lines(outcome: Outcome) -> Iterator[str]:
-    """The tables and notes of what was measured."""
+    """Return the tables and notes of a measurement as lines."""
     result = outcome.result
     yield f"{result.name}: {result.kind}, {result.trials} trials, seed {result.seed}"
     for one in outcome.tables:
@@ -75,7 +75,7 @@ def error_figures(errors: list[float]) -> dict[str, float]:
 
 
 def new_figure(**options: Any) -> "Figure":
-    """Return an empty figure; options as of `matplotlib.figure.Figure`. Raises NotAvailableError."""
+    """Return an empty figure; options as for `matplotlib.figure.Figure`. Raises NotAvailableError."""
     load_optional("matplotlib", "plots", "drawing figures")
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
@@ -86,7 +86,7 @@ def new_figure(**options: Any) -> "Figure":
 
 
 def save(figure: "Figure", path: Path) -> Path:
-    """Write the figure as the suffix says (.png, .jpg or .svg), with the same bytes for the same figure."""
+    """Write the figure in the suffix's format (.png, .jpg or .svg); equal figures give equal bytes."""
     from matplotlib import rc_context
 
     nameless = {".png": {"Software": None}, ".svg": {"Date": None}}

@@ -1,4 +1,4 @@
-"""Many clocks for long: one leader of them all beside a tree of relays, in virtual time."""
+"""Many clocks over a long time: one leader for all, beside a tree of relays, in virtual time."""
 
 import random
 from collections.abc import Mapping, Sequence
@@ -18,17 +18,17 @@ SIZES = (10, 40)
 MINUTES = 5.0
 SHAPES = ("one_leader", "tree")
 SETTLED_S = 60.0
-"""Errors of later instants count."""
+"""Only errors of later instants count."""
 SHARD_CLIENTS = 300
 CLIENT_PACE_S = 1.0
 PAIRS = 1000
-"""Drawn at each instant."""
+"""Number of pairs drawn at each instant."""
 PAPER = {"clients": 11}
 
 
 @dataclass(frozen=True, slots=True)
 class ScaleOptions:
-    """How many clients, for how long, with how many processes (None: one for each core), in which shapes."""
+    """Number of clients, duration, processes (None: one for each core), and shapes."""
 
     sizes: Sequence[int] = SIZES
     minutes: float = MINUTES
@@ -37,7 +37,7 @@ class ScaleOptions:
     shard_clients: int = SHARD_CLIENTS
     """Clients of a shard, which one process simulates at a time."""
     most_shards: int | None = None
-    """So many of a rig's shards stand for all of them; None: all are simulated."""
+    """Maximum number of simulated shards, which represent all of a rig's; None: all are simulated."""
 
 
 @dataclass(slots=True)
@@ -48,14 +48,14 @@ class Run:
     relays: int
     duration_s: float
     parts: list[TreeResult] = field(default_factory=list)
-    """In the order of trials and shards."""
+    """Results in the order of trials and shards."""
     shards: int = 1
-    """That were simulated."""
+    """Number of simulated shards."""
     of_shards: int = 1
-    """That the rig has."""
+    """Number of shards of the rig."""
 
     def pairs_us(self, seed: int) -> list[tuple[float, list[float]]]:
-        """Differences between two clients drawn at each instant, in us, smallest first."""
+        """Return differences between random pairs of clients at each instant, in us, ascending."""
         rng = random.Random(f"{seed} pairs")
         drawn = []
         for k, at_s in enumerate(self.parts[0].instants_s):
@@ -70,7 +70,7 @@ class Run:
         return drawn
 
     def figures(self, seed: int) -> Mapping[str, Any]:
-        """All figures of this run; the digest is that of every datagram."""
+        """Return all figures of this run; the digest covers every datagram."""
         drawn = self.pairs_us(seed)
         settled = sorted(d for at_s, pairs in drawn if at_s > SETTLED_S for d in pairs)
         trials = len(self.parts) // self.shards
@@ -101,7 +101,7 @@ class Run:
 
 
 def run(*, trials: int | None, seed: int, options: ScaleOptions | None = None) -> Outcome:
-    """Simulate each size with one leader and with a tree of as many relays as each has clients."""
+    """Simulate each size with one leader, and with a tree in which relays have equal numbers of clients."""
     options, count = options or ScaleOptions(), trials or TRIALS
     runs: dict[str, dict[str, Run]] = {shape: {} for shape in SHAPES}
     for clients in options.sizes:
@@ -135,7 +135,7 @@ def run(*, trials: int | None, seed: int, options: ScaleOptions | None = None) -
 
 
 def _simulate(spec: TreeSpec, seed: int, trials: int, options: ScaleOptions) -> Run:
-    """Simulate all shards; which process takes which does not matter."""
+    """Simulate all shards; their assignment to processes does not matter."""
     shards = max(1, spec.clients // options.shard_clients)
     some = min(shards, options.most_shards or shards)
     done = Run(spec.clients, spec.relays, spec.duration_s, shards=some, of_shards=shards)

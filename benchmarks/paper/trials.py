@@ -1,4 +1,4 @@
-"""How trials are counted, run on all cores that this process may use, and summed up."""
+"""Trials: their number, parallel execution on all available cores, and summaries."""
 
 import signal
 from collections.abc import Callable, Iterator, Sequence
@@ -11,14 +11,14 @@ from typing import TypeVar
 
 T = TypeVar("T")
 FEW = 8
-"""Fewer short calls are not worth the start of other processes."""
+"""Number of short calls below which no other processes are started."""
 
 
 def call_all(calls: Sequence[Callable[[], T]], *, jobs: int | None = None, few: int = FEW) -> list[T]:
-    """Return what each call returns, in their order; calls and results can be pickled.
+    """Return the results of all calls, in order; calls and results must be picklable.
 
-    `jobs` is the number of processes, None for one per core; fewer than `few` calls stay in this one.
-    Ctrl-C ends them all at once.
+    `jobs` is the number of processes, None for one per core; fewer than `few` calls stay in this one. Ctrl-C
+    ends them all at once.
     """
     processes = len(sched_getaffinity(0)) if jobs is None else jobs
     if processes < 2 or len(calls) < few:
@@ -27,12 +27,12 @@ def call_all(calls: Sequence[Callable[[], T]], *, jobs: int | None = None, few: 
     with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
         size = max(1, len(calls) // (4 * processes))
         with _children_without_interrupts():
-            # Not pool.map: interrupted, it cancels what waits, over which a pool without workers stumbles.
+            # Not pool.map: when interrupted, it cancels pending calls, on which a pool without workers fails.
             parts = [pool.submit(_call_each, calls[k : k + size]) for k in range(0, len(calls), size)]
         try:
             return [result for part in parts for result in part.result()]
         except BaseException:
-            # The pool itself would wait for what runs.
+            # The pool itself would wait for running calls.
             for worker in set(active_children()) - others:
                 worker.kill()
             raise
@@ -40,8 +40,8 @@ def call_all(calls: Sequence[Callable[[], T]], *, jobs: int | None = None, few: 
 
 @contextmanager
 def _children_without_interrupts() -> Iterator[None]:
-    """Have processes that start here not see Ctrl-C, which is for this one to answer."""
-    # Started first, for its start lets SIGINT through again.
+    """Make processes that start here ignore Ctrl-C, which this process handles."""
+    # Started first, because its start unblocks SIGINT.
     resource_tracker.ensure_running()
     before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
     try:
@@ -55,10 +55,10 @@ def _call_each(calls: Sequence[Callable[[], T]]) -> list[T]:
 
 
 def share_of(trials: int, share: float, *, least: int = 2) -> int:
-    """How many trials that share of them is, and at least so many."""
+    """Return this fraction of the trials as a count, at least `least`."""
     return max(min(least, trials), round(share * trials))
 
 
 def quantile(ascending: Sequence[float], share: float) -> float:
-    """The value below which that share lies; nan for none."""
+    """Return the value below which this fraction of the values is; nan for none."""
     return ascending[min(len(ascending) - 1, int(share * len(ascending)))] if ascending else nan

@@ -1,14 +1,14 @@
-"""The paper's own numbers, each table and figure with its place: the one place where they stand.
+"""The paper's own numbers, by table and figure.
 
 Ansari, Wadhwa, Garg, Chen: Wireless Software Synchronization of Multiple Distributed Cameras, ICCP 2019, and
-its supplement. `TABLE_2["total.max"]` is a number; how ours come beside it is in `reproduction.py`.
+its supplement. `TABLE_2["total.max"]` is a number; `reproduction.py` adds ours.
 """
 
 import msgspec
 
 
 class PaperValue(msgspec.Struct, frozen=True):
-    """A number of the paper; None where it says nothing of what we measure beside it."""
+    """A number of the paper; None if the paper does not state what we measure."""
 
     name: str
     label: str
@@ -16,14 +16,14 @@ class PaperValue(msgspec.Struct, frozen=True):
     """us, ms, s, %; empty for counts."""
     value: float | None
     at_most: bool = False
-    """The paper gives a bound."""
+    """Whether the paper gives a bound."""
     less_is_better: bool = False
     headline: bool = False
-    """It is in the table at the top of the page."""
+    """Whether it is in the table at the top of the page."""
 
 
 class PaperTable(msgspec.Struct, frozen=True):
-    """A table of the paper, or numbers that stand together in its text."""
+    """A table of the paper, or numbers that belong together in its text."""
 
     key: str
     title: str
@@ -31,7 +31,7 @@ class PaperTable(msgspec.Struct, frozen=True):
     values: tuple[PaperValue, ...]
 
     def __getitem__(self, name: str) -> float:
-        """Return a number by its name; raises KeyError where the paper has none."""
+        """Return a number by its name; raises KeyError if the paper has none."""
         for value in self.values:
             if value.name == name and value.value is not None:
                 return value.value
@@ -39,18 +39,18 @@ class PaperTable(msgspec.Struct, frozen=True):
 
     @property
     def names(self) -> tuple[str, ...]:
-        """The names of all numbers, in order."""
+        """Return the names of all numbers, in order."""
         return tuple(value.name for value in self.values)
 
 
 class PaperFigure(PaperTable, frozen=True):
-    """A figure of the paper, with the numbers that belong to it."""
+    """A figure of the paper, with its numbers."""
 
 
 def _errors(
     name: str, label: str, unit: str, largest: float, mean: float, std: float, *, headline: bool = True
 ) -> list[PaperValue]:
-    """The three numbers that the paper gives of errors: largest, mean of their sizes, standard deviation."""
+    """Return the paper's three figures of errors: maximum, mean absolute value, standard deviation."""
     return [
         PaperValue(f"{name}.mean", f"{label}, mean", unit, mean, less_is_better=True, headline=headline),
         PaperValue(f"{name}.max", f"{label}, largest", unit, largest, less_is_better=True, headline=headline),

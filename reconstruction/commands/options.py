@@ -96,9 +96,7 @@ def memory_option(command: Callable[..., None]) -> Callable[..., None]:
 
 
 def checksums_option(command: Callable[..., None]) -> Callable[..., None]:
-    """Add the option `--require-checksums` to a command, and report images that changed since they were
-    saved.
-    """
+    """Add the option `--require-checksums` to a command, and report images changed since they were saved."""
 
     @click.option(
         "--require-checksums",

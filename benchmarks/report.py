@@ -1,4 +1,4 @@
-"""The options and the output that benchmarks share: tables for a reader, or one JSON object."""
+"""Shared options and output of benchmarks: tables for a reader, or one JSON object."""
 
 import argparse
 import json
@@ -19,11 +19,11 @@ __all__ = [
 
 Report = dict[str, Any]
 Columns = Mapping[str, tuple[str, str]]
-"""What a table shows of each row: the key, its heading and its format."""
+"""Columns of a table: the key in each row, its heading and its format."""
 
 
 def new_parser(description: str | None, *, seed_of: str = "") -> argparse.ArgumentParser:
-    """Return a parser with `--json`, and with `--seed` where there is something that it is the seed of."""
+    """Return a parser with `--json`, and with `--seed` if `seed_of` names what it seeds."""
     parser = argparse.ArgumentParser(
         description=description, formatter_class=argparse.RawDescriptionHelpFormatter
     )
@@ -47,7 +47,7 @@ def print_table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> None:
 
 
 def print_rows(rows: Sequence[Mapping[str, Any]], columns: Columns) -> None:
-    """Print a table of figures on stdout; what a row does not have is a dash. Shares get a heading in %."""
+    """Print a table of figures on stdout; missing values are a dash. Fractions get a heading in %."""
 
     def cell(value: Any, form: str) -> str:
         return "-" if value is None else format(value, form).removesuffix("%")
@@ -65,7 +65,7 @@ TARGET_COLUMNS: Columns = {
 
 
 def print_targets(targets: Sequence[Mapping[str, Any]], columns: Columns = TARGET_COLUMNS) -> None:
-    """Print on stdout which targets were `met`, with what of them the columns show."""
+    """Print on stdout which targets were `met`, with the given columns."""
     print_rows([{**one, "says": "met" if one["met"] else "NOT MET"} for one in targets], columns)
 
 
@@ -84,7 +84,7 @@ LINK_COLUMNS: Columns = {
 
 
 def print_circumstances(report: Report) -> None:
-    """Print what the emulated links did, beside what was asked of them, and how busy the machine was."""
+    """Print the emulated links' statistics beside their settings, and the machine's load."""
     print()
     print_rows(report["links"], LINK_COLUMNS)
     print(f"load average of the machine: {report['load_average']:.1f}")

@@ -22,7 +22,7 @@ from benchmarks.report import new_parser, print_circumstances, print_report, pri
 
 PORT = 47010
 SPREAD_S = 3600.0
-"""Range of the clocks' offsets, in seconds (one hour)."""
+"""Difference of consecutive clocks' offsets, s."""
 NODES = {
     "cam01": ("sim:pi", -35.0),
     "cam02": ("sim:phone-a", 12.0),

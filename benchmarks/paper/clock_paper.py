@@ -51,7 +51,7 @@ class Message:
 
 
 def run_of_messages(seed: str, count: int = MESSAGES) -> list[Message]:
-    """Simulate a run on the paper's link: leader-initiated messages at the paper's rate, lost ones omitted."""
+    """Simulate a run on the paper's link: leader-initiated messages at the paper's rate, without losses."""
     channel, rng, found = PAPER_LINK.open(), random.Random(seed), []
     for sent_ns in range(START_TRUE_NS, START_TRUE_NS + count * PACE_NS, PACE_NS):
         for there_ns in channel.deliveries("to_client", sent_ns, rng)[:1]:
@@ -125,7 +125,7 @@ RUNS = 30
 SHORT_RUNS = {300: 239, 1000: 100}
 """Number of runs by length: 239 as the panel's trials, each of which began with 300 messages."""
 SHORT = 5
-"""How many of the message counts at which filters are judged are small, up to 1,000."""
+"""Number of the message counts up to 1,000 at which filters are judged."""
 SIMULATED = "The link's delays, by a law made from the paper's figures, and the clocks."
 BEGINS = (
     "At the paper's protocol the leader asks its clients in turn, by default each client asks; an exchange "

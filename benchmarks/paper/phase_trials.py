@@ -23,7 +23,7 @@ LIB_OVERHEAD_NS = 200_000
 LIB_LEAST_NS = 50_000
 LIB_WAIT_NS = 400_000_000
 LIB_MOST = 50
-"""Limits of libsoftwaresync's rule: its constants, its pause between injections, and our cutoff."""
+"""Injections at which we stop counting; the three above are libsoftwaresync's constants and its pause."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -35,7 +35,7 @@ PATIENCE_S = 120.0
 
 
 class Served:
-    """The gateway in the leader's namespace, and what it tells of the phone's clock."""
+    """The gateway in the leader's namespace, and its reports of the phone's clock."""
 
     def __init__(self, namespace: str, folder: Path) -> None:
         command = (sys.executable, "-m", "benchmarks.phones.served", f"{LEADER}:{PORT}", LEADER, str(folder))
@@ -54,7 +54,7 @@ class Served:
 
 
 def main() -> int:
-    """Join, watch the clock, take bursts, kill the browser and let it come back; 0 where all is met."""
+    """Join, monitor the clock, take bursts, kill and restart the browser; return 0 if all targets are met."""
     parser = new_parser(__doc__, seed_of="the emulated link")
     parser.add_argument("--seconds", type=float, default=60.0, help="seconds to watch the clock (60)")
     parser.add_argument("--bursts", type=int, default=3, help="bursts before and after the kill (3)")
@@ -121,7 +121,7 @@ def _run(
         time.time_ns() - time.monotonic_ns()
     )
     bursts = []
-    # A fake camera is not even on a busy machine, and may be out of step again: nobody waits for it.
+    # A fake camera is irregular on a busy machine, and may lose its phase again, so this does not wait.
     for _ in range(options.bursts):
         ask = ("burst", "--leader", f"{LEADER}:{PORT}", "--frames", "5", "--json")
         done = json.loads(read_output(leader, *CAPTURE_APP, *ask))

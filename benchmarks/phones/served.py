@@ -1,4 +1,4 @@
-"""What `capture-app phones` serves, and a line on stdout each second that tells how the phones' clocks stand.
+"""Run `capture-app phones`, and print a line with the state of the phones' clocks each second.
 
     python -m benchmarks.phones.served LEADER HOST FOLDER
 

@@ -1,1 +1,1 @@
-"""What depth and clouds are worth beside a truth and beside simpler ways."""
+"""Accuracy of depth and clouds against the truth and against simpler methods."""

@@ -52,7 +52,7 @@ COLUMNS = {
 
 
 def seen_twice(rig: RenderedRig, camera: str) -> Array:
-    """Pixels of a camera (bool) that another sees too, from a direction that is not too different."""
+    """Return a camera's pixels (bool) that another camera also sees, from a similar direction."""
     view, depth = rig.views[camera], rig.depth[camera]
     points = view.unproject(view.grid(), depth.reshape(-1).astype(float))
     seen = np.zeros(len(points), bool)
@@ -64,7 +64,7 @@ def seen_twice(rig: RenderedRig, camera: str) -> Array:
 
 
 def measure(rig: RenderedRig) -> dict[str, Any]:
-    """A row of the table."""
+    """Return a row of the table."""
     row: dict[str, Any] = {"rig": rig.name, "cameras": len(rig.views)}
     begun = time.process_time()
     images = {name: undistort_image(name, 0, rig.pictures[name], view) for name, view in rig.views.items()}
@@ -127,7 +127,7 @@ def _cloud_scores(
 
 
 def _seen_surface(rig: RenderedRig, camera: str) -> Array:
-    """Points (n, 3) of the object that a camera sees, and another too."""
+    """Return points (n, 3) of the object that a camera and at least one other see."""
     view, seen = rig.views[camera], seen_twice(rig, camera) & rig.object_mask[camera]
     return view.unproject(view.grid()[seen.ravel()], rig.depth[camera][seen].astype(float))
 

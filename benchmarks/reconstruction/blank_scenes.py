@@ -13,11 +13,11 @@ from capture_app.simulation.scenes.moving_bodies import jumping_child, turn, wal
 SEED = 20190516
 FLOOR, BACK, FRONT, TOP = 1.0, 4.3, 0.6, -2.2
 LEFT, RIGHT = -2.3, 2.3
-"""The studio's walls, floor and ceiling, in m; what stands in these rooms comes from there."""
+"""Walls, floor and ceiling of the studio, in m; the objects in these rooms come from there."""
 NEARLY_BLANK = 0.004
-"""Deviation of a wall's paint, of 1: below the noise of a picture."""
+"""Standard deviation of a wall's paint, of 1: below the noise of an image."""
 WEAK = 0.018
-"""The same of a floor: about the noise."""
+"""Standard deviation of a floor's paint: about the noise."""
 
 ROOM_CAMERAS: dict[str, tuple[Point, Point]] = {
     "cam0": ((-0.30, -0.02, 0.0), (-0.02, 0.10, 2.9)),
@@ -50,7 +50,7 @@ def _pictures(rng: np.random.Generator) -> dict[str, Picture]:
 
 
 def _ramp(front_m: float, back_m: float, tilt_m: float, texture: str) -> Mesh:
-    """A floor that is so high at its front and back edge (y in m), and higher on its right by the tilt."""
+    """Return a floor with these heights at front and back edge (y in m), raised on its right by the tilt."""
     across, along = RIGHT - LEFT + 0.4, BACK - FRONT + 0.2
     return panel(
         (LEFT - 0.2, front_m, FRONT), (across, -tilt_m, 0), (0, back_m - front_m, along), texture
@@ -58,7 +58,7 @@ def _ramp(front_m: float, back_m: float, tilt_m: float, texture: str) -> Mesh:
 
 
 def _rods(rng: np.random.Generator, *, z: float, slant: float, count: int) -> list[Mesh]:
-    """Bars from 6 to 14 mm thick between a rail above and one below."""
+    """Return bars from 6 to 14 mm thick between a rail above and one below."""
     meshes = []
     for number in range(count):
         x = -1.0 + 2.0 * number / (count - 1) + rng.uniform(-0.03, 0.03)
@@ -117,7 +117,7 @@ def _attic(rng: np.random.Generator, plant: list[Mesh]) -> list[Part]:
 
 
 def _stage(fixtures: Callable[[np.random.Generator, list[Mesh]], list[Part]]) -> Stage:
-    """One of the rooms, with the studio's child, plant and pictures."""
+    """Build one of the rooms, with the studio's child, plant and pictures."""
     rng, studio = np.random.default_rng(SEED), read_stage("studio")
     pictures = studio.pictures | _pictures(rng)
     child = {name: part for name, part in studio.parts.items() if part.thing == "figure"}
@@ -130,4 +130,4 @@ ROOM = SceneDefinition(ROOM_CAMERAS, partial(_stage, _room), jumping_child)
 ATTIC = SceneDefinition(
     ATTIC_CAMERAS, partial(_stage, _attic), lambda seconds: walking_child(seconds, ahead=0.3, prefix="")
 )
-"""Walls that lean, two ramps that cross, a chimney, and cameras that stand wider apart."""
+"""Leaning walls, two crossing ramps, a chimney, and cameras that are farther apart."""

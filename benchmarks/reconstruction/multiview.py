@@ -48,7 +48,7 @@ from reconstruction.stereo.stereo_pair import rectify
 Result = dict[str, Any]
 
 SEED_SHARE = 1e-5
-"""By which share grey levels differ from seed to seed."""
+"""Relative difference of grey levels between seeds."""
 
 
 def ours(
@@ -62,9 +62,9 @@ def ours(
     planes: bool = True,
     seed: int = 0,
 ) -> Result:
-    """The package: every view's depth, checked by the others, fused; what moves is known by its truth.
+    """Run the package: every view's depth, checked by the others, fused; motion is known from the truth.
 
-    Not `planes`: blank walls stay as they were found.
+    Without `planes`, blank walls stay as they were found.
     """
     images = {name: undistort_image(name, 0, condition.pictures[name], view) for name, view in views.items()}
     begun, cpu = time.perf_counter(), time.process_time()
@@ -102,7 +102,7 @@ def _as_found(_images: Any, _sources: Any, _ranges: Any, surfaces: Any, _pool: A
 
 
 def sgbm(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
-    """Plain SGBM of every pair of neighbours; the reference's map is the better of its two."""
+    """Run plain SGBM on every pair of neighbours; the reference's map is the better of its two."""
     begun, cpu = time.perf_counter(), time.process_time()
     maps = _sgbm_pairs(views, condition.pictures)
     seconds, cpu_seconds = time.perf_counter() - begun, time.process_time() - cpu
@@ -114,9 +114,9 @@ def sgbm(views: dict[str, View], condition: Condition, reference: str, scratch: 
 
 
 def _sgbm_pairs(views: dict[str, View], pictures: dict[str, Array]) -> dict[tuple[str, str], Array]:
-    """OpenCV's SGBM, both ways, of every two neighbours along x: depth on the first one's pixels.
+    """Run OpenCV's SGBM in both directions on neighbours along x; depth is on the first one's pixels.
 
-    Pictures are padded by as many columns as there are disparities, which SGBM leaves out.
+    Images are padded by the number of disparities, because SGBM leaves out as many columns.
     """
     ordered = sorted(views, key=lambda name: float(views[name].centre[0]))
     grey = {name: cv2.cvtColor(picture, cv2.COLOR_BGR2GRAY) for name, picture in pictures.items()}
@@ -157,7 +157,7 @@ def _shares(depth: Array, condition: Condition, reference: str) -> Result:
 
 
 def _true_points(view: View, depth: Array) -> Array:
-    """Some points (n, 3) of a true depth map, in the rig's frame."""
+    """Return sampled points (n, 3) of a true depth map, in the rig's frame."""
     rows, columns = (axis[::16, ::16].ravel() for axis in np.mgrid[0 : view.height, 0 : view.width])
     z = depth[rows, columns].astype(float)
     points: Array = view.unproject(np.column_stack([columns, rows]).astype(float), z)[z > 0]
@@ -165,7 +165,7 @@ def _true_points(view: View, depth: Array) -> Array:
 
 
 def _peak_mb() -> float:
-    """Most memory this process has had, MB; `getrusage` would count its parent's, from before it began."""
+    """Return this process's peak memory, MB; `getrusage` would include its parent's from before the start."""
     status = Path("/proc/self/status").read_text()
     return int(status.split("VmHWM:")[1].split()[0]) / 1000
 
@@ -176,7 +176,7 @@ def _child(method: str, condition: str, path: str, seeds: int) -> Result:
     true = {name: _true_points(view, rendered.synced.depth[name]) for name, view in rendered.views.items()}
     reference = choose_reference_view(rendered.views, true)
     found = []
-    # Only the package's planes on blank walls are upset by next to nothing.
+    # Only the package's planes on blank walls are sensitive to tiny changes.
     for seed in range(seeds if method.startswith("multiview") else 1):
         with tempfile.TemporaryDirectory() as scratch:
             given = {"seed": seed} if seed else {}
@@ -191,13 +191,13 @@ def _child(method: str, condition: str, path: str, seeds: int) -> Result:
         for key, value in found[0].items()
         if isinstance(value, float | int)
     }
-    # From the second on, the most memory is that of scoring the cloud before.
+    # From the second seed on, the peak includes the scoring of the previous cloud.
     first = {"peak_mb": found[0]["peak_mb"], "spread": max(shares) - min(shares), "seeds": len(found)}
     return {**found[0], **mean, **first}
 
 
 def run(rendered: Rendered, methods: Sequence[str], conditions: Sequence[str], seeds: int) -> list[Result]:
-    """Every method on the conditions, one after the other, each in a new process."""
+    """Run every method on the conditions, one after the other, each in a new process."""
     spawn = multiprocessing.get_context("spawn")
     # As in the commands.
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")

@@ -1,4 +1,4 @@
-"""How a fused cloud compares with the true surfaces."""
+"""Comparison of a fused cloud with the true surfaces."""
 
 from pathlib import Path
 
@@ -10,9 +10,9 @@ from reconstruction.multiview.cloud_accuracy import TOLERANCE_M, visible_points
 
 
 def cloud_scores(cloud: Path, views: dict[str, View], depth: dict[str, Array]) -> dict[str, float]:
-    """Precision, recall and F-score at 1 cm.
+    """Return precision, recall and F-score at 1 cm.
 
-    The truth is what at least two of the views see, as one point a centimetre: nothing else can be known.
+    The truth is what at least two views see, one point per centimetre: nothing else can be reconstructed.
     """
     o3d = load_open3d()
     every = [_points(view, depth[name]) for name, view in views.items()]

@@ -17,7 +17,7 @@ PLACES = ((-0.32, 0.03), (-0.16, -0.05), (0.0, 0.0), (0.16, 0.06), (0.32, -0.04)
 
 @dataclass(frozen=True)
 class Condition:
-    """Pictures (uint8 BGR), true depth (m, 0 = none) and movers by camera."""
+    """Images (uint8 BGR), true depth (m, 0 = none) and motion masks by camera."""
 
     pictures: dict[str, Array]
     depth: dict[str, Array]
@@ -35,19 +35,19 @@ class Rendered:
 
 
 def studio(width: int = 640, height: int = 480) -> Rendered:
-    """The package's own scene, five of its views."""
+    """Render the package's own scene, five of its views."""
     stage = load("studio", scale=_scale(width, height))
     return _rendered(stage, ("cam05", "cam00", "cam06", "cam01", "cam04"), at_s=1.37)
 
 
 def blank_room(width: int = 640, height: int = 480) -> Rendered:
-    """A room with nearly blank walls, a ramp, thin rods and leaves."""
+    """Render a room with nearly blank walls, a ramp, thin rods and leaves."""
     stage = Scene("blank-room", blank_scenes.ROOM, scale=_scale(width, height))
     return _rendered(stage, tuple(blank_scenes.ROOM_CAMERAS), at_s=0.62)
 
 
 def blank_attic(width: int = 640, height: int = 480) -> Rendered:
-    """Leaning blank walls, crossing ramps, thin rods and leaves, from cameras farther apart."""
+    """Render leaning blank walls, crossing ramps, thin rods and leaves, with cameras farther apart."""
     stage = Scene("blank-attic", blank_scenes.ATTIC, scale=_scale(width, height))
     return _rendered(stage, tuple(blank_scenes.ATTIC_CAMERAS), at_s=0.4)
 
@@ -59,7 +59,7 @@ def _scale(width: int, height: int) -> float:
 
 
 def _rendered(stage: Scene, names: tuple[str, ...], *, at_s: float) -> Rendered:
-    """Views of a scene of the package's renderer at that time, and with `OFFSETS_MS` about it."""
+    """Render views of a scene at that time, and with `OFFSETS_MS` about it."""
     known = stage.calibration().cameras
     views = {
         name: View.from_calibration(known[name], known[name].width, known[name].height) for name in names
@@ -78,7 +78,7 @@ def _rendered(stage: Scene, names: tuple[str, ...], *, at_s: float) -> Rendered:
 
 
 def plain(width: int = 640, height: int = 480) -> Rendered:
-    """A scene nothing was tuned to: weak texture, thin rods, a ramp and a long floor, a box that flies."""
+    """Render a scene that nothing was tuned to: weak texture, thin rods, ramp, long floor, flying box."""
     o3d = load_open3d()
     base = View(width, height, _matrix(width, height), np.zeros(5), np.eye(3), np.zeros(3))
     views = {}
@@ -105,7 +105,7 @@ def plain(width: int = 640, height: int = 480) -> Rendered:
 
 
 def plain_pair(baseline: float = 0.2) -> tuple[Array, Array, Array, float]:
-    """Two parallel views of the plain scene (uint8 BGR), the left one's depth (m), and focal x baseline."""
+    """Render two parallel views of the plain scene (uint8 BGR), the left depth (m), and focal x baseline."""
     o3d = load_open3d()
     left = View(640, 480, _matrix(640, 480), np.zeros(5), np.eye(3), np.zeros(3))
     right = replace(left, translation=np.array([-baseline, 0, 0]))
@@ -121,7 +121,7 @@ def _matrix(width: int, height: int) -> Array:
 
 
 def _paint(seed: int, contrast: float, tint: tuple[float, float, float], finest: int = 10) -> Array:
-    """Cloudy noise, float32 1024 x 1024 x 3 around mid-grey times `tint`."""
+    """Return cloudy noise, float32 1024 x 1024 x 3 around mid-grey times `tint`."""
     rng = np.random.default_rng(seed)
     image = np.zeros((1024, 1024), np.float32)
     for octave in range(3, finest):
@@ -167,7 +167,7 @@ def _moving_things(o3d: Any, at_s: float) -> list[tuple[Any, Array]]:
 def _shoot(
     o3d: Any, view: View, things: list[tuple[Any, Array]], rng: np.random.Generator
 ) -> tuple[Array, Array, Array]:
-    """Picture with 2 x 2 samples a pixel and noise, true depth, and which thing (number) is seen."""
+    """Render an image with 2 x 2 samples per pixel and noise, true depth, and the visible object's index."""
     light = np.zeros((view.height, view.width, 3), np.float32)
     for right, down in ((-0.25, -0.25), (0.25, -0.25), (-0.25, 0.25), (0.25, 0.25)):
         light += _cast(o3d, view, things, right, down)[0] / 4
@@ -193,7 +193,7 @@ def _cast(
     for index, (geometry, (mesh, paint)) in enumerate(zip(numbers, things, strict=True)):
         seen = np.flatnonzero(number == geometry)
         which[seen] = index
-        # Texture sticks to the thing: its own middle is where the paint's coordinates begin.
+        # Texture moves with the object: its coordinates start at the object's centre.
         at = view.centre + world[seen] * depth[seen, None] - mesh.get_center()
         axis = np.abs(normal[seen]).argmax(1)
         a, b = np.where(axis == 0, 1, 0), np.where(axis == 2, 1, 2)

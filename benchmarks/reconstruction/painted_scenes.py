@@ -1,6 +1,6 @@
-"""Quickly painted takes of a pair of cameras whose lateness is known: a street from a car, boards, a ball.
+"""Quickly painted sessions of a pair with a known time offset: a street from a car, boards, a ball.
 
-Flat things are warped into the picture by their homographies, the farthest first, and balls drawn on top.
+Flat objects are warped into the image by their homographies, the farthest first, and balls are drawn on top.
 """
 
 from collections.abc import Callable, Sequence
@@ -13,18 +13,18 @@ from reconstruction.common.geometry import Array, View
 
 WIDTH, HEIGHT, FOCAL = 400, 300, 350.0
 FINER = 2
-"""Each pixel is the mean of so many times so many."""
+"""Supersampling factor in each direction."""
 NEAREST_M = 1.0
 NOISE = 1.2
 """Standard deviation of the sensor's noise, grey levels."""
 
 Place = Callable[[float], tuple[float, float, float]]
-"""Where something is at a time in s, m."""
+"""Position of an object at a time in s, m."""
 
 
 @dataclass(frozen=True)
 class Board:
-    """A painted parallelogram: a corner, the two edges from it, m; `path` moves it."""
+    """A painted parallelogram: a corner and the two edges from it, m; `path` moves it."""
 
     corner: tuple[float, float, float]
     right: tuple[float, float, float]
@@ -44,17 +44,17 @@ class Ball:
 
 @dataclass(frozen=True)
 class Stage:
-    """What a rig sees, and how it moves: from the rig's frame at time 0 to that at a time in s."""
+    """The scene of a rig, and the rig's motion: from its frame at time 0 to its frame at a time in s."""
 
     boards: Sequence[Board] = ()
     balls: Sequence[Ball] = ()
     rig_path: Callable[[float], tuple[Array, Array]] | None = None
-    """The rig's rotation (3, 3) and place (3,) at a time in s."""
+    """The rig's rotation (3, 3) and position (3,) at a time in s."""
     texels_per_m: float = 60.0
     paint: dict[tuple[int, tuple[int, ...]], Array] = field(default_factory=dict)
 
     def look(self, view: View, time_s: float, noise: np.random.Generator) -> Array:
-        """Grey picture (uint8) of one of the rig's cameras at a time."""
+        """Return the grey image (uint8) of one of the rig's cameras at a time."""
         view = self.placed(view, time_s)
         size = view.width * FINER, view.height * FINER
         finer = np.diag([FINER, FINER, 1.0])
@@ -73,7 +73,7 @@ class Stage:
         return np.asarray(np.clip(np.rint(small), 0, 255), np.uint8)
 
     def placed(self, view: View, time_s: float) -> View:
-        """One of the rig's cameras where it is at a time."""
+        """Return one of the rig's cameras in its pose at a time."""
         if self.rig_path is None:
             return view
         turned, place = self.rig_path(time_s)
@@ -113,7 +113,7 @@ def _middle(board: Board, corner: Array) -> Array:
 
 
 def _paint(seed: int, shown: tuple[int, ...], coarser: int) -> Array:
-    """Noise at many scales with hard-edged spots, uint8; made finer, and then shown with so many texels."""
+    """Return noise at many scales with hard-edged spots, uint8, enlarged to the shown number of texels."""
     rng = np.random.default_rng(seed)
     texels = shown[0] * coarser, shown[1] * coarser
     image = np.zeros(texels[::-1], np.float32)
@@ -129,7 +129,7 @@ def _paint(seed: int, shown: tuple[int, ...], coarser: int) -> Array:
 
 
 def _draw_ball(shown: Array, matrix: Array, view: View, ball: Ball, place: Array) -> None:
-    """Shaded, with a seam that shows its middle poorly."""
+    """Draw a shaded ball, with a seam that marks its centre poorly."""
     centre = view.rotation @ place + view.translation
     if centre[2] < NEAREST_M:
         return
@@ -144,7 +144,7 @@ def _draw_ball(shown: Array, matrix: Array, view: View, ball: Ball, place: Array
 
 
 def pair(apart_m: float, *, turned_deg: float = 0.0) -> dict[str, View]:
-    """Two cameras beside each other that look ahead, turned towards each other by an angle."""
+    """Return two cameras side by side that look ahead, turned towards each other by an angle."""
     matrix = np.array([[FOCAL, 0, WIDTH / 2 - 0.5], [0, FOCAL, HEIGHT / 2 - 0.5], [0, 0, 1]])
     views = {}
     for name, side in (("left", -0.5), ("right", 0.5)):
@@ -155,7 +155,7 @@ def pair(apart_m: float, *, turned_deg: float = 0.0) -> dict[str, View]:
 
 
 def street(seed: int, *, speed_m_s: float = 10.0) -> Stage:
-    """Houses to both sides, the road, cars that stand, and one that overtakes; the rig sways a little."""
+    """Return houses on both sides, the road, parked cars, and one that overtakes; the rig sways a little."""
     rng = np.random.default_rng(seed)
     boards, number = [], 1000 * (seed + 1)
     for z in np.arange(0.0, 70.0, 5.0):
@@ -183,7 +183,7 @@ def street(seed: int, *, speed_m_s: float = 10.0) -> Stage:
 
 
 def room(seed: int, movers: int = 3, size_m: float = 0.7, speed_m_s: float = 1.5) -> Stage:
-    """Boards that hang before a wall, and some that swing at different depths."""
+    """Return boards that hang in front of a wall, and some that swing at different depths."""
     rng = np.random.default_rng(seed)
     number = 100000 * (seed + 1)
     boards = [Board((-6, -4, 6), (12, 0, 0), (0, 8, 0), number)]
@@ -211,7 +211,7 @@ def room(seed: int, movers: int = 3, size_m: float = 0.7, speed_m_s: float = 1.5
 
 
 def throw(seed: int, radius_m: float = 0.07) -> Stage:
-    """A ball that is thrown before a wall with boards."""
+    """Return a ball thrown in front of a wall with boards."""
     rng = np.random.default_rng(seed)
     still = room(seed, movers=0)
     x, z = float(rng.uniform(-0.9, -0.5)), float(rng.uniform(2.6, 3.4))

@@ -1,4 +1,4 @@
-"""Rectified pairs with true disparities: folders laid out as Middlebury's, and the package's own scenes."""
+"""Rectified pairs with true disparities: folders in Middlebury's layout, and the package's own scenes."""
 
 from dataclasses import dataclass, replace
 from pathlib import Path
@@ -13,9 +13,9 @@ from reconstruction.common.geometry import Array
 
 @dataclass(frozen=True)
 class RectifiedPair:
-    """Two pictures (uint8 BGR) and the left one's true disparity (float32, px, 0 = unknown).
+    """Two images (uint8 BGR) and the left one's true disparity (float32, px, 0 = unknown).
 
-    `count` is how many disparities are searched from 0 on: a multiple of 16, as OpenCV's matcher wants it.
+    `count` is the number of disparities searched from 0 on: a multiple of 16, as OpenCV's matcher requires.
     """
 
     name: str
@@ -31,15 +31,17 @@ LAYOUTS = (
     ("view1.png", "view5.png", ("disp1.png",), 3.0),
     ("*_left.png", "*_right.png", ("*_disp.npz",), 1.0),
 )
-"""Left, right, truth, and how many of the truth's steps are 1 px: Middlebury 2014 and 2021, 2003 at quarter
-size, 2005 and 2006 at a third, and Motorcycle as scikit-image gives it."""
+"""Left, right, truth, and the number of steps of the truth per px.
+
+Middlebury 2014 and 2021, 2003 at quarter size, 2005 and 2006 at a third, and Motorcycle from scikit-image.
+"""
 
 
 def read_pair(folder: Path, steps_a_px: float | None = None) -> RectifiedPair:
-    """The pair in a folder, by the names of its files.
+    """Read the pair in a folder, by the names of its files.
 
     Raises:
-        BadInputError: the folder has no such pair, or a file of it cannot be read.
+        BadInputError: the folder has no such pair, or one of its files cannot be read.
     """
     for left, right, truths, usual in LAYOUTS:
         places = [_find(folder, (left,)), _find(folder, (right,)), _find(folder, truths)]
@@ -80,7 +82,7 @@ def _read_truth(path: Path) -> Array | None:
 
 
 def _read_pfm(path: Path) -> Array:
-    """A grey PFM. OpenCV multiplies by the header's scale, which in Middlebury's files means nothing."""
+    """Read a grey PFM. OpenCV applies the header's scale, which is meaningless in Middlebury's files."""
     kind, size, scale, pixels = path.read_bytes().split(b"\n", 3)
     width, height = (int(part) for part in size.split())
     if kind.strip() != b"Pf" or len(pixels) < 4 * width * height:
@@ -104,7 +106,7 @@ EXPOSURE_NS = 4_000_000
 
 
 def rendered_pairs() -> list[RectifiedPair]:
-    """A pair from each scene of the package, and one of weak texture and thin rods; all 640x480."""
+    """Return a pair from each scene of the package, and one of weak texture and thin rods; all 640x480."""
     from capture_app.simulation.rendering.scene import load
 
     pairs = []

@@ -1,8 +1,8 @@
 """Rigs of every kind around one object of the package's own renderer, with exact truth.
 
-The object stands on the origin, y points down, 0.6 m tall: a vase, a crate and a ball on a table in a room;
-or before black, as objects are often photographed, a temple whose columns all look alike, or a figure of two
-faces, of which cameras opposite each other take the same picture.
+The object stands on the origin, 0.6 m tall; y points down. It is a vase, a crate and a ball on a table in a
+room. In front of black, as objects are often photographed, it is a temple with equal columns, or a figure
+with two faces, of which opposite cameras take the same image.
 """
 
 from dataclasses import dataclass
@@ -23,16 +23,16 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
 
 AIM = np.array([0.0, -0.28, 0.0])
-"""The middle of the object."""
+"""The centre of the object."""
 SIZE_M = 0.6
 AROUND_M = 0.5
-"""What is no farther from the middle is of the object."""
+"""Radius around the centre inside which everything belongs to the object."""
 OBJECT, SURROUNDINGS = 1, 0
 EXPOSURE_NS = 4_000_000
 
 
 class Placed(NamedTuple):
-    """A camera: direction from the object's middle (degrees round and up), its distance, lens and picture."""
+    """A camera: direction from the object's centre (azimuth, elevation in degrees), distance, lens, image."""
 
     round_deg: float
     up_deg: float
@@ -41,20 +41,20 @@ class Placed(NamedTuple):
     size: tuple[int, int] = (320, 240)
     roll_deg: float = 0.0
     aside_m: float = 0.0
-    """How far it is moved to its own right, still looking the same way."""
+    """Shift to its own right, without rotation."""
 
 
 class Rig(NamedTuple):
-    """A kind of rig, and what it looks at."""
+    """A kind of rig, and its object."""
 
     cameras: tuple[Placed, ...]
     shows: str = "still life"
     turned: bool = False
-    """The object is on a turntable before one camera: a dim cloth behind it is the same in all pictures."""
+    """The object is on a turntable in front of one camera; a dim cloth behind it is equal in all images."""
 
 
 def ring(count: int, **changes: Any) -> tuple[Placed, ...]:
-    """Cameras all round the object."""
+    """Return cameras in a circle around the object."""
     usual = {"up_deg": 22.0, "away_m": 1.3} | changes
     return tuple(Placed(360 * number / count, **usual) for number in range(count))
 
@@ -93,7 +93,7 @@ RIGS: dict[str, Rig] = {
 
 @dataclass(frozen=True)
 class RenderedRig:
-    """Pictures (uint8 BGR), true depth (m, 0 = none) and the object's pixels (bool) by camera."""
+    """Images (uint8), true depth (m, 0 = none) and the object's pixels (bool) by camera."""
 
     name: str
     views: dict[str, View]
@@ -103,7 +103,7 @@ class RenderedRig:
     meshes: list[Mesh]
 
     def distance_m(self, points: Array) -> Array:
-        """How far points (n, 3) are from the nearest true surface, in m."""
+        """Return the distances of points (n, 3) from the nearest true surface, in m."""
         o3d = load_open3d()
         scene = o3d.t.geometry.RaycastingScene()
         for mesh in self.meshes:
@@ -115,7 +115,7 @@ class RenderedRig:
 
 
 def render_rig(name: str, rig: Rig, *, scale: float = 1.0, samples: int = 2) -> RenderedRig:
-    """All pictures and truths of a rig, `scale` times as large; `samples` (1 to 4) of each pixel."""
+    """Render all images and truths of a rig, at `scale`, with `samples` (1 to 4) of each pixel."""
     stage, meshes, things = _stage(rig.shows)
     rendered = RenderedRig(name, {}, {}, {}, {}, meshes)
     for number, placed in enumerate(rig.cameras):
@@ -137,7 +137,7 @@ def render_rig(name: str, rig: Rig, *, scale: float = 1.0, samples: int = 2) -> 
 
 @cache
 def _cloth(height: int, width: int) -> Array:
-    """Its light, of a picture's size."""
+    """Return the cloth's light, of an image's size."""
     rng = np.random.default_rng(9)
     picture = materials.plain(rng, (240, 320), (52, 56, 60), rough=0.3)
     return np.asarray(cv2.resize(LINEAR[picture], (width, height), interpolation=cv2.INTER_AREA))
@@ -157,7 +157,7 @@ def _view(name: str, placed: Placed, scale: float) -> RenderedView:
 
 @cache
 def _stage(shows: str) -> tuple[Body, list[Mesh], Array]:
-    """What is rendered, its meshes, and for each number of a thing whether it is the object."""
+    """Return the rendered body, its meshes, and for each object index whether it is the measured object."""
     rng = np.random.default_rng(5)
     pictures = {
         "stone": materials.plain(rng, (500, 500), (188, 176, 156), rough=0.16),
@@ -177,7 +177,7 @@ def _stage(shows: str) -> tuple[Body, list[Mesh], Array]:
 
 
 def _still_life() -> list[Mesh]:
-    """Round and flat things, some before others."""
+    """Return round and flat objects, some in front of others."""
     profile = [(0.05, -0.60), (0.065, -0.57), (0.045, -0.52), (0.10, -0.42), (0.135, -0.32), (0.13, -0.2)]
     vase = lathe([*profile, (0.09, -0.08), (0.075, -0.03)], "carpet", around=48)
     meshes = [vase, *box((0, -0.015, 0), (0.62, 0.03, 0.52), "stone")]
@@ -190,7 +190,7 @@ def _still_life() -> list[Mesh]:
 
 
 def _temple() -> list[Mesh]:
-    """Flat faces, and columns that all look alike."""
+    """Return flat faces, and equal columns."""
     meshes = box((0, -0.03, 0), (0.46, 0.06, 0.36), "stone")
     meshes += box((0, -0.085, 0), (0.40, 0.05, 0.30), "stone")
     for x in (-0.15, -0.05, 0.05, 0.15):
@@ -202,7 +202,7 @@ def _temple() -> list[Mesh]:
 
 
 def _two_faces() -> list[Mesh]:
-    """A slab and a head on a foot, which look the same turned by half a turn."""
+    """Return a slab and a head on a foot, which look equal after half a turn."""
     half = [box((0, -0.27, -0.02), (0.34, 0.26, 0.04), "carpet")[0]]
     half.append(ellipsoid((0.03, 0.05, 0.04), "clay", around=24).moved((0.06, -0.27, -0.04)))
     half.append(ellipsoid((0.018, 0.018, 0.03), "stone", around=24).moved((-0.035, -0.53, -0.08)))

@@ -29,7 +29,7 @@ from reconstruction.stereo.stereo_pair import FilledDepthMap, StereoPair, fill_h
 
 SHARED = Path(__file__).resolve().parents[3] / "shared" / "footage" / "stereo_ground_truth"
 FOCAL = 700.0
-"""Any value: the pair is rectified, and disparities are read back from the depth with the same one."""
+"""Any value: the pair is rectified, and disparities are computed back from the depth with the same one."""
 RUNS = 4
 BLOCK = 3
 COLUMNS = {
@@ -45,7 +45,7 @@ Row = dict[str, Any]
 
 
 def sgbm(pair: RectifiedPair, mode: int) -> Array:
-    """OpenCV's semi-global matcher with the settings of its sample stereo_match.py, on colour pictures."""
+    """Run OpenCV's semi-global matcher with the settings of its sample stereo_match.py, on colour images."""
     matcher = cv2.StereoSGBM.create(
         minDisparity=0,
         numDisparities=pair.count,
@@ -68,7 +68,7 @@ def sgbm(pair: RectifiedPair, mode: int) -> Array:
 
 
 def ours(pair: RectifiedPair) -> FilledDepthMap:
-    """The stereo path of `reconstruct stereo` and `compare`, from its start."""
+    """Run the stereo path of `reconstruct stereo` and `compare`, from its start."""
     height, width = pair.left.shape[:2]
     matrix = np.array([[FOCAL, 0, (width - 1) / 2], [0, FOCAL, (height - 1) / 2], [0, 0, 1]])
     views = [
@@ -80,12 +80,12 @@ def ours(pair: RectifiedPair) -> FilledDepthMap:
 
 
 def disparity(depth: Array) -> Array:
-    """Disparity (px, -1 = none) of a depth of ours."""
+    """Return the disparity (px, -1 = none) of a depth of ours."""
     return np.where(depth > 0, FOCAL / np.maximum(depth, 1e-9), -1.0)
 
 
 def judge(found: Array, truth: Array) -> Row:
-    """Shares of the pixels with a true disparity."""
+    """Return fractions of the pixels with a true disparity."""
     known = truth > 0
     given = known & (found > 0)
     right = given & (np.abs(found - truth) <= 2.0)
@@ -98,7 +98,7 @@ def judge(found: Array, truth: Array) -> Row:
 
 
 def timed(run: Callable[[], Any]) -> tuple[Any, float]:
-    """What it returns, and the least CPU seconds that it took."""
+    """Return the function's result, and its minimum CPU seconds."""
     times = []
     for _ in range(RUNS):
         began = time.process_time()
@@ -108,11 +108,11 @@ def timed(run: Callable[[], Any]) -> tuple[Any, float]:
 
 
 def measure(pair: RectifiedPair) -> list[Row]:
-    """A row for each matcher, `simulshot` first."""
+    """Return a row for each matcher, `simulshot` first."""
     depth, own_s = timed(lambda: ours(pair))
     five, five_s = timed(lambda: sgbm(pair, cv2.STEREO_SGBM_MODE_SGBM))
     hh, hh_s = timed(lambda: sgbm(pair, cv2.STEREO_SGBM_MODE_HH))
-    # Told apart: what better matching brings, and what filling does.
+    # Separates the gain by better matching from the gain by filling.
     filled = fill_holes(np.where(five >= 0, five, np.nan).astype(np.float32))
     rows: list[Row] = [
         {"matcher": "simulshot", **judge(disparity(depth.filled), pair.truth), "cpu_s": own_s},
@@ -125,7 +125,7 @@ def measure(pair: RectifiedPair) -> list[Row]:
 
 
 def summary(rows: list[Row]) -> Row:
-    """The JSON's entry of one pair: shares in %."""
+    """Return the JSON entry of one pair: fractions in %."""
     own, checked, five, hh, filled = rows
     return {
         "ours": round(100 * own["bad"], 2),

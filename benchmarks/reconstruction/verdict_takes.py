@@ -1,4 +1,4 @@
-"""Takes of a pair of cameras whose lateness is known, painted and real, for what is said of them."""
+"""Sessions of a pair with a known time offset, painted and real, to test timing judgements."""
 
 from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
@@ -25,32 +25,32 @@ PERIOD_MS = 1e3 / 30
 
 @dataclass(frozen=True)
 class Take:
-    """What is shown, and how late the right camera truly is; `jitter_ms`: every one of its pictures anew."""
+    """Content of a session, and the right camera's true delay; each of its images draws `jitter_ms`."""
 
     kind: str
     seed: int
     late_ms: float = 0.0
     jitter_ms: float = 0.0
     geometry_px: float = 0.0
-    """How wrong its calibration is: the median distance from epipolar lines."""
+    """Error of its calibration: the median distance from epipolar lines."""
     frames: int = 14
     start: int = 0
     """The first frame of a real recording."""
 
     @property
     def name(self) -> str:
-        """The folder of its session."""
+        """Folder name of its session."""
         told = f"{self.kind}-{self.seed}-{self.late_ms:g}-{self.jitter_ms:g}-{self.geometry_px:g}"
         return f"{told}-{self.start}-{self.frames}".replace(" ", "_").replace(".", "p")
 
     @property
     def truly_synchronized(self) -> bool:
-        """Whether its pictures are of one instant."""
+        """Whether its images are of one instant."""
         return not self.late_ms and not self.jitter_ms
 
     @property
     def period_ms(self) -> float:
-        """From frame to frame."""
+        """Time from frame to frame."""
         return 1e3 / 60 if self.kind == BALL else PERIOD_MS
 
 
@@ -73,7 +73,7 @@ STAGES: dict[str, Callable[[int], tuple[Stage, dict[str, View]]]] = {
 
 
 def takes(seeds: int) -> Iterator[Take]:
-    """Every kind with so many seeds."""
+    """Yield every kind with this number of seeds."""
     for seed in range(seeds):
         for kind in STAGES:
             yield Take(kind, seed)
@@ -90,7 +90,7 @@ def takes(seeds: int) -> Iterator[Take]:
 
 
 def real_takes(every: int) -> Iterator[Take]:
-    """The ball in all its pictures, cut at starts `every` so many apart, and with one camera a frame late."""
+    """Yield the ball in all images, cut at starts `every` frames apart, and with one camera a frame late."""
     yield Take(BALL, 0, frames=35)
     yield Take(BALL, 0, frames=34, late_ms=1e3 / 60)
     for frames in (28, 24, 16):
@@ -99,7 +99,7 @@ def real_takes(every: int) -> Iterator[Take]:
 
 
 def session_of(take: Take, cache: Path, footage: Path | None) -> Path:
-    """Its session, written on the first call."""
+    """Return its session, written on the first call."""
     folder = cache / take.name
     if not (folder / "session.json").is_file():
         if take.kind == BALL:
@@ -136,7 +136,7 @@ def _add(writer: SessionWriter, name: str, k: int, image: Array) -> None:
 
 
 def _wrong(stage: Stage, views: dict[str, View], median_px: float, rng: np.random.Generator) -> View:
-    """The right view turned, its lens a little another, so that points lie so far from their lines."""
+    """Return the right view, rotated and with a changed lens, so that points have this epipolar error."""
     left, right = views["left"], views["right"]
     if not median_px:
         return right
@@ -169,7 +169,7 @@ def _wrong(stage: Stage, views: dict[str, View], median_px: float, rng: np.rando
 
 
 def _import_ball(take: Take, cache: Path, folder: Path) -> Session:
-    """A part of a real recording; late by whole frames: the right camera's pictures under other names."""
+    """Import a part of a real recording; frame delays are made by renaming the right camera's images."""
     ahead = round(take.late_ms / take.period_ms)
     source = cache / f"{take.name}-source"
     numbers = sorted(int(path.stem) for path in (folder / "L").iterdir() if int(path.stem))

@@ -19,7 +19,7 @@ from reconstruction.compare.tolerance import ToleranceOptions, measure_tolerance
 from reconstruction.scores.timing import Timing
 
 SAME_FRAMES = 0.1
-"""Pictures that are less of a frame apart may be called synchronized."""
+"""Fraction of a frame below which images may be called synchronized."""
 COLUMNS = {
     "kind": ("takes", ""),
     "count": ("number", ""),
@@ -36,7 +36,7 @@ COLUMNS = {
 
 
 def judge(take: Take, timing: Timing) -> dict[str, Any]:
-    """What was said of a take, held against the truth."""
+    """Compare the judgement of a session with the truth."""
     late_ms, bar_ms = timing.late_ms, timing.uncertainty_ms
     far_ms = abs(take.late_ms) + 2 * take.jitter_ms
     same_frame = getattr(timing, "same_frame_ms", None) is not None and not timing.synchronized
@@ -73,7 +73,7 @@ def _group(take: Take) -> str:
 
 
 def run(chosen: Iterable[Take], cache: Path, footage: Path | None) -> list[dict[str, Any]]:
-    """Judge them one after the other."""
+    """Judge the sessions one after the other."""
     rows = []
     for take in chosen:
         session = session_of(take, cache, footage)
@@ -92,7 +92,7 @@ def run(chosen: Iterable[Take], cache: Path, footage: Path | None) -> list[dict[
 
 
 def table(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
-    """How many of each kind, and of all."""
+    """Return the counts of each kind, and of all."""
     found = []
     for kind in [*dict.fromkeys(row["kind"] for row in rows), ""]:
         its = [row for row in rows if kind in ("", row["kind"])]
@@ -102,7 +102,7 @@ def table(rows: list[dict[str, Any]]) -> list[dict[str, Any]]:
 
 
 def main() -> None:
-    """Print a table, or with --json one object with every take."""
+    """Print a table, or with --json one object with every session."""
     parser = new_parser(__doc__)
     parser.add_argument("--seeds", type=int, default=3, help="of each kind of painted take (3)")
     parser.add_argument("--footage", type=Path, help="folder with ball_launch")

@@ -1,1 +1,1 @@
-"""Sample sessions rendered from a recipe: the engine takes the burst in virtual time, of a rendered scene."""
+"""Sample sessions from a recipe: the engine takes the burst of a rendered scene in virtual time."""

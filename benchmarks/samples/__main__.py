@@ -44,7 +44,7 @@ def render(recipes: tuple[Path, ...], out: Path, retake: bool, replace: bool, as
 
 
 def run(arguments: Sequence[str]) -> int:
-    """Run one command line and return its exit code; a mistake is one line on stderr."""
+    """Run one command line and return its exit code; an error is one line on stderr."""
     return run_command_line(render, "python -m benchmarks.samples", arguments)
 
 

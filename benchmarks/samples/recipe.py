@@ -1,6 +1,6 @@
-"""The recipe of a rendered session, `recipe.json`: what to take, and the take once it is made.
+"""Recipe of a rendered session, `recipe.json`: what to take, and the take once it is made.
 
-With its take, a recipe gives the same bytes for ever, however the engine changes; without, the engine takes
+With its take, a recipe always gives the same bytes, however the engine changes. Without one, the engine takes
 the burst in virtual time at `at_s` seconds, with clocks, networks and sensors drawn by `seed`:
 
     {"name": "mine", "scene": "studio", "created": "2026-01-31T12:00:00Z", "seed": 7, "at_s": 10, "frames": 5,
@@ -27,7 +27,7 @@ SCHEMA_VERSION = 1
 
 
 class Trigger(StrEnum):
-    """How the cameras are told to take the burst."""
+    """How the burst is triggered."""
 
     SYNCHRONIZED = "synchronized"
     """By the engine: clocks synchronized, phases aligned, frames picked by their timestamps."""
@@ -40,12 +40,12 @@ class _Part(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class CameraRecipe(_Part, frozen=True, kw_only=True):
-    """One camera: its name, its model (a profile of the simulator) and the view that it has of the scene."""
+    """One camera: its name, its model (a profile of the simulator) and its view of the scene."""
 
     name: Name
     profile: str = "phone-a"
     view: str = ""
-    """Empty: the view that is named like the camera."""
+    """Name of the view; empty for the view with the camera's name."""
 
 
 class RecipeFrame(_Part, frozen=True, kw_only=True):
@@ -67,7 +67,7 @@ class RecipeFrame(_Part, frozen=True, kw_only=True):
 
 
 class Take(_Part, frozen=True, kw_only=True):
-    """What the simulated rig took: all of a session but the pictures."""
+    """Output of the simulated rig: all of a session except the images."""
 
     software: str
     cameras: tuple[CameraRecord, ...]
@@ -85,13 +85,12 @@ class Recipe(_Part, frozen=True, kw_only=True):
     scene: str
     cameras: Annotated[tuple[CameraRecipe, ...], Meta(min_length=1)]
     created: str
-    """The time of capture that the session is given, RFC 3339, UTC."""
+    """The session's time of capture, RFC 3339, UTC."""
     note: str = ""
     seed: Count = 0
     trigger: Trigger = Trigger.SYNCHRONIZED
     at_s: Annotated[float, Meta(ge=0, le=3600)] = 10.0
-    """True time of the burst's first instant, from when the rig is switched on; later where the rig is not
-    ready by then."""
+    """True time of the burst's first instant from switch-on; later if the rig is not ready by then."""
     frames: Annotated[int, Meta(ge=1, le=1000)] = 5
     spacing: Annotated[int, Meta(ge=1, le=1000)] = 1
     exposure_ms: Annotated[float, Meta(gt=0, le=1000)] = 4.0
@@ -104,7 +103,7 @@ class Recipe(_Part, frozen=True, kw_only=True):
 
 
 def read_recipe(path: Path) -> Recipe:
-    """Read a recipe, or that of a rendered session's folder. Raises BadInputError, with the place."""
+    """Read a recipe, from its file or a rendered session's folder. Raises BadInputError, with the place."""
     file = path / RECIPE if path.is_dir() else path
     if not file.is_file():
         raise BadInputError(

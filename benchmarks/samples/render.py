@@ -1,4 +1,4 @@
-"""Renders a session from a recipe: takes the burst unless the recipe has a take, and renders every frame."""
+"""Rendering of a session from a recipe: takes the burst if the recipe has no take, and renders frames."""
 
 import filecmp
 from collections.abc import Callable
@@ -23,19 +23,18 @@ from capture_app.simulation.rendering.picture_source import PictureSource, open_
 from capture_app.simulation.sensor import SensorFrame
 
 Progress = Callable[[int, int], None]
-"""Called after each image with the number of images done and of all."""
+"""Called after each image with the number of images done and the total."""
 
 
 def render(
     recipe: Recipe, root: Path, *, replace: bool = False, progress: Progress = lambda done, total: None
 ) -> tuple[Session, bool | None]:
-    """Render the session root/name of a recipe; its own `recipe.json` then holds the take.
+    """Render the session root/name of a recipe; its own `recipe.json` then contains the take.
 
-    Beside it is whether one of the same bytes was there before; None where there was none.
-
-    `replace` puts it in the place of an earlier rendering of that name. Raises BadInputError where there is
-    another session, or where the recipe names what the simulator does not have; NotAvailableError where
-    scenes cannot be rendered. Nothing is left behind then.
+    Also returns whether an earlier session of the same bytes existed; None if there was no earlier one.
+    `replace` overwrites an earlier rendering of that name. Raises BadInputError if another session is there,
+    or if the recipe names something that the simulator lacks; NotAvailableError if scenes cannot be rendered.
+    Nothing is left behind after an error.
     """
     check_name(recipe.name, "session")
     place = root / recipe.name
@@ -53,7 +52,7 @@ def _replaces_renderings(place: Path) -> None:
 
 
 def same_files(one: Path, other: Path) -> bool:
-    """Whether two folders hold the same files with the same bytes."""
+    """Return whether two folders contain the same files with the same bytes."""
     names = {path.relative_to(one) for path in one.rglob("*") if path.is_file()}
     if names != {path.relative_to(other) for path in other.rglob("*") if path.is_file()}:
         return False
@@ -107,7 +106,7 @@ def _source(recipe: Recipe, camera: CameraRecipe) -> PictureSource:
 def _render_frame(
     writer: SessionWriter, recipe: Recipe, take: Take, taken: RecipeFrame, source: PictureSource
 ) -> None:
-    # What the picture depends on: its true start, its exposure and the seed of its noise.
+    # Inputs of the image: its true start, its exposure and the seed of its noise.
     frame = SensorFrame(
         sequence=taken.sequence,
         stream=0,

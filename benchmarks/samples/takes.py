@@ -1,7 +1,7 @@
-"""A burst as the engine takes it in virtual time, or without: each camera takes what follows a message.
+"""A burst taken by the engine in virtual time, or naively: each camera takes what follows a message.
 
-The message's delays follow the naive WiFi trigger of the paper (section 5: mean 123 ms, standard deviation
-84 ms, at most 677 ms), as a Gamma law; nothing aligns the streams.
+The message's delays follow the paper's naive WiFi trigger (section 5: mean 123 ms, standard deviation 84 ms,
+at most 677 ms), as a Gamma law; nothing aligns the streams.
 """
 
 import random
@@ -24,7 +24,7 @@ from capture_app.sync.rig.frame_selection import DROPPED, FramesSelected
 
 _READY_WITHIN_NS = 120_000_000_000
 _PICKED_WITHIN_NS = 30_000_000_000
-"""After the burst's last instant."""
+"""Timeout of the picking after the burst's last instant."""
 _ORDERED_AHEAD_NS = 200_000_000
 _STARTS_APART_NS = 150_000_000
 
@@ -32,7 +32,7 @@ _STARTS_APART_NS = 150_000_000
 def take_synchronized(recipe: Recipe, sources: Mapping[str, PictureSource]) -> Take:
     """Let a rig of the recipe's cameras synchronize, align and take the burst.
 
-    Raises BadInputError for a profile that does not exist, IncompleteError where the rig never gets ready.
+    Raises BadInputError for a profile that does not exist, IncompleteError if the rig never becomes ready.
     """
     specs = [
         NodeSpec(
@@ -55,7 +55,7 @@ def take_synchronized(recipe: Recipe, sources: Mapping[str, PictureSource]) -> T
     rig.run_until(log.follow, limit_ns=wait_ns)
     burst = rig.trigger(frames=recipe.frames, spacing=recipe.spacing, at_leader_ns=at_leader_ns)
     nodes = [rig.nodes[camera.name] for camera in recipe.cameras]
-    # As many instants again may be taken in the place of those that a camera dropped.
+    # As many instants again may replace instants that a camera dropped.
     longest_ns = 2 * recipe.frames * recipe.spacing * max(spec.profile.period_ns for spec in specs)
     picked = rig.run_until(
         lambda: log.follow() or all(burst.number in node.bursts for node in nodes),
@@ -82,13 +82,13 @@ def take_synchronized(recipe: Recipe, sources: Mapping[str, PictureSource]) -> T
 
 
 def profile_of(recipe: Recipe, camera: CameraRecipe, source: PictureSource) -> SensorProfile:
-    """The camera's model with the recipe's exposure and the view's rows. Raises BadInputError."""
+    """Return the camera's model with the recipe's exposure and the view's rows. Raises BadInputError."""
     exposure_ns = round(recipe.exposure_ms * 1e6)
     return replace(find_profile(camera.profile), exposure_ns=exposure_ns, image_rows=source.height)
 
 
 class _Log:
-    """The events of the clients' engines in the order in which they happen."""
+    """The events of the clients' engines in chronological order."""
 
     def __init__(self, rig: VirtualRig) -> None:
         self.lines: list[dict[str, JsonValue]] = []
@@ -96,7 +96,7 @@ class _Log:
         self._seen: dict[str, int] = {}
 
     def follow(self) -> bool:
-        """Add the new events; always False, as a condition that never ends a run."""
+        """Add the new events; always return False, as a condition that never ends a run."""
         for name, node in self._rig.nodes.items():
             for event in node.events[self._seen.get(name, 0) :]:
                 if not isinstance(event, FramesSelected):
@@ -141,8 +141,8 @@ MEAN_MS, DEVIATION_MS, LONGEST_MS = 123.0, 84.0, 677.0
 def take_naive(recipe: Recipe, sources: Mapping[str, PictureSource]) -> Take:
     """Let the recipe's cameras stream without alignment, and take frames when each one's message arrives.
 
-    The session's times are what the sender believes: all images of an instant when it was ordered, with no
-    local clock to tell otherwise. Raises BadInputError for a profile that does not exist.
+    The session's times are what the sender believes: all images of an instant at the time it was ordered,
+    without a local clock that contradicts it. Raises BadInputError for a profile that does not exist.
     """
     rng = random.Random(recipe.seed)
     requested_ns = round(recipe.at_s * 1e9)
@@ -189,7 +189,7 @@ def _delay_ns(rng: random.Random) -> int:
 def _taken(
     recipe: Recipe, camera: CameraRecipe, source: PictureSource, arrival_ns: int, rng: random.Random
 ) -> list[SensorFrame]:
-    """The frames that begin at or after the message's arrival, at the recipe's spacing."""
+    """Return the frames that start at or after the message's arrival, at the recipe's spacing."""
     profile = profile_of(recipe, camera, source)
     sensor = Sensor(profile, random.Random(rng.getrandbits(64)))
     sensor.start(rng.randrange(profile.period_ns))

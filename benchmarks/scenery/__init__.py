@@ -1,1 +1,1 @@
-"""The painter of the simulated scenes: shapes, materials and prints of all that stands and moves in them."""
+"""Painter of the simulated scenes: shapes, materials and prints of all objects in them."""

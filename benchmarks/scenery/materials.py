@@ -10,16 +10,16 @@ from capture_app.simulation.scenes.definition import Floats, Picture
 
 Reals = NDArray[np.floating[Any]]
 Colour = tuple[float, float, float]
-"""sRGB as red, green, blue in 0 to 255, as designers write it."""
+"""sRGB as red, green, blue in 0 to 255."""
 
 
 def bgr(colour: Colour) -> Floats:
-    """Return the colour in OpenCV's order, for float pictures of 0 to 255."""
+    """Return the colour in OpenCV's order, for float images of 0 to 255."""
     return np.array(colour[::-1], np.float32)
 
 
 def noise(rng: np.random.Generator, shape: tuple[int, int], cell: tuple[float, float]) -> Floats:
-    """Smooth noise of mean 0 and deviation 1, `cell`: height and width in texels of its features."""
+    """Return smooth noise of mean 0, standard deviation 1; `cell` is its feature height and width, texels."""
     height, width = shape
     rows, columns = max(int(height / cell[0]), 2), max(int(width / cell[1]), 2)
     coarse = rng.standard_normal((rows, columns), dtype=np.float32)
@@ -28,7 +28,7 @@ def noise(rng: np.random.Generator, shape: tuple[int, int], cell: tuple[float, f
 
 
 def fractal(rng: np.random.Generator, shape: tuple[int, int], largest: float, octaves: int) -> Floats:
-    """Sum of noises, each of half the size and 0.65 of the strength of the one before; deviation 1."""
+    """Return a sum of noises, each of half the size and 0.65 of the strength of the previous; deviation 1."""
     total = np.zeros(shape, np.float32)
     for octave in range(octaves):
         cell = largest / 2**octave
@@ -44,7 +44,7 @@ def finish(picture: Reals) -> Picture:
 def plain(
     rng: np.random.Generator, shape: tuple[int, int], colour: Colour, *, rough: float = 0.05
 ) -> Picture:
-    """One colour with blotches and grain; `rough`: the deviation over the colour."""
+    """Return one colour with blotches and grain; `rough` is the standard deviation over the colour."""
     shade = 1 + rough * (0.6 * fractal(rng, shape, 40, 4) + 0.8 * noise(rng, shape, (1.5, 1.5)))
     return finish(shade[..., None] * bgr(colour))
 
@@ -52,7 +52,7 @@ def plain(
 def wood(
     rng: np.random.Generator, shape: tuple[int, int], colour: Colour, *, contrast: float = 1.0
 ) -> Picture:
-    """Grain that runs along the width of the picture."""
+    """Return wood grain along the width of the image."""
     height, width = shape
     warp = noise(rng, shape, (height / 2.5, width / 2.5)) * 1.3 + noise(rng, shape, (14, 160)) * 0.25
     rows = np.linspace(0.0, height / 16.0, height, dtype=np.float32)[:, None]
@@ -68,7 +68,7 @@ def wood(
 def planks(
     rng: np.random.Generator, shape: tuple[int, int], colour: Colour, *, width: int, length: int
 ) -> Picture:
-    """Floor boards along the width of the picture, `width` and `length` of a board in texels."""
+    """Return floor boards along the width of the image; `width` and `length` of a board are in texels."""
     grain = wood(rng, (8 * width, 3 * length), colour).astype(np.float32)
     floor = np.zeros((*shape, 3), np.float32)
     for top in range(0, shape[0], width):
@@ -88,7 +88,7 @@ def planks(
 
 
 def bricks(rng: np.random.Generator, shape: tuple[int, int], *, brick: tuple[int, int]) -> Picture:
-    """Old brick wall in running bond; `brick`: height and width of a brick and its joint, in texels."""
+    """Return an old brick wall in running bond; `brick` is height and width of a brick and joint, texels."""
     high, wide = brick
     bend = noise(rng, shape, (60, 60)) * 0.9
     y = np.arange(shape[0], dtype=np.float32)[:, None] + bend
@@ -117,7 +117,7 @@ def bricks(rng: np.random.Generator, shape: tuple[int, int], *, brick: tuple[int
 
 
 def kilim(rng: np.random.Generator, shape: tuple[int, int]) -> Picture:
-    """A woven rug: borders of zigzags around a field of diamonds."""
+    """Return a woven rug: borders of zigzags around a field of diamonds."""
     height, width = shape
     red, cream, navy, ochre, teal = (
         bgr(c) for c in ((158, 52, 44), (226, 208, 176), (38, 48, 78), (206, 146, 62), (62, 112, 108))

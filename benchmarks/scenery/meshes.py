@@ -1,6 +1,6 @@
-"""Triangle meshes with texture coordinates; every shape is made of sheets, grids of points.
+"""Triangle meshes with texture coordinates; every shape is made of sheets, i.e. grids of points.
 
-Axes as OpenCV's camera: x right, y down, z away from the viewer; metres.
+Axes as in OpenCV's camera: x right, y down, z away from the viewer; metres.
 """
 
 from collections.abc import Sequence
@@ -22,16 +22,17 @@ class Mesh(definition.Mesh):
     """A mesh that can still be moved."""
 
     def moved(self, offset: ArrayLike = (0.0, 0.0, 0.0), rotation: ArrayLike | None = None) -> "Mesh":
-        """Return the mesh turned by `rotation` (3x3) about the origin, then moved by `offset` in m."""
+        """Return the mesh rotated by `rotation` (3x3) about the origin, then shifted by `offset` in m."""
         turn = np.eye(3, dtype=np.float32) if rotation is None else np.asarray(rotation, np.float32)
         vertices = self.vertices @ turn.T + np.asarray(offset, np.float32)
         return replace(self, vertices=vertices, normals=self.normals @ turn.T)
 
 
 def sheet(points: ArrayLike, texture: str, *, window: Window = WHOLE, closed: bool = False) -> Mesh:
-    """Mesh of a grid of points (rows, columns, 3) in m, smooth, the texture's window spread over it.
+    """Return a smooth mesh of a grid of points (rows, columns, 3) in m, with the texture's window over it.
 
-    `closed`: the last column lies on the first, so that normals run on across the seam.
+    `closed` means that the last column coincides with the first, so that normals are continuous across the
+    seam.
     """
     grid = np.asarray(points, np.float64)
     rows, columns = grid.shape[:2]
@@ -63,13 +64,13 @@ def sheet(points: ArrayLike, texture: str, *, window: Window = WHOLE, closed: bo
 def panel(
     corner: ArrayLike, right: ArrayLike, down: ArrayLike, texture: str, *, window: Window = WHOLE
 ) -> Mesh:
-    """Flat rectangle from its top left corner along two edges, all in m."""
+    """Return a flat rectangle from its top left corner along two edges, all in m."""
     start, u, v = (np.asarray(x, np.float64) for x in (corner, right, down))
     return sheet([[start, start + u], [start + v, start + u + v]], texture, window=window)
 
 
 def box(centre: ArrayLike, size: ArrayLike, texture: str, *, window: Window = WHOLE) -> list[Mesh]:
-    """The six faces of a box; each shows the window of the texture."""
+    """Return the six faces of a box; each shows the window of the texture."""
     half = np.asarray(size, np.float64) / 2
     middle = np.asarray(centre, np.float64)
     faces = []
@@ -93,7 +94,7 @@ def lathe(
     around: int = 28,
     window: Window = WHOLE,
 ) -> Mesh:
-    """Surface turned about the y axis from (radius, y) pairs from the top down, in m.
+    """Return a surface of revolution about the y axis from (radius, y) pairs from the top down, in m.
 
     `depth` scales it along z. The middle of the texture faces the viewer (-z).
     """
@@ -105,7 +106,7 @@ def lathe(
 
 
 def ellipsoid(radii: ArrayLike, texture: str, *, around: int = 28, window: Window = WHOLE) -> Mesh:
-    """Ellipsoid about the origin with radii along x, y and z in m."""
+    """Return an ellipsoid about the origin with radii along x, y and z in m."""
     rx, ry, rz = (float(r) for r in np.asarray(radii, np.float64))
     angle = np.linspace(0.01, np.pi - 0.01, max(around // 2, 6))
     profile = [(rx * float(np.sin(a)), -ry * float(np.cos(a))) for a in angle]
@@ -113,7 +114,7 @@ def ellipsoid(radii: ArrayLike, texture: str, *, around: int = 28, window: Windo
 
 
 def rod(start: ArrayLike, end: ArrayLike, radius: float, texture: str, *, around: int = 12) -> Mesh:
-    """Straight round rod between two points in m."""
+    """Return a straight round rod between two points in m."""
     a, b = np.asarray(start, np.float64), np.asarray(end, np.float64)
     along = (b - a) / np.linalg.norm(b - a)
     side = np.cross(along, [0.0, 0.0, 1.0] if abs(along[2]) < 0.9 else [1.0, 0.0, 0.0])

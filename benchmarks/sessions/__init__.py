@@ -1,1 +1,1 @@
-"""What a burst costs on its way to the disk."""
+"""Cost of a burst on its path to the disk."""

@@ -32,7 +32,7 @@ COLUMNS = {
 
 
 def main() -> None:
-    """Import all folders and print a row for each camera that is not the reference."""
+    """Import all folders and print a row for each camera except the reference."""
     parser = new_parser(__doc__)
     parser.add_argument("--only", metavar="WORDS", default="", help="folders whose name has these words")
     options = parser.parse_args()
@@ -68,7 +68,7 @@ def _offsets(folder: Folder, sessions: Sequence[Session]) -> Iterator[dict[str, 
 
 
 def _last(lines: Sequence[str], temporary: str) -> str:
-    """The last line that was said, which is what to type next, without this machine's folder."""
+    """Return the last line of the output, which is the next command, without this machine's folder."""
     return lines[-1].replace(f"{temporary}/", "") if lines else ""
 
 

@@ -41,11 +41,11 @@ WIDTH, HEIGHT, PICTURES, QUALITY = 1920, 1080, 30, 76
 PATIENCE_S = 300.0
 SAMPLE_EVERY_S, SAMPLES_AT_LEAST = 5.0, 12
 BURST_FRAMES, OUTAGE_S = 60, 6.0
-"""An outage is more than twice as long as the silence by which a member, or its leader, is lost."""
+"""An outage is more than twice the silence after which a member, or its leader, counts as lost."""
 
 
 def make_pictures(path: Path) -> int:
-    """Write JPEGs with the detail and noise of a camera's; return the mean of their bytes."""
+    """Write JPEGs with a camera's detail and noise; return their mean size in bytes."""
     rng = np.random.default_rng(1)
     coarse = rng.integers(0, 255, (HEIGHT // 60, WIDTH // 60, 3), np.uint8)
     scene = cv2.resize(coarse, (WIDTH, HEIGHT), interpolation=cv2.INTER_CUBIC).astype(np.int16)
@@ -69,7 +69,7 @@ class Rig:
 
     @property
     def sessions(self) -> Path:
-        """Where the leader saves them."""
+        """Folder in which the leader saves sessions."""
         return self.folder / "sessions"
 
     def start(self, name: str) -> None:
@@ -106,7 +106,7 @@ class Rig:
         self._running[name].wait()
 
     def stand_still(self, name: str, *, still: bool) -> None:
-        """Let a process stand still, or go on."""
+        """Suspend a process, or resume it."""
         self._running[name].send_signal(signal.SIGSTOP if still else signal.SIGCONT)
 
     def close(self) -> None:
@@ -117,7 +117,7 @@ class Rig:
             process.wait()
 
     def resident_mb(self) -> dict[str, float]:
-        """Resident memory of each process, in MB, without what it shares."""
+        """Return the resident memory of each process, in MB, without shared memory."""
         found = {}
         for name, process in self._running.items():
             lines = Path(f"/proc/{process.pid}/status").read_text().splitlines()
@@ -137,7 +137,7 @@ class Rig:
                 await asyncio.sleep(0.1)
 
     def take(self, *words: str) -> "subprocess.Popen[bytes]":
-        """Start a command that takes something, and return it."""
+        """Start a command that records or takes a burst, and return its process."""
         return subprocess.Popen(
             [
                 *(sys.executable, "-m", "capture_app.cli", words[0], "--leader", str(self.address)),
@@ -150,7 +150,7 @@ class Rig:
 
 
 async def record_long(rig: Rig, seconds: float) -> Report:
-    """One recording of that length, and the memory of all processes meanwhile."""
+    """Make one recording of that length, and measure the memory of all processes meanwhile."""
     recording = rig.take("record", "--seconds", str(seconds))
     began_s, memory = time.monotonic(), []
     while recording.poll() is None:
@@ -188,13 +188,13 @@ async def record_long(rig: Rig, seconds: float) -> Report:
 
 
 async def until(is_so: Callable[[], bool]) -> None:
-    """Wait until something is so."""
+    """Wait until the condition is true."""
     while not is_so():  # noqa: ASYNC110 - what another process does tells no event
         await asyncio.sleep(0.05)
 
 
 def lines_on_disk(session: Path) -> dict[str, set[bytes]]:
-    """The frames that are safely in a session, a line each, by the file of the lines."""
+    """Return the frames safely stored in a session, one line each, by the file of the lines."""
     found = {}
     for path in (*session.glob("videos/*/*.frames.ndjson"), *session.glob(JOURNAL)):
         found[path.name] = {line for line in path.read_bytes().split(b"\n")[:-1] if line}
@@ -202,20 +202,20 @@ def lines_on_disk(session: Path) -> dict[str, set[bytes]]:
 
 
 def frames_safe(rig: Rig, before: set[str]) -> int:
-    """How many frames of sessions that were not there before are on the leader's disk."""
+    """Return the number of frames on the leader's disk in sessions that did not exist before."""
     new = [path for path in rig.sessions.iterdir() if path.name not in before]
     return sum(len(lines) for path in new for lines in lines_on_disk(path).values())
 
 
 async def interrupt_once(rig: Rig, chance: random.Random, number: int, *, outage: bool) -> dict[str, Any]:
-    """Take something, kill a process or let it stand still meanwhile, and look what is in the session."""
+    """Start a capture, kill or suspend a process during it, and check the session."""
     before = {path.name for path in rig.sessions.iterdir()}
     words = ("record", "--seconds", "4") if number // 2 % 2 else ("burst", "--frames", str(BURST_FRAMES))
     moment = chance.randrange(BURST_FRAMES * len(rig.names))
     taking = rig.take(*words)
     async with asyncio.timeout(PATIENCE_S):
         await until(lambda: any(path.name not in before for path in rig.sessions.iterdir()))
-        # Some frames are safe then, how many is chance; where it is over before, it is killed after it.
+        # A random number of frames is safe by then; a capture that ends earlier is killed after its end.
         await until(lambda: taking.poll() is not None or frames_safe(rig, before) >= moment)
     victim = "leader" if number % 2 == 0 else chance.choice(rig.names)
     if outage:
@@ -251,7 +251,7 @@ async def interrupt_once(rig: Rig, chance: random.Random, number: int, *, outage
 
 
 async def measure(options: argparse.Namespace, folder: Path) -> Report:
-    """Record for so long, and be killed, and stand still, so often."""
+    """Record for this duration, with this number of kills and outages."""
     mean_bytes, cameras = make_pictures(folder / "pictures.mjpeg"), options.cameras
     rig = Rig(folder, folder / "pictures.mjpeg", cameras, options.port)
     rig.sessions.mkdir()
@@ -272,7 +272,7 @@ async def measure(options: argparse.Namespace, folder: Path) -> Report:
 
 
 def print_tables(report: Report) -> None:
-    """Print a report for a reader."""
+    """Print a report as tables."""
     recording = report.get("recording")
     if recording:
         print(f"{report['cameras']} cameras, {recording['seconds']:.0f} s, {recording['mb_per_s']:.1f} MB/s")

@@ -1,1 +1,1 @@
-"""What only benchmarks and tests simulate: aligners frame by frame, trees of clocks, more laws of links."""
+"""Simulations for benchmarks and tests only: aligners frame by frame, trees of clocks, more link laws."""

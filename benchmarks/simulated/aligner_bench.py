@@ -1,7 +1,6 @@
 """One simulated camera and its aligner, frame by frame in stepped time; the clock is known exactly.
 
-For what does not need a network: local, leader and true time are the same, save for the clock's error that a
-test adds.
+For tests without a network: local, leader and true time are equal, except for a clock error that a test adds.
 """
 
 import random
@@ -20,12 +19,12 @@ from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration
 
 START_NS = 1_000_000_000
-"""Streams start, and grids lie, within this after zero."""
+"""Interval after zero in which streams start, and grids have their origin."""
 
 
 @dataclass(frozen=True, slots=True)
 class FrameObservation:
-    """A frame's true phase error, and what the aligner thought of it; times in ns."""
+    """A frame's true phase error, and the aligner's estimate of it; times in ns."""
 
     now_ns: int
     error_ns: int
@@ -34,7 +33,7 @@ class FrameObservation:
 
 
 class Bench:
-    """A sensor and its aligner; `deliver` brings one frame and carries out what the aligner asks for."""
+    """A sensor and its aligner; `deliver` delivers one frame and executes what the aligner requests."""
 
     def __init__(
         self,
@@ -50,7 +49,7 @@ class Bench:
         clock_noise_ns: int = 0,
         start_latencies_ns: Sequence[int] = (),
     ) -> None:
-        """Without `ppm` a crystal is drawn, with a standard deviation of 15 ppm; without `grid` a grid."""
+        """Create the sensor; draws a grid without `grid`, and a crystal without `ppm` (15 ppm, 1 sigma)."""
         rng = random.Random(seed)
         self.profile = profile
         self.sensor = Sensor(profile, rng, period_error_ppm=rng.gauss(0.0, 15.0) if ppm is None else ppm)
@@ -70,17 +69,17 @@ class Bench:
 
     @property
     def due_ns(self) -> int:
-        """When the next frame is delivered."""
+        """Return when the next frame is delivered."""
         return self._next.readout_end_true_ns + DELIVERY_NS
 
     def start(self, at_ns: int) -> None:
-        """Start the stream, or start it anew."""
+        """Start or restart the stream."""
         self.sensor.restart(at_ns)
         self.aligner.note_stream_start(at_ns)
         self._next = self.sensor.next_frame()
 
     def next_frame(self) -> SensorFrame:
-        """Let the next frame's time come, and the aligner see the frame unless it was dropped."""
+        """Advance to the next frame, and show it to the aligner unless it was dropped."""
         frame, self.now_ns = self._next, self.due_ns
         self._next = self.sensor.next_frame()
         if frame.dropped:
@@ -90,14 +89,14 @@ class Bench:
         return frame
 
     def deliver(self, *, hold: bool = False) -> FrameObservation | None:
-        """Deliver the next frame at its time; None where it was dropped."""
+        """Deliver the next frame at its time; None if it was dropped."""
         frame = self.next_frame()
         return None if frame.dropped else self.step_aligner(frame, hold=hold)
 
     def step_aligner(
         self, frame: SensorFrame, *, hold: bool = False, burst_ns: tuple[int, int] | None = None
     ) -> FrameObservation:
-        """Let the aligner step_aligner its stream after that frame, and carry out what it asks for.
+        """Let the aligner step its stream after that frame, and execute what it requests.
 
         `burst_ns` are the first and last instant of a burst that is due.
         """
@@ -122,7 +121,7 @@ class Bench:
         return observation
 
     def apply(self, command: CameraCommand, now_ns: int) -> None:
-        """Let the sensor carry out a command."""
+        """Execute a command on the sensor."""
         match command:
             case InjectFrame(exposure_ns):
                 self.sensor.inject(exposure_ns, now_ns)
@@ -138,7 +137,7 @@ class Bench:
         until: Callable[[FrameObservation], bool] = lambda _: False,
         hold: bool = False,
     ) -> list[FrameObservation]:
-        """Deliver frames for that long, or until one fulfils the condition; return what was observed."""
+        """Deliver frames for that duration, or until one fulfils the condition; return the observations."""
         end_ns = self.due_ns + duration_ns
         observations: list[FrameObservation] = []
         while self.due_ns < end_ns and not (observations and until(observations[-1])):

@@ -7,7 +7,7 @@ from math import cos, pi, sin
 
 @dataclass(frozen=True, slots=True)
 class RateSpell:
-    """Another rate for a while: so much skew (dimensionless) more between two true times in ns."""
+    """A temporary rate change: this additional skew (dimensionless) between two true times in ns."""
 
     from_true_ns: int
     until_true_ns: int
@@ -18,7 +18,7 @@ class RateSpell:
 class ChangingClock:
     """A clock that shows true + offset + skew * elapsed + its spells + drift * elapsed squared / 2.
 
-    Elapsed is the true time since `epoch_true_ns`; `skew` is dimensionless, `drift_ppm_per_s` begins there,
+    Elapsed is the true time since `epoch_true_ns`. `skew` is dimensionless. `drift_ppm_per_s` starts there,
     or at another true time.
     """
 
@@ -30,7 +30,7 @@ class ChangingClock:
     drift_from_true_ns: int | None = None
 
     def local_from_true(self, true_ns: int) -> int:
-        """Reading of this clock in ns at a true time in ns."""
+        """Return the reading of this clock in ns at a true time in ns."""
         elapsed = float(true_ns - self.epoch_true_ns)
         begun_ns = self.epoch_true_ns if self.drift_from_true_ns is None else self.drift_from_true_ns
         drifting = max(0.0, float(true_ns - begun_ns))
@@ -40,7 +40,7 @@ class ChangingClock:
         return true_ns + self.offset_ns + round(gained)
 
     def true_from_local(self, local_ns: int) -> int:
-        """True time in ns of a reading in ns, the inverse of `local_from_true` to some ns."""
+        """Return the true time in ns of a reading in ns, the inverse of `local_from_true` to some ns."""
         true_ns = local_ns - self.offset_ns
         for _ in range(STEPS):
             true_ns += local_ns - self.local_from_true(true_ns)
@@ -48,19 +48,19 @@ class ChangingClock:
 
 
 STEPS = 6
-"""Of the inverse: each leaves a share of the error that is the rate, a twelfth at most."""
+"""Iterations of the inverse: each leaves a fraction of the error equal to the rate, a twelfth at most."""
 _S = 1e9
 _CELL_BITS = 30
 _HALF_CELL_NS = 1 << (_CELL_BITS - 1)
 Wave = tuple[float, float, float]
-"""Amplitude (dimensionless), angular frequency in radians a ns, phase in radians."""
+"""Amplitude (dimensionless), angular frequency in radians per ns, phase in radians."""
 
 
 @dataclass(slots=True)
 class WanderingClock:
     """A clock that shows true + offset + skew * true + the integral of its waves; `skew` is dimensionless.
 
-    Within a second the waves are a parabola to a thousandth of a ns, and are read off that one.
+    Within a second the waves are a parabola to a thousandth of a ns, and are evaluated by it.
     """
 
     offset_ns: int
@@ -73,7 +73,7 @@ class WanderingClock:
     _bend: float = field(default=0.0, init=False, compare=False)
 
     def local_from_true(self, true_ns: int) -> int:
-        """Reading of this clock in ns at a true time in ns."""
+        """Return the reading of this clock in ns at a true time in ns."""
         if true_ns >> _CELL_BITS != self._cell:
             self._enter(true_ns >> _CELL_BITS)
         since_ns = true_ns - self._middle_ns
@@ -84,7 +84,7 @@ class WanderingClock:
         )
 
     def true_from_local(self, local_ns: int) -> int:
-        """True time in ns of a reading in ns, the inverse of `local_from_true` to 20 ns in hours."""
+        """Return the true time of a reading, both in ns; inverts `local_from_true` to 20 ns in hours."""
         elapsed_ns = local_ns - self.offset_ns
         return round(elapsed_ns - self._gained_at(round(elapsed_ns - self._gained_at(elapsed_ns))))
 
@@ -95,7 +95,7 @@ class WanderingClock:
         return self._gained_ns + since_ns * (self._rate + since_ns * self._bend)
 
     def _enter(self, cell: int) -> None:
-        """Lay the parabola of that second."""
+        """Compute the parabola of that second."""
         middle_ns = (cell << _CELL_BITS) + _HALF_CELL_NS
         self._cell, self._middle_ns = cell, middle_ns
         self._gained_ns, self._rate, self._bend = self.skew * middle_ns, self.skew, 0.0
@@ -107,9 +107,9 @@ class WanderingClock:
 
 
 def draw_wandering_clock(rng: random.Random, *, wander_ppm: float = 0.3) -> WanderingClock:
-    """Draw a clock: offset up to a day, skew of 20 ppm (one sigma), waves of 15 to 60 minutes and of 5 to 15.
+    """Draw a clock: offset up to a day, skew of 20 ppm (1 sigma), waves of 15 to 60 minutes and of 5 to 15.
 
-    The long wave has an amplitude of up to `wander_ppm`, as a room's heating gives; the short one a sixth.
+    The long wave has an amplitude of up to `wander_ppm`, as a room's heating causes; the short one a sixth.
     """
     waves = []
     for share, shortest_s, longest_s in ((1.0, 900.0, 3600.0), (1.0 / 6.0, 300.0, 900.0)):

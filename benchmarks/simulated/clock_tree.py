@@ -33,15 +33,15 @@ class RelayOutage:
     """A relay falls silent at a true time in ns, for good or until a later one."""
 
     relay: int
-    """Its number."""
+    """Number of the relay."""
     true_ns: int
     until_true_ns: int | None = None
-    """None for good."""
+    """End of the outage; None if it is permanent."""
 
 
 @dataclass(frozen=True, slots=True)
 class TreeSpec:
-    """A tree of clocks: relays below the root, clients spread over them, or below the root without relays."""
+    """A tree of clocks: relays below the root with clients spread over them, or clients below the root."""
 
     clients: int
     relays: int
@@ -66,12 +66,12 @@ class _Node:
     clock: WanderingClock
     rng: random.Random
     channel: Channel
-    """To its parents."""
+    """Channel to the node's parents."""
     member: TreeMember | None = None
     parents: frozenset[Address] = frozenset()
     timer: Timer = field(init=False)
     due_ns: int | None = None
-    """What the timer stands for, local time."""
+    """Local time at which the timer is due."""
     alive: bool = True
     datagrams: int = 0
 
@@ -112,11 +112,11 @@ class Tree:
 
     @property
     def now_true_ns(self) -> int:
-        """The true time, which is the root's, in ns."""
+        """Return the true time, which is the root's, in ns."""
         return self._time.now_true_ns
 
     def run(self, each: Callable[[], None] | None = None) -> None:
-        """Let the duration of the tree pass; `each` is called at every sampling instant."""
+        """Run the tree for its duration; `each` is called at every sampling instant."""
         step_ns = round(self.spec.sample_every_s * _S)
         for at_ns in range(step_ns, round(self.spec.duration_s * _S) + 1, step_ns):
             self.run_until(at_ns)
@@ -125,11 +125,11 @@ class Tree:
 
     @property
     def digest(self) -> str:
-        """Digest of every datagram and when it arrived: the same for the same seed."""
+        """Return a digest of every datagram and its arrival time: the same for the same seed."""
         return self._digest.hexdigest()
 
     def run_until(self, end_true_ns: int) -> None:
-        """Let time pass until a true time in ns."""
+        """Advance to a true time in ns."""
         self._time.run_until(end_true_ns)
         self.datagrams += len(self._arrived)
         self._digest.update(b"".join(self._arrived))
@@ -138,17 +138,17 @@ class Tree:
         del self._arrivals[:]
 
     def kill(self, name: str) -> None:
-        """Let a node fall silent."""
+        """Silence a node."""
         self.nodes[name, 0].alive = False
 
     def revive(self, name: str) -> None:
-        """Let a node that fell silent go on where it stopped."""
+        """Let a silenced node continue where it stopped."""
         node = self.nodes[name, 0]
         node.alive = True
         self._act(node)
 
     def act(self, name: str) -> None:
-        """Let a node handle its timers and send what is due: its engine was asked for something."""
+        """Let a node run its timers and send what is due, after a request to its engine."""
         self._act(self.nodes[name, 0])
 
     # Building
@@ -193,7 +193,7 @@ class Tree:
     # Running
 
     def _act(self, node: _Node, data: bytes | None = None, sender: Address = ROOT) -> None:
-        """Let a node take in a datagram or handle its timers, and send what is due."""
+        """Let a node process a datagram or run its timers, and send what is due."""
         if not node.alive:
             return
         true_ns = self.now_true_ns
@@ -236,24 +236,24 @@ class TreeResult:
 
     instants_s: list[float] = field(default_factory=list)
     errors_us: list[list[float]] = field(default_factory=list)
-    """Errors of each client at each instant; nan where it has no time map."""
+    """Errors of each client at each instant; nan without a time map."""
     within_95: int = 0
-    """How many errors were within the stated 95 % uncertainty."""
+    """Number of errors within the stated 95 % uncertainty."""
     within_bound: int = 0
-    """How many errors were within the hard bound."""
+    """Number of errors within the hard bound."""
     judged: int = 0
-    """How many errors there are."""
+    """Number of errors."""
     root_datagrams: int = 0
-    """That the root received or sent."""
+    """Datagrams that the root received or sent."""
     root_busy_ns: int = 0
     """Processor time inside the root's engine, measured on this machine."""
     busiest_relay_datagrams: int = 0
     datagrams: int = 0
     digest: str = ""
-    """Digest of every datagram and when it arrived: the same for the same seed."""
+    """Digest of every datagram and its arrival time: the same for the same seed."""
 
     def settled(self, after_s: float) -> list[list[float]]:
-        """The errors of those that have a time map, at each instant after so many seconds."""
+        """Return the errors of clients with a time map, at each instant after this time."""
         found = zip(self.instants_s, self.errors_us, strict=True)
         return [[error for error in errors if error == error] for at_s, errors in found if at_s > after_s]
 

@@ -1,4 +1,4 @@
-"""Photographs of panels as a camera in some hand takes them, and the time read off the paper's panel."""
+"""Handheld photographs of panels, and the time read from the paper's panel."""
 
 from dataclasses import dataclass
 
@@ -14,24 +14,24 @@ from capture_app.simulation.rendering.panel_photograph import CYCLE_NS, Image, P
 
 @dataclass(frozen=True)
 class HandheldPhotograph(Photograph):
-    """A photograph with what a hand, the room, a screen and a phone's processing add to it."""
+    """A photograph with the effects of a hand, the room, a screen and a phone's processing."""
 
     motion: tuple[float, float] = (0.0, 0.0)
-    """How far the camera moved in the exposure."""
+    """Motion of the camera during the exposure."""
     glare: tuple[tuple[float, float, float, float], ...] = ()
-    """Spots of light that shine back from the panel: x, y, reach and strength of each."""
+    """Reflections on the panel: x, y, radius and strength of each."""
     contrast: float = 0.0
-    """How far the tone curve is bent to an S."""
+    """Strength of the tone curve's S shape."""
     jpeg_quality: int | None = 92
     scan_share: float = 0.95
-    """Share of a refresh that a screen needs to draw from one edge of the panel to the other."""
+    """Fraction of a refresh that a screen needs to draw from one edge of the panel to the other."""
     response_ns: float = 0.0
-    """A screen's cells change so slowly (time constant)."""
+    """Time constant of a screen's cells."""
     rate_error: float = 0.0
-    """The panel's clock is fast by this share."""
+    """Relative rate error of the panel's clock; positive if it is fast."""
 
     def take(self, start_ns: float, rng: np.random.Generator) -> Image:
-        """The picture, BGR uint8 (height, width, 3), whose first row's exposure starts at that panel time."""
+        """Return the image, BGR uint8 (height, width, 3); its first row's exposure starts at `start_ns`."""
         picture = super().take(start_ns, rng)
         if self.jpeg_quality is None:
             return picture
@@ -47,7 +47,7 @@ class HandheldPhotograph(Photograph):
         return np.asarray(np.floor(moments * (1 + self.rate_error) / self.panel.tick_ns - late))
 
     def _late(self, x: float, y: float) -> float:
-        """Refreshes by which a screen shows a place of the panel later than the middle of it."""
+        """Return a screen's delay at a place of the panel against the panel's middle, in refreshes."""
         across, down = x / self.panel.width, y / self.panel.height
         way = {"down": down, "up": 1 - down, "right": across, "left": 1 - across}
         return self.scan_share * (way.get(self.panel.scan, 0.5) - 0.5)
@@ -76,14 +76,14 @@ class HandheldPhotograph(Photograph):
 
 
 def read_time(picture: Image, *, exposure_ns: int, row_time_ns: float) -> float:
-    """Return when the exposure of a picture's first row began, in ns within CYCLE_NS, by its LEDs' light.
+    """Return when the exposure of an image's first row began, in ns within CYCLE_NS, by its LEDs' light.
 
-    Raises PanelNotFoundError where the picture tells no time.
+    Raises PanelNotFoundError if the image shows no time.
     """
     read = read_panel(picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
     return (read.at_row(0.0)[0] - exposure_ns / 2) % CYCLE_NS
 
 
 def difference_ns(one_ns: float, other_ns: float) -> float:
-    """Return `one` minus `other`, both within CYCLE_NS, as the nearest of what it can be."""
+    """Return `one` minus `other`, both within CYCLE_NS, as the smallest possible difference."""
     return nearest_ns(one_ns - other_ns, CYCLE_NS)

@@ -24,7 +24,7 @@ class Machine:
     leader: Leader | None = None
     clock: WanderingClock = field(init=False)
     received: Counter[str] = field(default_factory=Counter)
-    """How many messages of each kind came for the leader."""
+    """Number of messages of each kind received for the leader."""
 
     def __post_init__(self) -> None:
         self.rng = random.Random(f"{self.name} {self.run}")
@@ -33,17 +33,17 @@ class Machine:
         )
 
     def leader_ns(self, local_ns: int) -> int:
-        """What its clock as a leader shows at a time of its own, in ns."""
+        """Return the reading of its leader clock at a local time, in ns."""
         continued = self.succession.continued
         return local_ns if continued is None else continued.time_map.leader_from_local(local_ns)
 
     def local_ns(self, leader_ns: int) -> int:
-        """The inverse of `leader_ns`."""
+        """Return the local time of a reading; the inverse of `leader_ns`."""
         continued = self.succession.continued
         return leader_ns if continued is None else continued.time_map.local_from_leader(leader_ns)
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Take in one datagram, of a client or of another leader."""
+        """Process one datagram of a client or of another leader."""
         if address[0] in self.deaf_to:
             return
         message = decode(data)
@@ -55,7 +55,7 @@ class Machine:
         self._look()
 
     def handle_timer(self, now_ns: int) -> None:
-        """Do what has become due."""
+        """Run the timers that are due."""
         self.succession.handle_timer(now_ns)
         self._look()
         if self.leader is not None:
@@ -68,7 +68,7 @@ class Machine:
         return own_ns if due_ns is None else min(own_ns, self.local_ns(due_ns) + 1)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
-        """Return what is due, stamped with `now_ns`."""
+        """Return the datagrams that are due, stamped with `now_ns`."""
         led = [] if self.leader is None else self.leader.datagrams_to_send(self.leader_ns(now_ns))
         return led + self.succession.datagrams_to_send(now_ns)
 
@@ -88,7 +88,7 @@ class Machine:
 
 
 def add_leaders(tree: Tree, names: str) -> dict[str, Machine]:
-    """Add machines of one letter each to a tree, the best first."""
+    """Add machines with one-letter names to a tree, the best first."""
     addresses, machines = tuple((name, 0) for name in names), {}
     for rank, name in enumerate(names):
         others = tuple(address for address in addresses if address[0] != name)

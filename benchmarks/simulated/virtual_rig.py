@@ -1,6 +1,6 @@
 """A rig in virtual time: the engine's own leader and clients, simulated clocks, sensors and links.
 
-Virtual time: what is to happen is done in the order of its true time, and nothing waits.
+Events run in the order of their true time, and nothing waits.
 """
 
 import heapq
@@ -28,10 +28,10 @@ from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, Re
 
 
 class VirtualTime:
-    """The true time of a simulation, and all that is scheduled in it.
+    """The true time of a simulation, and all events scheduled in it.
 
-    Minutes pass in moments, and the same seed gives the same run: what falls on one instant happens in the
-    order in which it was scheduled.
+    Simulated minutes take moments, and the same seed gives the same run. Events at the same instant run in
+    the order in which they were scheduled.
     """
 
     def __init__(self) -> None:
@@ -40,12 +40,12 @@ class VirtualTime:
         self._scheduled = 0
 
     def schedule(self, true_ns: int, action: Callable[..., object], *arguments: Any) -> None:
-        """Let `action(*arguments)` happen at a true time in ns."""
+        """Schedule `action(*arguments)` at a true time in ns."""
         self._scheduled += 1
         heapq.heappush(self._queue, (true_ns, self._scheduled, action, arguments))
 
     def run_until(self, end_true_ns: int, done: Callable[[], bool] | None = None) -> bool:
-        """Let time pass until then, or until `done()` after an action; return whether that came true."""
+        """Advance to this time, or until `done()` after an action; return whether that became true."""
         queue, pop = self._queue, heapq.heappop
         while queue and queue[0][0] <= end_true_ns:
             self.now_true_ns, _, action, arguments = pop(queue)
@@ -57,22 +57,22 @@ class VirtualTime:
 
 
 class Timer:
-    """The one timer of an engine: set anew, it passes over what it was set to before."""
+    """The single timer of an engine; setting it cancels its earlier time."""
 
     __slots__ = ("_action", "_arguments", "_due_true_ns", "_time")
 
     def __init__(self, time: VirtualTime, action: Callable[..., object], *arguments: Any) -> None:
-        """`action(*arguments)` happens when it is due."""
+        """Create the timer; it calls `action(*arguments)` when due."""
         self._time, self._action, self._arguments = time, action, arguments
         self._due_true_ns = -1
 
     @property
     def is_pending(self) -> bool:
-        """Whether it is set to a time to come."""
+        """Return whether it is set to a future time."""
         return self._due_true_ns > self._time.now_true_ns
 
     def set(self, true_ns: int) -> None:
-        """Be due at a true time in ns, the coming nanosecond at the earliest."""
+        """Set it to a true time in ns, at the earliest the next nanosecond."""
         true_ns = max(true_ns, self._time.now_true_ns + 1)
         if true_ns != self._due_true_ns:
             self._due_true_ns = true_ns
@@ -95,9 +95,9 @@ class NodeSpec:
     start_true_ns: int = 0
     injection_profile: InjectionProfile | None = None
     schedule: Callable[[], SteadySchedule] = SteadySchedule
-    """Makes the schedule by which it asks for the time."""
+    """Creates the schedule of its time requests."""
     any_clock: bool = False
-    """Whether its clock is good enough once its schedule calls it synchronized, however well it is known."""
+    """Whether its clock suffices once its schedule calls it synchronized, whatever its uncertainty."""
 
 
 @dataclass(slots=True)
@@ -112,7 +112,7 @@ class VirtualNode:
     alive: bool = True
     events: list[ClientEvent[SensorFrame]] = field(default_factory=list)
     bursts: dict[int, FramesSelected[SensorFrame]] = field(default_factory=dict)
-    """All that was picked of each burst, by its number."""
+    """Frames picked for each burst, by its number."""
 
 
 class VirtualRig:
@@ -127,7 +127,7 @@ class VirtualRig:
         align_row: float | None = None,
         max_delay_ns: int = 0,
     ) -> None:
-        """`period_ns`, `align_row` and `max_delay_ns` are the leader's, see `LeaderConfig`."""
+        """Build the rig; `period_ns`, `align_row` and `max_delay_ns` are the leader's, see `LeaderConfig`."""
         self.nodes: dict[str, VirtualNode] = {}
         self.leader_events: list[LeaderEvent] = []
         self._rng = random.Random(seed)
@@ -141,14 +141,14 @@ class VirtualRig:
 
     @property
     def now_true_ns(self) -> int:
-        """The true time, which is the leader's, in ns."""
+        """Return the true time, which is the leader's, in ns."""
         return self._time.now_true_ns
 
     def _new_leader(self) -> Leader:
         config = replace(self._config, instance=self._rng.getrandbits(32))
         return Leader(config, random.Random(self._rng.getrandbits(64)))
 
-    # What a test or an experiment does to it
+    # Actions of a test or an experiment
 
     def start(self, spec: NodeSpec) -> VirtualNode:
         """Start a node, or start it again after `kill`."""
@@ -172,44 +172,44 @@ class VirtualRig:
         return node
 
     def kill(self, name: str) -> None:
-        """Let a node fall silent."""
+        """Silence a node."""
         self.nodes[name].alive = False
 
     def restart_leader(self) -> None:
-        """Let the leader fall silent; another takes its place at the same address."""
+        """Silence the leader; another takes its place at the same address."""
         self.leader = self._new_leader()
 
     def trigger(self, **order: Any) -> Burst:
-        """Order a burst of these fields of a `BurstOrder`."""
+        """Order a burst with these fields of a `BurstOrder`."""
         burst = self.leader.trigger(self.now_true_ns, BurstOrder(**order))
         self._pump_leader()
         return burst
 
     def end(self, burst: Burst, frames: int) -> Burst:
-        """Let a burst end after so many frames."""
+        """End a burst after this number of frames."""
         ended = self.leader.orders.end(burst, frames, self.now_true_ns)
         self._pump_leader()
         return ended
 
     def cancel(self, burst: Burst) -> None:
-        """Take a burst back."""
+        """Cancel a burst."""
         self.leader.orders.cancel(burst, self.now_true_ns)
         self._pump_leader()
 
     def run_for(self, duration_ns: int) -> None:
-        """Let that much time pass."""
+        """Advance by this duration."""
         self._time.run_until(self.now_true_ns + duration_ns)
 
     def run_until(self, done: Callable[[], bool], *, limit_ns: int) -> bool:
-        """Let time pass until `done()`, at most `limit_ns`; return whether it came true."""
+        """Advance until `done()`, at most by `limit_ns`; return whether it became true."""
         return self._time.run_until(self.now_true_ns + limit_ns, done)
 
     def all_ready(self) -> bool:
-        """Whether the leader sees every node as ready."""
+        """Return whether the leader reports every node as ready."""
         return self._all_in(NodeState.READY)
 
     def all_usable(self) -> bool:
-        """Whether it sees every node as ready, or as coarse where it gets no better."""
+        """Return whether it reports every node as ready, or as COARSE where a node gets no better."""
         return self._all_in(NodeState.READY, NodeState.COARSE)
 
     def _all_in(self, *states: NodeState) -> bool:

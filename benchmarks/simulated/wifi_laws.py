@@ -1,4 +1,4 @@
-"""Laws of a WiFi link that have the paper's mean delays: where each is from, and what it must show."""
+"""WiFi delay laws with the paper's mean delays, their sources, and their required statistics."""
 
 import random
 from collections.abc import Mapping
@@ -34,15 +34,15 @@ class LognormalDelay(GammaDelay):
 
 @dataclass(frozen=True, slots=True)
 class BimodalDelay:
-    """Now and then a quick one, near the minimum; most wait for `gap_ns` and Gamma(2) more. Times in ns."""
+    """Mostly delays of `gap_ns` and Gamma(2) more; now and then a quick one near the minimum. Times in ns."""
 
     minimum_ns: int
     mean_ns: int
-    """The mean of those that wait."""
+    """Mean of the delays that are not quick."""
     quick_share: float
     gap_ns: int
     quick_ns: int = 20_000
-    """Mean of the exponential delay of the quick ones beyond the minimum."""
+    """Mean of the quick ones' exponential delay beyond the minimum."""
 
     def draw(self, rng: random.Random, true_ns: int = 0) -> int:
         """Return the delay of one datagram, in ns."""
@@ -54,19 +54,19 @@ class BimodalDelay:
 
 @dataclass(frozen=True, slots=True)
 class LinkStatistics:
-    """What a link must show with a message each PACE_NS; times in us, round trips over 10 ms left out."""
+    """Required statistics of a link with a message each PACE_NS; in us, round trips over 10 ms left out."""
 
     mean_to_leader_us: float
     mean_to_client_us: float
     least_round_trip_us: Mapping[int, float]
-    """On average over trials of so many messages."""
+    """Mean over trials, by the number of messages."""
     late_share: float = 2 * LATE_SHARE
-    """Share of the round trips over 10 ms."""
+    """Fraction of the round trips over 10 ms."""
 
 
 @dataclass(frozen=True, slots=True)
 class SourcedLink:
-    """A link, where its law is from, and the statistics that this source or assumption demands."""
+    """A link, the source of its law, and the statistics that this source or assumption requires."""
 
     link: Link
     source: str
@@ -74,7 +74,7 @@ class SourcedLink:
 
 
 def _assumed(name: str, laws: tuple[DelayLaw, DelayLaw], statistics: LinkStatistics) -> SourcedLink:
-    """A law with floors where the quickest message of all was; its statistics are what follows from that."""
+    """Return a law with its minima at the quickest message of all; its statistics follow from that."""
     source = f"assumed: mean delays as in Ansari et al. 2019, floors of 479 and 517 us, {name}"
     return SourcedLink(Link(*laws), source, statistics)
 
@@ -116,5 +116,5 @@ LINKS: Mapping[str, SourcedLink] = {
     "lognormal 0.6": _lognormal_link(0.6, _statistics((1509.0, 1431.0, 1320.0))),
     "lognormal 1.0": _lognormal_link(1.0, _statistics((1172.0, 1133.0, 1072.0), (1755.0, 1114.0), 0.0187)),
 }
-"""All laws of a WiFi link, by name; of the paper's figures those but the first meet its means at most."""
+"""All laws of a WiFi link, by name; all but the first meet at most the means of the paper's figures."""
 LINKS_BY_LAW: Mapping[str, Link] = {name: sourced.link for name, sourced in LINKS.items()}

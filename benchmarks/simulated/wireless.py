@@ -1,4 +1,4 @@
-"""WiFi links in virtual time, which remember: spells of trouble, quick moments, and the link of the paper."""
+"""WiFi links with memory in virtual time: spells of trouble, quick moments, and the paper's link."""
 
 import random
 from dataclasses import dataclass
@@ -15,32 +15,32 @@ class GammaDelay:
 
     minimum_ns: int
     mean_ns: int
-    """The mean of all but those that come much later."""
+    """Mean of all delays except outliers."""
     shape: float = 2.0
     outlier_share: float = 0.0
     outlier_from_ns: int = 0
     outlier_ns: int = 20_000_000
-    """The most that one comes later, evenly from `outlier_from_ns` on."""
+    """Maximum additional delay of an outlier, uniform from `outlier_from_ns` on."""
 
     def draw(self, rng: random.Random, true_ns: int = 0) -> int:
         """Return the delay of one datagram, in ns."""
         scale_ns = (self.mean_ns - self.minimum_ns) / self.shape
         if self.shape == 2.0:
-            # The sum of two exponentials, which is drawn faster.
+            # The sum of two exponentials is the same law, and is drawn faster.
             excess_ns = -scale_ns * log((1.0 - rng.random()) * (1.0 - rng.random()))
         else:
             excess_ns = rng.gammavariate(self.shape, scale_ns)
         return round(self.minimum_ns + excess_ns + self.draw_outlier_ns(rng))
 
     def draw_outlier_ns(self, rng: random.Random) -> float:
-        """Return how much later one datagram comes than the law says; mostly not at all."""
+        """Return the additional delay of one datagram beyond the law; mostly 0."""
         if rng.random() >= self.outlier_share:
             return 0.0
         return self.outlier_from_ns + rng.random() * (self.outlier_ns - self.outlier_from_ns)
 
 
 WIFI = Link(GammaDelay(845_000, 1_878_000), GammaDelay(883_000, 1_133_000))
-"""A WiFi link of the delays that most messages of the paper have."""
+"""A WiFi link with the delays of most of the paper's messages."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,31 +50,31 @@ class TroubleSpells:
     calm_ns: int = 2_000_000_000
     trouble_ns: int = 200_000_000
     extra_ns: int = 8_000_000
-    """Mean of the exponential delay that trouble adds, each way."""
+    """Mean of the exponential delay that trouble adds in each direction."""
     loss: float = 0.3
 
 
 @dataclass(frozen=True, slots=True)
 class QuickMoments:
-    """Moments at which datagrams of both ways pass quickly; time is in slots, each quick or not by chance."""
+    """Moments at which datagrams of both directions pass quickly; each time slot is quick at random."""
 
     to_leader: DelayLaw
     to_client: DelayLaw
     share: float
     after_ns: int
-    """There is none for so long after the first datagram."""
+    """Time after the first datagram during which there is none."""
     slot_ns: int = 4_000_000
 
 
 @dataclass(frozen=True, slots=True)
 class WirelessLink(Link):
-    """A link with a memory; a channel of it is one node's."""
+    """A link with a memory; one channel of it belongs to one node."""
 
     quick: QuickMoments | None = None
     spells: TroubleSpells | None = None
 
     def open(self) -> Channel:
-        """Return the link as one node uses it from now on."""
+        """Return a channel of the link for one node."""
         return _WirelessChannel(self)
 
 
@@ -122,7 +122,7 @@ class _WirelessChannel:
         return self._trouble
 
     def _is_quick(self, quick: QuickMoments, true_ns: int, rng: random.Random) -> bool:
-        """Whether the slot is a quick one: by its number, since datagrams of two ways are not in order."""
+        """Return whether the slot is quick, by its number: datagrams of two directions are not in order."""
         if self._first_true_ns is None:
             self._first_true_ns, self._slots = true_ns, rng.getrandbits(64)
         if true_ns - self._first_true_ns < quick.after_ns:
@@ -131,7 +131,7 @@ class _WirelessChannel:
 
 
 def _mixed(number: int) -> int:
-    """Sixty-four bits that look random (SplitMix64, Steele, Lea and Flood 2014)."""
+    """Return sixty-four pseudo-random bits (SplitMix64, Steele, Lea and Flood 2014)."""
     bits = (number * 0x9E3779B97F4A7C15) & _64_BITS
     bits = ((bits ^ (bits >> 30)) * 0xBF58476D1CE4E5B9) & _64_BITS
     bits = ((bits ^ (bits >> 27)) * 0x94D049BB133111EB) & _64_BITS
@@ -140,50 +140,50 @@ def _mixed(number: int) -> int:
 
 MEAN_TO_LEADER_NS, MEAN_TO_CLIENT_NS = 1_878_000, 1_133_000
 FLOOR_TO_LEADER_NS, FLOOR_TO_CLIENT_NS = 476_000, 514_000
-"""The quickest of 10,000 messages was that of 479 and 517 us; a floor lies a little lower."""
+"""Minimum delays, slightly below the quickest of 10,000 messages, which took 479 and 517 us."""
 WAIT_NS = 369_000
-"""What most messages wait at least, beyond the floor, each way."""
+"""Minimum additional delay of most messages beyond the floor, in each direction."""
 QUICK_NS = 50_000
-"""What quick messages have on average beyond the floor, each way."""
+"""Mean additional delay of quick messages beyond the floor, in each direction."""
 QUICK_SHARE, QUICK_AFTER_NS = 0.0125, 1_100_000_000
 LATE_NS = 10_000_000
 """Messages over this are left out of all means."""
 LATE_SHARE = 0.0032
-"""Share of late ones each way: 64 round trips in 10,000."""
+"""Fraction of late messages in each direction: 64 round trips in 10,000."""
 PACE_NS = 3_430_000
-"""Between two of the paper's messages: 34.3 s for 10,000."""
+"""Interval between two of the paper's messages: 34.3 s for 10,000."""
 
 
 def paper_link(wait_ns: int = WAIT_NS, quick_ns: int = QUICK_NS) -> WirelessLink:
-    """Return the WiFi link of the paper, with other values for the two numbers that are fitted.
+    """Return the WiFi link of the paper, with other values for the two fitted numbers.
 
-    Table III and the supplement (10,000 messages, one each 3.43 ms): mean one-way times of 1133 us to
-    the client and 1878 to the leader; 64 round trips over 10 ms, left out; the quickest message of all
-    took 517 and 479 us; the least round trip on average 1.87 ms in 300 messages, 1.02 in 1,000, 0.996 in
-    10,000, "with low variance".
+    Table III and the supplement (10,000 messages, one each 3.43 ms): mean one-way times of 1133 us to the
+    client and 1878 to the leader; 64 round trips over 10 ms, left out; the quickest message of all took 517
+    and 479 us; the mean minimum round trip is 1.87 ms in 300 messages, 1.02 in 1,000, 0.996 in 10,000, "with
+    low variance".
 
-    What follows from that:
-    - The paper gives one sample of how the least round trip divides, 517 to 479. How unequal the two
-      ways are at their quickest is thereby not known: no exchange can show it, only half the least round
-      trip bounds it. Here it divides as that one message.
-    - Messages that are quick independently of each other cannot do it. The average of the least of K is
-      an integral over S^K, S being the share of slower ones; whatever S is, 1.87 ms at 300 and a mean of
-      3.01 leave 1.12 ms or more at 1,000.
-    - No steady link can have 1.87 at 300 with low variance either: one that shows a quick message in
-      nearly every 1,000 shows one in a quarter of all 300.
-    - So the link gets quick only when it has been in use for longer than 300 messages take. The simplest
-      such law: nothing is quick for the first 1.1 s, then one moment in eighty is, in both ways (fewer
-      than one in 150, and 1,000 messages would often have none).
+    Conclusions:
 
-    Assumed, since the paper says nothing: Gamma of shape 2 for most messages, exponential for the quick
-    ones, the same least wait of most messages in both ways (a difference d moves the filter of 300
-    messages by d / 2, which the panel's errors bound), and that a link once quick remains so. Two
-    numbers are fitted: that wait, to 1.87 ms, and the mean
-    of the quick ones beyond their floor, to 1.02 and 0.996. Not fitted, and so a test of the law: a
-    minimum filter of 300 messages is then off by 29 us on average and 120 at most in 239 trials; the
-    paper's panel found 32 and 121.
+    - The paper gives one sample of the division of the minimum round trip, 517 to 479. The asymmetry of the
+      minimum delays is thereby unknown: no exchange can show it, and its only bound is half the minimum round
+      trip. Here it divides as that one message.
+    - Independently quick messages cannot explain it. The mean minimum of K messages is an integral over S^K,
+      S being the fraction of slower ones; whatever S is, 1.87 ms at 300 and a mean of 3.01 leave 1.12 ms or
+      more at 1,000.
+    - No steady link can have 1.87 at 300 with low variance either: one that shows a quick message in nearly
+      every 1,000 shows one in a quarter of all 300.
+    - So the link becomes quick only after a longer use than 300 messages take. The simplest such law: nothing
+      is quick for the first 1.1 s, then one moment in eighty is, in both directions (fewer than one in 150,
+      and 1,000 messages would often have none).
+
+    Assumed, since the paper does not state it: Gamma of shape 2 for most messages, exponential for the quick
+    ones, and the same minimum wait of most messages in both directions. A difference d would move the filter
+    of 300 messages by d / 2, which the panel's errors bound. A link once quick is assumed to remain so.
+    Two numbers are fitted: that wait, to 1.87 ms, and the mean of the quick ones beyond their floor, to 1.02
+    and 0.996. Not fitted, and so a test of the law: a minimum filter of 300 messages is then off by 29 us on
+    average and 120 at most in 239 trials; the paper's panel found 32 and 121.
     """
-    # The mean with the quick ones is that of the paper.
+    # The mean including the quick ones equals the paper's.
     share = QUICK_SHARE * (1.0 - QUICK_AFTER_NS / (10_000 * PACE_NS))
 
     def most(floor_ns: int, mean_ns: int) -> GammaDelay:

@@ -60,7 +60,7 @@ CONFIGURATION: Mapping[str, Any] = {
 
 
 class Workers:
-    """Where the units of a batch are computed, and how many at once."""
+    """Place in which a batch's units are computed, and the number computed at once."""
 
     def __init__(self, where: str = LOCAL, jobs: int | None = None, settings: Sequence[str] = ()) -> None:
         """Choose the workers.

@@ -31,8 +31,8 @@ LEVEL_DEG = 3.0
 EXPECTED_MATCHES = (8.0, 0.2)
 """Two images overlap if more matches fit than this number plus this fraction of all.
 
-Brown and Lowe, eq. 13, with their fraction of 0.3. A rig's cameras stand apart, and one plane of the scene
-covers less of all that they share.
+Brown and Lowe, eq. 13, use a fraction of 0.3. It is lower here because a rig's cameras stand apart, and one
+plane of the scene covers less of all that they share.
 """
 INLIER_PX = 3.0
 

@@ -248,7 +248,7 @@ def percent(share: float) -> str:
 
 
 def depth_sentence(depth: StudyResult[Any], when: str, late: str, agreed: str) -> str:
-    """Return how much of what moves is found in both conditions; empty if the loss is not clear."""
+    """Return a sentence with the moving fraction found in each condition; empty without a clear loss."""
     known = depth.first_known(*DEPTH_MEASURES)
     if known is None or known[1] - known[2] < CLEAR_SHARE:
         return ""

@@ -90,7 +90,7 @@ class StudyText:
     hero: str = ""
     """Key of the study's picture that may open the page."""
     why: str = ""
-    """Template that explains why the instant matters; the page shows that of the first study with one."""
+    """Template that explains why the instant matters; the page shows the first available one."""
     diagram: str = ""
     """Template file of the drawing beside `why`."""
     section: str = ""

@@ -27,7 +27,7 @@ AGREED_SHARE = 0.75
 ROW_MISMATCH_PX = 1.0
 """Epipolar error of moving objects from which images may not be of one instant."""
 ROW_MISMATCH_RATIO = 5.0
-"""The error must also be this many times that of still objects, which does not depend on timing."""
+"""Minimum ratio of that error to the error of still objects, which does not depend on timing."""
 
 
 class Timing(Struct, frozen=True, kw_only=True):
@@ -86,7 +86,7 @@ def judge_timing(
 ) -> Timing:
     """Judge a measured time offset.
 
-    `apart_ms` is how much later the second camera's images already are by their timestamps. `spacing_ms` is
+    `apart_ms` is the delay of the second camera's images by their timestamps. `spacing_ms` is
     the frame period. Images are called synchronized only if the error is small, contains zero, and the single
     instants agree.
     """

@@ -382,5 +382,5 @@ class TriangulationStudy(ConditionStudy):
 
 
 def _count(found: RigPoints, which: Array) -> Array:
-    """Return how many of each point's observations are selected (bool)."""
+    """Return the number of each point's observations that are selected (bool)."""
     return np.bincount(found.point[which], minlength=len(found.points))

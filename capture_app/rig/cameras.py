@@ -1,12 +1,11 @@
-"""Cameras of this machine, with or without a running rig: list them, query their modes, open one."""
+"""Cameras of this machine, with or without a running rig: list them and query their modes."""
 
 import logging
 from collections.abc import Mapping
 
 from capture_app.cameras import specs
-from capture_app.cameras.base import Camera, CameraDriver
+from capture_app.cameras.base import CameraDriver
 from capture_app.common.camera_facts import SIMULATED, CameraListing
-from capture_app.common.clock import NodeClock
 from capture_app.common.text import first_line
 
 _log = logging.getLogger(__name__)
@@ -39,8 +38,3 @@ def modes_of(spec: str) -> str:
     parsed = specs.parse_spec(spec)
     listed = specs.load_driver(parsed.kind).list_cameras()
     return next((one.detail for one in listed if one.spec == f"{parsed.kind}:{parsed.device}"), "")
-
-
-def open_camera(spec: str, *, clock: NodeClock, name: str) -> Camera:
-    """Open a camera by its spec; see `cameras.specs.open_camera`."""
-    return specs.open_camera(spec, clock=clock, name=name)

@@ -11,13 +11,14 @@ from msgspec.structs import replace
 
 from capture_app.cameras.base import Camera
 from capture_app.cameras.frames import CapturedFrame
+from capture_app.cameras.specs import open_camera
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.common.clock import HostClock, NodeClock
 from capture_app.common.errors import CameraError
 from capture_app.common.text import count
 from capture_app.common.timeouts import NO_FRAME_TIMEOUT_S
 from capture_app.node.camera.device_profiles import DeviceProfiles
-from capture_app.rig.cameras import modes_of, open_camera
+from capture_app.rig.cameras import modes_of
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimator
 from capture_app.sync.phase.injection import (

@@ -14,7 +14,7 @@ import numpy as np
 
 from capture_app.console.usage import silence
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply
-from capture_app.session.files.strangers import read_arrays
+from capture_app.session.files.untrusted_files import read_arrays
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.opened import OpenSession
 from capture_app.session.reading.reader import Session

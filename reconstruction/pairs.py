@@ -17,7 +17,7 @@ CLEAR_CONTRAST, FAINT_CONTRAST = 0.02, 0.01
 """Minimum contrast of points at rest, and of points on moving objects, which may be small."""
 STILL_RATIO = 0.75
 """Maximum ratio of a static match's distance to the second best's."""
-KEPT_MATCHES = 200
+MAX_MATCHES = 200
 MIN_MATCHES = 25
 GRID = (8, 6)
 CELLS = GRID[0] * GRID[1]
@@ -26,16 +26,16 @@ MIN_BASELINE = 1e-6
 """Minimum distance of two cameras, in the calibration's unit and relative to their distance from its origin.
 
 Closer cameras are at the same place; the remaining distance is rounding error."""
-MAX_CANVAS_SHARE = 8.0
+MAX_CANVAS_FRACTION = 8.0
 """Maximum canvas area, in reference images: cameras that look some 60 degrees off their common plane."""
-LEAST_AHEAD = 0.05
+MIN_AHEAD = 0.05
 """Minimum cosine of a ray to the plane's normal; with less the ray runs along the plane."""
 OVERLAP_LIMITS = (0.15, 0.8)
 """Minimum and maximum fraction of an image that its neighbour in a panorama overlaps."""
 EPIPOLAR_PX = 3.0
 BEST_PARALLAX_DEG = 10.0
 """Parallax beyond which two views look too different for dense matching."""
-MAX_TOLD = 3
+MAX_REPORTED = 3
 """Maximum number of pairs whose reasons are listed in a sentence."""
 
 
@@ -79,7 +79,7 @@ def detect_features(
     return Features(positions, np.asarray(descriptors, np.float32), contrasts)
 
 
-@lru_cache(maxsize=KEPT_MATCHES)
+@lru_cache(maxsize=MAX_MATCHES)
 def match_at_rest(a: Features, b: Features) -> tuple[Array, Array]:
     """Return the indices (n,) of static points that are each other's best match; cached for all callers."""
     return match_descriptors(a.descriptors, b.descriptors, STILL_RATIO)
@@ -202,14 +202,14 @@ def canvas_bounds(reference: View, other: View) -> tuple[Array, Array]:
         f"baseline {length:.3g}, viewing directions {angle_deg(reference.axis, other.axis):.0f} degrees apart"
     )
     ahead = rays[:, 2] / np.linalg.norm(rays, axis=1)
-    if not ahead.min() > LEAST_AHEAD:
+    if not ahead.min() > MIN_AHEAD:
         raise ValueError(
             f"their pictures have no common plane: it would take a canvas without bounds ({aside})"
         )
     flat = rays[:, :2] / rays[:, 2:] * reference.focal
     low, high = flat.min(0), flat.max(0)
     wide, tall = high - low
-    if wide * tall > MAX_CANVAS_SHARE * reference.width * reference.height:
+    if wide * tall > MAX_CANVAS_FRACTION * reference.width * reference.height:
         raise ValueError(
             f"rectified, a picture of {reference.width}x{reference.height} pixels would become "
             f"{wide:.0f}x{tall:.0f} ({aside})"
@@ -257,9 +257,9 @@ def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]
 
 
 def describe_left_out(left_out: Mapping[str, str]) -> str:
-    """Describe why pairs are left out, naming at most `MAX_TOLD` pairs."""
-    told = [f"{pair}: {why}" for pair, why in list(left_out.items())[:MAX_TOLD]]
-    more = [f"and {len(left_out) - MAX_TOLD} more pairs"] if len(left_out) > MAX_TOLD else []
+    """Describe why pairs are left out, naming at most `MAX_REPORTED` pairs."""
+    told = [f"{pair}: {why}" for pair, why in list(left_out.items())[:MAX_REPORTED]]
+    more = [f"and {len(left_out) - MAX_REPORTED} more pairs"] if len(left_out) > MAX_REPORTED else []
     return "; ".join(told + more)
 
 

@@ -5,7 +5,7 @@ import inspect
 from collections.abc import AsyncIterator, Callable
 from contextlib import asynccontextmanager
 
-PATIENCE_S = 30.0
+TIMEOUT_S = 30.0
 """What a wait takes at most that ends as soon as what it waits for is there, on a busy machine, too."""
 SLOW_PATIENCE_S = 120.0
 """What a rig may take, on a busy machine, until its clocks are known and its cameras are in step."""
@@ -24,7 +24,7 @@ def looked_at(condition: Callable[[], object]) -> Callable[[], str]:
 
 
 @asynccontextmanager
-async def patience(awaited: str | Callable[[], str], seconds: float = PATIENCE_S) -> AsyncIterator[None]:
+async def time_limit(awaited: str | Callable[[], str], seconds: float = TIMEOUT_S) -> AsyncIterator[None]:
     """Let a block take so long at most; what did not come is named by the failure."""
     try:
         async with asyncio.timeout(seconds):
@@ -34,8 +34,8 @@ async def patience(awaited: str | Callable[[], str], seconds: float = PATIENCE_S
         raise AssertionError(f"waited {seconds:g} s for {what}") from error
 
 
-async def until(condition: Callable[[], object], *, seconds: float = PATIENCE_S) -> None:
+async def until(condition: Callable[[], object], *, seconds: float = TIMEOUT_S) -> None:
     """Wait until something is true that no event tells."""
-    async with patience(looked_at(condition), seconds):
+    async with time_limit(looked_at(condition), seconds):
         while not condition():  # noqa: ASYNC110
             await asyncio.sleep(0.02)

@@ -52,7 +52,7 @@ CAMERA = CameraFacts(
 class OnceASecond(TreeSchedule):
     """Schedule with one request per second from the start."""
 
-    def _pace(self, progress: Progress | None = None) -> int:
+    def _interval(self, progress: Progress | None = None) -> int:
         return S
 
 

@@ -30,7 +30,7 @@ FACTS = CameraFacts(
     timestamp_source=TimestampSource.START_OF_EXPOSURE,
 )
 CONFIG = messages.RigConfigMessage(
-    leader=1, anchor_leader_ns=0, period_ns=60_000_000_000, pace_ns=60_000_000_000
+    leader=1, anchor_leader_ns=0, period_ns=60_000_000_000, poll_interval_ns=60_000_000_000
 )
 INSIDER = messages.Hello("insider", 3, FACTS)
 DATAGRAMS: tuple[Any, ...] = (
@@ -56,7 +56,7 @@ FRAMES: tuple[Any, ...] = (
     wire.BurstRequest(frames=1, at_leader_ns=2**70, name="../.."),
     orders.WatchRequest(),
     orders.DetailRequest(camera="cam1"),
-    orders.KeepStamp(camera="cam1", stamp=EXACT_STAMPS),
+    orders.SaveStamp(camera="cam1", stamp=EXACT_STAMPS),
     wire.NodeStream(camera="cam1", instance=1, shows=True),
     orders.CancelBurst(burst=10**9),
     orders.RemoveCamera(name="nobody"),

@@ -145,7 +145,7 @@ class Soak:
             return found
         for node in nodes:
             self.not_ready[node.name] += node.state is not NodeState.READY
-            if node.phase_error_ns is not None and node.state in (NodeState.READY, NodeState.COARSE):
+            if node.phase_error_ns is not None and node.state in (NodeState.READY, NodeState.DEGRADED):
                 found[node.name] = abs(node.phase_error_ns) / 1000.0
                 self.between[node.name].append(found[node.name])
         return found
@@ -241,7 +241,7 @@ async def wait_until_ready(leader: Address, nodes: int) -> None:
     """Wait until there are this many nodes, all aligned."""
     states: list[NodeState] = []
     async with asyncio.timeout(JOIN_S):
-        while len(states) != nodes or not {*states} <= {NodeState.READY, NodeState.COARSE}:
+        while len(states) != nodes or not {*states} <= {NodeState.READY, NodeState.DEGRADED}:
             await asyncio.sleep(0.2)
             states = [node.state for node in (await ask_status(leader)).nodes]
 

@@ -30,9 +30,9 @@ from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.leader.standby import lead_in_turn
+from capture_app.node.leader.standby import lead_by_rank
+from capture_app.protocol.log import Log
 from capture_app.protocol.messages import BurstRequest
-from capture_app.protocol.news import Log
 from capture_app.rig.link import ask_burst, ask_status
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -95,9 +95,9 @@ async def lead(name: str, options: Namespace) -> None:
         told = None if continued is None else (continued.told.uncertainty_ns, continued.told.hard_bound_ns)
         line = now_ns, clock.local_from_true(now_ns), clock.local_from_true(now_ns + SPAN_NS)
         print(LEADS + json.dumps({"line": line, "told": told}), file=sys.stderr, flush=True)
-        await node.service.stop_wanted.wait()
+        await node.service.stop_requested.wait()
 
-    await lead_in_turn(make_options, [parse_address(one) for one in options.among], serve)
+    await lead_by_rank(make_options, [parse_address(one) for one in options.among], serve)
 
 
 async def start_leader(address: Address, among: list[Address], folder: Path, name: str) -> Machine:

@@ -21,7 +21,7 @@ from benchmarks.paper.reproduction import Measured, Reproduction
 from benchmarks.paper.result import error_figures, new_figure, save
 from benchmarks.paper.trials import call_all, share_of
 from benchmarks.paper.values import FIGURE_S2, LEAST_ROUND_TRIP, TABLE_2, TABLE_3
-from benchmarks.simulated.wireless import LATE_NS, PACE_NS, PAPER_LINK
+from benchmarks.simulated.wireless import LATE_NS, PAPER_LINK, POLL_INTERVAL_NS
 from capture_app.console.terminal import talk
 from capture_app.simulation.exchanges import START_TRUE_NS, TURNAROUND_NS
 
@@ -53,7 +53,7 @@ class Message:
 def run_of_messages(seed: str, count: int = MESSAGES) -> list[Message]:
     """Simulate a run on the paper's link: leader-initiated messages at the paper's rate, without losses."""
     channel, rng, found = PAPER_LINK.open(), random.Random(seed), []
-    for sent_ns in range(START_TRUE_NS, START_TRUE_NS + count * PACE_NS, PACE_NS):
+    for sent_ns in range(START_TRUE_NS, START_TRUE_NS + count * POLL_INTERVAL_NS, POLL_INTERVAL_NS):
         for there_ns in channel.deliveries("to_client", sent_ns, rng)[:1]:
             answered_ns = sent_ns + there_ns + TURNAROUND_NS
             for back_ns in channel.deliveries("to_leader", answered_ns, rng)[:1]:

@@ -9,8 +9,8 @@ from benchmarks.paper.result import error_figures
 from benchmarks.simulated.changing_clocks import draw_wandering_clock
 from benchmarks.simulated.wifi_laws import LINKS_BY_LAW, BimodalDelay
 from benchmarks.simulated.wireless import (
-    PACE_NS,
     PAPER_LINK,
+    POLL_INTERVAL_NS,
     GammaDelay,
     WirelessLink,
     wireless,
@@ -65,7 +65,7 @@ def run_law_trials(link: Link, count: int, seed: str) -> EstimatorErrors:
     for i in range(count):
         rng = random.Random(f"{seed} {i}")
         clock = draw_clock(rng)
-        messages = exchanges(link, clock, rng, count=FIRST, pace_ns=LAW_PACE_NS)
+        messages = exchanges(link, clock, rng, count=FIRST, poll_interval_ns=LAW_PACE_NS)
         family = estimator_family()
         for message in messages:
             for estimator in family.values():
@@ -169,13 +169,15 @@ def measure_coverage(draw: DrawLink, count: int, seed: str, *, most: int = MOST_
 
 def steady_times(until_ns: int) -> list[int]:
     """Return the request times of a camera's client, in ns from the start; first quickly, then less often."""
-    paces_ns = [poll_schedule.FIRST_PACE_NS] * poll_schedule.FIRST_SAMPLES
-    for pace_ns in poll_schedule.EASING_PACES_NS:
-        paces_ns += [pace_ns] * poll_schedule.EASING_SAMPLES
+    paces_ns = [poll_schedule.FIRST_INTERVAL_NS] * poll_schedule.FIRST_SAMPLES
+    for poll_interval_ns in poll_schedule.EASING_INTERVALS_NS:
+        paces_ns += [poll_interval_ns] * poll_schedule.EASING_SAMPLES
     sent_ns = [0]
     while sent_ns[-1] < until_ns:
-        pace_ns = paces_ns[len(sent_ns)] if len(sent_ns) < len(paces_ns) else poll_schedule.PACE_NS
-        sent_ns.append(sent_ns[-1] + pace_ns)
+        poll_interval_ns = (
+            paces_ns[len(sent_ns)] if len(sent_ns) < len(paces_ns) else poll_schedule.POLL_INTERVAL_NS
+        )
+        sent_ns.append(sent_ns[-1] + poll_interval_ns)
     return sent_ns
 
 
@@ -218,7 +220,7 @@ class _Trial:
 
 
 def _first_second(found: Coverages, trial: _Trial) -> None:
-    sent_ns = [i * poll_schedule.FIRST_PACE_NS for i in range(poll_schedule.FIRST_SAMPLES)]
+    sent_ns = [i * poll_schedule.FIRST_INTERVAL_NS for i in range(poll_schedule.FIRST_SAMPLES)]
     clock = ClockFilter()
     for now_ns in trial.feed(clock, sent_ns, [sent_ns[-1] + 5_000_000]):
         trial.judge(clock, now_ns, AHEAD, found)
@@ -280,7 +282,7 @@ def converge(setting: Setting, counts: tuple[int, ...], trials: int, seed: str) 
 
 def _times_ns(setting: Setting, count: int) -> list[int]:
     if not setting.skewed:
-        return [START_TRUE_NS + i * PACE_NS for i in range(count)]
+        return [START_TRUE_NS + i * POLL_INTERVAL_NS for i in range(count)]
     until_ns = _S
     while len(sent_ns := steady_times(until_ns)) < count:
         until_ns *= 2

@@ -188,7 +188,7 @@ def restart_together(
         bench = benches[number]
         frame = bench.next_frame()
         if not frame.dropped:
-            bench.aligner.settle_command(now_ns)
+            bench.aligner.complete_command(now_ns)
             if not bench.aligner.settled:
                 camera_phases[number] = _unknown_phase(number, tolerance_ns)
             elif camera_phases[number].frame_leader_ns is None or now_ns - told_ns[number] >= REPORT_NS:
@@ -197,9 +197,12 @@ def restart_together(
                 grid_choice.update(camera_phases, now_ns)
             if began_ns is None and all(s.frame_leader_ns is not None for s in camera_phases):
                 began_ns = now_ns
-            bench.grid, bench.meeting_leader_ns = grid_choice.grid, grid_choice.meeting_leader_ns
+            bench.grid, bench.common_instant_leader_ns = (
+                grid_choice.grid,
+                grid_choice.common_instant_leader_ns,
+            )
             before = len(bench.commands)
-            bench.step_aligner(frame, hold=bench.meeting_leader_ns is None)
+            bench.step_aligner(frame, hold=bench.common_instant_leader_ns is None)
             if len(bench.commands) > before:
                 camera_phases[number] = _unknown_phase(number, tolerance_ns)
             if began_ns is not None and all(

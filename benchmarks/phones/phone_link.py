@@ -31,7 +31,7 @@ CAMERA = (
 )
 TARGET_US = 200.0
 READY = ("Ready", "Ready, roughly")
-PATIENCE_S = 120.0
+TIMEOUT_S = 120.0
 
 
 class Served:
@@ -148,14 +148,14 @@ def _run(
 
 
 def _wait_ready(browser: Browser, began_s: float) -> float:
-    while time.monotonic() - began_s < PATIENCE_S:
+    while time.monotonic() - began_s < TIMEOUT_S:
         if browser.ask("document.getElementById('state').textContent") in READY:
             return time.monotonic() - began_s
         time.sleep(0.2)
     shown = browser.ask(
         "document.getElementById('state').textContent + ': ' + document.getElementById('words').textContent"
     )
-    raise SystemExit(f"the phone was not ready within {PATIENCE_S:g} s; its page says {shown!r}")
+    raise SystemExit(f"the phone was not ready within {TIMEOUT_S:g} s; its page says {shown!r}")
 
 
 def _burst_figures(folder: Path) -> dict[str, Any]:

@@ -22,8 +22,8 @@ from benchmarks.reconstruction.rendered_rigs import AIM, AROUND_M, RIGS, SIZE_M,
 from benchmarks.report import new_parser, print_rows, talk
 from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import Array
-from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.colmap import fuse_depth_maps, read_fused_cloud, write_workspace
+from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.depth.view_choice import choose_source_views, seen_points, smallest_group
 from reconstruction.multiview.cloud_accuracy import PointIndex, visible_points
@@ -70,7 +70,7 @@ def measure(rig: RenderedRig) -> dict[str, Any]:
     images = {name: undistort_image(name, 0, rig.pictures[name], view) for name, view in rig.views.items()}
     calibrated = {name: image.calibrated for name, image in images.items()}
     try:
-        scene = find_coarse_scene(calibrated)
+        scene = find_rough_scene(calibrated)
         sources = choose_source_views({name: rig.views[name] for name in scene.points}, scene.points)
         found = match_all_views(calibrated, sources, scene.depth_ranges)
     except BadInputError as error:

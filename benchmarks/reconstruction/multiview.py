@@ -32,11 +32,11 @@ from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Render
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth import sweep_matcher
-from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.colmap import fuse_depth_maps, write_workspace
 from reconstruction.depth.compiled import CPU, CompiledEngine
 from reconstruction.depth.engine import SweepEngine
 from reconstruction.depth.gpu import GpuEngine, find_engine
+from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views, smallest_group
 from reconstruction.multiview.input_images import undistort_image
@@ -76,9 +76,9 @@ def ours(
         )
         for name, image in images.items()
     }
-    scene = find_coarse_scene(calibrated)
+    scene = find_rough_scene(calibrated)
     sources = choose_source_views(views, scene.points)
-    with nullcontext() if planes else patch.object(sweep_matcher, "settle_blank_walls", _as_found):
+    with nullcontext() if planes else patch.object(sweep_matcher, "fit_blank_walls", _as_found):
         found = match_all_views(calibrated, sources, scene.depth_ranges, engine=engine, quick=quick)
     matched, matched_cpu = time.perf_counter() - begun, time.process_time() - cpu
     colours = {name: image.colours for name, image in images.items()}

@@ -20,7 +20,7 @@ from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import Name
 from capture_app.protocol.messages import JsonValue
-from capture_app.session.files.strangers import read_struct
+from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.manifest import RECIPE, BurstRecord, CameraRecord, MissingImage
 
 SCHEMA_VERSION = 1

@@ -12,7 +12,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.names import check_name
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
-from capture_app.session.files.strangers import indented
+from capture_app.session.files.untrusted_files import indented
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import RECIPE
 from capture_app.session.reading.reader import Session

@@ -38,7 +38,7 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 
 WIDTH, HEIGHT, PICTURES, QUALITY = 1920, 1080, 30, 76
-PATIENCE_S = 300.0
+TIMEOUT_S = 300.0
 SAMPLE_EVERY_S, SAMPLES_AT_LEAST = 5.0, 12
 BURST_FRAMES, OUTAGE_S = 60, 6.0
 """An outage is more than twice the silence after which a member, or its leader, counts as lost."""
@@ -126,7 +126,7 @@ class Rig:
 
     async def wait_until_ready(self) -> None:
         """Wait until all cameras are ready."""
-        async with asyncio.timeout(PATIENCE_S):
+        async with asyncio.timeout(TIMEOUT_S):
             while True:
                 try:
                     nodes = (await ask_status(self.address)).nodes
@@ -213,7 +213,7 @@ async def interrupt_once(rig: Rig, chance: random.Random, number: int, *, outage
     words = ("record", "--seconds", "4") if number // 2 % 2 else ("burst", "--frames", str(BURST_FRAMES))
     moment = chance.randrange(BURST_FRAMES * len(rig.names))
     taking = rig.take(*words)
-    async with asyncio.timeout(PATIENCE_S):
+    async with asyncio.timeout(TIMEOUT_S):
         await until(lambda: any(path.name not in before for path in rig.sessions.iterdir()))
         # A random number of frames is safe by then; a capture that ends earlier is killed after its end.
         await until(lambda: taking.poll() is not None or frames_safe(rig, before) >= moment)
@@ -232,7 +232,7 @@ async def interrupt_once(rig: Rig, chance: random.Random, number: int, *, outage
     taking.communicate()
     lost, problems = 0, []
     if new:
-        async with asyncio.timeout(PATIENCE_S):
+        async with asyncio.timeout(TIMEOUT_S):
             await until(lambda: (new[0] / "session.json").exists())
         kept = lines_on_disk(new[0])
         lost = sum(len(lines - kept.get(name, set())) for name, lines in safe.items())

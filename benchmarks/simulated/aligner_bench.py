@@ -57,7 +57,7 @@ class Bench:
         camera = facts if row_known else msgspec.structs.replace(facts, row_time_ns=None)
         self.aligner = Aligner(camera, tolerance_ns=tolerance_ns, rng=rng, aimed=aimed, profile=known)
         self.grid = grid or FrameGrid(rng.randrange(START_NS), profile.period_ns)
-        self.meeting_leader_ns: int | None = None
+        self.common_instant_leader_ns: int | None = None
         self.now_ns = 0
         self.commands: list[CameraCommand] = []
         self.dropped = 0
@@ -109,7 +109,7 @@ class Bench:
             now_ns,
             hold=hold,
             burst_leader_ns=burst_ns,
-            meeting_leader_ns=self.meeting_leader_ns,
+            common_instant_leader_ns=self.common_instant_leader_ns,
         )
         error_ns = self.grid.phase_error(frame.start_true_ns)
         observation = FrameObservation(

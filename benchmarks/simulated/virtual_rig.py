@@ -209,8 +209,8 @@ class VirtualRig:
         return self._all_in(NodeState.READY)
 
     def all_usable(self) -> bool:
-        """Return whether it reports every node as ready, or as COARSE where a node gets no better."""
-        return self._all_in(NodeState.READY, NodeState.COARSE)
+        """Return whether it reports every node as ready, or as DEGRADED where a node gets no better."""
+        return self._all_in(NodeState.READY, NodeState.DEGRADED)
 
     def _all_in(self, *states: NodeState) -> bool:
         clients = self.leader.roster.by_name()

@@ -48,17 +48,17 @@ class BimodalDelay:
         """Return the delay of one datagram, in ns."""
         if rng.random() < self.quick_share:
             return round(self.minimum_ns + rng.expovariate(1.0 / self.quick_ns))
-        least_ns = self.minimum_ns + self.gap_ns
-        return round(least_ns + rng.gammavariate(2.0, (self.mean_ns - least_ns) / 2.0))
+        min_ns = self.minimum_ns + self.gap_ns
+        return round(min_ns + rng.gammavariate(2.0, (self.mean_ns - min_ns) / 2.0))
 
 
 @dataclass(frozen=True, slots=True)
 class LinkStatistics:
-    """Required statistics of a link with a message each PACE_NS; in us, round trips over 10 ms left out."""
+    """Required statistics of a link in us, a message per POLL_INTERVAL_NS; without round trips over 10 ms."""
 
     mean_to_leader_us: float
     mean_to_client_us: float
-    least_round_trip_us: Mapping[int, float]
+    min_round_trip_us: Mapping[int, float]
     """Mean over trials, by the number of messages."""
     late_share: float = 2 * LATE_SHARE
     """Fraction of the round trips over 10 ms."""
@@ -96,11 +96,11 @@ def _lognormal_link(sigma: float, statistics: LinkStatistics) -> SourcedLink:
 
 
 def _statistics(
-    least_us: tuple[float, float, float],
+    min_us: tuple[float, float, float],
     mean_us: tuple[float, float] = (MEAN_TO_LEADER_NS / 1e3, MEAN_TO_CLIENT_NS / 1e3),
     late_share: float = 2 * LATE_SHARE,
 ) -> LinkStatistics:
-    return LinkStatistics(*mean_us, dict(zip((300, 1000, 10_000), least_us, strict=True)), late_share)
+    return LinkStatistics(*mean_us, dict(zip((300, 1000, 10_000), min_us, strict=True)), late_share)
 
 
 LINKS: Mapping[str, SourcedLink] = {

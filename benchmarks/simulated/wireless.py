@@ -17,7 +17,7 @@ class GammaDelay:
     mean_ns: int
     """Mean of all delays except outliers."""
     shape: float = 2.0
-    outlier_share: float = 0.0
+    outlier_fraction: float = 0.0
     outlier_from_ns: int = 0
     outlier_ns: int = 20_000_000
     """Maximum additional delay of an outlier, uniform from `outlier_from_ns` on."""
@@ -34,7 +34,7 @@ class GammaDelay:
 
     def draw_outlier_ns(self, rng: random.Random) -> float:
         """Return the additional delay of one datagram beyond the law; mostly 0."""
-        if rng.random() >= self.outlier_share:
+        if rng.random() >= self.outlier_fraction:
             return 0.0
         return self.outlier_from_ns + rng.random() * (self.outlier_ns - self.outlier_from_ns)
 
@@ -150,7 +150,7 @@ LATE_NS = 10_000_000
 """Messages over this are left out of all means."""
 LATE_SHARE = 0.0032
 """Fraction of late messages in each direction: 64 round trips in 10,000."""
-PACE_NS = 3_430_000
+POLL_INTERVAL_NS = 3_430_000
 """Interval between two of the paper's messages: 34.3 s for 10,000."""
 
 
@@ -184,7 +184,7 @@ def paper_link(wait_ns: int = WAIT_NS, quick_ns: int = QUICK_NS) -> WirelessLink
     average and 120 at most in 239 trials; the paper's panel found 32 and 121.
     """
     # The mean including the quick ones equals the paper's.
-    share = QUICK_SHARE * (1.0 - QUICK_AFTER_NS / (10_000 * PACE_NS))
+    share = QUICK_SHARE * (1.0 - QUICK_AFTER_NS / (10_000 * POLL_INTERVAL_NS))
 
     def most(floor_ns: int, mean_ns: int) -> GammaDelay:
         mean_ns = round((mean_ns - share * (floor_ns + quick_ns)) / (1.0 - share))

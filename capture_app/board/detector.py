@@ -13,7 +13,7 @@ from capture_app.board.boards import MIN_CORNERS, CharucoBoard, Checkerboard
 Board = CharucoBoard | Checkerboard
 Corners = dict[int, NDArray[Any]]
 """Positions (2,) in px of the board's corners, by number."""
-MAX_BEND_SHARE = 0.03
+MAX_BEND_FRACTION = 0.03
 """Maximum deviation of a corner from a flat board, relative to its size; more is a misdetection.
 
 A lens bends the board less than that.
@@ -69,4 +69,4 @@ def is_flat_board(places: NDArray[Any], pixels: NDArray[Any]) -> bool:
         return False
     error = np.linalg.norm(seen[:, :2] / seen[:, 2:] - pixels, axis=1)
     size = float(np.linalg.norm(np.ptp(pixels, axis=0)))
-    return bool(error.max() < MAX_BEND_SHARE * size + 1)
+    return bool(error.max() < MAX_BEND_FRACTION * size + 1)

@@ -26,7 +26,7 @@ class ArrivalClock:
         self._line: LikelyLine | None = None
         self.spread_ns = 0.0
         """Mean distance of each second's smallest delay from the line, at the last fit."""
-        self.usual_excess_ns = 0.0
+        self.typical_excess_ns = 0.0
         """Mean delay beyond the minimum, if known from elsewhere: a few arrivals do not show it."""
 
     def add_arrival(self, counter_ns: int, arrival_ns: int) -> None:
@@ -75,18 +75,18 @@ class ArrivalClock:
         excess = beyond.sum(axis=1) - len(points) * levels
         # The median, because a second that has just begun may have no small delay yet.
         self.spread_ns = float((np.median(beyond, axis=1) - levels).min()) / log(2.0)
-        mean_ns = max(self.spread_ns, self.usual_excess_ns, 1.0)
+        mean_ns = max(self.spread_ns, self.typical_excess_ns, 1.0)
         logs = np.log(np.exp(-0.5 * (skews / SKEW) ** 2) + ODD_HOSTS) - excess / mean_ns
         votes = np.exp(logs - logs.max())
         votes /= votes.sum()
         level, skew = float(votes @ levels), float(votes @ skews)
-        least_ns = mean_ns / len(points)
+        min_ns = mean_ns / len(points)
         return LikelyLine(
-            offset=level - least_ns,
+            offset=level - min_ns,
             skew=skew,
             variance=float(votes @ (levels - level) ** 2),
             covariance=float(votes @ ((levels - level) * (skews - skew))),
             skew_variance=float(votes @ (skews - skew) ** 2),
             gap=0.0,
-            excess=least_ns**2,
+            excess=min_ns**2,
         )

@@ -31,9 +31,9 @@ OPTIONS = {
     "height": "the same",
     "fps": "frames a second; a webcam may choose another rate",
 }
-MOST_FPS = 1000.0
-MOST_LISTED = 8
-MOST_MISSES = 10
+MAX_FPS = 1000.0
+MAX_LISTED = 8
+MAX_MISSES = 10
 """Consecutive missing frames after which the webcam counts as disconnected."""
 MISS_PAUSE_S = 0.05
 
@@ -66,7 +66,7 @@ class Webcam:
             if value is not None:
                 self._capture.set(prop, value)
         told = float(self._capture.get(cv2.CAP_PROP_FPS))
-        self.fps = told if 0.1 <= told <= MOST_FPS else request.fps or DEFAULT_FPS
+        self.fps = told if 0.1 <= told <= MAX_FPS else request.fps or DEFAULT_FPS
 
     def next_frame(self) -> "tuple[int, NDArray[np.uint8]] | None":
         """Wait for a frame; return its arrival (ns, host's clock) and BGR (H, W, 3), or None without one."""
@@ -118,7 +118,7 @@ class WebcamCamera(ThreadedCamera):
         await self._restarted
 
     async def _let_go(self) -> None:
-        _settle(self._restarted)
+        _complete(self._restarted)
         if self._thread is not None:
             await self._in_worker(self._thread.join)
 
@@ -129,7 +129,7 @@ class WebcamCamera(ThreadedCamera):
             webcam = self._open_webcam()
             first = self._next(webcam)
             self._facts = _facts(webcam, first[1])
-            self._tell(_settle, self._begun)
+            self._tell(_complete, self._begun)
             stream, sequence = 0, -1
             while not self._closing.is_set():
                 if self._restart_ns is not None:
@@ -137,7 +137,7 @@ class WebcamCamera(ThreadedCamera):
                     wait_for_start(self._restart_ns, self.facts.period_ns, self._closing, time.monotonic_ns)
                     webcam = self._open_webcam()
                     self._restart_ns = None
-                    self._tell(_settle, self._restarted)
+                    self._tell(_complete, self._restarted)
                     stream, sequence = stream + 1, -1
                 arrived_ns, pixels = self._next(webcam)
                 sequence += 1
@@ -153,7 +153,7 @@ class WebcamCamera(ThreadedCamera):
                 webcam.close()
 
     def _next(self, webcam: Webcam) -> "tuple[int, NDArray[np.uint8]]":
-        for _ in range(MOST_MISSES):
+        for _ in range(MAX_MISSES):
             found = webcam.next_frame()
             if found is not None:
                 return found
@@ -166,14 +166,14 @@ class WebcamCamera(ThreadedCamera):
     def _fail(self, error: CameraError) -> None:
         # The thread still closes the webcam, but restarts nothing any more.
         self._has_failed = True
-        _settle(self._restarted)
+        _complete(self._restarted)
         if not self._begun.done():
             self._begun.set_exception(error)
         elif not self._closing.is_set():
             self._on_failure(error)
 
 
-def _settle(awaited: asyncio.Future[None] | None) -> None:
+def _complete(awaited: asyncio.Future[None] | None) -> None:
     if awaited is not None and not awaited.done():
         awaited.set_result(None)
 
@@ -208,7 +208,7 @@ def list_cameras() -> list[CameraListing]:
     if platform.system() == "Linux":
         return []
     found = []
-    for index in range(MOST_LISTED):
+    for index in range(MAX_LISTED):
         try:
             webcam = Webcam(index, CameraRequest())
         except CameraError:

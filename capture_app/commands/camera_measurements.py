@@ -17,7 +17,7 @@ from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
     from capture_app.commands.take import TakeEnd
-    from capture_app.protocol.orders import KeepStamp
+    from capture_app.protocol.orders import SaveStamp
     from capture_app.rig.camera_times import MeasuredTimes
     from capture_app.rig.characterize import Character, Moves, Starts
     from capture_app.session.reading.reader import Session
@@ -155,7 +155,7 @@ def times_by_panel(session: "Session", reference: str | None = None) -> "Measure
 
 
 def _rows_of(
-    found: "MeasuredTimes", news: "dict[str, KeepStamp]", kept: dict[str, bool]
+    found: "MeasuredTimes", news: "dict[str, SaveStamp]", kept: dict[str, bool]
 ) -> Iterator[tuple[str, str]]:
     from capture_app.session.reading.stamp_words import describe_stamp
 

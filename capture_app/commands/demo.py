@@ -146,11 +146,11 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
 
 async def _watch(link: "RigLink", talk: Talk) -> None:
     """Log how many cameras are in which state. Raises the error of a camera that ends."""
-    from capture_app.protocol.status import NewsLine, RigStatus
+    from capture_app.protocol.status import LogLine, RigStatus
 
     logged = ""
     async for update in link.updates():
-        if isinstance(update, NewsLine) and update.level == "error":
+        if isinstance(update, LogLine) and update.level == "error":
             raise SimulshotError(update.text)
         if isinstance(update, RigStatus):
             states = [node.state for node in update.nodes]

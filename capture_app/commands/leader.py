@@ -133,8 +133,8 @@ def leader(
     from capture_app.interop.app_phones import AppPhones
     from capture_app.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
     from capture_app.node.leader.options import LeaderOptions
-    from capture_app.node.leader.standby import lead_in_turn
-    from capture_app.protocol.news import Log
+    from capture_app.node.leader.standby import lead_by_rank
+    from capture_app.protocol.log import Log
 
     is_apps_grid = android_app and fps is None
     news = Log(log_line, record=print_json_line if as_json else None)
@@ -166,7 +166,7 @@ def leader(
     run = functools.partial(
         _run_leader, among=leaders, cameras=cameras, with_phones=with_phones, log=log, as_json=as_json
     )
-    run_until_stopped(lead_in_turn(make_options, leaders, run), until_eof=until_eof)
+    run_until_stopped(lead_by_rank(make_options, leaders, run), until_eof=until_eof)
 
 
 async def _run_leader(
@@ -201,7 +201,7 @@ async def _run_leader(
                 if with_phones:
                     ask = functools.partial(ask_leader, node.own_address, InvitePhone(), PhoneInvited)
                     await phones.enter_async_context(inviting_phones(ask, as_json))
-                await node.service.stop_wanted.wait()
+                await node.service.stop_requested.wait()
             log_line("stopped by an operator")
 
 

@@ -119,9 +119,14 @@ def link(
         own_clock, wanted = parse_clock(clock, node="link"), trials or measuring.TRIALS
 
         async def measure(leader: Address) -> None:
-            pace_ns = None if interval_ms is None else round(interval_ms * 1e6)
+            poll_interval_ns = None if interval_ms is None else round(interval_ms * 1e6)
             async for reached in measuring.measure(
-                leader, own_clock, messages=messages, pace_ns=pace_ns, trials=wanted, seed=seed
+                leader,
+                own_clock,
+                messages=messages,
+                poll_interval_ns=poll_interval_ns,
+                trials=wanted,
+                seed=seed,
             ):
                 done.append(measuring.judge(reached, own_clock, true_offset_ns))
                 if len(done) % 10 == 0 or messages > 1000:
@@ -147,7 +152,7 @@ def _lines(figures: "LinkFigures") -> Iterator[str]:
     )
     yield (
         f"{figures.seconds_mean:.2f} s a trial (slowest {figures.seconds_max:.2f} s), least round trip"
-        f" {figures.least_round_trip_us:.0f} us; the error is within the stated 95 % in"
+        f" {figures.min_round_trip_us:.0f} us; the error is within the stated 95 % in"
         f" {100 * figures.coverage_95:.0f} % of the trials, and within the hard bound in"
         f" {100 * figures.coverage_hard_bound:.0f} %"
     )

@@ -23,7 +23,7 @@ from capture_app.console.terminal import FiniteRange, log_line, print_line, talk
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.protocol.news import Log
+    from capture_app.protocol.log import Log
 
 
 @click.command(
@@ -108,7 +108,7 @@ def node(
         return
     clock = parse_clock(clock_text, node=name)
     leaders = leaders_to_join(leaders, pin, code)
-    from capture_app.protocol.news import Log
+    from capture_app.protocol.log import Log
 
     ring = {} if ring_s is None else {"ring_ns": round(ring_s * 1e9)}
     ring |= {} if ring_mb is None else {"ring_bytes": round(ring_mb * 1e6)}
@@ -129,7 +129,7 @@ def node(
 
 
 def _log_of(name: str) -> "Log":
-    from capture_app.protocol.news import Log
+    from capture_app.protocol.log import Log
 
     return Log(lambda line: log_line(f"{name}: {line}"), name=name)
 

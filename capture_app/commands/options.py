@@ -29,7 +29,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 ADDRESS = ParsedType("host:port", parse_address)
-_USUAL_LEADER = f"that of this machine's newest rig, else 127.0.0.1:{DEFAULT_PORT}"
+_DEFAULT_LEADER = f"that of this machine's newest rig, else 127.0.0.1:{DEFAULT_PORT}"
 
 
 def _skip_pairing(ctx: click.Context, param: click.Parameter, value: bool) -> None:
@@ -49,7 +49,7 @@ open_option = click.option(
 )
 
 
-def _usual_leader() -> str:
+def _default_leader() -> str:
     from capture_app.rig.process import list_rigs
 
     rigs = list_rigs()
@@ -59,8 +59,8 @@ def _usual_leader() -> str:
 _leader_option = click.option(
     "--leader",
     type=ADDRESS,
-    default=_usual_leader,
-    show_default=_USUAL_LEADER,
+    default=_default_leader,
+    show_default=_DEFAULT_LEADER,
     metavar="HOST:PORT",
     help="Address of the leader or a relay.",
 )
@@ -182,7 +182,7 @@ def rpicam_followers(hosts: tuple[str, ...], shutter_us: float) -> "list[RpicamS
     return [RpicamSync(found, to_all="all" in hosts, shutter_ns=round(shutter_us * 1000))]
 
 
-def keep_from_strangers() -> None:
+def restrict_file_access() -> None:
     """Make files for their owner and group from now on: other users of a machine need not see pictures."""
     with contextlib.suppress(ValueError):
         os.umask(int(os.environ.get("SIMULSHOT_UMASK", "027"), 8))
@@ -205,7 +205,7 @@ def run_until_stopped(work: Coroutine[Any, Any, T], *, until_eof: bool = False) 
         return await task
 
     wait_for_no_reader()
-    keep_from_strangers()
+    restrict_file_access()
     try:
         return asyncio.run(stoppable())
     except asyncio.CancelledError:

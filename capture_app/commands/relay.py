@@ -55,7 +55,7 @@ def relay(
     leader; `status` and `burst` work with its address too. While no leader answers, it is in holdover.
     """
     from capture_app.node.relay import RelayOptions
-    from capture_app.protocol.news import Log
+    from capture_app.protocol.log import Log
 
     make_known(parents, pin, code)
     options = RelayOptions(

@@ -152,7 +152,7 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
     Saved images are never changed; damaged ones are moved to the folder set_aside of the session. What a
     killed import or rendering left in ROOT is removed; an earlier session that it had set aside is restored.
     """
-    from capture_app.protocol.news import Log
+    from capture_app.protocol.log import Log
     from capture_app.rig.repair import repair as repair_sessions
 
     clear_leftovers(path)

@@ -8,7 +8,7 @@ from typing import Any
 
 import click
 
-from capture_app.commands.options import ANY_PATH, keep_from_strangers
+from capture_app.commands.options import ANY_PATH, restrict_file_access
 from capture_app.commands.session_text import session_lines
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import name_like
@@ -162,7 +162,7 @@ def import_command(
     from capture_app.session.importing.importer import split_name
     from capture_app.session.importing.recording import import_found
 
-    keep_from_strangers()
+    restrict_file_access()
     if name is None:
         path = split_name(sources[0])[1].resolve()
         name = name_like(path.name if len(sources) == 1 and path.is_dir() else path.parent.name, "recording")
@@ -310,7 +310,7 @@ def export(session: Path, name: str, out: Path, as_json: bool, **chosen: Any) ->
     """
     from capture_app.session.exporting.export_session import export_session
 
-    keep_from_strangers()
+    restrict_file_access()
     given = {option: value for option, value in chosen.items() if value is not None and value is not False}
     report = export_session(Session.open(session), name, out, show_count("images"), **given)
     answer(as_json, report, [report.folder])

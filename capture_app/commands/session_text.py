@@ -59,7 +59,7 @@ def session_lines(session: Session) -> Iterator[str]:
     skipped, verdict = skipped_text(manifest.burst.skipped), judge(manifest)
     calibrated = "calibrated" if session.calibration() is not None else "not calibrated"
     yield from filter(
-        None, (skipped, *_describe_spread(session), verdict.headline, calibrated, manifest.note)
+        None, (skipped, *_describe_scatter(session), verdict.headline, calibrated, manifest.note)
     )
     yield ""
     head = ("camera", "size", "images", "95 % within", "hard bound", "off instant", "phase", "dropped")
@@ -75,7 +75,7 @@ def session_lines(session: Session) -> Iterator[str]:
             yield f"  and {len(manifest.missing) - 12} more"
 
 
-def _describe_spread(session: Session) -> Iterator[str]:
+def _describe_scatter(session: Session) -> Iterator[str]:
     """How far apart in time the images of one instant are, first to last, and what that costs."""
     manifest, times = session.manifest, session.manifest.burst.common_times
     if len(manifest.cameras) < 2 or not manifest.images:
@@ -126,8 +126,8 @@ def _describe_times(times: CameraTimes) -> str:
 
 
 def _describe_spreads(spreads_ns: Sequence[int]) -> str:
-    middle_ns, most_ns = round(median(spreads_ns)), max(spreads_ns)
-    return f"{duration(middle_ns)} apart at the median, {duration(most_ns)} at most"
+    middle_ns, max_ns = round(median(spreads_ns)), max(spreads_ns)
+    return f"{duration(middle_ns)} apart at the median, {duration(max_ns)} at most"
 
 
 def _true_spreads(session: Session) -> list[int]:

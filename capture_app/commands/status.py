@@ -47,7 +47,7 @@ def status(leader: Address, watch: bool, as_json: bool) -> None:
 
 
 async def _watch(leader: Address, rig: "RigStatus", as_json: bool) -> None:
-    from capture_app.protocol.status import NewsLine, RigStatus
+    from capture_app.protocol.status import LogLine, RigStatus
     from capture_app.rig.link import LinkLost, RigLink
 
     began_ns, advice = time.time_ns(), rig.advice
@@ -60,7 +60,7 @@ async def _watch(leader: Address, rig: "RigStatus", as_json: bool) -> None:
                     print_line(f"{_clock_time(time.time_ns())} {update.advice}")
                 advice = update.advice
             # A new connection first receives older events.
-            case NewsLine() if update.unix_ns >= began_ns:
+            case LogLine() if update.unix_ns >= began_ns:
                 if as_json:
                     print_json_line({"event": "news", **to_builtins(update)})
                 else:

@@ -86,7 +86,7 @@ async def _reported(taking: "Taking", leader: Address) -> "AsyncGenerator[TakeEv
 
 
 def _line_of(event: "TakeEvent", plan: "TakePlan") -> str:
-    from capture_app.protocol.news import burst_line
+    from capture_app.protocol.log import burst_line
     from capture_app.rig import taking
 
     match event:
@@ -158,7 +158,7 @@ def _records(ended: "list[TakeEnd]") -> list[dict[str, Any]]:
     return [{**asdict(one.status), "verdict": _verdict_of(one)} for one in ended if one.status is not None]
 
 
-def require_whole(ended: "TakeEnd", most_missing_pct: float = 0.0) -> None:
+def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
     """Raise the error of a take that failed, and IncompleteError where more than that share is missing.
 
     One without a number was taken by phones of their own app, which keep what they took.
@@ -169,10 +169,10 @@ def require_whole(ended: "TakeEnd", most_missing_pct: float = 0.0) -> None:
         raise ended.error
     status = ended.status
     missing = status.expected - status.received
-    if missing > most_missing_pct / 100 * status.expected:
+    if missing > max_missing_pct / 100 * status.expected:
         raise IncompleteError(f"{status.name} is incomplete: {status.message}")
     if missing:
-        talk(f"{missing} of {count(status.expected, 'frame')} missing, {most_missing_pct:g} % accepted")
+        talk(f"{missing} of {count(status.expected, 'frame')} missing, {max_missing_pct:g} % accepted")
 
 
 @click.command(
@@ -341,7 +341,7 @@ def _cancel(leader: Address, number: int, as_json: bool) -> None:
 @click.option("--note", default="", show_default=False, help="A line of text saved with the session.")
 @click.option(
     "--most-missing",
-    "most_missing_pct",
+    "max_missing_pct",
     type=FiniteRange(0, 100),
     metavar="PERCENT",
     default=1.0,
@@ -356,7 +356,7 @@ def record(
     leader: Address,
     fps: float | None,
     every_s: float | None,
-    most_missing_pct: float,
+    max_missing_pct: float,
     detach: bool,
     stop: bool,
     as_json: bool,
@@ -384,7 +384,7 @@ def record(
         goes_on = f"recording {records[0]['burst']} goes on; end it with: capture-app record --stop"
         answer(as_json, records[0], said=goes_on if begun else "")
     if not begun:
-        require_whole(ended[0], most_missing_pct)
+        require_whole(ended[0], max_missing_pct)
 
 
 def _stop(leader: Address, as_json: bool) -> None:

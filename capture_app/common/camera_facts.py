@@ -12,7 +12,7 @@ Positive = Annotated[int, Meta(gt=0)]
 
 SIMULATED, PHONE = "sim", "phone"
 """Kinds of a simulated camera and of a phone."""
-MOST_STAMP_NS = 10_000_000_000
+MAX_STAMP_NS = 10_000_000_000
 """Maximum bias of a timestamp, and of its uncertainty."""
 DELIVERY_NS = 5_000_000
 """Assumed maximum delay between a frame's readout and the driver's timestamp."""
@@ -70,20 +70,20 @@ _OF_THE_STAMP_ITSELF = {StampSource.DRIVER, StampSource.PROFILE, StampSource.MOT
 class StampAccuracy(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """Timestamp bias of a camera, and its uncertainty; times in ns."""
 
-    bias_ns: Annotated[int, Meta(ge=-MOST_STAMP_NS, le=MOST_STAMP_NS)]
+    bias_ns: Annotated[int, Meta(ge=-MAX_STAMP_NS, le=MAX_STAMP_NS)]
     """Start of the first row's exposure by the timestamp and its `TimestampSource`, minus the true start.
 
     If the moment of the timestamp, or a correction of it, is unknown: the timestamp itself minus the true
     start.
     """
-    uncertainty_ns: Annotated[int, Meta(ge=0, le=MOST_STAMP_NS)]
+    uncertainty_ns: Annotated[int, Meta(ge=0, le=MAX_STAMP_NS)]
     """95 % uncertainty of the bias."""
     source: StampSource
     exposure_ns: Count | None = None
     """Exposure for which the bias is valid; None if it is valid for any, or if that is unknown."""
     against: Text = ""
     """Reference camera of the measurement, if its own bias is unknown; empty otherwise."""
-    against_uncertainty_ns: Annotated[int, Meta(ge=0, le=MOST_STAMP_NS)] | None = None
+    against_uncertainty_ns: Annotated[int, Meta(ge=0, le=MAX_STAMP_NS)] | None = None
     """95 % uncertainty of the reference camera's assumed bias; not in `uncertainty_ns`, as it cancels between
     the cameras that share it."""
 
@@ -152,7 +152,7 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         latest_ns = exposure_ns + self.period_ns + DELIVERY_NS
         if self._claimed_start_ns(0, self.exposure_ns) is None:
             latest_ns += self.period_ns
-        half_ns = min(latest_ns // 2, MOST_STAMP_NS)
+        half_ns = min(latest_ns // 2, MAX_STAMP_NS)
         return StampAccuracy(bias_ns=half_ns, uncertainty_ns=half_ns, source=StampSource.ASSUMED)
 
     def exposure_start_ns(self, stamp_ns: int, exposure_ns: int | None) -> int | None:
@@ -172,16 +172,18 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         start_ns = self.exposure_start_ns(0, self.exposure_ns)
         return -self.stamp_accuracy.bias_ns if start_ns is None else start_ns
 
-    def mid_exposure_offset_ns(self, height_share: float) -> int | None:
-        """Return the time from a frame's timestamp to the middle of exposure of the row at `height_share`.
+    def mid_exposure_offset_ns(self, height_fraction: float) -> int | None:
+        """Return the time from a frame's timestamp to the middle of exposure of the row at `height_fraction`.
 
-        `height_share` is a fraction of the height. None if the camera's row time or exposure, or the moment
-        of the timestamp, is unknown.
+        `height_fraction` is a fraction of the height. None if the camera's row time or exposure, or the
+        moment of the timestamp, is unknown.
         """
         start_ns = self.exposure_start_ns(0, self.exposure_ns)
         if start_ns is None or self.exposure_ns is None or self.row_time_ns is None:
             return None
-        return start_ns + round(height_share * (self.height - 1)) * self.row_time_ns + self.exposure_ns // 2
+        return (
+            start_ns + round(height_fraction * (self.height - 1)) * self.row_time_ns + self.exposure_ns // 2
+        )
 
     def _claimed_start_ns(self, stamp_ns: int, exposure_ns: int | None) -> int | None:
         """Return the start of the first row's exposure according to the driver; None if unknown."""

@@ -32,7 +32,7 @@ SLEWED_PPM = 20.0
 """Minimum rate correction beyond the steady one that is reported."""
 STEADY_PPM = 100.0
 """Maximum steady correction of an ordinary crystal; the excess is an ongoing correction of the time."""
-USUAL_TICK_US = 10_000
+TYPICAL_TICK_US = 10_000
 
 
 class NodeClock(Protocol):
@@ -196,7 +196,7 @@ class HostRate:
         except (OSError, AttributeError):
             return None
         tick, frequency = int(told.tick), int(told.freq)
-        return (tick - USUAL_TICK_US) * 1e6 / USUAL_TICK_US + frequency / 65536.0
+        return (tick - TYPICAL_TICK_US) * 1e6 / TYPICAL_TICK_US + frequency / 65536.0
 
     @staticmethod
     def read_clocks() -> tuple[int, int] | None:

@@ -12,13 +12,13 @@ WITHOUT_CAMERA = (CLOCK_ONLY, RELAY)
 class NodeState(StrEnum):
     """State of a node; ready means that its frames are aligned with the rig's within the requested tolerance.
 
-    A degraded node (COARSE) is aligned, but with a larger uncertainty than requested, because of its link.
+    A degraded node (DEGRADED) is aligned, but with a larger uncertainty than requested, because of its link.
     """
 
     JOINING = "joining"
     SYNCING = "syncing"
     ALIGNING = "aligning"
-    COARSE = "coarse"
+    DEGRADED = "coarse"
     READY = "ready"
     LOST = "lost"
     FAILED = "failed"

@@ -15,7 +15,7 @@ import time
 from collections import deque
 from typing import Any, cast
 
-MOST_BYTES = 1 << 16
+MAX_BYTES = 1 << 16
 """Maximum size of the queue, in bytes."""
 LAST_S = 1.0
 """Time for which the end of a process waits for the reader."""
@@ -24,8 +24,8 @@ LAST_S = 1.0
 class PatientOutput(io.RawIOBase):
     """Replacement for a stream's file: accepts all data at once, and writes it in a thread."""
 
-    def __init__(self, handle: int, most_bytes: int = MOST_BYTES) -> None:
-        self._handle, self._most_bytes = handle, most_bytes
+    def __init__(self, handle: int, max_bytes: int = MAX_BYTES) -> None:
+        self._handle, self._max_bytes = handle, max_bytes
         self._queue: deque[bytes] = deque()
         self._waiting = self._left_out = 0
         self._in_json = False
@@ -52,7 +52,7 @@ class PatientOutput(io.RawIOBase):
             if self._error is not None:
                 raise self._error
             # A returning reader gets the notice first, and then the following lines without a gap.
-            room = self._most_bytes // 2 if self._left_out else self._most_bytes
+            room = self._max_bytes // 2 if self._left_out else self._max_bytes
             if self._waiting and self._waiting + len(lines) > room:
                 self._left_out += lines.count(b"\n")
                 self._in_json = lines.startswith(b"{")

@@ -26,7 +26,7 @@ from capture_app.session.exporting.lens import (
     quaternion,
     rotation_of,
 )
-from capture_app.session.files.strangers import indented
+from capture_app.session.files.untrusted_files import indented
 from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration
 from capture_app.session.format.export_record import with_images_listed
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord

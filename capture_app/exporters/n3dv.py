@@ -31,8 +31,8 @@ WIDTH, HEIGHT = 2704, 2028
 POINTS = "points3D_downsample2.ply"
 """File name of the initial points in 4DGaussians' loader."""
 
-_MOST_POINTS = 40_000
-_MOST_FRAMES = 300
+_MAX_POINTS = 40_000
+_MAX_FRAMES = 300
 _NEAR, _FAR = 0.2, 5.0
 """Guessed bounds, relative to the distance at which the cameras' axes meet."""
 _NARROWER = 0.99
@@ -59,9 +59,7 @@ def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
     assert calibration is not None
     cameras = {name: calibration.cameras[name] for name in burst.cameras}
     focal = (
-        min(map(_whole_focal, cameras.values()))
-        if options.whole
-        else max(map(_least_focal, cameras.values()))
+        min(map(_whole_focal, cameras.values())) if options.whole else max(map(_min_focal, cameras.values()))
     )
     rows = []
     bounds = {name: _bounds(options, depth) for name, depth in focus_depths(cameras).items()}
@@ -74,7 +72,7 @@ def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
         rows.append([*_pose(wanted[name]).ravel(), *bounds[name]])
     np.save(folder / "poses_bounds.npy", np.array(rows, np.float64))
     cloud = read_ply(options.points) if options.points else _scattered(wanted, bounds)
-    write_ply(folder / POINTS, cloud.thinned(_MOST_POINTS), normals=True)
+    write_ply(folder / POINTS, cloud.thinned(_MAX_POINTS), normals=True)
     _add_notes(burst, options, together, min(_kept(cameras[name], wanted[name]) for name in cameras))
 
 
@@ -115,7 +113,7 @@ def _whole_focal(camera: CameraCalibration) -> float:
     return float((np.array([WIDTH / 2, HEIGHT / 2]) / np.abs(picture_rays(camera)).max(axis=0)).min())
 
 
-def _least_focal(camera: CameraCalibration) -> float:
+def _min_focal(camera: CameraCalibration) -> float:
     """Return the shortest focal length, px, at which the camera's image still fills the video."""
     across, down = np.linspace(-0.5, WIDTH - 0.5, 41), np.linspace(-0.5, HEIGHT - 0.5, 41)
     edge = [(x, y) for x in across for y in (down[0], down[-1])]
@@ -164,7 +162,7 @@ def _scattered(
 ) -> PointCloud:
     """Return grey points, uniform in the cameras' views between near and far, for scenes without points."""
     random = np.random.default_rng(0)
-    share = _MOST_POINTS // len(cameras)
+    share = _MAX_POINTS // len(cameras)
     points = []
     for name, camera in cameras.items():
         near, far = bounds[name]
@@ -192,7 +190,7 @@ def _add_notes(burst: ExportedBurst, options: _Options, together: list[int], lea
             left_out,
             f"{left_out} of {len(burst.instants_ns)} instants are left out: not every camera has them",
         ),
-        (len(together) > _MOST_FRAMES, f"4DGaussians reads the first {_MOST_FRAMES} frames only"),
+        (len(together) > _MAX_FRAMES, f"4DGaussians reads the first {_MAX_FRAMES} frames only"),
         (
             least < 0.995,
             f"the films are cut to 4:3 and one angle of view: at least {100 * least:.0f} % of a picture; "

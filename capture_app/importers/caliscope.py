@@ -8,7 +8,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.strangers import read_text
+from capture_app.session.files.untrusted_files import read_text
 from capture_app.session.importing.importer import Importer, open_sources
 from capture_app.session.importing.sources import Layout, videos_in
 from capture_app.session.importing.views import View, Views, numbers, rotation_of

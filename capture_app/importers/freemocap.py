@@ -14,7 +14,7 @@ import statistics
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.strangers import read_text
+from capture_app.session.files.untrusted_files import read_text
 from capture_app.session.importing.frame_matching import (
     Instant,
     TimedFrame,

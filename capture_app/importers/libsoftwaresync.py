@@ -9,7 +9,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.strangers import read_text
+from capture_app.session.files.untrusted_files import read_text
 from capture_app.session.importing.frame_matching import TimedFrame
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.sources import Images, upright

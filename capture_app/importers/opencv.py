@@ -7,7 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.strangers import read_arrays
+from capture_app.session.files.untrusted_files import read_arrays
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.opencv_storage import read_storage
 from capture_app.session.importing.views import Array, View, Views, numbers, rotation_of
@@ -15,7 +15,7 @@ from capture_app.session.importing.views import Array, View, Views, numbers, rot
 _MATRIX = ("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsics")
 _DISTORTION = ("dist", "d", "distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion")
 _ROTATION, _TRANSLATION = ("r", "rvec", "rotation"), ("t", "tvec", "translation")
-_SIDES = ("image_width", "image_height")
+_SIZE_KEYS = ("image_width", "image_height")
 _SUFFIXES = (".npz", ".yml", ".yaml", ".xml")
 
 Content = Mapping[str, Array]
@@ -125,7 +125,7 @@ def _split_pair(
         numbered = {
             key.rstrip("12").rstrip("_"): value for key, value in content.items() if key.endswith(str(number))
         }
-        sizes = {key: content[key] for key in _SIDES if key in content}
+        sizes = {key: content[key] for key in _SIZE_KEYS if key in content}
         split[name] = {**sizes, **numbered, **own.get(name, {}), **pose}
     return split
 
@@ -140,7 +140,7 @@ def _view(where: str, content: Content) -> View:
         shapes = f"{rotation.shape} and {translation.shape}"
         raise BadInputError(f"{where}: R and T have shapes {shapes}, not those of a pose")
     distortion = _find(content, _DISTORTION)
-    sides = [int(numbers(where, content, key, 1)[0]) for key in _SIDES if key in content]
+    sides = [int(numbers(where, content, key, 1)[0]) for key in _SIZE_KEYS if key in content]
     return View(
         matrix=matrix,
         distortion=np.zeros(5) if distortion is None else distortion.ravel(),

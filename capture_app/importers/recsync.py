@@ -12,7 +12,7 @@ from collections.abc import Sequence
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.strangers import read_text
+from capture_app.session.files.untrusted_files import read_text
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.frame_matching import TimedFrame, check_order
 from capture_app.session.importing.importer import Importer

@@ -13,7 +13,7 @@ from typing import Any
 import numpy as np
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.strangers import decode_struct, read_struct, read_text
+from capture_app.session.files.untrusted_files import decode_struct, read_struct, read_text
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.export_record import FRAMES, RECORD, ExportRecord, read_record
 from capture_app.session.format.manifest import (

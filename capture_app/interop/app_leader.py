@@ -22,12 +22,12 @@ from capture_app.interop.app_protocol import (
     encode_call,
     heartbeat_name,
 )
-from capture_app.protocol.news import FollowerNews
+from capture_app.protocol.log import FollowerEvent
 from capture_app.protocol.status import FollowerStatus
 
 Address = tuple[str, int]
-MOST_PHONES = 32
-TELL_EVERY_NS = 1_000_000_000
+MAX_PHONES = 32
+REPORT_INTERVAL_NS = 1_000_000_000
 ALIGN_EVERY_NS = 5_000_000_000
 SILENT_NS, FORGOTTEN_NS = 5_000_000_000, 60_000_000_000
 EXCHANGES_PER_S = 1000.0
@@ -55,7 +55,7 @@ class AppLeader:
         self._aligns = aligns
         self._phones: dict[str, AppPhone] = {}
         self._out: list[tuple[bytes, Address]] = []
-        self._events: deque[FollowerNews] = deque()
+        self._events: deque[FollowerEvent] = deque()
 
     def order_stills(self, instants_ns: Sequence[int], period_ns: int, now_ns: int) -> tuple[int, ...]:
         """Order a still from all phones at the instants that the app can serve, and return those instants."""
@@ -83,7 +83,7 @@ class AppLeader:
         """Return the status of all connected and recently lost phones, sorted by name."""
         return tuple(_status(phone, now_ns) for phone in sorted(self._phones.values(), key=lambda p: p.name))
 
-    def next_event(self) -> FollowerNews | None:
+    def next_event(self) -> FollowerEvent | None:
         """Return the next pending event, or None."""
         return self._events.popleft() if self._events else None
 
@@ -98,12 +98,12 @@ class AppLeader:
             return
         phone = self._phones.get(host)
         if phone is None or phone.lost:
-            if phone is None and len(self._phones) >= MOST_PHONES:
+            if phone is None and len(self._phones) >= MAX_PHONES:
                 return
             phone = self._phones[host] = AppPhone(self._free_name(name, host), host, now_ns)
             what = f"phone {phone.name} at {host} is here with the Android app, which nobody has let in"
-            self._events.append(FollowerNews(phone.name, what))
-            self._set_pace()
+            self._events.append(FollowerEvent(phone.name, what))
+            self._set_interval()
         phone.last_heard_ns = now_ns
         # Reply to the sender's address: the address in the heartbeat may belong to another of its networks.
         self._out.append((encode_call(Method.HEARTBEAT_ACK, call[1]), (host, CALL_PORT)))
@@ -143,9 +143,9 @@ class AppLeader:
             elif silent_ns >= SILENT_NS and not phone.lost:
                 phone.lost = True
                 what = f"lost phone {phone.name}: it has gone silent"
-                self._events.append(FollowerNews(phone.name, what, is_warning=True))
-                self._set_pace()
-            elif not phone.lost and phone.synced and now_ns >= (phone.tell_due_ns or now_ns):
+                self._events.append(FollowerEvent(phone.name, what, is_warning=True))
+                self._set_interval()
+            elif not phone.lost and phone.synced and now_ns >= (phone.report_due_ns or now_ns):
                 self._tell(phone, now_ns)
         for trigger_ns in self.orders.triggers_due(now_ns):
             self._call_all(Method.SET_TRIGGER_TIME, str(trigger_ns))
@@ -156,21 +156,21 @@ class AppLeader:
             phone.last_heard_ns + (FORGOTTEN_NS if phone.lost else SILENT_NS)
             for phone in self._phones.values()
         ]
-        due += [phone.tell_due_ns or 0 for phone in self.present() if phone.synced]
+        due += [phone.report_due_ns or 0 for phone in self.present() if phone.synced]
         if (trigger_due_ns := self.orders.next_timer()) is not None:
             due.append(trigger_due_ns)
         return min(due, default=None)
 
     def _tell(self, phone: AppPhone, now_ns: int) -> None:
         assert phone.time_map is not None, "a synced phone has a map"
-        middle_ns = now_ns + TELL_EVERY_NS // 2
+        middle_ns = now_ns + REPORT_INTERVAL_NS // 2
         offset_ns = phone.time_map.leader_from_local(middle_ns) - middle_ns
         self._call(phone, Method.OFFSET_UPDATE, str(offset_ns))
-        if phone.tell_due_ns is None:
+        if phone.report_due_ns is None:
             known = duration(_uncertainty_ns(phone, now_ns) or 0.0)
-            self._events.append(FollowerNews(phone.name, f"phone {phone.name} has the time to {known}"))
-            phone.align_due_ns = now_ns + TELL_EVERY_NS
-        phone.tell_due_ns = now_ns + TELL_EVERY_NS
+            self._events.append(FollowerEvent(phone.name, f"phone {phone.name} has the time to {known}"))
+            phone.align_due_ns = now_ns + REPORT_INTERVAL_NS
+        phone.report_due_ns = now_ns + REPORT_INTERVAL_NS
         if self._aligns and now_ns >= phone.align_due_ns and self.orders.may_align(now_ns):
             self._call(phone, Method.DO_PHASE_ALIGN)
             phone.align_due_ns = now_ns + ALIGN_EVERY_NS
@@ -182,7 +182,7 @@ class AppLeader:
         for phone in self.present():
             self._call(phone, method, text)
 
-    def _set_pace(self) -> None:
+    def _set_interval(self) -> None:
         for phone in self.present():
             phone.pace(round(len(self.present()) * 1e9 / EXCHANGES_PER_S))
 
@@ -196,7 +196,7 @@ def _uncertainty_ns(phone: AppPhone, now_ns: int) -> float | None:
     """Return the 95 % uncertainty of a phone's leader time, half a second from its offset's reference."""
     if phone.time_map is None or not phone.synced:
         return None
-    return phone.time_map.uncertainty_at(now_ns) + abs(phone.time_map.skew) * TELL_EVERY_NS / 2.0
+    return phone.time_map.uncertainty_at(now_ns) + abs(phone.time_map.skew) * REPORT_INTERVAL_NS / 2.0
 
 
 def _status(phone: AppPhone, now_ns: int) -> FollowerStatus:
@@ -210,7 +210,7 @@ def _status(phone: AppPhone, now_ns: int) -> FollowerStatus:
         return FollowerStatus(
             name=phone.name, address=phone.host, state=state, samples=phone.samples, last_seen_ns=seen_ns
         )
-    slack_ns = abs(time_map.skew) * TELL_EVERY_NS / 2.0
+    slack_ns = abs(time_map.skew) * REPORT_INTERVAL_NS / 2.0
     return FollowerStatus(
         name=phone.name,
         address=phone.host,

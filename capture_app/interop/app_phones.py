@@ -13,8 +13,8 @@ from capture_app.net.server import bind_datagrams
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.followers import RigFollower, SharedGrid
+from capture_app.protocol.log import FollowerEvent, Log
 from capture_app.protocol.messages import BurstRequest
-from capture_app.protocol.news import FollowerNews, Log
 from capture_app.protocol.status import FollowerStatus
 from capture_app.sync.rig.frame_selection import MAX_FRAMES
 
@@ -34,11 +34,11 @@ class AppPhones(RigFollower):
         self._pumps: list[Pump] = []
         self._recordings = Background()
         self._clock: NodeClock = HostClock()
-        self._news = Log()
+        self._event_log = Log()
 
     def start(self, clock: NodeClock, news: Log, grid: Callable[[], SharedGrid | None]) -> None:
         """Listen on the app's two ports. Raises NetworkError if they are in use."""
-        self._clock, self._news = clock, news
+        self._clock, self._event_log = clock, news
         hint = "the app knows no other port: end the other program that uses it"
         calls = bind_datagrams(self._host, CALL_PORT, hint=hint)
         try:
@@ -111,7 +111,7 @@ class AppPhones(RigFollower):
         self._turn()
         text = f"{count(phones, 'phone')} with the app told to {what}"
         text += "; what they take stays on them (capture-app sessions import)"
-        self._news.note(FollowerNews(None, text))
+        self._event_log.note(FollowerEvent(None, text))
         return text
 
     def expose(self, exposure_ns: int, iso: int) -> None:
@@ -135,6 +135,6 @@ class AppPhones(RigFollower):
 
     def _after_call(self, time_pump: Pump) -> None:
         while (event := self._engine.next_event()) is not None:
-            self._news.note(event)
+            self._event_log.note(event)
             # A new phone needs its first clock request now.
             time_pump.turn()

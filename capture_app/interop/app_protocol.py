@@ -19,11 +19,11 @@ CALL_PORT, TIME_PORT = 8244, 9428
 HEARTBEAT_EVERY_NS = 1_000_000_000
 TIME_REQUEST, TIME_ANSWER = struct.Struct(">q"), struct.Struct(">qqq")
 _METHOD = struct.Struct(">i")
-MOST_BYTES = 1024
+MAX_BYTES = 1024
 
 PERIOD_NS, GOAL_PHASE_NS, ALIGNED_NS = 33_320_000, 15_000_000, 100_000
 """Constants of the app (for a Pixel 3): frame period, target of leader time modulo period, and tolerance."""
-KNOCK_EVERY_NS = 100_000_000
+PROBE_INTERVAL_NS = 100_000_000
 """Minimum request interval before a phone's first reply: forged heartbeats must not cause a flood."""
 OUTSTANDING = 512
 ACCURATE_NS = 50_000.0
@@ -63,7 +63,7 @@ def encode_call(method: Method, text: str = "") -> bytes:
 
 def decode_call(data: bytes) -> tuple[int, str] | None:
     """Return a call's method number and text, or None if the datagram is not a call."""
-    if not _METHOD.size <= len(data) <= MOST_BYTES:
+    if not _METHOD.size <= len(data) <= MAX_BYTES:
         return None
     return _METHOD.unpack_from(data)[0], data[_METHOD.size :].decode("utf-8", "replace")
 
@@ -94,13 +94,13 @@ class AppPhone:
         self.synced = False
         """Whether its clock is known well enough to send its offset."""
         self.time_map: TimeMap | None = None
-        self.tell_due_ns: int | None = None
+        self.report_due_ns: int | None = None
         """Time of the next offset update; None before the first one."""
         self.align_due_ns = now_ns
         self._clock, self._target = ClockFilter(), AccuracyTarget(ACCURATE_NS)
         self._schedule = SteadySchedule()
         self._schedule.begin(now_ns)
-        self._knock_due_ns: int | None = now_ns
+        self._probe_due_ns: int | None = now_ns
         self._outstanding: dict[int, None] = {}
         self._is_request_due = False
 
@@ -138,24 +138,24 @@ class AppPhone:
         if t0_ns not in self._outstanding:
             return
         del self._outstanding[t0_ns]
-        if self._knock_due_ns is not None:
-            self._knock_due_ns = None
+        if self._probe_due_ns is not None:
+            self._probe_due_ns = None
             self._schedule.begin(t3_ns)
         sample = ClockSample(t0_ns, t1_ns, t2_ns, t3_ns)
         if self._schedule.reply_arrived(t3_ns, sample.round_trip_ns, self._progress):
             self._prepare_request(t3_ns)
         if not self._clock.add(sample):
-            self.synced, self.time_map, self.tell_due_ns = False, None, None
+            self.synced, self.time_map, self.report_due_ns = False, None, None
             self._target.restart()
             self._schedule.begin(t3_ns)
 
-    def pace(self, pace_ns: int) -> None:
+    def pace(self, poll_interval_ns: int) -> None:
         """Set the minimum request interval (ns) for a phone whose clock is known."""
-        self._schedule.leader_pace_ns = pace_ns
+        self._schedule.leader_interval_ns = poll_interval_ns
 
     @property
     def _request_due_ns(self) -> int:
-        return self._schedule.request_due_ns if self._knock_due_ns is None else self._knock_due_ns
+        return self._schedule.request_due_ns if self._probe_due_ns is None else self._probe_due_ns
 
     @property
     def _progress(self) -> Progress:
@@ -163,8 +163,8 @@ class AppPhone:
 
     def _prepare_request(self, now_ns: int) -> None:
         self._is_request_due = True
-        if self._knock_due_ns is not None:
-            self._knock_due_ns = now_ns + KNOCK_EVERY_NS
+        if self._probe_due_ns is not None:
+            self._probe_due_ns = now_ns + PROBE_INTERVAL_NS
         else:
             self._schedule.request_sent(now_ns, self._progress)
 

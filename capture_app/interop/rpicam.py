@@ -17,7 +17,7 @@ from capture_app.common.clock import NodeClock
 from capture_app.common.interfaces import own_hosts
 from capture_app.common.tasks import end
 from capture_app.node.leader.followers import RigFollower, SharedGrid
-from capture_app.protocol.news import Log
+from capture_app.protocol.log import Log
 from capture_app.sync.phase.frame_grid import FrameGrid
 
 GROUP, PORT = "239.255.255.250", 10_000

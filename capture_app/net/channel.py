@@ -29,7 +29,7 @@ from capture_app.common.pairing_codes import Role
 from capture_app.common.tasks import first_of
 from capture_app.common.text import UNREADABLE, printable_json
 from capture_app.common.timeouts import CLOSE_TIMEOUT_S
-from capture_app.trust.trust import STRANGER, Peer, Trust
+from capture_app.trust.trust import UNKNOWN_PEER, Peer, Trust
 
 GREETING = b"SSH1"
 # Every TLS stream allocates a buffer of this size at once. With asyncio's own 256 KiB, unknown peers could
@@ -51,13 +51,13 @@ M = TypeVar("M")
 
 
 async def open_identified(
-    address: Address, trust: Trust, *, as_stranger: bool
+    address: Address, trust: Trust, *, as_unknown: bool
 ) -> tuple[asyncio.StreamReader, asyncio.StreamWriter, Peer]:
-    """Open a stream to a leader that this machine knows; with `as_stranger`, to any leader.
+    """Open a stream to a leader that this machine knows; with `as_unknown`, to any leader.
 
     Raises OSError, UnknownMachineError where either end does not know the other.
     """
-    context = trust.client_context(as_stranger=as_stranger)
+    context = trust.client_context(as_unknown=as_unknown)
     try:
         reader, writer = await asyncio.open_connection(*address, ssl=context)
     except (ssl.SSLError, ConnectionResetError, ConnectionAbortedError) as error:
@@ -72,7 +72,7 @@ async def open_identified(
         ) from error
     try:
         who = trust.peer(_certificate(writer))
-        if not as_stranger and not who.may(Role.LEADER):
+        if not as_unknown and not who.may(Role.LEADER):
             raise UnknownMachineError(
                 f"this machine does not know the leader at {address}", hint=_how_to_pair(address)
             )
@@ -111,7 +111,7 @@ def _certificate(writer: asyncio.StreamWriter) -> bytes | None:
 
 
 @dataclass(frozen=True, slots=True)
-class Patience:
+class StreamTimeouts:
     """Timeouts for a peer, in s, and the header limit while it is unknown."""
 
     first_s: float | None = 10.0
@@ -124,7 +124,7 @@ class Patience:
     """Maximum header length of a peer that is still unknown."""
 
 
-FOR_EVER = Patience(first_s=None, idle_s=None, message_s=None, header_bytes=MAX_HEADER_BYTES)
+FOR_EVER = StreamTimeouts(first_s=None, idle_s=None, message_s=None, header_bytes=MAX_HEADER_BYTES)
 
 
 class Channel(Generic[M]):
@@ -135,7 +135,7 @@ class Channel(Generic[M]):
         reader: asyncio.StreamReader,
         writer: asyncio.StreamWriter,
         decoder: msgspec.json.Decoder[M],
-        patience: Patience = FOR_EVER,
+        stream_timeouts: StreamTimeouts = FOR_EVER,
     ) -> None:
         self.has_spoken = False
         """Whether the peer has sent a message."""
@@ -143,7 +143,7 @@ class Channel(Generic[M]):
         """Whether the peer is a node that has joined."""
         self.is_beyond = False
         """Whether the stream was admitted beyond the limits, because it may be an operator's."""
-        self.who: Peer = STRANGER
+        self.who: Peer = UNKNOWN_PEER
         """The peer's identity, as proven by its key."""
         where = writer.get_extra_info("peername") or ("?", 0)
         self.peer = Address(str(where[0]), int(where[1]))
@@ -154,7 +154,7 @@ class Channel(Generic[M]):
         self._reader = reader
         self._writer = writer
         self._decoder = decoder
-        self._patience = patience
+        self._stream_timeouts = stream_timeouts
 
     async def identify(self, trust: Trust) -> None:
         """Start TLS on an accepted stream, identify the peer and greet it. Raises OSError where that fails.
@@ -166,7 +166,7 @@ class Channel(Generic[M]):
             plain: Any = writer.transport
             try:
                 await writer.start_tls(
-                    context, ssl_handshake_timeout=self._patience.first_s or CONNECT_TIMEOUT_S
+                    context, ssl_handshake_timeout=self._stream_timeouts.first_s or CONNECT_TIMEOUT_S
                 )
             except AttributeError as error:
                 # A bug of asyncio where the peer disconnects at this moment: it leaves no transport to close.
@@ -178,11 +178,11 @@ class Channel(Generic[M]):
     def trust(self) -> None:
         """Accept headers of any allowed length from now on, because the peer is known."""
         self.is_known = True
-        self._patience = replace(self._patience, header_bytes=MAX_HEADER_BYTES)
+        self._stream_timeouts = replace(self._stream_timeouts, header_bytes=MAX_HEADER_BYTES)
 
     def allow_silence(self) -> None:
         """Remove the timeout between messages, for a peer that mainly receives."""
-        self._patience = replace(self._patience, idle_s=None)
+        self._stream_timeouts = replace(self._stream_timeouts, idle_s=None)
 
     async def receive(self) -> tuple[M, bytes] | None:
         """Read one message and its payload; return None if the peer closed the stream between messages.
@@ -194,9 +194,9 @@ class Channel(Generic[M]):
         return None if message is None else (message, b"".join([chunk async for chunk in self.payload()]))
 
     @asynccontextmanager
-    async def _reading(self, patience_s: float | None, too_slow: str) -> AsyncIterator[None]:
+    async def _reading(self, silence_s: float | None, too_slow: str) -> AsyncIterator[None]:
         try:
-            async with asyncio.timeout(patience_s):
+            async with asyncio.timeout(silence_s):
                 yield
         except TimeoutError as error:
             raise NetworkError(too_slow) from error
@@ -206,8 +206,8 @@ class Channel(Generic[M]):
             raise NetworkError(f"the transfer broke off: {error}") from error
 
     async def _read_prefix(self) -> bytes | None:
-        patience_s = self._patience.idle_s if self.has_spoken else self._patience.first_s
-        async with self._reading(patience_s, "the peer was silent for too long"):
+        silence_s = self._stream_timeouts.idle_s if self.has_spoken else self._stream_timeouts.first_s
+        async with self._reading(silence_s, "the peer was silent for too long"):
             try:
                 return await self._reader.readexactly(_PREFIX.size)
             except asyncio.IncompleteReadError as error:
@@ -228,12 +228,12 @@ class Channel(Generic[M]):
         magic, header_bytes, payload_bytes = _PREFIX.unpack(prefix)
         if magic != MAGIC:
             raise NetworkError("the peer does not speak the transfer protocol", hint="check host and port")
-        if header_bytes > self._patience.header_bytes or payload_bytes > MAX_PAYLOAD_BYTES:
+        if header_bytes > self._stream_timeouts.header_bytes or payload_bytes > MAX_PAYLOAD_BYTES:
             raise NetworkError(
                 f"a message of {header_bytes} + {payload_bytes} bytes is over the limit of "
-                f"{self._patience.header_bytes} + {MAX_PAYLOAD_BYTES}"
+                f"{self._stream_timeouts.header_bytes} + {MAX_PAYLOAD_BYTES}"
             )
-        async with self._reading(self._patience.message_s, _TOO_SLOW):
+        async with self._reading(self._stream_timeouts.message_s, _TOO_SLOW):
             header = await self._reader.readexactly(header_bytes)
         self.unread = payload_bytes
         try:
@@ -249,7 +249,7 @@ class Channel(Generic[M]):
     async def payload(self) -> AsyncIterator[bytes]:
         """Yield the last message's payload as it arrives. Raises NetworkError where it breaks off."""
         while self.unread:
-            async with self._reading(self._patience.message_s, _TOO_SLOW):
+            async with self._reading(self._stream_timeouts.message_s, _TOO_SLOW):
                 chunk = await self._reader.read(min(self.unread, CHUNK_BYTES))
             if not chunk:
                 raise NetworkError(_BROKEN)
@@ -273,7 +273,7 @@ class Channel(Generic[M]):
             # Without a wait in between, because other tasks may send on this stream too.
             for payload in payloads:
                 self._writer.write(payload)
-            await self._drain(self._patience.message_s if stall_s is None else stall_s)
+            await self._drain(self._stream_timeouts.message_s if stall_s is None else stall_s)
         except TimeoutError as error:
             # Closing would wait for the same stalled peer.
             self.abort()
@@ -310,7 +310,7 @@ class Channel(Generic[M]):
     async def close(self) -> None:
         """Close the stream once its peer has everything, or on timeout; harmless on a broken stream."""
         self._writer.close()
-        message_s = self._patience.message_s
+        message_s = self._stream_timeouts.message_s
         try:
             async with asyncio.timeout(CLOSE_TIMEOUT_S if message_s is None else message_s):
                 await self._writer.wait_closed()
@@ -332,18 +332,18 @@ async def connect(
     *,
     timeout_s: float = CONNECT_TIMEOUT_S,
     trust: Trust | None = None,
-    as_stranger: bool = False,
+    as_unknown: bool = False,
 ) -> Channel[Any]:
     """Open a stream to a leader; `messages` is the union that may arrive.
 
-    `trust` is this end's identity and known machines, by default its user's. With `as_stranger` any leader is
+    `trust` is this end's identity and known machines, by default its user's. With `as_unknown` any leader is
     accepted and this end shows no certificate, so that it can only ask to be enrolled. Raises NetworkError,
     UnknownMachineError where either end does not know the other.
     """
     trust = trust or Trust.of_user()
     try:
         async with asyncio.timeout(timeout_s):
-            reader, writer, who = await open_identified(address, trust, as_stranger=as_stranger)
+            reader, writer, who = await open_identified(address, trust, as_unknown=as_unknown)
     except socket.gaierror as error:
         raise NetworkError(
             f"cannot resolve host {address.host!r}: {error.strerror}",

@@ -23,7 +23,7 @@ from capture_app.common.names import name_like
 from capture_app.common.pairing_codes import Role
 from capture_app.common.tasks import end
 from capture_app.common.text import printable
-from capture_app.net.reach import find_obstacle, first_to_answer
+from capture_app.net.reachability import find_obstacle, first_to_answer
 from capture_app.protocol.pairing import FoundLeader
 from capture_app.sync.wire.codec import VERSION
 from capture_app.trust.trust import Trust
@@ -32,12 +32,12 @@ SERVICE = "_simulshot._udp.local."
 LOOK_EVERY_S = 5.0
 """Interval between checks of this machine's addresses: a network may come up later, or change."""
 GOODBYE_S = 1.0
-MOST_LABEL_LETTERS = 50
+MAX_LABEL_LETTERS = 50
 """Maximum length of a name; with the port it must fit into a DNS label of 63 bytes."""
 
 Kind = Literal["leader", "relay"]
-MOST_LEADERS, MOST_ADDRESSES, MOST_NAME_LETTERS = 32, 16, 80
-MOST_TOLD = 240
+MAX_LEADERS, MAX_ADDRESSES, MAX_NAME_LETTERS = 32, 16, 80
+MAX_TOLD = 240
 """Maximum length of the list of leader addresses; a DNS property holds 255 bytes including its name."""
 DETAILS_MS = 3000
 """Timeout for resolving an announced service."""
@@ -93,7 +93,7 @@ def _service_info(
     port: int, kind: Kind, name: str | None, pin: str, among: Sequence[Address]
 ) -> AsyncServiceInfo:
     name = name or name_like(socket.gethostname().split(".")[0], "simulshot")
-    label, leaders = f"{name[:MOST_LABEL_LETTERS]}-{port}", ",".join(map(str, among))
+    label, leaders = f"{name[:MAX_LABEL_LETTERS]}-{port}", ",".join(map(str, among))
     return AsyncServiceInfo(
         SERVICE,
         f"{label}.{SERVICE}",
@@ -103,7 +103,7 @@ def _service_info(
             "protocol": str(VERSION),
             "kind": kind,
             "pin": pin,
-            "leaders": leaders if len(leaders) <= MOST_TOLD else "",
+            "leaders": leaders if len(leaders) <= MAX_TOLD else "",
         },
         # A host name of its own, because the machine's mDNS daemon owns the machine's name.
         server=f"simulshot-{secrets.token_hex(4)}.local.",
@@ -205,14 +205,14 @@ class LeaderBrowser:
             task.cancel()
         if state_change is ServiceStateChange.Removed:
             self._found.pop(name, None)
-        elif len({*self._found, *self._asking, name}) <= MOST_LEADERS:
+        elif len({*self._found, *self._asking, name}) <= MAX_LEADERS:
             self._asking[name] = asyncio.create_task(self._ask(zeroconf, name))
 
     async def _ask(self, zeroconf: Zeroconf, name: str) -> None:
         with contextlib.suppress(Error, OSError, ValueError):
             info = AsyncServiceInfo(SERVICE, name)
             if await info.async_request(zeroconf, DETAILS_MS):
-                hosts = info.parsed_addresses(IPVersion.V4Only)[:MOST_ADDRESSES]
+                hosts = info.parsed_addresses(IPVersion.V4Only)[:MAX_ADDRESSES]
                 port = info.port or 0
                 told = info.decoded_properties
                 self._found[name] = FoundLeader(
@@ -227,7 +227,7 @@ class LeaderBrowser:
 
 
 def _short(text: str) -> str:
-    return " ".join(printable(text[:MOST_NAME_LETTERS]).split())
+    return " ".join(printable(text[:MAX_NAME_LETTERS]).split())
 
 
 async def search_leaders(
@@ -255,7 +255,7 @@ async def search_leaders(
             if any(one.is_known and not one.is_relay for one in answered) or (answered and is_late):
                 return _best(answered)
             if is_late:
-                sentence = await _what_is_in_the_way(found)
+                sentence = await _describe_obstacles(found)
                 if sentence != said:
                     tell(sentence)
                     said = sentence
@@ -291,7 +291,7 @@ def _knows(trust: Trust, pin: str) -> bool:
     return pin == trust.identity.pin or (machine is not None and Role.LEADER in machine.roles)
 
 
-async def _what_is_in_the_way(found: Sequence[FoundLeader]) -> str:
+async def _describe_obstacles(found: Sequence[FoundLeader]) -> str:
     obstacles = await asyncio.gather(
         *(find_obstacle(address) for leader in found for address in leader.addresses[:1])
     )

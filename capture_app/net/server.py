@@ -14,21 +14,21 @@ from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError, SimulshotError
 from capture_app.common.pairing_codes import Role
 from capture_app.common.tasks import end
-from capture_app.net.channel import CHUNK_BYTES, Channel, Patience
-from capture_app.trust.trust import STRANGER, Peer, Trust
+from capture_app.net.channel import CHUNK_BYTES, Channel, StreamTimeouts
+from capture_app.trust.trust import UNKNOWN_PEER, Peer, Trust
 
 M = TypeVar("M")
-MOST_STREAMS, MOST_OF_ONE_ADDRESS = 768, 384
+MAX_STREAMS, MAX_STREAMS_PER_ADDRESS = 768, 384
 """A node has at most two streams open; nodes below a relay share the relay's address."""
-MOST_OF_ONE_MACHINE = 200
+MAX_STREAMS_PER_MACHINE = 200
 """Limit for one machine, whose cameras have two streams each, so that it cannot displace others."""
 RESERVED = 32
 """Streams beyond the limits, for operators: they are recognized only once they have connected."""
-MOST_SILENT = 96
+MAX_SILENT = 96
 """Maximum number of streams without a message yet, because TLS allocates memory from the start."""
-WANTED_FILES = 8192
+MAX_FILES = 8192
 FILES_OF_A_STREAM, OTHER_FILES = 2, 128
-PATIENCE = Patience()
+STREAM_TIMEOUTS = StreamTimeouts()
 KNOWN_EVERY_S = 1.0
 """Interval between checks of which machines are still known."""
 
@@ -45,9 +45,9 @@ class TransferServer(Generic[M]):
         messages: Any,
         serve: Callable[[Channel[M]], Awaitable[None]],
         *,
-        most: int = MOST_STREAMS,
-        most_of_one_address: int = MOST_OF_ONE_ADDRESS,
-        patience: Patience = PATIENCE,
+        most: int = MAX_STREAMS,
+        max_per_address: int = MAX_STREAMS_PER_ADDRESS,
+        stream_timeouts: StreamTimeouts = STREAM_TIMEOUTS,
         trust: Trust | None = None,
     ) -> None:
         """Limit the open streams to `most`, and apply the timeouts of `patience` to each.
@@ -62,8 +62,8 @@ class TransferServer(Generic[M]):
         self._serve = serve
         self._server: asyncio.Server | None = None
         self._streams: set[asyncio.Task[None]] = set()
-        self._most, self._most_of_one_address = min(most, allowed_streams()), most_of_one_address
-        self._patience = patience
+        self._most, self._max_per_address = min(most, allowed_streams()), max_per_address
+        self._stream_timeouts = stream_timeouts
 
     async def start(self, listening: socket.socket) -> None:
         """Start accepting streams."""
@@ -82,7 +82,7 @@ class TransferServer(Generic[M]):
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
         assert task is not None
-        channel = Channel(reader, writer, self._decoder, self._patience)
+        channel = Channel(reader, writer, self._decoder, self._stream_timeouts)
         if not self._admit(channel):
             channel.abort()
             return
@@ -110,9 +110,9 @@ class TransferServer(Generic[M]):
         own = [one for one in self._open if one.host == stream.host]
         silent = [one for one in self._open if not one.has_spoken]
         admitted = True
-        if len(silent) >= MOST_SILENT:
+        if len(silent) >= MAX_SILENT:
             admitted = self._make_room(_by_host(silent)[0])
-        elif len(own) >= self._most_of_one_address:
+        elif len(own) >= self._max_per_address:
             admitted = self._make_room(own)
         elif len(self._open) >= self._most:
             # The host with the most streams is the likeliest to have too many.
@@ -120,7 +120,7 @@ class TransferServer(Generic[M]):
         if not admitted and len(self._open) < self._most + RESERVED:
             admitted = stream.is_beyond = True
         if admitted:
-            self._open[stream] = STRANGER
+            self._open[stream] = UNKNOWN_PEER
         return admitted
 
     def _admit_peer(self, stream: Channel[M]) -> bool:
@@ -130,7 +130,7 @@ class TransferServer(Generic[M]):
             return True
         stays = not stream.is_beyond
         own = [one for one in self._open if who.pin and one.who == who]
-        if stays and len(own) > MOST_OF_ONE_MACHINE:
+        if stays and len(own) > MAX_STREAMS_PER_MACHINE:
             spare = next((one for one in own if not one.is_known), stream)
             self._break_off(spare)
             stays = spare is not stream
@@ -172,13 +172,13 @@ def allowed_streams() -> int:
     """Return the number of streams that this process has file descriptors for, after raising its limit."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft != resource.RLIM_INFINITY:
-        wanted = WANTED_FILES if hard == resource.RLIM_INFINITY else min(WANTED_FILES, hard)
+        wanted = MAX_FILES if hard == resource.RLIM_INFINITY else min(MAX_FILES, hard)
         if wanted > soft:
             with suppress(OSError, ValueError):
                 resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
                 soft = wanted
-        return max(1, min(MOST_STREAMS, (soft - OTHER_FILES) // FILES_OF_A_STREAM))
-    return MOST_STREAMS
+        return max(1, min(MAX_STREAMS, (soft - OTHER_FILES) // FILES_OF_A_STREAM))
+    return MAX_STREAMS
 
 
 def bind_port(host: str, port: int, *, or_free: bool = False) -> tuple[socket.socket, socket.socket]:

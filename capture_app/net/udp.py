@@ -93,13 +93,13 @@ class SinglePeerEngine:
 
 
 class Pump:
-    """Driver of an engine over a UDP socket; `after_turn` is called whenever there may be new events."""
+    """Driver of an engine over a UDP socket; `after_flush` is called whenever there may be new events."""
 
-    def __init__(self, engine: Engine, clock: NodeClock, after_turn: Callable[[], None]) -> None:
+    def __init__(self, engine: Engine, clock: NodeClock, after_flush: Callable[[], None]) -> None:
         self._engine = engine
         self._clock = clock.now_ns
         self._receipt_times = ReceiptTimes(clock)
-        self._after_turn = after_turn
+        self._after_flush = after_flush
         self._loop: asyncio.AbstractEventLoop
         self._socket: socket.socket | None = None
         self._timer: asyncio.TimerHandle | None = None
@@ -127,7 +127,7 @@ class Pump:
                 send(data, address)
             except OSError:
                 pass
-        self._after_turn()
+        self._after_flush()
         if self._timer is not None:
             self._timer.cancel()
         due_ns = self._engine.next_timer()

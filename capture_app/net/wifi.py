@@ -40,11 +40,11 @@ def saves_power(interface: str) -> bool | None:
             timeout=_IW_TIMEOUT_S,
             check=True,
         ).stdout
-        return told_power_save(told)
+        return parse_power_save(told)
     return None
 
 
-def told_power_save(told: str) -> bool | None:
+def parse_power_save(told: str) -> bool | None:
     """Parse the output of `iw dev DEVICE get power_save`."""
     _, _, state = told.strip().lower().rpartition(" ")
     return {"on": True, "off": False}.get(state)

@@ -4,9 +4,9 @@ import asyncio
 from collections.abc import Sequence
 
 from capture_app.common.address import Address
-from capture_app.net.reach import Obstacle, find_obstacle
+from capture_app.net.reachability import Obstacle, find_obstacle
 from capture_app.net.wifi import power_saving, power_saving_remedy, power_saving_towards
-from capture_app.protocol.news import Log
+from capture_app.protocol.log import Log
 from capture_app.sync.rig.time_client import TimeClient
 
 LOOK_EVERY_S = 0.25

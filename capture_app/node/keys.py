@@ -62,7 +62,7 @@ class KeyRequester:
                 answer = await ask(channel, self._request, KeyAnswer)
             self._keys.hold(leader, answer.grant)
             self._pump.turn()
-            self._trust.take_word(channel.who, answer.machines, answer.names)
+            self._trust.take_trust_of(channel.who, answer.machines, answer.names)
         except SimulshotError as error:
             # Reachability of the leader is checked elsewhere.
             if isinstance(error, UnknownMachineError) or not isinstance(error, NetworkError):

@@ -12,8 +12,8 @@ from capture_app.common.pairing_codes import Role, pin_of
 from capture_app.net.asking import ask
 from capture_app.net.channel import Channel, connect
 from capture_app.protocol import messages, pairing
+from capture_app.protocol.log import Log
 from capture_app.protocol.message import Message
-from capture_app.protocol.news import Log
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.principal import Principal
 from capture_app.trust.camera_names import CameraNames
@@ -26,7 +26,7 @@ OPEN_NEEDS_NO_CODE = "this rig is open to anybody and needs no code"
 LOOK_EVERY_NS = 1_000_000_000
 SAID_AGAIN_S = 30.0
 """Minimum interval between log lines about unknown machines, so that they cannot flood a screen."""
-Asked = pairing.FromStranger | pairing.Invite | pairing.SpeaksFor | messages.KeyRequest
+Asked = pairing.FromUnknown | pairing.Invite | pairing.SpeaksFor | messages.KeyRequest
 """Requests that leaders and relays answer in the same way."""
 
 
@@ -35,7 +35,7 @@ class Enrolment:
 
     def __init__(self, trust: Trust, news: Log, sealed: SealedLeader | None = None) -> None:
         """`sealed` is None where datagrams are not sealed."""
-        self._trust, self._news, self._sealed = trust, news, sealed
+        self._trust, self._event_log, self._sealed = trust, news, sealed
         self._seen_version: int | None = None
         self._standbys: set[str] = set()
         self._due_ns: int | None = None
@@ -48,8 +48,8 @@ class Enrolment:
         if self._sealed is None or (self._due_ns is not None and now_ns < self._due_ns):
             return
         self._due_ns = now_ns + LOOK_EVERY_NS
-        for refused in self._sealed.refusals.take_news(now_ns):
-            self._news.note(refused)
+        for refused in self._sealed.refusals.take_events(now_ns):
+            self._event_log.note(refused)
         self._take_back(self._sealed.keys)
 
     def _take_back(self, keys: ClientKeys) -> None:
@@ -84,8 +84,8 @@ class Enrolment:
         match message:
             case pairing.EnrolRequest():
                 await self._answer_enrolment(channel, message)
-            case pairing.PairingWord():
-                await self._answer_word(channel, message)
+            case pairing.PairingMessage():
+                await self._answer_spake2(channel, message)
             case pairing.PairingProof():
                 raise UnknownMachineError("a proof comes after a word")
             case pairing.Invite():
@@ -119,16 +119,16 @@ class Enrolment:
             now_s = time.monotonic()
             if now_s - self._said_s >= SAID_AGAIN_S:
                 self._said_s = now_s
-                self._news.say(
+                self._event_log.say(
                     f"a machine at {channel.host} wants to join and is not known here;"
                     " if it is yours, show it a code: capture-app trust invite"
                 )
             raise UnknownMachineError("the leader does not know this machine")
         if machine != known:
-            self._news.say(f"{machine.name} is known from now on")
+            self._event_log.say(f"{machine.name} is known from now on")
         await channel.send(pairing.Known(leader=self._name, roles=machine.roles))
 
-    async def _answer_word(self, channel: Channel[Any], message: pairing.PairingWord) -> None:
+    async def _answer_spake2(self, channel: Channel[Any], message: pairing.PairingMessage) -> None:
         if self._trust.is_open:
             raise UnknownMachineError(OPEN_NEEDS_NO_CODE, hint="it runs with --open")
         own_pin, pin = self._trust.identity.pin, pin_of(message.certificate)
@@ -143,11 +143,11 @@ class Enrolment:
         try:
             proof = self._invitations.accept(invitation, key, said.proof)
         except UnknownMachineError:
-            self._news.say(f"a machine at {channel.host} tried a wrong code")
+            self._event_log.say(f"a machine at {channel.host} tried a wrong code")
             raise
         role = invitation.role
         machine = self._trust.known.add(pin, role, name=message.name, certificate=message.certificate)
-        self._news.say(f"{machine.name} at {channel.host} is known as {role} from now on")
+        self._event_log.say(f"{machine.name} at {channel.host} is known as {role} from now on")
         await channel.send(pairing.Known(leader=self._name, roles=machine.roles, proof=proof))
 
 
@@ -190,7 +190,7 @@ async def ask_to_enrol(leader: Address, trust: Trust) -> None:
 
     Raises UnknownMachineError where it was not, or the leader is not known here, NetworkError.
     """
-    async with await connect(leader, messages.FromLeader, trust=trust, as_stranger=True) as channel:
+    async with await connect(leader, messages.FromLeader, trust=trust, as_unknown=True) as channel:
         if not channel.who.may(Role.LEADER):
             raise UnknownMachineError(f"this machine does not know the leader at {leader}")
         await ask(channel, pairing.EnrolRequest(certificate=trust.identity.certificate), pairing.Known)
@@ -202,11 +202,11 @@ async def pair(leader: Address, code: str, trust: Trust) -> tuple[Role, ...]:
     Raises UnknownMachineError for a wrong code, NetworkError, DiskError.
     """
     own = trust.identity
-    async with await connect(leader, messages.FromLeader, trust=trust, as_stranger=True) as channel:
+    async with await connect(leader, messages.FromLeader, trust=trust, as_unknown=True) as channel:
         shown = channel.who.pin
         candidate = await asyncio.to_thread(Candidate, code, own.pin, shown)
         name = name_like(socket.gethostname().split(".")[0], "machine")
-        word = pairing.PairingWord(
+        word = pairing.PairingMessage(
             certificate=own.certificate, name=name, share=candidate.share, digit=code[:1]
         )
         answer = await ask(channel, word, pairing.PairingAnswer)

@@ -32,6 +32,7 @@ from capture_app.node.leader.options import PortOptions
 from capture_app.node.leader.readiness import rig_advice
 from capture_app.node.leader.snapshots import node_statuses, page_of
 from capture_app.node.pairing import Asked, Enrolment, is_node, speaks_for
+from capture_app.protocol.log import follower_line
 from capture_app.protocol.messages import (
     FromLeader,
     KeyRequest,
@@ -41,10 +42,9 @@ from capture_app.protocol.messages import (
     StatusRequest,
     ToLeader,
 )
-from capture_app.protocol.news import follower_line
 from capture_app.protocol.permissions import check_allowed
 from capture_app.protocol.status import RigStatus
-from capture_app.sync.rig.events import Joined, LeaderNews
+from capture_app.sync.rig.events import Joined, LeaderNotice
 from capture_app.sync.rig.leader import LeaderConfig
 from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.tree.member import TreeMember
@@ -202,7 +202,7 @@ class RelayNode:
                             return
             except (UnknownMachineError, BadInputError, DiskError) as error:
                 await below.send(Refusal.of_error(error))
-            if below.who.is_stranger:
+            if below.who.is_unknown:
                 return
 
     async def _pass_on(self, below: Channel[ToLeader], message: ToLeader) -> bool:
@@ -242,7 +242,7 @@ class RelayNode:
         while (event := self._engine.next_event()) is not None and not self._is_leaving:
             if isinstance(event, Joined):
                 self._change_upstream(Address(self._engine.member.parent[0], event.transfer_port))
-            elif isinstance(event, LeaderNews) and event.what == "lost":
+            elif isinstance(event, LeaderNotice) and event.what == "lost":
                 self._change_upstream(None)
             if not isinstance(event, TimeClientEvent):
                 self.options.news.note(event)

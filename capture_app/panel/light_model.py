@@ -174,12 +174,12 @@ class LightModel:
         variance = self.variance(shares, lamp_light)
         weight = 1 / variance
         prior = 1 / (_OFFSET_SIGMA * max(lamp_light, 0.1)) ** 2
-        one, per_share = weight.sum(axis=1) + prior, (weight * shares).sum(axis=1)
+        one, per_fraction = weight.sum(axis=1) + prior, (weight * shares).sum(axis=1)
         square = (weight * shares**2).sum(axis=1)
         seen, both = weight @ light, (weight * shares) @ light
-        root = np.maximum(one * square - per_share**2, 1e-9 * one * square + 1e-12)
-        on = np.clip((one * both - per_share * seen) / root, 0.3 * lamp_light, 3 * lamp_light)
-        off = (seen - on * per_share) / one
+        root = np.maximum(one * square - per_fraction**2, 1e-9 * one * square + 1e-12)
+        on = np.clip((one * both - per_fraction * seen) / root, 0.3 * lamp_light, 3 * lamp_light)
+        off = (seen - on * per_fraction) / one
         misfit = light - off[:, None] - on[:, None] * shares
         # A saturated lamp gives only a lower limit on its light.
         misfit = np.where(self.saturated & (misfit < 0), 0.0, misfit)

@@ -29,7 +29,7 @@ _DARK_EDGE = 0.75
 """Distance from the outer lamps to the edge of the dark ground behind them."""
 _ARRAY_STEP = 11.5
 """Distance between the first columns of neighbouring arrays."""
-SCAN_SHARE = 0.9
+SCAN_FRACTION = 0.9
 """Fraction of a refresh in which a screen draws from one edge of the panel to the other."""
 
 
@@ -171,7 +171,7 @@ class Panel:
             "right": across,
             "left": 1 - across,
         }
-        delay = SCAN_SHARE * (share[self.scan] - 0.5)
+        delay = SCAN_FRACTION * (share[self.scan] - 0.5)
         return Lamp(x, y, group, turn * lit, lit, COUNT * lit, delay)
 
     def description(self) -> dict[str, Any]:

@@ -15,7 +15,7 @@ import msgspec
 from capture_app.panel.pattern import (
     PANELS,
     RATE_TOLERANCE,
-    SCAN_SHARE,
+    SCAN_FRACTION,
     marker_squares,
 )
 
@@ -69,7 +69,7 @@ def _panels() -> dict[str, Any]:
     layout["markers"] = [{"x": marker["x"], "y": marker["y"]} for marker in layout["markers"]]
     kept = ("width", "height", "cycle_ticks", "marker_size", "markers", "dark", "lamp_size", "lamps")
     return {
-        "scan_share": SCAN_SHARE,
+        "scan_share": SCAN_FRACTION,
         "layout": {key: layout[key] for key in kept} | {"rate_tolerance": RATE_TOLERANCE},
         "screens": [
             {

@@ -16,7 +16,7 @@ from capture_app.session.reading.reader import Session
 
 _LEARN = 3
 """Images per camera whose unknown exposure and row time are estimated separately."""
-_ALIKE = 0.1
+_MAX_LENGTH_RATIO = 0.1
 """Estimated exposures that differ by at most this fraction are taken as one exposure for all images."""
 
 
@@ -123,7 +123,7 @@ def _read(session: Session, camera: CameraRecord, image: ImageRecord, learnt: li
     exposures = [read.shutter.exposure_ns for read in learnt]
     # The row time stays free: its uncertainty is part of each reading's uncertainty.
     learns = (exposure_ns is None or row_time_ns is None) and len(exposures) < _LEARN
-    if exposure_ns is None and not learns and max(exposures) / min(exposures) < 1 + _ALIKE:
+    if exposure_ns is None and not learns and max(exposures) / min(exposures) < 1 + _MAX_LENGTH_RATIO:
         exposure_ns = round(median(exposures))
     read = read_panel(picture, exposure_ns=exposure_ns, row_time_ns=row_time_ns)
     if learns:

@@ -48,8 +48,8 @@ _PLAIN = np.array([0.9, 1.0, 1.1])
 """Tone curves tried until the time is nearly known."""
 _RESPONSES_NS = (0.3e6, 1.5e6, 4e6)
 """Time constants of screen cells, fast (OLED) to slow."""
-_MISFIT = 4.0
-_MAX_MISFITS = 0.12
+_OUTLIER_SIGMAS = 4.0
+_MAX_OUTLIER_FRACTION = 0.12
 """Residual limit in sigmas, and the fraction of lamps beyond it at which the panel is not the one its markers
 name."""
 _MAX_RMS, _SCREEN_MAX_RMS = 1.3, 3.5
@@ -63,11 +63,11 @@ _SCREEN_MODEL_TICKS = 0.06
 """Model uncertainty of a screen's drawing and cell response, in refreshes."""
 _LED_MODEL_NS = 6_000.0
 """Model uncertainty of the lamps' centres and of LED switching."""
-_PLACE_SHARE = 1.0
+_PLACE_FRACTION = 1.0
 """Common displacement of all lamps, as a fraction of the marker corners' error."""
 _UNSEEN_BEND = 0.12
 """Possible lens distortion in pitches of a panel with only three visible markers."""
-_TONE_SHARE = 0.12
+_TONE_FRACTION = 0.12
 """Error that a tone curve may cause in a lamp's lit fraction."""
 
 
@@ -361,9 +361,9 @@ def read_panel(
     best = posterior.best
     shares = model.shares(np.array([best.middle_ns]), best.shutter)
     misfit = model.fit(shares, on)[1][0]
-    wrong = float((np.abs(misfit) > _MISFIT).mean())
+    wrong = float((np.abs(misfit) > _OUTLIER_SIGMAS).mean())
     rms = float(np.sqrt(np.mean(np.minimum(misfit**2, 25))))
-    if wrong > _MAX_MISFITS or rms > (_SCREEN_MAX_RMS if found.panel.is_screen else _MAX_RMS):
+    if wrong > _MAX_OUTLIER_FRACTION or rms > (_SCREEN_MAX_RMS if found.panel.is_screen else _MAX_RMS):
         raise PanelNotFoundError(
             f"its lamps do not shine as those of {found.panel.name} would at any time: is it that panel, are "
             "exposure and row time right, is it hidden or too blurred?"
@@ -375,8 +375,8 @@ def read_panel(
         partly_ns = min(best.shutter.exposure_ns, found.panel.tick_ns)
         # An error in a lamp's centre is an error in its row, and so in its time.
         place = found.error if found.markers == 4 else found.error + _UNSEEN_BEND
-        place_ns = _PLACE_SHARE * place * found.pitch_px * best.shutter.row_time_ns
-        model_ns = float(np.linalg.norm([_LED_MODEL_NS, _TONE_SHARE * partly_ns, place_ns]))
+        place_ns = _PLACE_FRACTION * place * found.pitch_px * best.shutter.row_time_ns
+        model_ns = float(np.linalg.norm([_LED_MODEL_NS, _TONE_FRACTION * partly_ns, place_ns]))
     row_time_ns, row_time_error_ns = posterior.row_time()
     uncertainty_ns = float(np.hypot(spread_ns, model_ns)) * max(1.0, rms)
     if not found.panel.is_screen and uncertainty_ns > _MAX_TICKS * found.panel.tick_ns:

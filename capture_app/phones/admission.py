@@ -13,7 +13,7 @@ SECRET_BYTES = 16
 GOOD_FOR_S = 600.0
 TICKET_S = 30.0
 """Validity of the ticket between a phone's admission and its stream."""
-MOST_PHONES = 64
+MAX_PHONES = 64
 _KEY = re.compile(r"[0-9a-f]{32}")
 
 
@@ -80,8 +80,8 @@ class Admission:
             raise UnknownMachineError(
                 "This code is not good any more: scan the one that the leader shows now."
             )
-        if len(self._phones) >= MOST_PHONES:
-            raise UnknownMachineError(f"{MOST_PHONES} phones are here already.")
+        if len(self._phones) >= MAX_PHONES:
+            raise UnknownMachineError(f"{MAX_PHONES} phones are here already.")
         admitted = self._phones[digest] = Admitted(self._free_name(wish), digest)
         self._spent[offered] = digest
         self._renew()

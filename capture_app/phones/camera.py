@@ -20,7 +20,7 @@ from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.phones.frame_times import TimedFrame
 from capture_app.phones.phone import Phone
-from capture_app.protocol.news import Log
+from capture_app.protocol.log import Log
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 if TYPE_CHECKING:
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 _JPEG_START = b"\xff\xd8\xff"
 _SLACK_S = 5.0
 RETRY_S = 2.0
-TELL_EVERY_S = 0.5
+REPORT_INTERVAL_S = 0.5
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,19 +171,19 @@ class PhoneNodes:
                 put_off=phone.put_off,
             )
             node = CameraNode(options)
-            running, *_ = await first_of(node.run(), _until_gone(phone), _tell_state(phone, node))
+            running, *_ = await first_of(node.run(), _until_disconnected(phone), _report_state(phone, node))
             error = None if running.cancelled() else running.exception()
             if error is not None:
                 if not isinstance(error, SimulshotError):
                     raise error
                 self._talk(f"{phone.name}: {error}")
-                await phone.tell_state("failed", str(error))
+                await phone.report_state("failed", str(error))
                 await asyncio.sleep(RETRY_S)
             else:
                 self._talk(f"{phone.name}: it has left")
 
 
-async def _until_gone(phone: Phone) -> None:
+async def _until_disconnected(phone: Phone) -> None:
     """Return when the phone's user has left, or no page was connected for PAGE_CLOSED_S."""
     while True:
         await phone.gone.wait()
@@ -196,9 +196,9 @@ async def _until_gone(phone: Phone) -> None:
             return
 
 
-async def _tell_state(phone: Phone, node: CameraNode) -> None:
+async def _report_state(phone: Phone, node: CameraNode) -> None:
     while True:
-        await asyncio.sleep(TELL_EVERY_S)
+        await asyncio.sleep(REPORT_INTERVAL_S)
         state, words = node.standing
         # Sent even if unchanged: a page that was just loaded knows no state.
-        await phone.tell_state(str(state or "joining"), words)
+        await phone.report_state(str(state or "joining"), words)

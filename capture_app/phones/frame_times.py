@@ -4,15 +4,15 @@ from collections import deque
 from dataclasses import dataclass
 from statistics import median
 
-from capture_app.phones.wire import FrameTold
+from capture_app.phones.wire import FrameReport
 
 BLOCK_US, BLOCKS = 3e6, 10
 HELD_FRAMES = 8
 """Number of first frames held back; their minimum delay locates the zero of the stream's media times."""
-RATE_FRAMES, RATE_SHARE = 20, 0.05
+RATE_FRAMES, RATE_FRACTION = 20, 0.05
 """Number of frames by which a browser's stated rate is checked, and the relative tolerance."""
-USUAL_RATE = 30.0
-LEAST_RATE, MOST_RATE = 1.0, 1000.0
+TYPICAL_RATE = 30.0
+MIN_RATE, MAX_RATE = 1.0, 1000.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,14 +34,14 @@ class FrameTimes:
         self._stream: int | None = None
         self._arrivals: deque[tuple[float, float]] = deque(maxlen=BLOCKS)
         """Start of a time block, and its minimum offset of the page's clock from media time, in us."""
-        self._held: list[FrameTold] = []
+        self._held: list[FrameReport] = []
         self._holding = True
         self._sequence, self._last_us = 0, 0.0
         self._steps_us: list[float] = []
         self.period_ns: int | None = None
         """Measured period of the camera; None until enough frames have arrived."""
 
-    def add(self, told: FrameTold) -> list[TimedFrame]:
+    def add(self, told: FrameReport) -> list[TimedFrame]:
         """Add a frame; return the frames that can be timed now, none while a stream begins."""
         begins = told.stream != self._stream
         if begins:
@@ -66,17 +66,17 @@ class FrameTimes:
         elif offset_us < self._arrivals[-1][1]:
             self._arrivals[-1] = self._arrivals[-1][0], offset_us
 
-    def _measure_rate(self, told: FrameTold, begins: bool) -> None:
+    def _measure_rate(self, told: FrameReport, begins: bool) -> None:
         if not begins:
             self._steps_us.append(told.media_us - self._held[-1].media_us)
         if len(self._steps_us) >= RATE_FRAMES:
             step_us = median(self._steps_us)
-            rate = self._rate or USUAL_RATE
-            if step_us <= 0 or abs(step_us * rate / 1e6 - 1) > RATE_SHARE:
-                rate = round(1e6 / max(step_us, 1e6 / MOST_RATE)) if step_us > 0 else rate
-            self.period_ns = round(1e9 / min(max(rate, LEAST_RATE), MOST_RATE))
+            rate = self._rate or TYPICAL_RATE
+            if step_us <= 0 or abs(step_us * rate / 1e6 - 1) > RATE_FRACTION:
+                rate = round(1e6 / max(step_us, 1e6 / MAX_RATE)) if step_us > 0 else rate
+            self.period_ns = round(1e9 / min(max(rate, MIN_RATE), MAX_RATE))
 
-    def _timed(self, told: FrameTold, *, first: bool) -> TimedFrame:
+    def _timed(self, told: FrameReport, *, first: bool) -> TimedFrame:
         assert self.period_ns is not None
         if not first:
             self._sequence += max(1, round((told.media_us - self._last_us) * 1000 / self.period_ns))

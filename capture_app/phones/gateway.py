@@ -28,9 +28,9 @@ from capture_app.phones import wire
 from capture_app.phones.admission import Admission, Admitted
 from capture_app.phones.phone import Phone
 
-MOST_STRANGERS = 128
+MAX_STRANGERS = 128
 """Max number of open connections without an admitted phone; the newest in excess are closed."""
-MOST_GREETED = 64
+MAX_GREETED = 64
 LOOK_EVERY_S = 0.5
 SCRIPTS = ("requirements.js", "controls.js", "opening.js", "page.js", "link.js", "camera.js")
 PARTS = {
@@ -117,7 +117,7 @@ class Door:
                 await asyncio.sleep(LOOK_EVERY_S)  # for example if no file descriptor is left
                 continue
             # TLS takes memory from the first moment, so the oldest silent connection yields to a new one.
-            if len(self._greeting) >= MOST_GREETED:
+            if len(self._greeting) >= MAX_GREETED:
                 next(iter(self._greeting)).cancel()
             task = asyncio.create_task(self._greet(server, connection, tls))
             self._greeting[task] = None
@@ -153,7 +153,7 @@ class Door:
             self._since_s = {one: known.get(one, now_s) for one in open_now - self._trusted}
             oldest_first = sorted(self._since_s, key=self._since_s.__getitem__)
             late = [one for one in oldest_first if now_s - self._since_s[one] >= IDENTIFY_TIMEOUT_S]
-            for transport in (*late, *oldest_first[MOST_STRANGERS:]):
+            for transport in (*late, *oldest_first[MAX_STRANGERS:]):
                 if isinstance(transport, asyncio.WriteTransport):
                     transport.abort()
 

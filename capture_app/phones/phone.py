@@ -24,7 +24,7 @@ from capture_app.phones.wire import Ping
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 
-LEAST_SAMPLES = 300
+MIN_SAMPLES = 300
 MAPPED_EVERY_NS = 500_000_000
 PENDING = 64
 BROWSER_NS = 60_000.0
@@ -32,7 +32,7 @@ BROWSER_NS = 60_000.0
 Headless Chromium over a loopback: see docs/accuracy-measurements.md.
 """
 ORDER_S = 10.0
-MOST_EXPOSURE_US = 1e7
+MAX_EXPOSURE_US = 1e7
 DELIVERY_NS = 100_000_000
 """Max delay from a frame's readout to its arrival at a page; assumed, as no browser reports it."""
 NEVER = "its page is not open: open it on the phone again"
@@ -69,7 +69,7 @@ class PhoneClock:
         # An arrival at the end of a step is reported as its beginning: later is safe, earlier is not.
         t3_ns = round(ping.received_us * 1000) + self._step_ns
         self._filter.add(ClockSample(t0_ns, t1_ns, t2_ns, t3_ns))
-        if self.samples >= LEAST_SAMPLES and (
+        if self.samples >= MIN_SAMPLES and (
             self._map is None or received_ns - self._mapped_ns >= MAPPED_EVERY_NS
         ):
             self._mapped_ns = received_ns
@@ -141,7 +141,7 @@ class Phone:
         self.clock = PhoneClock(hello.resolution_us)
         """Estimate of the clock of the phone's page."""
         self._opened: wire.Opened | None = None
-        self._why_away = NEVER
+        self._disconnect_reason = NEVER
         self._times = FrameTimes(0.0)
         self._pictures: dict[tuple[str, int, bool], asyncio.Future[bytes]] = {}
         self.controls: tuple[ControlState, ...] = ()
@@ -149,14 +149,14 @@ class Phone:
         self._orders: dict[int, asyncio.Future[str]] = {}
         self._last_order = 0
         self._on_frame: OnFrame | None = None
-        self._on_away: Callable[[str], None] | None = None
+        self._on_disconnect: Callable[[str], None] | None = None
 
     @property
     def facts(self) -> CameraFacts:
         """Facts of its camera. Raises CameraError while it does not stream."""
         opened, period_ns = self._opened, self._times.period_ns
         if opened is None or period_ns is None or not self.clock.is_known:
-            raise CameraError(f"{self.name}: {self._why_away if opened is None else STARTING}")
+            raise CameraError(f"{self.name}: {self._disconnect_reason if opened is None else STARTING}")
         # Stamps are fastest arrivals: later than the start by exposure, readout and delivery to the page.
         exposure_ns, browser = self.exposure_ns, browser_name(self._hello.user_agent)
         exposed_ns = period_ns if exposure_ns is None else min(exposure_ns, period_ns)
@@ -176,25 +176,25 @@ class Phone:
 
     # Methods for the camera
 
-    def watch(self, on_frame: OnFrame, on_away: Callable[[str], None]) -> None:
-        """Pass on all frames from now on, and call `on_away` once when no more will come."""
-        self._on_frame, self._on_away = on_frame, on_away
+    def watch(self, on_frame: OnFrame, on_disconnect: Callable[[str], None]) -> None:
+        """Pass on all frames from now on, and call `on_disconnect` once when no more will come."""
+        self._on_frame, self._on_disconnect = on_frame, on_disconnect
 
     def unwatch(self) -> None:
         """Stop passing frames on."""
-        self._on_frame = self._on_away = None
+        self._on_frame = self._on_disconnect = None
 
     async def restart(self, delay_ns: int) -> None:
         """Restart the phone's camera `delay_ns` from now. Raises CameraError if it is not connected."""
         at_us = self.clock.page_us(self._now_ns() + delay_ns)
         if self._send is None or self._opened is None:
-            raise CameraError(f"{self.name}: {self._why_away}")
+            raise CameraError(f"{self.name}: {self._disconnect_reason}")
         await self._send(wire.order("restart", at_us=at_us))
 
     async def set_control(self, control: Control, value: float | None) -> None:
         """Set a control; None lets the camera choose. Raises CameraError if the page did not set it."""
         if self._send is None:
-            raise CameraError(f"{self.name}: {self._why_away}")
+            raise CameraError(f"{self.name}: {self._disconnect_reason}")
         self._last_order += 1
         number = self._last_order
         answered = self._orders[number] = asyncio.get_running_loop().create_future()
@@ -213,7 +213,7 @@ class Phone:
     def exposure_ns(self) -> int | None:
         """Exposure of the phone's frames, if its browser reports it."""
         exposure_us = self._value(Control.EXPOSURE)
-        return None if exposure_us is None else round(min(max(exposure_us, 0.0), MOST_EXPOSURE_US) * 1000)
+        return None if exposure_us is None else round(min(max(exposure_us, 0.0), MAX_EXPOSURE_US) * 1000)
 
     @property
     def gain(self) -> float | None:
@@ -223,7 +223,7 @@ class Phone:
     def _value(self, control: Control) -> float | None:
         return next((state.value for state in self.controls if state.control is control), None)
 
-    async def tell_state(self, state: str, words: str) -> None:
+    async def report_state(self, state: str, words: str) -> None:
         """Send its page the state of its camera; do nothing if none is connected."""
         if self._send is not None:
             accuracy = self.clock.accuracy
@@ -282,9 +282,9 @@ class Phone:
         self.gone.set()
         self._stand_still(NEVER)
 
-    def take_text(self, message: wire.Opened | wire.Controls | wire.Away) -> None:
+    def take_text(self, message: wire.Opened | wire.Controls | wire.PageHidden) -> None:
         """Process the page's report on its camera."""
-        if isinstance(message, wire.Away):
+        if isinstance(message, wire.PageHidden):
             self._stand_still(message.why)
             return
         if isinstance(message, wire.Controls):
@@ -301,7 +301,9 @@ class Phone:
             self._times = FrameTimes(message.frame_rate)
         self._opened = message
 
-    def take_binary(self, message: wire.Ping | wire.FrameTold | wire.PictureBytes, received_ns: int) -> None:
+    def take_binary(
+        self, message: wire.Ping | wire.FrameReport | wire.PictureBytes, received_ns: int
+    ) -> None:
         """Process a ping that has been answered, a frame, or an image."""
         match message:
             case wire.Ping():
@@ -310,7 +312,7 @@ class Phone:
                 picture = self._pictures.get((self.page, message.id, message.is_preview))
                 if picture is not None and not picture.done():
                     picture.set_result(message.data)
-            case wire.FrameTold() if self._opened is not None:
+            case wire.FrameReport() if self._opened is not None:
                 timed = self._times.add(message)
                 if self._times.period_ns is not None and self.clock.is_known:
                     self.came.set()
@@ -320,9 +322,9 @@ class Phone:
 
     def _stand_still(self, why: str) -> None:
         self.came.clear()
-        self._opened, self._why_away = None, why
-        if self._on_away is not None:
-            self._on_away(why)
+        self._opened, self._disconnect_reason = None, why
+        if self._on_disconnect is not None:
+            self._on_disconnect(why)
 
 
 def browser_name(user_agent: str) -> str:

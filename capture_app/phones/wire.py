@@ -66,7 +66,7 @@ class Controls(Struct, frozen=True, kw_only=True, tag_field="type", tag="control
     """Error if the order could not be carried out."""
 
 
-class Away(Struct, frozen=True, kw_only=True, tag_field="type", tag="away"):
+class PageHidden(Struct, frozen=True, kw_only=True, tag_field="type", tag="away"):
     """The camera has stopped until it is opened again."""
 
     why: Words
@@ -83,7 +83,7 @@ class Ping:
 
 
 @dataclass(frozen=True, slots=True)
-class FrameTold:
+class FrameReport:
     """Report of a phone's frame; times in us."""
 
     id: int
@@ -102,8 +102,8 @@ class PictureBytes:
     data: bytes
 
 
-Said = Hello | Opened | Controls | Away
-_DECODER = msgspec.json.Decoder(Hello | Opened | Controls | Away)
+Said = Hello | Opened | Controls | PageHidden
+_DECODER = msgspec.json.Decoder(Hello | Opened | Controls | PageHidden)
 
 
 def decode_text(text: str) -> Said:
@@ -112,7 +112,7 @@ def decode_text(text: str) -> Said:
     return message
 
 
-def decode_binary(data: bytes) -> Ping | FrameTold | PictureBytes:
+def decode_binary(data: bytes) -> Ping | FrameReport | PictureBytes:
     """Decode a page's binary message. Raises ValueError."""
     kind = data[0] if data else 0
     try:
@@ -124,7 +124,7 @@ def decode_binary(data: bytes) -> Ping | FrameTold | PictureBytes:
             _, number, stream, media_us, arrived_us, capture_us = _FRAME.unpack(data)
             told = None if math.isnan(capture_us) else capture_us
             _check_times(media_us, arrived_us, told or 0.0)
-            return FrameTold(number, stream, media_us, arrived_us, told)
+            return FrameReport(number, stream, media_us, arrived_us, told)
         if kind in (PICTURE, PREVIEW):
             _, number = _PICTURE.unpack_from(data)
             return PictureBytes(number, kind == PREVIEW, data[_PICTURE.size :])

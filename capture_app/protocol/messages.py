@@ -11,7 +11,7 @@ from capture_app.common.errors import SimulshotError
 from capture_app.common.names import Name
 from capture_app.protocol.message import Message
 from capture_app.protocol.orders import FromOperator, FromViewfinder, ToOperator, ToViewfinder
-from capture_app.protocol.pairing import FromStranger, Invite, Invited, SpeaksFor, ToStranger
+from capture_app.protocol.pairing import FromUnknown, Invite, Invited, SpeaksFor, ToUnknown
 from capture_app.protocol.status import BurstStatus, RigStatus
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import ImageRecord, Sha256
@@ -210,7 +210,7 @@ class BurstAnswer(Message, frozen=True, kw_only=True, tag="burst"):
 
 FromCamera = NodeStream | CameraReport | ImageUpload | SpoolSpace | FromViewfinder
 ToLeader = (
-    FromCamera | KeyRequest | StatusRequest | BurstRequest | FromOperator | FromStranger | Invite | SpeaksFor
+    FromCamera | KeyRequest | StatusRequest | BurstRequest | FromOperator | FromUnknown | Invite | SpeaksFor
 )
 FromLeader = (
     ImageAck
@@ -221,6 +221,6 @@ FromLeader = (
     | BurstAnswer
     | ToOperator
     | ToViewfinder
-    | ToStranger
+    | ToUnknown
     | Invited
 )

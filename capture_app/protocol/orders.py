@@ -7,8 +7,8 @@ from msgspec import Meta, field
 from capture_app.common.camera_facts import CameraControls, Control, ControlValue, StampAccuracy
 from capture_app.common.names import Name
 from capture_app.protocol.message import Message
-from capture_app.protocol.status import NewsLine, NodeDetail, Preview
-from capture_app.sync.clock.clock_filter import KnownWay
+from capture_app.protocol.status import LogLine, NodeDetail, Preview
+from capture_app.sync.clock.clock_filter import PathAsymmetry
 
 MAX_PREVIEW_PX = 1920
 MAX_NODES = 64
@@ -31,13 +31,13 @@ class WatchRequest(Message, frozen=True, kw_only=True, tag="watch"):
     """Operator's request to receive changes on this stream until it is closed."""
 
 
-class NewsAnswer(Message, frozen=True, kw_only=True, tag="news"):
+class LogAnswer(Message, frozen=True, kw_only=True, tag="news"):
     """Log lines since the previous one of these messages; the first has recent lines."""
 
-    lines: tuple[NewsLine, ...]
+    lines: tuple[LogLine, ...]
 
 
-class PreviewsWanted(Message, frozen=True, kw_only=True, tag="previews-wanted"):
+class PreviewRequest(Message, frozen=True, kw_only=True, tag="previews-wanted"):
     """Previews requested from now on, by an operator of a leader or by a leader of a node."""
 
     cameras: tuple[str, ...] | None = None
@@ -82,7 +82,7 @@ class ExposeAppPhones(Message, frozen=True, kw_only=True, tag="expose-app-phones
     iso: Annotated[int, Meta(gt=0, le=1_000_000)]
 
 
-class Vitals(Message, frozen=True, kw_only=True, tag="vitals"):
+class CameraHealth(Message, frozen=True, kw_only=True, tag="vitals"):
     """Current frame rate, exposure and gain of a node's camera."""
 
     fps: float | None = None
@@ -114,18 +114,18 @@ class RemoveCamera(Message, frozen=True, kw_only=True, tag="remove-camera"):
     name: str
 
 
-class KeepStamp(Message, frozen=True, kw_only=True, tag="keep-stamp"):
+class SaveStamp(Message, frozen=True, kw_only=True, tag="keep-stamp"):
     """Measured timestamp delay of a camera, which its node uses and stores."""
 
     camera: Name
     stamp: StampAccuracy | None = None
     """Delay of its timestamps, stored for the device."""
-    way: KnownWay | None = None
+    way: PathAsymmetry | None = None
     """Path asymmetry found beyond that, by the current estimate of the leader's clock; stored for the
     link."""
 
 
-class StampKept(Message, frozen=True, kw_only=True, tag="stamp-kept"):
+class StampSaved(Message, frozen=True, kw_only=True, tag="stamp-kept"):
     """Answer of a node that it uses a measured delay, and whether it could store it."""
 
     camera: Name
@@ -173,8 +173,8 @@ Order = (
 )
 """Orders of an operator to a leader, besides a burst."""
 FromOperator = (
-    WatchRequest | PreviewsWanted | PreviewSeen | DetailRequest | ControlsRequest | KeepStamp | Order
+    WatchRequest | PreviewRequest | PreviewSeen | DetailRequest | ControlsRequest | SaveStamp | Order
 )
-FromViewfinder = Vitals | Preview | NodeDetail | ControlsAnswer | StampKept
-ToOperator = NewsAnswer | Preview | NodeDetail | ControlsAnswer | StampKept | PhoneInvited | Done
-ToViewfinder = PreviewsWanted | PreviewSeen | DetailRequest | ControlsRequest | KeepStamp | RemoveCamera
+FromViewfinder = CameraHealth | Preview | NodeDetail | ControlsAnswer | StampSaved
+ToOperator = LogAnswer | Preview | NodeDetail | ControlsAnswer | StampSaved | PhoneInvited | Done
+ToViewfinder = PreviewRequest | PreviewSeen | DetailRequest | ControlsRequest | SaveStamp | RemoveCamera

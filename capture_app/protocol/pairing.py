@@ -11,7 +11,7 @@ from capture_app.protocol.message import Message
 
 Certificate = Annotated[bytes, Meta(max_length=4096)]
 """Certificate in DER."""
-Word = Annotated[bytes, Meta(max_length=64)]
+Spake2Message = Annotated[bytes, Meta(max_length=64)]
 
 
 class FoundLeader(Struct, frozen=True):
@@ -37,12 +37,12 @@ class EnrolRequest(Message, frozen=True, kw_only=True, tag="enrol-request"):
     certificate: Certificate
 
 
-class PairingWord(Message, frozen=True, kw_only=True, tag="pairing"):
+class PairingMessage(Message, frozen=True, kw_only=True, tag="pairing"):
     """SPAKE2 message of a machine that pairs by a code."""
 
     certificate: Certificate
     name: Name
-    share: Word
+    share: Spake2Message
     digit: Annotated[str, Meta(pattern="^[0-9]?$")] = ""
     """First digit of the code, which selects it among several valid ones."""
 
@@ -50,13 +50,13 @@ class PairingWord(Message, frozen=True, kw_only=True, tag="pairing"):
 class PairingAnswer(Message, frozen=True, kw_only=True, tag="pairing-answer"):
     """SPAKE2 message of the leader."""
 
-    share: Word
+    share: Spake2Message
 
 
 class PairingProof(Message, frozen=True, kw_only=True, tag="pairing-proof"):
     """Proof that the machine knew the code."""
 
-    proof: Word
+    proof: Spake2Message
 
 
 class Known(Message, frozen=True, kw_only=True, tag="known"):
@@ -65,7 +65,7 @@ class Known(Message, frozen=True, kw_only=True, tag="known"):
     leader: Name
     """Name of the leader's machine."""
     roles: tuple[Role, ...]
-    proof: Word = b""
+    proof: Spake2Message = b""
     """Proof that the leader also knew the code."""
 
 
@@ -92,5 +92,5 @@ class SpeaksFor(Message, frozen=True, kw_only=True, tag="speaks-for"):
     """Name and instance number of the node seen on that machine; the relay reads no more of the stream."""
 
 
-FromStranger = EnrolRequest | PairingWord | PairingProof
-ToStranger = PairingAnswer | Known
+FromUnknown = EnrolRequest | PairingMessage | PairingProof
+ToUnknown = PairingAnswer | Known

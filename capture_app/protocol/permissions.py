@@ -8,7 +8,7 @@ from capture_app.trust.trust import Peer
 
 SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
     # Any machine, paired or not: pair by a code or a pin.
-    None: (pairing.EnrolRequest, pairing.PairingWord, pairing.PairingProof),
+    None: (pairing.EnrolRequest, pairing.PairingMessage, pairing.PairingProof),
     # A camera: a key for its datagrams, its own streams, reports, images and previews. Its name is checked
     # where it joins and where it opens a stream.
     Role.CAMERA: (
@@ -17,9 +17,9 @@ SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
         messages.CameraReport,
         messages.ImageUpload,
         messages.SpoolSpace,
-        orders.Vitals,
+        orders.CameraHealth,
         orders.ControlsAnswer,
-        orders.StampKept,
+        orders.StampSaved,
         status.Preview,
         status.NodeDetail,
     ),
@@ -30,11 +30,11 @@ SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
         messages.StatusRequest,
         messages.BurstRequest,
         orders.WatchRequest,
-        orders.PreviewsWanted,
+        orders.PreviewRequest,
         orders.PreviewSeen,
         orders.DetailRequest,
         orders.ControlsRequest,
-        orders.KeepStamp,
+        orders.SaveStamp,
         orders.AddCamera,
         orders.AddSimulated,
         orders.RemoveCamera,
@@ -62,7 +62,7 @@ def check_allowed(who: Peer, message: Message) -> None:
     """Check that a machine may send a message. Raises UnknownMachineError with the command that allows it."""
     role = required_role(message)
     if role is not None and not who.may(role):
-        known = "not known here" if who.is_stranger else f"known here as {' and '.join(sorted(who.roles))}"
+        known = "not known here" if who.is_unknown else f"known here as {' and '.join(sorted(who.roles))}"
         raise UnknownMachineError(
             f"this machine is {known}, not as {role}",
             hint=f"on the leader's machine: capture-app trust invite --as {role}",

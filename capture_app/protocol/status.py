@@ -12,7 +12,7 @@ from capture_app.protocol.message import Message
 from capture_app.session.format.manifest import SkippedInstant
 from capture_app.sync.wire.messages import Report
 
-LOST_IS_NEWS_NS = 60_000_000_000
+REPORT_LOST_NS = 60_000_000_000
 """Time after a lost camera's last message during which the rig's summary mentions the loss; its own line
 stays."""
 
@@ -154,7 +154,7 @@ class RigStatus(Struct, frozen=True, kw_only=True):
 Level = Literal["info", "warning", "error"]
 
 
-class NewsLine(Struct, frozen=True, kw_only=True):
+class LogLine(Struct, frozen=True, kw_only=True):
     """Log line for people."""
 
     unix_ns: int
@@ -186,7 +186,7 @@ class NodeDetail(Message, frozen=True, kw_only=True, tag="detail"):
     """Clock offset (leader minus local time, as of the latest one) and round-trip delay of exchanges."""
     phase_errors_ns: tuple[int, ...] = ()
     """Offsets of the latest frames from the rig's grid."""
-    log: tuple[NewsLine, ...] = ()
+    log: tuple[LogLine, ...] = ()
     fps: float | None = None
     exposure_ns: int | None = None
     gain: float | None = None

@@ -11,12 +11,12 @@ from capture_app.common.camera_facts import StampAccuracy, StampSource
 from capture_app.common.child import Child
 from capture_app.common.errors import NotApplicableError
 from capture_app.common.text import UNREADABLE
-from capture_app.protocol.orders import KeepStamp, StampKept
+from capture_app.protocol.orders import SaveStamp, StampSaved
 from capture_app.rig.link import ask_leader
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.stamp_words import UNMEASURED
-from capture_app.sync.clock.clock_filter import SIGMAS_95, KnownWay
+from capture_app.sync.clock.clock_filter import SIGMAS_95, PathAsymmetry
 from capture_app.sync.clock.likely_line import ASYMMETRY
 
 
@@ -40,7 +40,7 @@ class MeasuredTimes(msgspec.Struct, frozen=True, kw_only=True):
 
 async def calibrate(
     leader: Address, session: Session, measured: MeasuredTimes | None = None
-) -> tuple[MeasuredTimes, dict[str, KeepStamp], dict[str, bool]]:
+) -> tuple[MeasuredTimes, dict[str, SaveStamp], dict[str, bool]]:
     """Measure a session's camera times, unless `measured` has them, and have each node store its camera's.
 
     Return what was measured, what each node was given by camera, and whether the node could save it. Raises
@@ -50,11 +50,11 @@ async def calibrate(
     if measured is None:
         measured = await measure_session(session.folder, choose_reference(records))
     stamps = measured_stamps(records, measured)
-    ways = measured_ways(records, measured, stamps)
+    ways = measured_asymmetries(records, measured, stamps)
     given = {
-        name: KeepStamp(camera=name, stamp=stamps.get(name), way=ways.get(name)) for name in (*stamps, *ways)
+        name: SaveStamp(camera=name, stamp=stamps.get(name), way=ways.get(name)) for name in (*stamps, *ways)
     }
-    saved = {name: (await ask_leader(leader, one, StampKept)).kept for name, one in given.items()}
+    saved = {name: (await ask_leader(leader, one, StampSaved)).kept for name, one in given.items()}
     return measured, given, saved
 
 
@@ -126,9 +126,9 @@ def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes
     return found
 
 
-def measured_ways(
+def measured_asymmetries(
     records: Mapping[str, CameraRecord], measured: MeasuredTimes, stamps: Collection[str]
-) -> dict[str, KnownWay]:
+) -> dict[str, PathAsymmetry]:
     """Return the path asymmetry that explains each camera's clock error, for cameras not in `stamps`.
 
     Unequal path delays shift a clock, and messages cannot reveal that. Measurements that are no better than
@@ -150,7 +150,7 @@ def measured_ways(
             record.facts.stamp_accuracy.uncertainty_ns,
             math.sqrt(own_ns**2 - usual_ns**2) if own_ns > usual_ns else own_ns,
         )
-        way = KnownWay(time.offset_ms * 1e6, error_ns, record.clock.round_trip_ns)
+        way = PathAsymmetry(time.offset_ms * 1e6, error_ns, record.clock.round_trip_ns)
         if name != measured.reference and way.sigma(way.round_trip_ns) is not None:
             found[name] = way
     return found

@@ -33,10 +33,10 @@ PLACE_FRAMES = 40
 """Number of frames that determine the phase before and after a shift."""
 OUTLIER = 4.0
 """Timestamps with a residual of more than this many times the noise are outliers."""
-LEAST_SHIFTS = 6
+MIN_SHIFTS = 6
 WIDEST_NS = 200_000.0
 """Maximum step: no sensor's row time is longer."""
-LEAST_NOISE_NS = 500.0
+MIN_NOISE_NS = 500.0
 """Minimum noise: no timestamps are better, and finer steps would take long to distinguish."""
 FINEST = 2.0
 """Minimum step, in multiples of the noise."""
@@ -202,12 +202,12 @@ def common_step(shifts_ns: Sequence[float], noise_ns: float) -> float | None:
 
     None if no step is likely enough, as one hardly wider than the noise, or if there are too few shifts.
     """
-    if len(shifts_ns) < LEAST_SHIFTS:
+    if len(shifts_ns) < MIN_SHIFTS:
         return None
     # Differences from the minimum are smaller, so fewer candidates distinguish their multiples.
-    least_ns = min(shifts_ns)
-    offs = [shift - least_ns for shift in shifts_ns]
-    noise_ns = max(noise_ns, LEAST_NOISE_NS)
+    min_ns = min(shifts_ns)
+    offs = [shift - min_ns for shift in shifts_ns]
+    noise_ns = max(noise_ns, MIN_NOISE_NS)
     grain = noise_ns / max(*offs, noise_ns) / 2.0
     tried, best, best_ns = 0, 0.0, WIDEST_NS
     step_ns = WIDEST_NS
@@ -280,8 +280,8 @@ def _command(
     facts: CameraFacts, number: int, stretch_ns: int, history: InjectionHistory
 ) -> tuple[CameraCommand, int]:
     """Return a command that lengthens one frame, and the number of rows that it is exposed, or lasts, for."""
-    wanted_ns = facts.period_ns + FIRST_STRETCH_NS + stretch_ns
-    rows = round(wanted_ns / history.row_ns)
+    target_ns = facts.period_ns + FIRST_STRETCH_NS + stretch_ns
+    rows = round(target_ns / history.row_ns)
     # Alternate even and odd row counts: even counts alone would look like rows of twice the length.
     rows += (rows + number) % 2
     asked_ns = round((rows + INSIDE_ROW) * history.row_ns)
@@ -305,8 +305,8 @@ def _with_rows(seen: Moves, facts: CameraFacts, history: InjectionHistory) -> Mo
 def _reason(effective: int, step_ns: float | None) -> str:
     if not effective:
         return "no command moved its phase"
-    if effective < LEAST_SHIFTS:
-        return f"too few moves for rows to show: {LEAST_SHIFTS} are needed"
+    if effective < MIN_SHIFTS:
+        return f"too few moves for rows to show: {MIN_SHIFTS} are needed"
     return "" if step_ns is not None else "its stamps scatter too much for rows to show in its shifts"
 
 
@@ -356,11 +356,11 @@ async def measure_camera(
         watch.deliveries_ns.clear()
         wanted = max(SETTLING_FRAMES, round(seconds * 1e9 / facts.period_ns))
         talk(f"watching {count(wanted, 'frame')}")
-        least_ns = most_ns = watch.exposure_ns
+        min_ns = max_ns = watch.exposure_ns
         for _ in range(wanted):
             await watch.frames(1)
-            if watch.exposure_ns is not None and least_ns is not None and most_ns is not None:
-                least_ns, most_ns = min(least_ns, watch.exposure_ns), max(most_ns, watch.exposure_ns)
+            if watch.exposure_ns is not None and min_ns is not None and max_ns is not None:
+                min_ns, max_ns = min(min_ns, watch.exposure_ns), max(max_ns, watch.exposure_ns)
         phase = watch.phase
         character = Character(
             spec=spec,
@@ -374,7 +374,7 @@ async def measure_camera(
             stamp_jitter_ns=phase.noise_ns,
             delivery_ns=round(median(watch.deliveries_ns)),
             slowest_delivery_ns=max(watch.deliveries_ns),
-            exposures_ns=None if least_ns is None or most_ns is None else (least_ns, most_ns),
+            exposures_ns=None if min_ns is None or max_ns is None else (min_ns, max_ns),
         )
         if moves and facts.phase_control in (PhaseControl.INJECTION, PhaseControl.FRAME_DURATION):
             talk(f"moving its phase {count(moves, 'time')}")

@@ -20,13 +20,13 @@ from capture_app.common.text import count, megabytes
 from capture_app.common.usb import UsbCamera, crowded_buses, usb_cameras
 from capture_app.net.discovery import LeaderBrowser, announced_hosts
 from capture_app.net.firewall import MDNS_PORT, Firewall, active_firewalls
-from capture_app.net.reach import find_obstacle
+from capture_app.net.reachability import find_obstacle
 from capture_app.net.wifi import power_saving, power_saving_remedy, saves_power, wifi_interfaces
 from capture_app.protocol.pairing import FoundLeader
 from capture_app.rig.cameras import list_cameras
 from capture_app.rig.link import ask_status
 from capture_app.session.files.disk import disk_error, free_bytes
-from capture_app.sync.rig.node_message import slewing
+from capture_app.sync.rig.status_text import slewing
 from capture_app.sync.wire.codec import VERSION
 from capture_app.trust.trust import Trust
 

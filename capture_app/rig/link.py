@@ -28,7 +28,7 @@ from capture_app.net.channel import Channel, connect
 from capture_app.protocol import messages, orders
 from capture_app.protocol.message import Message
 from capture_app.protocol.orders import ExposeAppPhones
-from capture_app.protocol.status import BurstStatus, NewsLine, NodeStatus, Preview, RigStatus
+from capture_app.protocol.status import BurstStatus, LogLine, NodeStatus, Preview, RigStatus
 
 A = TypeVar("A", bound=Message)
 ISO_OF_GAIN_1 = 100
@@ -197,7 +197,7 @@ class LinkLost(Struct, frozen=True):
     """One sentence, with a remedy."""
 
 
-Update = RigStatus | NewsLine | Preview | LinkLost
+Update = RigStatus | LogLine | Preview | LinkLost
 
 
 def start_again(rig: RigStatus) -> str:
@@ -216,8 +216,8 @@ class RigLink:
         self.leader = leader
         """The leader's address from here; `RigStatus.leader` is the address for other machines."""
         self._channel: Channel[Any] | None = None
-        self._wish: orders.PreviewsWanted | None = None
-        self._news_ns = 0
+        self._request: orders.PreviewRequest | None = None
+        self._log_ns = 0
         self._rig: RigStatus | None = None
         """The latest status received."""
 
@@ -238,8 +238,8 @@ class RigLink:
                 async with await connect(self.leader, messages.FromLeader) as channel:
                     self._channel = channel
                     await channel.send(orders.WatchRequest())
-                    if self._wish is not None:
-                        await channel.send(self._wish)
+                    if self._request is not None:
+                        await channel.send(self._request)
                     while True:
                         message = await receive_answer(channel, STATUS_TIMEOUT_S)
                         failures = 0
@@ -260,10 +260,10 @@ class RigLink:
         At most `fps` a second of each, fewer where the link or the screen is slow, none while a burst is
         selected or sent. The request persists over reconnections; this does not wait for an answer.
         """
-        self._wish = orders.PreviewsWanted(cameras=cameras, width=width, fps=fps)
+        self._request = orders.PreviewRequest(cameras=cameras, width=width, fps=fps)
         if self._channel is not None:
             try:
-                await self._channel.send(self._wish)
+                await self._channel.send(self._request)
             except NetworkError:
                 self._channel.abort()  # the reader of updates reconnects, and sends this request
 
@@ -288,11 +288,11 @@ class RigLink:
             case messages.StatusAnswer():
                 self._rig = message.rig
                 yield message.rig
-            case orders.NewsAnswer():
+            case orders.LogAnswer():
                 for line in message.lines:
                     # A reopened connection sends all of them again.
-                    if line.unix_ns > self._news_ns:
-                        self._news_ns = line.unix_ns
+                    if line.unix_ns > self._log_ns:
+                        self._log_ns = line.unix_ns
                         yield line
             case Preview():
                 jpeg = b"".join([chunk async for chunk in channel.payload()])

@@ -21,10 +21,10 @@ from capture_app.simulation.exchanges import START_TRUE_NS, exchanges, read_trac
 from capture_app.simulation.links import Link, ReplayedDelay
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.rig.events import Joined, LeaderNews
+from capture_app.sync.rig.events import Joined, LeaderNotice
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import TimeClient
-from capture_app.sync.timekeeping.poll_schedule import PACE_NS, SteadySchedule
+from capture_app.sync.timekeeping.poll_schedule import POLL_INTERVAL_NS, SteadySchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 
 TRIALS, REPLAYED_TRIALS = 10, 100
@@ -76,7 +76,7 @@ class LinkFigures(Struct, frozen=True, kw_only=True):
     seconds_mean: float
     seconds_max: float
     sent_mean: float
-    least_round_trip_us: float
+    min_round_trip_us: float
     uncertainty_us: float
     coverage_95: float
     """Fraction of the trials whose error is within the stated uncertainty."""
@@ -104,16 +104,18 @@ async def serve(host: str, port: int) -> None:
 class LinkClient:
     """A node without a camera, from joining until it has enough samples; `client` is the engine's own."""
 
-    def __init__(self, rng: random.Random, messages: int, pace_ns: int | None = None) -> None:
-        """Without `pace_ns` it sends requests at the engine's own intervals."""
+    def __init__(self, rng: random.Random, messages: int, poll_interval_ns: int | None = None) -> None:
+        """Without `poll_interval_ns` it sends requests at the engine's own intervals."""
         self.joined = asyncio.Event()
         self.done = asyncio.Event()
         self.problem = ""
         self.samples: list[ClockSample] = []
         self.result: Synchronization | None = None
         schedule = SteadySchedule()
-        if pace_ns is not None:
-            schedule = SteadySchedule(first_pace_ns=pace_ns, easing_paces_ns=(), pace_ns=pace_ns)
+        if poll_interval_ns is not None:
+            schedule = SteadySchedule(
+                first_interval_ns=poll_interval_ns, easing_intervals_ns=(), poll_interval_ns=poll_interval_ns
+            )
         instance = rng.getrandbits(32)
         self.timekeeper = Timekeeper(rng.getrandbits(31), schedule, samples=self.samples)
         self.client = TimeClient(f"link-{instance:08x}", instance, self.timekeeper)
@@ -127,7 +129,7 @@ class LinkClient:
                 case Joined():
                     self._joined_s = now_s
                     self.joined.set()
-                case LeaderNews("refused" | "lost"):
+                case LeaderNotice("refused" | "lost"):
                     self.problem = event.text
                     if event.what == "lost":
                         self.done.set()
@@ -181,19 +183,21 @@ async def measure(
     clock: NodeClock,
     *,
     messages: int,
-    pace_ns: int | None = None,
+    poll_interval_ns: int | None = None,
     trials: int = TRIALS,
     seed: int,
 ) -> AsyncIterator[Synchronization]:
     """Let a client join again for each trial, and yield its estimate at the end.
 
-    The other end runs `serve`. A client sends a request every `pace_ns`, or at the engine's own intervals;
-    `clock` is this end's, perhaps simulated. Raises NetworkError.
+    The other end runs `serve`. A client sends a request every `poll_interval_ns`, or at the engine's own
+    intervals; `clock` is this end's, perhaps simulated. Raises NetworkError.
     """
     rng = random.Random(f"{seed} link")
-    timeout_s = 10.0 + 5.0 * messages * (PACE_NS if pace_ns is None else pace_ns) / 1e9
+    timeout_s = (
+        10.0 + 5.0 * messages * (POLL_INTERVAL_NS if poll_interval_ns is None else poll_interval_ns) / 1e9
+    )
     for _ in range(trials):
-        link = LinkClient(rng, messages, pace_ns)
+        link = LinkClient(rng, messages, poll_interval_ns)
         yield await synchronize(address, clock, link, timeout_s=timeout_s)
         await asyncio.sleep(PAUSE_S)
 
@@ -214,7 +218,7 @@ def replay(recording: Path, messages: int, *, trials: int = REPLAYED_TRIALS, see
         start = rng.randrange(len(there.delays_ns))
         part = Link(replace(there, start=start), replace(back, start=start))
         clock = SimulatedClock(round(rng.uniform(-36e12, 36e12)), rng.gauss(0.0, REPLAYED_SKEW_PPM), 10**12)
-        received = exchanges(part, clock, rng, count=messages, pace_ns=there.every_ns)
+        received = exchanges(part, clock, rng, count=messages, poll_interval_ns=there.every_ns)
         engine = ClockFilter()
         for message in received:
             engine.add(message.sample)
@@ -259,7 +263,7 @@ def sum_up(trials: Sequence[LinkTrial], *, kind: Kind, messages: int, seed: int)
         seconds_mean=fmean(trial.seconds for trial in trials),
         seconds_max=max(trial.seconds for trial in trials),
         sent_mean=fmean(trial.requests for trial in trials),
-        least_round_trip_us=min(trial.round_trip_us for trial in trials),
+        min_round_trip_us=min(trial.round_trip_us for trial in trials),
         uncertainty_us=fmean(trial.uncertainty_us for trial in trials),
         coverage_95=fmean(abs(trial.error_us) <= trial.uncertainty_us for trial in trials),
         coverage_hard_bound=fmean(abs(trial.error_us) <= trial.hard_bound_us for trial in trials),

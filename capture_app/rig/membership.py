@@ -7,7 +7,7 @@ from capture_app.common.address import DEFAULT_PORT, Address
 from capture_app.common.errors import UnknownMachineError
 from capture_app.common.pairing_codes import Role
 from capture_app.net.discovery import search_leaders
-from capture_app.net.reach import find_obstacle
+from capture_app.net.reachability import find_obstacle
 from capture_app.node import pairing
 from capture_app.protocol.pairing import FoundLeader
 from capture_app.rig.process import list_rigs

@@ -11,11 +11,11 @@ from capture_app.rig.link import RigLink
 from capture_app.session.reading.decoding import decode_image
 
 WIDTH_PX, FPS = 160, 10.0
-USUAL = 0.1
+BASELINE_RATE = 0.1
 """Minimum weight of a new image in the background model, which absorbs a lasting change after some images."""
 LEARN = 8
 """Number of images of a camera before motion is reported."""
-LEAST_LEVELS, CLEAR = 10.0, 6.0
+MIN_LEVELS, CLEAR = 10.0, 6.0
 """Minimum change of a pixel, in grey levels and in multiples of its typical difference."""
 Region = tuple[float, float, float, float]
 WHOLE: Region = (0.0, 0.0, 1.0, 1.0)
@@ -31,10 +31,10 @@ class _View:
 
 @dataclass(slots=True)
 class MotionWatch:
-    """Background model of each camera's region; motion changes at least `least_share` of its pixels."""
+    """Background model of each camera's region; motion changes at least `min_fraction` of its pixels."""
 
     region: Region = WHOLE
-    least_share: float = 0.005
+    min_fraction: float = 0.005
     _views: dict[str, _View] = field(default_factory=dict)
 
     def moved(self, camera: str, grey: NDArray[np.uint8]) -> bool:
@@ -50,12 +50,12 @@ class MotionWatch:
             return False
         brighter = np.median((picture + 1) / (view.mean + 1))
         away = np.abs(picture - brighter * view.mean)
-        changed = float((away > np.maximum(LEAST_LEVELS, CLEAR * view.spread)).mean())
-        share = max(USUAL, 1 / (view.seen + 1))
+        changed = float((away > np.maximum(MIN_LEVELS, CLEAR * view.spread)).mean())
+        share = max(BASELINE_RATE, 1 / (view.seen + 1))
         view.mean += share * (picture - view.mean)
-        view.spread += share * (np.minimum(away, LEAST_LEVELS) - view.spread)
+        view.spread += share * (np.minimum(away, MIN_LEVELS) - view.spread)
         view.seen += 1
-        return view.seen > LEARN and changed > self.least_share
+        return view.seen > LEARN and changed > self.min_fraction
 
     def forget(self) -> None:
         """Restart the background models, as after a burst."""

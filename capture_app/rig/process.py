@@ -28,7 +28,7 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.trust.trust import Trust
 
 CHECK_EVERY_S = 0.1
-LOGS_KEPT = 10
+MAX_LOGS = 10
 
 
 class RunningRig(Struct, frozen=True, kw_only=True):
@@ -184,7 +184,7 @@ def _is_asked_for(rig: RunningRig, sessions: Path | None, port: int | None) -> b
 def _new_log() -> Path:
     folder = rigs_folder()
     folder.mkdir(parents=True, exist_ok=True)
-    for old in sorted(folder.glob("*.log"))[: 1 - LOGS_KEPT]:
+    for old in sorted(folder.glob("*.log"))[: 1 - MAX_LOGS]:
         with contextlib.suppress(OSError):
             old.unlink()
     return folder / f"{time.time_ns()}.log"

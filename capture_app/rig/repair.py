@@ -12,7 +12,7 @@ from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.protocol.news import Log
+from capture_app.protocol.log import Log
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.reading.reader import Session, is_being_written

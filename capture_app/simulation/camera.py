@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-MOST_GAIN = 16.0
+MAX_GAIN = 16.0
 CHOSEN_KELVIN = 5000.0
 WANDER, WANDER_NS = 0.3, 10_000_000_000
 """Amplitude, as a fraction, and period of the automatic exposure's variation, as under clouds."""
@@ -68,17 +68,17 @@ class SimulatedControls:
 
     def states(self) -> tuple[ControlState, ...]:
         """Return all controls with their current values."""
-        least_ns, most_ns = self._whole(0), self._whole(self._profile.period_ns)
+        min_ns, max_ns = self._whole(0), self._whole(self._profile.period_ns)
         exposure = ControlState(
             control=Control.EXPOSURE,
             value=self.exposure_ns / 1000,
             unit=MICROSECONDS,
             automatic=self.automatic,
             can_be_automatic=True,
-            least=least_ns / 1000,
-            most=most_ns / 1000,
+            least=min_ns / 1000,
+            most=max_ns / 1000,
         )
-        gain = ControlState(control=Control.GAIN, value=self.gain, unit=TIMES, least=1.0, most=MOST_GAIN)
+        gain = ControlState(control=Control.GAIN, value=self.gain, unit=TIMES, least=1.0, most=MAX_GAIN)
         white_balance = ControlState(
             control=Control.WHITE_BALANCE,
             value=self._white_balance_k or CHOSEN_KELVIN,
@@ -99,7 +99,7 @@ class SimulatedControls:
         elif control is Control.WHITE_BALANCE:
             self._white_balance_k = value
         elif control is Control.GAIN and value is not None:
-            self.gain = min(max(value, 1.0), MOST_GAIN)
+            self.gain = min(max(value, 1.0), MAX_GAIN)
         else:
             raise CameraError(f"a simulated camera does not choose its {control}, or has none")
 

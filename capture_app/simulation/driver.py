@@ -48,8 +48,8 @@ _CHANGES: dict[str, tuple[float, Callable[[float], dict[str, Any]]]] = {
     "exposure_ms": (1e3, lambda ms: {"exposure_ns": round(ms * 1e6)}),
     "noise_us": (1e4, lambda us: {"timestamp_noise_ns": round(us * 1e3)}),
     "stamp_bias_ms": (100, lambda ms: {"stamp_bias_ns": round(ms * 1e6)}),
-    "outliers": (1, lambda share: {"outlier_share": share}),
-    "drops": (1, lambda share: {"drop_share": share}),
+    "outliers": (1, lambda share: {"outlier_fraction": share}),
+    "drops": (1, lambda share: {"drop_fraction": share}),
     "start_ms": (1e4, lambda ms: {"start_latency_ns": (round(ms * 1e6), 0)}),
 }
 """Max value of an option, whose min is 0, and the change that it makes to the profile."""

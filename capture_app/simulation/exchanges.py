@@ -12,7 +12,7 @@ from capture_app.simulation.links import Link, ReplayedDelay
 from capture_app.sync.clock.clock_filter import ClockSample
 
 COLUMNS = ("t_s", "rtt_ms")
-LEAST_ROWS = 50
+MIN_ROWS = 50
 MOST = 1e10
 """Upper bound of a recording's times in s, and of its round trips in ms."""
 TURNAROUND_NS = 30_000
@@ -33,20 +33,20 @@ def read_trace(path: Path, rng: random.Random) -> Link:
         raise BadInputError(
             f"cannot read the recorded link {path}: {error}", hint=f"a CSV with columns {', '.join(COLUMNS)}"
         ) from None
-    if len(rows) < LEAST_ROWS:
-        raise BadInputError(f"{path} has {len(rows)} rows", hint=f"{LEAST_ROWS} or more are needed")
+    if len(rows) < MIN_ROWS:
+        raise BadInputError(f"{path} has {len(rows)} rows", hint=f"{MIN_ROWS} or more are needed")
     if not all(abs(number) < MOST for row in rows for number in row):
         raise BadInputError(f"{path} has numbers that are none or no times", hint="leave lost messages out")
     times_s, round_trips_ms = zip(*rows, strict=True)
     every_ns = round((times_s[-1] - times_s[0]) / (len(rows) - 1) * 1e9)
-    least_ms = min(round_trips_ms)
-    if every_ns <= 0 or not least_ms > 0:
+    min_ms = min(round_trips_ms)
+    if every_ns <= 0 or not min_ms > 0:
         raise BadInputError(f"{path} has times that do not ascend, or round trips that are not positive")
     there_ns, back_ns = [], []
     for round_trip_ms in round_trips_ms:
-        part_ms = rng.random() * (round_trip_ms - least_ms)
-        there_ns.append(round((least_ms / 2.0 + part_ms) * 1e6))
-        back_ns.append(round((round_trip_ms - least_ms / 2.0 - part_ms) * 1e6))
+        part_ms = rng.random() * (round_trip_ms - min_ms)
+        there_ns.append(round((min_ms / 2.0 + part_ms) * 1e6))
+        back_ns.append(round((round_trip_ms - min_ms / 2.0 - part_ms) * 1e6))
     return Link(ReplayedDelay(tuple(there_ns), every_ns), ReplayedDelay(tuple(back_ns), every_ns))
 
 
@@ -68,13 +68,15 @@ class Exchange:
 
 
 def exchanges(
-    link: Link, clock: LocalClock, rng: random.Random, *, count: int, pace_ns: int
+    link: Link, clock: LocalClock, rng: random.Random, *, count: int, poll_interval_ns: int
 ) -> list[Exchange]:
-    """Send `count` requests, one every `pace_ns`; return the completed exchanges in order of arrival.
+    """Send a request every `poll_interval_ns`; return the completed exchanges in order of arrival.
 
     The first copy of a duplicated datagram counts, as in the engine.
     """
-    return exchanges_at(link, clock, rng, range(START_TRUE_NS, START_TRUE_NS + count * pace_ns, pace_ns))
+    return exchanges_at(
+        link, clock, rng, range(START_TRUE_NS, START_TRUE_NS + count * poll_interval_ns, poll_interval_ns)
+    )
 
 
 def exchanges_at(

@@ -49,10 +49,10 @@ class SensorProfile:
     """Whether timestamps are truncated to their step, as a counter's are, or rounded to the nearest one."""
     stamp_bias_ns: int | None = None
     """Delay of all timestamps, which the camera's facts omit; None: timestamps are exact, and say so."""
-    outlier_share: float = 0.0
+    outlier_fraction: float = 0.0
     outlier_ns: int = 1_000_000
     """Max delay of an outlier."""
-    drop_share: float = 0.0
+    drop_fraction: float = 0.0
     period_error_ppm: float = 0.0
     """Max period error of this model's crystals; each device has its own."""
 
@@ -60,7 +60,7 @@ class SensorProfile:
         """Raise BadInputError for values that no sensor can have."""
         if not 1 <= self.injection_gain <= 3:
             raise BadInputError(f"injection gain {self.injection_gain} is out of range (1 to 3)")
-        for share in (self.drop_share, self.outlier_share):
+        for share in (self.drop_fraction, self.outlier_fraction):
             if not 0.0 <= share <= 1.0:
                 raise BadInputError(f"a share of {share:g} is out of range (0 to 1)")
         if (
@@ -134,8 +134,8 @@ _PHONE_A = SensorProfile(
     injection_gain=2,
     start_latency_ns=(650_000_000, 40_000_000),
     timestamp_noise_ns=3_000,
-    outlier_share=0.01,
-    drop_share=0.01,
+    outlier_fraction=0.01,
+    drop_fraction=0.01,
     period_error_ppm=20.0,
 )
 _MODELS = (
@@ -160,8 +160,8 @@ _MODELS = (
         min_frame_rows=1500,
         start_latency_ns=(400_000_000, 20_000_000),
         timestamp_noise_ns=2_000,
-        outlier_share=0.002,
-        drop_share=0.002,
+        outlier_fraction=0.002,
+        drop_fraction=0.002,
         period_error_ppm=20.0,
     ),
     SensorProfile(
@@ -174,8 +174,8 @@ _MODELS = (
         max_exposure_ns=33_000_000,
         start_latency_ns=(275_000_000, 5_000_000),
         timestamp_noise_ns=20_000,
-        outlier_share=0.01,
-        drop_share=0.01,
+        outlier_fraction=0.01,
+        drop_fraction=0.01,
         period_error_ppm=20.0,
     ),
     SensorProfile(

@@ -60,7 +60,7 @@ class Sensor:
         self._late_ns = 0
         """Total shift of the stream by injections beyond whole rows."""
         self._sequence = 0
-        self._lateness_ns: dict[int, int] = {}
+        self._delay_ns: dict[int, int] = {}
         self._exposure_rows: dict[int, int] = {}
         self._length_rows: dict[int, int] = {}
 
@@ -73,7 +73,7 @@ class Sensor:
         self.stream += 1
         self.streaming = True
         self._rows = self._sequence = self._late_ns = 0
-        self._lateness_ns.clear()
+        self._delay_ns.clear()
         self._exposure_rows.clear()
         self._length_rows.clear()
 
@@ -107,7 +107,7 @@ class Sensor:
         self._exposure_rows[obeying] = rows
         usual = self.profile.frame_length_rows
         if self.profile.injection_jitter_ns:
-            self._lateness_ns[obeying] = round(self._command_rng.gauss(0.0, self.profile.injection_jitter_ns))
+            self._delay_ns[obeying] = round(self._command_rng.gauss(0.0, self.profile.injection_jitter_ns))
         for sequence, stretch in enumerate(self.profile.stretches_rows(exposure_ns), obeying):
             self._length_rows[sequence] = max(usual + stretch, self._length_rows.get(sequence, usual))
 
@@ -117,12 +117,12 @@ class Sensor:
         The duration is clamped to the profile's limits and truncated to whole rows. Commands take effect in
         order, one frame each. Raises CameraError if the sensor cannot set durations or does not stream.
         """
-        least_ns, most_ns = self.profile.frame_durations_ns
-        if least_ns is None or most_ns is None:
+        min_ns, max_ns = self.profile.frame_durations_ns
+        if min_ns is None or max_ns is None:
             raise CameraError(f"the frame duration of a simulated {self.profile.name} cannot be set")
         if not self.streaming:
             raise CameraError("the simulated sensor does not stream")
-        rows = min(max(duration_ns, least_ns), most_ns) // self.profile.row_time_ns
+        rows = min(max(duration_ns, min_ns), max_ns) // self.profile.row_time_ns
         exposed = self.profile.exposure_ns // self.profile.row_time_ns + self.profile.margin_rows
         self._length_rows[self._obeying(true_ns)] = max(rows, exposed)
 
@@ -142,12 +142,12 @@ class Sensor:
         # Draw equally often for every frame, whatever the fractions, so that no frame affects another.
         noise_ns = rng.gauss(0.0, 1.0) * profile.timestamp_noise_ns
         late_ns = rng.random() * profile.outlier_ns
-        outlier, dropped = rng.random() < profile.outlier_share, rng.random() < profile.drop_share
+        outlier, dropped = rng.random() < profile.outlier_fraction, rng.random() < profile.drop_fraction
         start_true_ns = self._start_of(self._rows)
         rows = self._exposure_rows.pop(sequence, profile.exposure_ns // profile.row_time_ns)
         self._sequence += 1
         self._rows += self._length_rows.pop(sequence, profile.frame_length_rows)
-        self._late_ns += self._lateness_ns.pop(sequence, 0)
+        self._late_ns += self._delay_ns.pop(sequence, 0)
         exposure_ns = rows * profile.row_time_ns
         late_ns = (profile.stamp_bias_ns or 0) + (late_ns if outlier else 0.0)
         return SensorFrame(

@@ -2,7 +2,7 @@
 
 from pathlib import Path
 
-from capture_app.trust.kept_file import KeptFile
+from capture_app.trust.state_file import StateFile
 
 FILE = "names.json"
 
@@ -12,7 +12,7 @@ class CameraNames:
 
     def __init__(self, folder: Path) -> None:
         """Raises BadInputError if the file is damaged, DiskError if it cannot be read."""
-        self._file = KeptFile(
+        self._file = StateFile(
             folder / FILE, dict[str, str], {}, "delete it: cameras keep their names from then on"
         )
         self.owners = dict(self._file.read())

@@ -11,9 +11,9 @@ from capture_app.trust.sealing import KEY_BYTES, Refused, Seal, SealError, Side,
 
 Address = tuple[str, int]
 
-MOST_KEYS = 20_000
+MAX_KEYS = 20_000
 """Maximum number of stored keys; beyond it, the least recently used key is forgotten."""
-MOST_OF_ONE = 256
+MAX_KEYS_PER_MACHINE = 256
 """Maximum number of keys per machine; beyond it, its own least recently used key is forgotten."""
 
 
@@ -36,7 +36,7 @@ class ClientKeys:
     """Keys that a leader has issued."""
 
     def __init__(
-        self, random_bytes: Callable[[int], bytes] = secrets.token_bytes, most: int = MOST_KEYS
+        self, random_bytes: Callable[[int], bytes] = secrets.token_bytes, most: int = MAX_KEYS
     ) -> None:
         """`random_bytes` returns that many cryptographically random bytes."""
         self._random_bytes, self._most = random_bytes, most
@@ -56,7 +56,7 @@ class ClientKeys:
         self._clients[key_id] = _Client(principal, seal)
         given = self._given.setdefault(principal.pin, {})
         given[key_id] = None
-        if len(given) > MOST_OF_ONE:
+        if len(given) > MAX_KEYS_PER_MACHINE:
             self._forget(next(known for known in self._clients if known in given))
         if len(self._clients) > self._most:
             self._forget(next(iter(self._clients)))
@@ -137,7 +137,7 @@ class LeaderKeys:
             return None
         return seal.seal(message)
 
-    def take_kept(self) -> list[tuple[bytes, Address]]:
+    def take_stored(self) -> list[tuple[bytes, Address]]:
         """Return the datagrams of the messages that waited for a key which has arrived."""
         return [(self._seals[leader].seal(self._kept.pop(leader)), leader) for leader in list(self._kept)]
 

@@ -11,7 +11,7 @@ from msgspec.structs import replace
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.names import free_name, name_like
 from capture_app.common.pairing_codes import Role, pin_of
-from capture_app.trust.kept_file import KeptFile
+from capture_app.trust.state_file import StateFile
 
 FILE = "machines.json"
 MOST = 1000
@@ -39,7 +39,7 @@ class KnownMachines:
     """File of the known machines; changes by other processes are noticed at the next access."""
 
     def __init__(self, folder: Path) -> None:
-        self._file = KeptFile(
+        self._file = StateFile(
             folder / FILE, tuple[KnownMachine, ...], (), "delete it, and pair the machines again"
         )
         self._seen: tuple[int, int, int] | None = None
@@ -108,7 +108,7 @@ class KnownMachines:
         standbys = (one for one in own if Role.STANDBY in one.roles)
         return tuple(replace(one, roles=(Role.LEADER,), certificate=None) for one in standbys)
 
-    def take_word(self, of: str, told: Collection[KnownMachine]) -> None:
+    def take_trust_of(self, of: str, told: Collection[KnownMachine]) -> None:
         """Replace the machines that the leader with that pin vouches for by `told`.
 
         Nothing changes unless that leader was confirmed here. A leader that is also a standby here may

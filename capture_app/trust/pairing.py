@@ -74,8 +74,8 @@ class Invitations:
         from spake2 import SPAKE2_B
 
         half = SPAKE2_B(invitation.code.encode(), idA=pin.encode(), idB=own_pin.encode())
-        own_share: bytes = half.start()
-        return own_share, invitation, _finish(half, share)
+        own_fraction: bytes = half.start()
+        return own_fraction, invitation, _finish(half, share)
 
     def accept(self, invitation: Invitation, key: bytes, proof: bytes) -> bytes:
         """Return the leader's proof for a machine that proved that it knows the code; the code is then spent.

@@ -24,7 +24,7 @@ from capture_app.trust.sealing import Refusals, Refused, SealError, unknown_key,
 
 Sealed = Iterator[tuple[bytes, Address]]
 NOT_PAIRED = "this rig takes paired nodes only: start this one without --open"
-MOST_NOTICES = 64
+MAX_NOTICES = 64
 
 
 class SealedClient:
@@ -46,7 +46,7 @@ class SealedClient:
     def datagrams_to_send(self, now_ns: int) -> Sealed:
         """Yield the datagrams due, stamped with `now_ns`; the last one to a leader waits for its key."""
         yield from _sealed(self._engine.datagrams_to_send(now_ns), self.keys)
-        yield from self.keys.take_kept()
+        yield from self.keys.take_stored()
 
 
 class SealedLeader:
@@ -83,8 +83,8 @@ class SealedLeader:
         except SealError as error:
             if not is_version_question(data):
                 self.refusals.add(address[0], error.why)
-            answer = _answer_to_stranger(data, error.why)
-            if answer is not None and len(answer) <= len(data) and len(self._notices) < MOST_NOTICES:
+            answer = _answer_to_unknown(data, error.why)
+            if answer is not None and len(answer) <= len(data) and len(self._notices) < MAX_NOTICES:
                 self._notices.append((answer, address))
             return None
 
@@ -101,7 +101,7 @@ class SealedRelay(SealedLeader):
         """Yield the datagrams due, stamped with `now_ns`."""
         yield from super().datagrams_to_send(now_ns)
         yield from _sealed(self._relay.datagrams_to_parents(now_ns), self.parent_keys)
-        yield from self.parent_keys.take_kept()
+        yield from self.parent_keys.take_stored()
 
     def _open(self, data: bytes, address: Address) -> tuple[bytes, Principal | None] | None:
         if not self.parent_keys.is_key_of(data, address):
@@ -110,7 +110,7 @@ class SealedRelay(SealedLeader):
         return None if message is None else (message, None)
 
 
-def _answer_to_stranger(data: bytes, why: Refused) -> bytes | None:
+def _answer_to_unknown(data: bytes, why: Refused) -> bytes | None:
     if why is Refused.UNKNOWN_KEY:
         return unknown_key(data)
     if why is Refused.UNSEALED:

@@ -27,10 +27,10 @@ OVERHEAD_BYTES = HEAD_BYTES + SEAL_BYTES
 _MASK = (1 << WINDOW) - 1
 _SEALED = MAGIC + bytes([VERSION, KIND_SEALED])
 _UNKNOWN_KEY = MAGIC + bytes([VERSION, KIND_UNKNOWN_KEY])
-TELL_EVERY_NS = 10_000_000_000
+REPORT_INTERVAL_NS = 10_000_000_000
 FEW = 10
 """Minimum count of replays, or of keys from before a restart, that is reported; fewer occur in normal use."""
-MOST_KINDS = 32
+MAX_KINDS = 32
 """Maximum number of hosts and reasons counted separately between two reports."""
 
 
@@ -174,12 +174,12 @@ class Refusals:
         """Count a datagram."""
         self.total += 1
         key = host, why
-        if key not in self._counts and len(self._counts) >= MOST_KINDS:
+        if key not in self._counts and len(self._counts) >= MAX_KINDS:
             key = "other hosts", why
         self._counts[key] = self._counts.get(key, 0) + 1
 
-    def take_news(self, now_ns: int) -> list[DatagramsRefused]:
-        """Return the refusals since the last report, unless that was less than TELL_EVERY_NS ago."""
+    def take_events(self, now_ns: int) -> list[DatagramsRefused]:
+        """Return the refusals since the last report, unless that was less than REPORT_INTERVAL_NS ago."""
         if self._due_ns is not None and now_ns < self._due_ns:
             return []
         told = [
@@ -188,5 +188,5 @@ class Refusals:
             if count >= FEW or why not in (Refused.UNKNOWN_KEY, Refused.REPLAYED)
         ]
         if told:
-            self._due_ns = now_ns + TELL_EVERY_NS
+            self._due_ns = now_ns + REPORT_INTERVAL_NS
         return [DatagramsRefused(*key, self._counts.pop(key)) for key in told]

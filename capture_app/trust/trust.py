@@ -34,7 +34,7 @@ class Peer:
     """Name and instance number of its node, as seen by that relay."""
 
     @property
-    def is_stranger(self) -> bool:
+    def is_unknown(self) -> bool:
         """Whether the machine is unknown."""
         return not self.roles
 
@@ -43,7 +43,7 @@ class Peer:
         return role in self.roles
 
 
-STRANGER = Peer()
+UNKNOWN_PEER = Peer()
 ANYBODY = Peer(name="anybody", roles=frozenset(Role))
 """Peer of an open rig, where no machine is authenticated."""
 
@@ -112,7 +112,7 @@ class Trust:
         if self.is_open:
             return ANYBODY
         if certificate is None:
-            return STRANGER
+            return UNKNOWN_PEER
         return self.peer_of(pin_of(certificate))
 
     def peer_of(self, pin: str) -> Peer:
@@ -122,12 +122,12 @@ class Trust:
         machine = self.known.find(pin)
         return Peer(pin) if machine is None else Peer(pin, machine.name, frozenset(machine.roles))
 
-    def take_word(self, leader: Peer, machines: Collection[KnownMachine], names: dict[str, str]) -> None:
+    def take_trust_of(self, leader: Peer, machines: Collection[KnownMachine], names: dict[str, str]) -> None:
         """Adopt the machines that a leader vouches for, and the names' owners if it is also a standby here.
 
         Raises DiskError, BadInputError.
         """
-        self.known.take_word(leader.pin, machines)
+        self.known.take_trust_of(leader.pin, machines)
         if leader.may(Role.STANDBY) and leader.pin != self.identity.pin and self.folder is not None:
             kept = CameraNames(self.folder)
             kept.owners.update(names)
@@ -150,22 +150,22 @@ class Trust:
             self._server = self.known.version, context
         return self._server[1]
 
-    def client_context(self, *, as_stranger: bool = False) -> ssl.SSLContext | None:
+    def client_context(self, *, as_unknown: bool = False) -> ssl.SSLContext | None:
         """TLS context for a stream to a leader; the caller must check it with `peer` before sending anything.
 
-        `as_stranger`: without presenting a certificate, to leaders that are not known yet.
+        `as_unknown`: without presenting a certificate, to leaders that are not known yet.
         """
         if self.is_open:
             return None
-        if as_stranger not in self._clients:
-            context = self._clients[as_stranger] = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
+        if as_unknown not in self._clients:
+            context = self._clients[as_unknown] = ssl.SSLContext(ssl.PROTOCOL_TLS_CLIENT)
             context.minimum_version = ssl.TLSVersion.TLSv1_3
             # The server proves its key; only its pin decides whether that key is accepted.
             context.check_hostname = False
             context.verify_mode = ssl.CERT_NONE
-            if not as_stranger:
+            if not as_unknown:
                 context.load_cert_chain(self.identity.file)
-        return self._clients[as_stranger]
+        return self._clients[as_unknown]
 
 
 _OPEN = Trust.open()

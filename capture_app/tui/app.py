@@ -21,7 +21,7 @@ from capture_app.common.node_state import NodeState
 from capture_app.common.text import count, printable
 from capture_app.common.timeouts import SCREEN_STOP_TIMEOUT_S
 from capture_app.protocol.orders import StopRig
-from capture_app.protocol.status import NewsLine, RigStatus
+from capture_app.protocol.status import LogLine, RigStatus
 from capture_app.rig.link import LinkLost, RigLink
 from capture_app.rig.process import AttachedRig
 from capture_app.tui.jobs.jobs_view import JobsView
@@ -33,7 +33,7 @@ from capture_app.tui.library.sessions_view import SessionsView
 from capture_app.tui.mode import ModeScreen, ModeView
 from capture_app.tui.question import Answer, Question
 from capture_app.tui.rig.view import RigView
-from capture_app.tui.rig_record import Mishap, RigRecord, SessionsRequested, Told
+from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, SessionsRequested
 from capture_app.tui.settings import KEYS_FILE, Settings
 from capture_app.tui.shoot.view import ShootView
 from capture_app.tui.themes import DARK, PLAIN, THEMES
@@ -122,7 +122,7 @@ class SimulshotApp(App[None]):
         self._started = started
         self.sharp_terminal = sharp_terminal
         self._record = record or RigRecord()
-        self.runs = Runs(sessions, self._tell_run)
+        self.runs = Runs(sessions, self._notify_run)
         self._depth = depth
         for mode in MODES:
             self.add_mode(mode, partial(self._mode_screen, mode))
@@ -137,13 +137,13 @@ class SimulshotApp(App[None]):
     def on_mount(self) -> None:
         """Start following the rig."""
         for warning in self._settings.warnings:
-            self.show_mishap(warning, "warning")
+            self.show_error(warning, "warning")
         if wrong := unknown_names(self._settings.keys):
-            self.show_mishap(f"{KEYS_FILE} names actions that do not exist: {', '.join(wrong)}", "warning")
+            self.show_error(f"{KEYS_FILE} names actions that do not exist: {', '.join(wrong)}", "warning")
         self._settings.on_change = self._save_settings
         with contextlib.suppress(NotImplementedError, ValueError):  # not in the main thread, as in tests
             asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, self.exit)
-        self.screen_change_signal.subscribe(self, self._tell_screen)
+        self.screen_change_signal.subscribe(self, self._notify_screen)
         self.theme_changed_signal.subscribe(self, lambda theme: self._settings.remember("theme", theme.name))
         self._follow()
         self.run_worker(self.runs.read(), group="jobs")
@@ -177,18 +177,18 @@ class SimulshotApp(App[None]):
 
     def _tell(self, what: object) -> None:
         for screen in self.screen_stack:
-            screen.post_message(Told(what))
+            screen.post_message(RecordChanged(what))
             if isinstance(screen, ModeScreen):
-                screen.view.post_message(Told(what))
+                screen.view.post_message(RecordChanged(what))
 
-    def _tell_screen(self, _: Screen[object]) -> None:
+    def _notify_screen(self, _: Screen[object]) -> None:
         """Send the rig's state to a screen that has just become visible."""
         if self._record.status is not None:
             self._tell(self._record.status)
         if self._record.lost:
             self._tell(LinkLost(self._record.lost))
 
-    def _tell_run(self, run: Run | None) -> None:
+    def _notify_run(self, run: Run | None) -> None:
         """Notify all modes of a finished run."""
         self._tell(self.runs)
         if run is None or run.kind == MOMENT.name or run.state not in (RunState.DONE, RunState.FAILED):
@@ -208,13 +208,13 @@ class SimulshotApp(App[None]):
         await self.switch_mode("sessions")
         self.screen.query_one(SessionsView).open_folder(message.folder)
 
-    def on_mishap(self, message: Mishap) -> None:
+    def on_action_failed(self, message: ActionFailed) -> None:
         """Show an error and add it to the log."""
-        self.show_mishap(str(message.error))
+        self.show_error(str(message.error))
 
-    def show_mishap(self, text: str, level: Literal["warning", "error"] = "error") -> None:
+    def show_error(self, text: str, level: Literal["warning", "error"] = "error") -> None:
         """Show an error or warning as a notification and add it to the log."""
-        news = NewsLine(unix_ns=time.time_ns(), text=printable(text), level=level)
+        news = LogLine(unix_ns=time.time_ns(), text=printable(text), level=level)
         self._record.add(news)
         self._tell(news)
         self.notify(news.text, severity=level, markup=False, timeout=10)
@@ -299,7 +299,7 @@ class SimulshotApp(App[None]):
         try:
             self._settings.save()
         except OSError as error:
-            self.call_from_thread(self.show_mishap, f"choices are not remembered: {error}", "warning")
+            self.call_from_thread(self.show_error, f"choices are not remembered: {error}", "warning")
 
 
 def run_screen(rig: AttachedRig, *, frames: int | None = None, depth: bool = True) -> None:

@@ -9,7 +9,7 @@ from textual.screen import Screen
 
 from capture_app.protocol.status import RigStatus
 from capture_app.rig.link import LinkLost
-from capture_app.tui.rig_record import RigRecord, Told
+from capture_app.tui.rig_record import RecordChanged, RigRecord
 from capture_app.tui.widgets.footer import KeyFooter
 from capture_app.tui.widgets.header import Header
 
@@ -17,8 +17,8 @@ from capture_app.tui.widgets.header import Header
 class ModeView(Vertical, can_focus=True):
     """Base class of a mode's view; its keys work while it, or a widget in it, has the focus.
 
-    While visible, it receives updates through `on_told`; `on_mode_shown` follows when it becomes visible
-    again. It makes requests by posting `SessionsRequested` and `Mishap`.
+    While visible, it receives updates through `on_record_changed`; `on_mode_shown` follows when it becomes
+    visible again. It makes requests by posting `SessionsRequested` and `ActionFailed`.
     """
 
     def on_mode_shown(self) -> None:
@@ -58,7 +58,7 @@ class ModeScreen(Screen[None]):
         """Notify the view that it is hidden."""
         self.view.on_mode_hidden()
 
-    def on_told(self, message: Told) -> None:
+    def on_record_changed(self, message: RecordChanged) -> None:
         """Update the header."""
         if isinstance(message.what, RigStatus | LinkLost):
             self._header.draw()

@@ -16,7 +16,7 @@ from textual.widgets import Button, Input, Static
 
 from capture_app.common.text import printable
 from capture_app.protocol.status import RigStatus
-from capture_app.tui.rig_record import Told
+from capture_app.tui.rig_record import RecordChanged
 
 Result = TypeVar("Result")
 
@@ -105,7 +105,7 @@ class Question(BoxDialog[str | None]):
         row = (Horizontal if fits else Vertical)(*buttons, id="answers")
         super().__init__(title, self._words, row)
 
-    def on_told(self, message: Told) -> None:
+    def on_record_changed(self, message: RecordChanged) -> None:
         """Update the text."""
         if isinstance(message.what, RigStatus):
             self._words.update(Content(printable(self._text())))

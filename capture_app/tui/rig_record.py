@@ -15,11 +15,11 @@ from textual.widget import Widget
 
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
-from capture_app.protocol.status import NewsLine, RigStatus
+from capture_app.protocol.status import LogLine, RigStatus
 from capture_app.rig.link import LinkLost, Update
 
-NEWS_KEPT = 500
-PHASE_KEPT_S = 35.0
+MAX_LOG_LINES = 500
+PHASE_HISTORY_S = 35.0
 
 
 @dataclass(slots=True)
@@ -31,7 +31,7 @@ class RigRecord:
     status: RigStatus | None = None
     lost: str = ""
     """Reason why the leader does not answer; empty while it does."""
-    news: deque[NewsLine] = field(default_factory=lambda: deque(maxlen=NEWS_KEPT))
+    news: deque[LogLine] = field(default_factory=lambda: deque(maxlen=MAX_LOG_LINES))
     phases: dict[str, deque[tuple[float, int | None]]] = field(default_factory=dict)
     """Phase errors (ns) by camera, each with the time from which it holds; None if unknown."""
 
@@ -41,7 +41,7 @@ class RigRecord:
             case RigStatus():
                 self.status, self.lost = update, ""
                 self._add_phases(update)
-            case NewsLine():
+            case LogLine():
                 self.news.append(update)
             case LinkLost():
                 self.lost = update.reason
@@ -58,7 +58,7 @@ class RigRecord:
             phases = self.phases.setdefault(node.name, deque())
             if not phases or phases[-1][1] != node.phase_error_ns:
                 phases.append((now, node.phase_error_ns))
-            while len(phases) > 1 and phases[1][0] < now - PHASE_KEPT_S:
+            while len(phases) > 1 and phases[1][0] < now - PHASE_HISTORY_S:
                 phases.popleft()
 
 
@@ -70,7 +70,7 @@ def phases_at(phases: Iterable[tuple[float, int | None]], times: Iterable[float]
 
 
 @dataclass
-class Told(Message, bubble=False):
+class RecordChanged(Message, bubble=False):
     """Message to views: a status, a log line, the link, a preview or a run has changed."""
 
     what: object
@@ -85,7 +85,7 @@ class SessionsRequested(Message):
 
 
 @dataclass
-class Mishap(Message):
+class ActionFailed(Message):
     """Failed action; the app shows the reason and the remedy, and adds them to the log."""
 
     error: Exception
@@ -97,4 +97,4 @@ def telling(widget: Widget) -> Iterator[None]:
     try:
         yield
     except SimulshotError as error:
-        widget.post_message(Mishap(error))
+        widget.post_message(ActionFailed(error))

@@ -3,7 +3,7 @@
 from dataclasses import dataclass
 
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
-from capture_app.protocol.status import LOST_IS_NEWS_NS, NodeStatus, RigStatus
+from capture_app.protocol.status import REPORT_LOST_NS, NodeStatus, RigStatus
 
 MISSING = "!"
 """Glyph of a rig whose connected cameras are ready after one was recently lost."""
@@ -27,7 +27,7 @@ SIGNS = {
     NodeState.JOINING: Sign("○", "joining", "$foreground-muted"),
     NodeState.SYNCING: Sign("◔", "syncing", "$warning"),
     NodeState.ALIGNING: Sign("◑", "aligning", "$warning"),
-    NodeState.COARSE: Sign("◕", "coarse", "$warning"),
+    NodeState.DEGRADED: Sign("◕", "coarse", "$warning"),
     NodeState.READY: Sign("●", "ready", "$success"),
     NodeState.LOST: Sign("◌", "lost", "$foreground-muted"),
     NodeState.FAILED: Sign("✖", "failed", "$error"),
@@ -64,7 +64,7 @@ def rig_sign(status: RigStatus) -> Sign:
     if not here:
         return EMPTY
     # A rig that has just lost a camera is not shown as ready.
-    lost = sum(node.last_seen_ns <= LOST_IS_NEWS_NS for node in gone)
+    lost = sum(node.last_seen_ns <= REPORT_LOST_NS for node in gone)
     if ready == len(here) and lost:
         return Sign(MISSING, f"{ready} of {ready} ready, {lost} lost", "$warning")
     if ready == len(here):

@@ -37,7 +37,7 @@ class PageServer(Server):
         """Serve until cancelled."""
         app = await self._make_app()
         app.on_startup.clear()
-        app.middlewares.append(self._refuse_strangers)
+        app.middlewares.append(self._refuse_foreign_origins)
         runner = web.AppRunner(app)
         await runner.setup()
         try:
@@ -47,7 +47,7 @@ class PageServer(Server):
             await runner.cleanup()
 
     @web.middleware
-    async def _refuse_strangers(self, request: web.Request, handler: Handler) -> web.StreamResponse:
+    async def _refuse_foreign_origins(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Reject other origins and host names: any page in the user's browser can send requests here."""
         origin = request.headers.get("Origin")
         if (origin is not None and urlsplit(origin).netloc != request.host) or (

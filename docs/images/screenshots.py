@@ -22,7 +22,7 @@ from capture_app.tui.shoot.view import ShootView
 
 WIDE, SMALL = (120, 34), (80, 24)
 CAMERAS = 5
-PATIENCE_S = 400.0
+TIMEOUT_S = 400.0
 
 
 async def take_pictures(out: Path, folder: Path) -> None:
@@ -39,7 +39,7 @@ async def take_pictures(out: Path, folder: Path) -> None:
             save(app, out / "tui-start.svg")
             await pilot.press("s")
             await pilot.resize_terminal(*WIDE)
-            async with asyncio.timeout(PATIENCE_S):
+            async with asyncio.timeout(TIMEOUT_S):
                 while True:
                     nodes = (await ask_status(rig.address)).nodes
                     if [node.state for node in nodes] == [NodeState.READY] * CAMERAS:
@@ -67,7 +67,7 @@ async def take_pictures(out: Path, folder: Path) -> None:
 
 async def until(holds: Callable[[], bool]) -> None:
     """Wait."""
-    async with asyncio.timeout(PATIENCE_S):
+    async with asyncio.timeout(TIMEOUT_S):
         while True:
             if holds():
                 return

@@ -14,7 +14,7 @@ from capture_app.common.text import pretty_json
 from capture_app.session.files.durable import write_atomic
 from reconstruction.batch.rows import Row
 from reconstruction.batch.units import RESULT, Unit
-from reconstruction.calibration.kept import settle_calibration
+from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.multiview.instant_model import RESULT as MULTIVIEW_RESULT
 from reconstruction.multiview.instant_model import MultiviewOptions, multiview
@@ -60,7 +60,7 @@ def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
     """
     dataset = Dataset.open(session, options.time_shifts_ms)
     dataset.require_cameras(2, "depth needs two that see the same from different places")
-    settle_calibration(dataset)
+    choose_calibration(dataset)
     name = session.resolve().name
     source = dataset.fingerprint()
     matcher, shifts = options.matcher.engine, dict(options.time_shifts_ms)

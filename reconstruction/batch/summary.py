@@ -20,7 +20,7 @@ from reconstruction.report import tables as report
 from reconstruction.report import wording
 from reconstruction.report.embedding import embed_image
 from reconstruction.report.page import Section, render_page
-from reconstruction.session.conditions import evenly_spread
+from reconstruction.session.conditions import evenly_spaced
 
 THUMBNAIL_PX = 160
 MAX_COLUMNS = 12
@@ -50,7 +50,7 @@ def depth_sheets(root: Path, rows: Sequence[Row]) -> list[dict[str, Any]]:
 
 def _sheet(root: Path, session: str, rows: Sequence[Row]) -> dict[str, Any]:
     instants = sorted({row.instant for row in rows if row.instant is not None})
-    instants = evenly_spread(instants, MAX_COLUMNS)
+    instants = evenly_spaced(instants, MAX_COLUMNS)
     found = {(row.condition, row.instant): row.picture for row in rows}
     conditions = dict.fromkeys(row.condition for row in rows)
     shown = [(one, [_thumbnail(root, found.get((one, now), "")) for now in instants]) for one in conditions]
@@ -65,7 +65,7 @@ def _thumbnail(root: Path, path: str) -> dict[str, object] | None:
     if not path:
         return None
     try:
-        return {"path": path, **embed_image(root / path, most_px=THUMBNAIL_PX)}
+        return {"path": path, **embed_image(root / path, max_px=THUMBNAIL_PX)}
     except BadInputError:
         return None
 

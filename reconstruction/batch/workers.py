@@ -24,8 +24,8 @@ from capture_app.common.text import first_line
 from capture_app.console.terminal import talk
 from reconstruction.batch.units import WORK, Outcome, Unit, run_unit
 from reconstruction.common.memory import (
-    DEFAULT_SHARE,
-    MOST_BY_DEFAULT,
+    DEFAULT_FRACTION,
+    MAX_BY_DEFAULT,
     free_memory,
     limited_memory,
     memory_budget,
@@ -111,7 +111,7 @@ class Workers:
             stack.enter_context(import_module("dask").config.set(CONFIGURATION))
             cores, memory, cluster = None, None, None
             if self.where == LOCAL:
-                count, memory = self._local_share(len(units))
+                count, memory = self._local_fraction(len(units))
                 every = sorted(os.sched_getaffinity(0))
                 cores = [every[k % len(every) :: count] or every for k in range(count)]
                 cluster = stack.enter_context(self._local_cluster(count))
@@ -132,12 +132,12 @@ class Workers:
                 for future in self._wait_for_any(list(running), client, cluster, count):
                     yield _outcome(future, running.pop(future))
 
-    def _local_share(self, units: int) -> tuple[int, int]:
+    def _local_fraction(self, units: int) -> tuple[int, int]:
         """Return the number of local processes, and the memory budget of each in bytes."""
         budget = memory_budget()
-        total = budget.limit_bytes if budget.asked_for else int(DEFAULT_SHARE * free_memory())
+        total = budget.limit_bytes if budget.asked_for else int(DEFAULT_FRACTION * free_memory())
         count = self.jobs or max(1, min(len(os.sched_getaffinity(0)), total // MEMORY_OF_UNIT))
-        return min(count, units), min(total // count, total if budget.asked_for else MOST_BY_DEFAULT)
+        return min(count, units), min(total // count, total if budget.asked_for else MAX_BY_DEFAULT)
 
     def _local_cluster(self, count: int) -> Any:
         # Only this process handles Ctrl-C: workers inherit the mask of Dask's thread, which starts here.

@@ -21,7 +21,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.text import count
 from capture_app.session.format.calibration import Calibration
 from reconstruction.common.geometry import Array, View
-from reconstruction.session.conditions import evenly_spread
+from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.dataset import Dataset
 
 MIN_BOARDS = 4
@@ -53,7 +53,7 @@ def calibrate_lens(name: str, size: tuple[int, int], board: Board, seen: Sequenc
             f"{name} shows the board in {count(len(seen), 'image')}; {MIN_BOARDS} are needed",
             hint="record the board from more places; check --board, --square-mm and --dictionary",
         )
-    seen = evenly_spread(list(seen), MAX_BOARDS)
+    seen = evenly_spaced(list(seen), MAX_BOARDS)
     points = [board.places[sorted(corners)] for corners in seen]
     pixels = [np.array([corners[i] for i in sorted(corners)], np.float32) for corners in seen]
     # Few boards, or boards at one angle, do not determine the higher terms of distortion.
@@ -299,8 +299,8 @@ def _bundle_moments(corners: BoardCorners) -> set[int]:
     for moment, seen in corners_by_moment(corners).items():
         for who in [*combinations(seen, 2), *((name,) for name in seen)]:
             groups.setdefault(frozenset(who), []).append(moment)
-    chosen = {k for moments in groups.values() for k in evenly_spread(moments, BUNDLE_MOMENTS_EACH)}
-    return set(evenly_spread(sorted(chosen), BUNDLE_MOMENTS))
+    chosen = {k for moments in groups.values() for k in evenly_spaced(moments, BUNDLE_MOMENTS_EACH)}
+    return set(evenly_spaced(sorted(chosen), BUNDLE_MOMENTS))
 
 
 def _pixels(seen: dict[int, Array], ids: list[int]) -> Array:

@@ -16,7 +16,6 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
 from reconstruction.calibration.boards import count_coverage, detect_board
 from reconstruction.calibration.consistency import RigCheck
-from reconstruction.calibration.kept import keep_calibration, write_calibration
 from reconstruction.calibration.quality import (
     CalibrationQuality,
     judge_calibration,
@@ -31,6 +30,7 @@ from reconstruction.calibration.sources import (
     from_still_points,
     open_recordings,
 )
+from reconstruction.calibration.stored import keep_calibration, write_calibration
 from reconstruction.calibration.world import (
     Marks,
     World,

@@ -24,7 +24,7 @@ MIN_PAIR_POINTS = 50
 MIN_TRACKS = 15
 """Minimum common points of three cameras that are compared."""
 RANSAC_PX = 2.0
-MIN_INLIER_SHARE = 0.4
+MIN_INLIER_FRACTION = 0.4
 """Minimum fraction of a pair's matches that one epipolar geometry must explain; else they are wrong."""
 INCONSISTENT_PX = 1.0
 """Standard deviation of reprojection errors above which cameras are inconsistent. Like REFUSED_PX, it
@@ -35,7 +35,7 @@ MIN_BLAME = 0.3
 """Minimum fraction of inconsistent pairs and triples of a moved camera; below it the matches are wrong."""
 MIN_RAY_ANGLE_DEG = 1.0
 FAR_PX = 1000.0
-FAR_AWAY = 1e6
+MAX_RELATIVE_DISTANCE = 1e6
 """Distance of points at infinity, large compared to any rig."""
 
 
@@ -44,9 +44,9 @@ Groups = dict[tuple[str, ...], Array]
 OTHER_RIG = 0.5, 0.05
 """Minimum fraction of inconsistent pairs and triples with another rig's calibration, and the minimum error
 as a fraction of the image width."""
-USUAL_WIDTH = 640
+TYPICAL_WIDTH = 640
 """Image width below which the limit shrinks: exchanged cameras then differ by fewer pixels."""
-MOST_SUSPECTS = 12
+MAX_SUSPECTS = 12
 """Maximum number of inconsistent cameras among which exchanged pairs are searched for."""
 
 
@@ -148,7 +148,7 @@ def _sure_matches(
         return at_a[:0], at_b[:0]
     flat_a, flat_b = (view.rays(at)[:, :2] * view.focal for view, at in ((a, at_a), (b, at_b)))
     matrix, kept = cv2.findFundamentalMat(flat_a, flat_b, cv2.USAC_MAGSAC, RANSAC_PX, 0.999, 5000)
-    if matrix is None or kept is None or kept.mean() < MIN_INLIER_SHARE:
+    if matrix is None or kept is None or kept.mean() < MIN_INLIER_FRACTION:
         return at_a[:0], at_b[:0]
     sure = kept.ravel().astype(bool)
     return at_a[sure], at_b[sure]
@@ -198,7 +198,7 @@ def triangulate(views: Sequence[View], pixels: Array) -> Array:
     far = np.where(np.abs(found[:, 3]) < 1e-12, 1e-12, found[:, 3])
     points = found[:, :3] / far[:, None]
     behind = np.any([points @ view.rotation[2] + view.translation[2] <= 0 for view in views], axis=0)
-    points[behind] = FAR_AWAY * towards[behind]
+    points[behind] = MAX_RELATIVE_DISTANCE * towards[behind]
     return np.asarray(points)
 
 
@@ -285,7 +285,7 @@ def find_mixups(views: Views, features: Mapping[str, Features]) -> list[str]:
     while left:
         names = sorted({name for group in left for name in group})
         changes = [({name: upside_down(now[name])}, _turned(name, views)) for name in names]
-        for a, b in combinations(names if len(names) <= MOST_SUSPECTS else (), 2):
+        for a, b in combinations(names if len(names) <= MAX_SUSPECTS else (), 2):
             changes.append(({a: now[b], b: now[a]}, f"the calibrations of {a} and {b} are exchanged"))
         tried = [_odd(now | changed, groups, limit) for changed, _ in changes]
         best = min(range(len(tried)), key=lambda k: len(tried[k]))
@@ -308,7 +308,7 @@ def find_mixups(views: Views, features: Mapping[str, Features]) -> list[str]:
 
 def _mixed_up_px(views: Views) -> float:
     return _refused_px(views) * min(
-        1.0, max((view.width for view in views.values()), default=0) / USUAL_WIDTH
+        1.0, max((view.width for view in views.values()), default=0) / TYPICAL_WIDTH
     )
 
 

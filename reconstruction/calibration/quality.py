@@ -15,7 +15,7 @@ SharedPoints = Mapping[tuple[str, str], tuple[Array, Array]]
 INLIER_PX = 4.0
 """Maximum reprojection error of an inlier; beyond it the match or the calibration is wrong."""
 MIN_POINTS = 50
-MIN_INLIER_SHARE = 0.4
+MIN_INLIER_FRACTION = 0.4
 MAX_REPROJECTION_PX = 2.0
 MIN_ANGLE_DEG = 0.3
 
@@ -68,7 +68,7 @@ def refuse_bad_calibration(quality: CalibrationQuality, cameras: int) -> None:
         unjudged = "no two of its cameras see enough of the same points"
     elif quality.points < MIN_POINTS:
         unjudged = f"its cameras share only {quality.points} points; {MIN_POINTS} are needed"
-    elif quality.inlier_share < MIN_INLIER_SHARE:
+    elif quality.inlier_share < MIN_INLIER_FRACTION:
         why = f"only {share} of the shared points have a reprojection error below {INLIER_PX:g} px"
     elif error > MAX_REPROJECTION_PX:
         why = f"the median reprojection error is {error:.1f} px, above {MAX_REPROJECTION_PX:g} px"

@@ -31,16 +31,16 @@ MAX_CENTRE = 3.0
 """Maximum distance of the principal point from the image's middle, in image sizes."""
 MAX_UNEVEN = 1e-3
 """Maximum difference between the rotation times its transpose and the identity."""
-MAX_REACH = 1e12
+MAX_CAMERA_DISTANCE = 1e12
 """Maximum distance of a camera from the origin, in the calibration's unit."""
 MAX_FOLD = 0.1
 """Maximum error of border pixels after undistorting and distorting, as a fraction of the image size.
 
 The limit applies to the median, as the model of many wide lenses folds in the extreme corners."""
 
-KEPT_FEATURES, KEPT_INSTANTS = 64, 9
+MAX_FEATURES, CACHED_INSTANTS = 64, 9
 """Number of images and of instants whose features are cached; some MB each."""
-SAME_SHARE = 1e-6
+SAME_FRACTION = 1e-6
 """Relative difference below which poses are equal; positions relative to the rig's extent from its origin."""
 NEIGHBOURS_M = 5e-4, 150.0
 """Minimum and maximum distance between neighbouring cameras, metres."""
@@ -82,7 +82,7 @@ def _pose_problem(camera: CameraCalibration) -> str:
         )
     if np.linalg.det(rotation) < 0:
         return "its rotation is mirrored (determinant -1)"
-    if reach > MAX_REACH:
+    if reach > MAX_CAMERA_DISTANCE:
         return f"it stands {reach:.2g} units away"
     return ""
 
@@ -116,11 +116,11 @@ class Rig:
         self.stages = StageCache(stages, dataset.fingerprint())
         self.views: dict[str, View] = {}
         self.calibration: Calibration | None = None
-        self.image_features = lru_cache(maxsize=KEPT_FEATURES)(
+        self.image_features = lru_cache(maxsize=MAX_FEATURES)(
             lambda camera, instant: detect_features(dataset.grey(camera, instant), contrast=FAINT_CONTRAST)
         )
         """The features of an image, including those of moving objects."""
-        self.features = lru_cache(maxsize=KEPT_INSTANTS)(self._features_at_rest)
+        self.features = lru_cache(maxsize=CACHED_INSTANTS)(self._features_at_rest)
         """Each camera's features at rest in the image nearest to an instant."""
 
     @property
@@ -194,7 +194,7 @@ class Rig:
         for name in self.dataset.cameras:
             if there := self.dataset.instants(name):
                 nearest = min(there, key=lambda k: abs(k - instant))
-                movers = self.motion.widened_movers(name, nearest)
+                movers = self.motion.widened_moving(name, nearest)
                 found[name] = self.image_features(name, nearest).at_rest(movers)
         return found
 
@@ -204,7 +204,7 @@ class Rig:
         for name in self.dataset.cameras:
             there = [k for k in instants if self.dataset.has_image(name, k)]
             if there:
-                shares.append(float(np.mean([self.motion.detected_movers(name, k).mean() for k in there])))
+                shares.append(float(np.mean([self.motion.detected_moving(name, k).mean() for k in there])))
         return max(shares)
 
 
@@ -257,7 +257,7 @@ def _misplaced(views: Mapping[str, View], unit: str) -> tuple[set[str], list[str
     for (a, one), (b, other) in combinations(views.items(), 2):
         apart = float(np.linalg.norm(one.centre - other.centre))
         turned = float(np.abs(one.rotation - other.rotation).max())
-        if apart <= SAME_SHARE * size and turned <= SAME_SHARE:
+        if apart <= SAME_FRACTION * size and turned <= SAME_FRACTION:
             twins |= {a, b}
             faults.append(f"{a} and {b} have one pose, as if they were one camera")
         elif apart > 0:

@@ -23,13 +23,13 @@ from reconstruction.calibration.boards import (
     shared_corners,
 )
 from reconstruction.calibration.consistency import MAX_AXIS_ANGLE_DEG, RigCheck, check_rig
-from reconstruction.calibration.kept import camera_modes, find_calibration
 from reconstruction.calibration.quality import SharedPoints
 from reconstruction.calibration.rig import Rig, calibrated_views
+from reconstruction.calibration.stored import camera_modes, find_calibration
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.geometry import View, angle_deg
 from reconstruction.pairs import match_features
-from reconstruction.session.conditions import evenly_spread
+from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.dataset import Dataset
 
 TRIED_IMAGES = 4
@@ -93,7 +93,7 @@ def _refuse_turned_board(dataset: Dataset, board: Board) -> None:
     """Raise BadInputError if columns and rows were mixed up: markers are counted along the rows."""
     detector = BoardDetector(replace(board, across=board.down, down=board.across))
     for name in dataset.cameras:
-        for instant in evenly_spread(dataset.instants(name), TRIED_IMAGES):
+        for instant in evenly_spaced(dataset.instants(name), TRIED_IMAGES):
             if detector.detect(dataset.grey(name, instant)):
                 turned = f"{board.down}x{board.across}"
                 raise BadInputError(

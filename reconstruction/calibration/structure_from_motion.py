@@ -27,7 +27,7 @@ FILM_DIAGONAL_MM = 43.27
 MAX_FOCAL_RATIO = 1.25
 """Maximum ratio of a found to the likely focal length; equivalent ones are rounded to whole millimetres."""
 WIDEST_DEG = 100.0
-LEAST_TO_TELL_LENSES = 3
+MIN_TO_SEPARATE_LENSES = 3
 """Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
 GUESS = "a guess from these pictures alone"
 """Text in the source of a calibration that rests on images alone."""
@@ -35,7 +35,7 @@ MAX_INSTANTS = 3
 """Maximum instants for structure from motion; with a static rig, more add time but no geometry."""
 FEATURE_BYTES_PER_PIXEL = 220
 """Memory that SIFT uses: the image at twice its size, a dozen times in float, and its smaller octaves."""
-FEATURE_SHARE = 0.6
+FEATURE_FRACTION = 0.6
 """Fraction of the memory budget for all images whose features are extracted at once."""
 
 
@@ -157,7 +157,7 @@ def _found(
     found = _cameras(rec, dataset)
     if len(found) < 2:
         raise NotApplicableError("only one camera could be placed", hint="the views need to overlap more")
-    lenses = ", focal lengths taken for granted" if held else _told_lenses(pycolmap, rec)
+    lenses = ", focal lengths taken for granted" if held else _lens_errors_text(pycolmap, rec)
     if len(focal_px) < len(cameras):
         lenses = f", {GUESS}{lenses}"
     missing = [name for name in dataset.cameras if name not in found]
@@ -170,7 +170,7 @@ def _found(
     )
 
 
-def _told_lenses(pycolmap: Any, rec: Any) -> str:
+def _lens_errors_text(pycolmap: Any, rec: Any) -> str:
     """Describe the uncertainty of the focal lengths."""
     errors = sorted(100 * error for error in focal_errors(pycolmap, rec))
     if not errors:
@@ -185,7 +185,7 @@ def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
     same errors of static points. Principal points count as known, and lenses as having one distortion term.
     """
     shown = {image.camera_id: image for image in rec.images.values() if image.has_pose}
-    if len(shown) < LEAST_TO_TELL_LENSES:
+    if len(shown) < MIN_TO_SEPARATE_LENSES:
         return []
     plain, config = pycolmap.Reconstruction(), pycolmap.BundleAdjustmentConfig()
     for image in shown.values():
@@ -244,7 +244,7 @@ def _write_images(motion: SceneMotion, instants: Sequence[int], cameras: Sequenc
             if dataset.has_image(camera, k):
                 name = f"{camera}/{k:06d}.png"
                 write_image(root / "images" / name, dataset.image(camera, k))
-                still = np.where(motion.widened_movers(camera, k), 0, 255).astype(np.uint8)
+                still = np.where(motion.widened_moving(camera, k), 0, 255).astype(np.uint8)
                 write_image(root / "masks" / f"{name}.png", still)
 
 
@@ -258,10 +258,10 @@ def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:
         pixels = max(w * h * s**2 for (w, h), s in zip(sizes, shrunk, strict=True))
         return float(pixels * FEATURE_BYTES_PER_PIXEL)
 
-    scale = memory_budget().fit_scale("the features of a picture", bytes_at, share=FEATURE_SHARE)
+    scale = memory_budget().fit_scale("the features of a picture", bytes_at, share=FEATURE_FRACTION)
     options.max_image_size = max(1, int(min(limit, max(map(max, sizes))) * scale)) if scale < 1 else limit
     cores = len(os.sched_getaffinity(0))
-    options.num_threads = memory_budget().fit_count(bytes_at(scale), cores, share=FEATURE_SHARE)
+    options.num_threads = memory_budget().fit_count(bytes_at(scale), cores, share=FEATURE_FRACTION)
     return options
 
 

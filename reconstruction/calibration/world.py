@@ -20,7 +20,7 @@ from reconstruction.calibration.boards import BoardCorners, corners_by_moment
 from reconstruction.calibration.consistency import reprojection_errors, triangulate
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.pairs import size_above_features
-from reconstruction.session.conditions import evenly_spread
+from reconstruction.session.conditions import evenly_spaced
 
 MAX_MARK_ERROR_PX = 8.0
 """Maximum error of a mark in images at most MAX_SIDE_PX wide; marks are set by hand."""
@@ -31,9 +31,9 @@ MAX_BOARD_ERROR_PX = 3.0
 Marks = Mapping[str, tuple[tuple[float, float], tuple[float, float]]]
 """Pixels (x, y) of two points in each of two or more cameras."""
 MAX_MOMENTS = 20
-MAX_TURN_DEG = 3.0
+MAX_ROTATION_DEG = 3.0
 """Maximum rotation of a static board between two moments."""
-MAX_MISFIT_SHARE = 0.05
+MAX_MISFIT_FRACTION = 0.05
 """Maximum RMS residual of a flat board, as a fraction of its size."""
 WORLD_FROM_BOARD = np.diag([1.0, -1.0, -1.0])
 """Rotation from the board's axes (x right, y down, z into the floor) to the world's."""
@@ -172,7 +172,7 @@ def world_of_board(
     Raises:
         BadInputError: too little of the board is seen, it moves, or it is seen from below.
     """
-    moments = evenly_spread(list(corners_by_moment(corners).values()), MAX_MOMENTS)
+    moments = evenly_spaced(list(corners_by_moment(corners).values()), MAX_MOMENTS)
     fits = [fit for seen in moments if (fit := _fit_shared(views, board, seen, metric)) is not None]
     if not fits and metric:
         fits = [fit for seen in moments if (fit := _fit_alone(views, board, seen)) is not None]
@@ -182,7 +182,7 @@ def world_of_board(
             hint="lay it where two cameras see it large; check --board and --square-mm",
         )
     normal = fits[0].rotation[2]
-    if any(angle_deg(fit.rotation[2], normal) > MAX_TURN_DEG for fit in fits):
+    if any(angle_deg(fit.rotation[2], normal) > MAX_ROTATION_DEG for fit in fits):
         raise BadInputError(
             "the board on the ground does not lie still", hint="--ground takes a session in which it does"
         )
@@ -216,7 +216,7 @@ def _fit_shared(
     places = board.places[list(shared)].astype(float)
     scale, rotation, translation = _similarity(places, points, rigid=metric)
     misfit = np.sqrt(((scale * places @ rotation.T + translation - points) ** 2).sum(1).mean())
-    if misfit > MAX_MISFIT_SHARE * scale * float(np.linalg.norm(np.ptp(places, axis=0))):
+    if misfit > MAX_MISFIT_FRACTION * scale * float(np.linalg.norm(np.ptp(places, axis=0))):
         return None
     return _world_of(rotation, translation, scale)
 

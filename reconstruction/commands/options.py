@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from reconstruction.multiview.matcher import Matcher
 
 
-MOST_INSTANTS = 1_000_000
+MAX_INSTANTS = 1_000_000
 CONDITION = ParsedType("condition", Condition.parse)
 """Type of a condition: the delay of each camera's images; see `CONDITION_HELP`."""
 OFFSETS_HELP = (
@@ -44,7 +44,7 @@ def parse_instants(text: str) -> tuple[int, ...]:
     for part in text.split(","):
         first, dash, last = (piece.strip() for piece in part.partition("-"))
         ends = (first, last) if dash else (first, first)
-        if not all(end.isdecimal() and int(end) < MOST_INSTANTS for end in ends) or int(ends[0]) > int(
+        if not all(end.isdecimal() and int(end) < MAX_INSTANTS for end in ends) or int(ends[0]) > int(
             ends[1]
         ):
             raise click.BadParameter(f"{text!r} is not a list of instants, as in 0-9,20")

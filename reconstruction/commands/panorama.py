@@ -18,7 +18,7 @@ from reconstruction.commands.options import (
 from reconstruction.session.conditions import MAX_OFFSET_MS
 
 if TYPE_CHECKING:
-    from reconstruction.panorama.overlap import Misfit
+    from reconstruction.panorama.overlap import Misalignment
 
 
 @click.command(
@@ -59,7 +59,7 @@ def panorama(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any
         f"panorama of {count(len(result.used), 'image')}, {made.width}x{made.height} pixels",
         *(f"left out: {name}: {why}" for name, why in result.left_out.items()),
         *(
-            f"misfit where images overlap{which}: {_misfit_words(one.misfit, one.mover_misfit)}"
+            f"misfit where images overlap{which}: {_misalignment_text(one.misfit, one.mover_misfit)}"
             for which, one in sides
             if one.misfit.median_px is not None
         ),
@@ -68,7 +68,7 @@ def panorama(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any
     answer(as_json, result, lines)
 
 
-def _misfit_words(misfit: "Misfit", moving: "Misfit | None") -> str:
+def _misalignment_text(misfit: "Misalignment", moving: "Misalignment | None") -> str:
     text = f"{misfit.median_px:.1f} px at {misfit.points} points (95 % within {misfit.p95_px:.1f})"
     if moving is None or not moving.points + moving.lost:
         return text

@@ -39,7 +39,7 @@ def colour_depth(depth: Array, near: float, far: float) -> Array:
     return np.asarray(picture)
 
 
-def mark_movers(image: Array, moving: Array, found: Array) -> Array:
+def mark_moving(image: Array, moving: Array, found: Array) -> Array:
     """Return the photograph, paler, with moving pixels in teal if depth was found and in orange if not."""
     grey = cv2.cvtColor(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
     picture = (0.6 * grey + 0.2 * image).astype(np.float32)
@@ -94,7 +94,7 @@ def enlarge_crop(picture: Array, box: tuple[int, ...], *, smooth: bool = True) -
     return np.asarray(cv2.resize(part, None, fx=scale, fy=scale, interpolation=how))
 
 
-def box_with_most(weight: Array, share: float, aspect: float = 4 / 3) -> tuple[int, ...]:
+def box_of_max_weight(weight: Array, share: float, aspect: float = 4 / 3) -> tuple[int, ...]:
     """Return left, top, right, bottom of the box with the most weight; `share`: its part of the width."""
     height, width = weight.shape
     wide = int(min(width * share, height * aspect))
@@ -107,7 +107,7 @@ def box_with_most(weight: Array, share: float, aspect: float = 4 / 3) -> tuple[i
     return left, top, left + wide, top + tall
 
 
-def trim_empty_sides(seen: Array) -> tuple[slice, slice]:
+def trim_empty_borders(seen: Array) -> tuple[slice, slice]:
     """Return the part of a panorama without empty borders, cutting the worst side until none is empty."""
     top, bottom, left, right = 0, seen.shape[0], 0, seen.shape[1]
     while bottom - top > 32 and right - left > 32:

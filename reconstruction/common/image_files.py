@@ -19,7 +19,7 @@ JPEG_QUALITY = 92
 
 MIN_SIDE_PX, MAX_ASPECT = 16, 40
 """Minimum side and maximum aspect ratio; narrower images have nothing to match in another."""
-DECODED_SHARE = 0.25
+DECODED_FRACTION = 0.25
 """Fraction of the memory budget that one decoded image may take."""
 REDUCTIONS = {8: cv2.IMREAD_REDUCED_COLOR_8, 4: cv2.IMREAD_REDUCED_COLOR_4, 2: cv2.IMREAD_REDUCED_COLOR_2}
 
@@ -40,10 +40,10 @@ def read_image(path: Path, size: tuple[int, int] | None = None, data: bytes | No
     # Only JPEG is decoded at a smaller size; other formats are decoded whole.
     is_jpeg = path.suffix.lower() in (".jpg", ".jpeg", ".mjpeg")
     decoded = 3 * found[0] * found[1] / (reduction**2 if is_jpeg else 1)
-    if decoded > DECODED_SHARE * memory_budget().limit_bytes:
+    if decoded > DECODED_FRACTION * memory_budget().limit_bytes:
         raise BadInputError(
             f"{path} is {found[0]}x{found[1]} pixels: decoded it takes {gigabytes(decoded)} of memory, "
-            f"and a picture may take {gigabytes(DECODED_SHARE * memory_budget().limit_bytes)}",
+            f"and a picture may take {gigabytes(DECODED_FRACTION * memory_budget().limit_bytes)}",
             hint="make it smaller, or give more with --memory",
         )
     # Decoders write warnings about broken files to stderr.
@@ -51,7 +51,7 @@ def read_image(path: Path, size: tuple[int, int] | None = None, data: bytes | No
         how = REDUCTIONS.get(reduction, cv2.IMREAD_COLOR)
         image = cv2.imread(str(path), how) if data is None else _decode(data, how)
         # An image rotated by its EXIF orientation keeps its shape; the caller then refuses it.
-        if image is not None and size is not None and _alike(image.shape[1::-1], size):
+        if image is not None and size is not None and _same_shape(image.shape[1::-1], size):
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     if image is None:
         raise BadInputError(f"{path} is not an image, or its format is not supported")
@@ -76,7 +76,7 @@ def read_small_image(path: Path, longest_px: int) -> Array:
     return np.asarray(cv2.resize(image, size[::-1], interpolation=cv2.INTER_AREA))
 
 
-def _alike(a: Sequence[int], b: Sequence[int]) -> bool:
+def _same_shape(a: Sequence[int], b: Sequence[int]) -> bool:
     """Return whether two sizes have about the same aspect ratio."""
     return abs(a[0] * b[1] - a[1] * b[0]) < 0.1 * a[0] * b[1]
 

@@ -23,13 +23,13 @@ if TYPE_CHECKING:
 
 T = TypeVar("T")
 _UNLIMITED = 1 << 62
-DEFAULT_SHARE = 0.5
+DEFAULT_FRACTION = 0.5
 """Fraction of the free memory at the start of a command that is the default budget."""
-MOST_BY_DEFAULT = 3 << 30
+MAX_BY_DEFAULT = 3 << 30
 """Maximum default budget, bytes; it keeps results from depending on how much memory is free."""
-LEAST_BYTES = 128 << 20
+MIN_BYTES = 128 << 20
 SCALE_STEP = 2**-0.25
-LEAST_SCALE = 1 / 16
+MIN_SCALE = 1 / 16
 _UNITS = {"K": 1e3, "M": 1e6, "G": 1e9, "T": 1e12, "Ki": 2**10, "Mi": 2**20, "Gi": 2**30, "Ti": 2**40}
 
 
@@ -95,7 +95,7 @@ class MemoryBudget:
 
     def __init__(self, limit_bytes: int, *, asked_for: bool = False) -> None:
         """`asked_for`: set by the user rather than derived from the free memory."""
-        self.limit_bytes = max(int(limit_bytes), LEAST_BYTES)
+        self.limit_bytes = max(int(limit_bytes), MIN_BYTES)
         self.asked_for = asked_for
         self._notes: dict[str, None] = {}
 
@@ -119,7 +119,7 @@ class MemoryBudget:
         limit, scale = share * self.limit_bytes, 1.0
         while bytes_at(scale) > limit:
             scale *= SCALE_STEP
-            if scale < LEAST_SCALE:
+            if scale < MIN_SCALE:
                 raise BadInputError(
                     f"{what} takes {gigabytes(bytes_at(1.0))} of memory, and {gigabytes(limit)} may be used",
                     hint="--memory gives it more",
@@ -161,8 +161,8 @@ def running(variable: ContextVar[T], value: T) -> Iterator[T]:
 
 
 def default_budget() -> int:
-    """Return half of the free memory, at most `MOST_BY_DEFAULT`; bytes."""
-    return min(int(DEFAULT_SHARE * free_memory()), MOST_BY_DEFAULT)
+    """Return half of the free memory, at most `MAX_BY_DEFAULT`; bytes."""
+    return min(int(DEFAULT_FRACTION * free_memory()), MAX_BY_DEFAULT)
 
 
 def parse_size(text: str) -> int:

@@ -12,8 +12,8 @@ import msgspec
 
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress
-from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
@@ -28,7 +28,7 @@ from reconstruction.scores.timing import with_depth
 from reconstruction.session.conditions import (
     DEFAULT_OFFSET_MS,
     Condition,
-    evenly_spread,
+    evenly_spaced,
     nearest_frame_offset,
 )
 from reconstruction.session.dataset import Dataset
@@ -90,7 +90,7 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
     """
     began = time.monotonic()
     dataset = Dataset.open(session, options.time_shifts_ms)
-    settle_calibration(dataset)
+    choose_calibration(dataset)
     offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
     for condition in options.conditions:
         condition.check(dataset)
@@ -166,7 +166,7 @@ def _run_studies(context: Context, studies: Mapping[str, Study]) -> Known:
     """
     rig, offset = context.rig, context.offset
     context.progress.step(f"detecting motion in {rig.dataset.name}")
-    moving = rig.moving_share([k for k, _ in evenly_spread(offset.pairs if offset else (), 4)])
+    moving = rig.moving_share([k for k, _ in evenly_spaced(offset.pairs if offset else (), 4)])
     context.progress.step("calibration")
     no_views: BadInputError | NotAvailableError | None = None
     try:

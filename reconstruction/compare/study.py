@@ -19,7 +19,7 @@ from reconstruction.pairs import PairChoice
 from reconstruction.report.study_report import StudyReport
 from reconstruction.scores.comparison_results import OffsetTolerance
 from reconstruction.scores.study_result import Measure, Picture, StudyResult
-from reconstruction.scores.tally import SIDES
+from reconstruction.scores.tally import CONDITIONS
 from reconstruction.scores.timing import RigTiming, Timing
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition, FrameOffset
 from reconstruction.session.instants import choose_moving_instants, pair_instants
@@ -312,6 +312,6 @@ def write_pictures(
     pictures = []
     for key, text in texts.items():
         suffix = "png" if text.flat else "jpg"
-        paths = {side: save_picture(out, f"{key}_{side}.{suffix}", drawn[side][key]) for side in SIDES}
+        paths = {side: save_picture(out, f"{key}_{side}.{suffix}", drawn[side][key]) for side in CONDITIONS}
         pictures.append(Picture(key=key, title=text.title, caption=text.caption, panels=text.panels, **paths))
     return tuple(pictures)

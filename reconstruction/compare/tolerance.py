@@ -13,8 +13,8 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress
-from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.outputs import comparison_folder, write_metrics
@@ -159,7 +159,7 @@ def measure_tolerance(session: Path, out: Path | None, options: ToleranceOptions
 def _measure(session: Path, stages: Path, options: ToleranceOptions) -> OffsetTolerance:
     began = time.monotonic()
     dataset = Dataset.open(session, options.time_shifts_ms)
-    settle_calibration(dataset)
+    choose_calibration(dataset)
     steps = whole_frame_offsets(dataset, options.max_offset_ms)
     rig = Rig(dataset, stages, steps[-1].step)
     rig.check_pair(options.stereo)

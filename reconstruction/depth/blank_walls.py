@@ -28,11 +28,11 @@ MIN_BLANK = 0.3
 """Minimum blank fraction of a small image's pixel."""
 SAME_SHADE = 6.0
 """Maximum difference of neighbours with the same shade, in standard deviations of the noise."""
-REACH_PX = 4
+SEARCH_PX = 4
 MIDDLE = 128.0
 TOLERANCE = 0.006
 """Maximum relative depth error of points on a plane."""
-MIN_SHARE = 0.004
+MIN_FRACTION = 0.004
 """Minimum fraction of an image that must be on a plane."""
 MAX_PLANES = 32
 TRIALS, JUDGES, FINALISTS = 240, 2000, 8
@@ -43,7 +43,7 @@ ROUNDS = 2.0, 1.5, 1.0, 1.0
 NORMAL_RADIUS_PX = 3
 CHANGE = 60
 """Penalty of a change of plane between neighbours; 255 is the cost of zero correlation."""
-ALIKE, ALIKE_PRICE = 0.05, 0.005
+SAME_BRIGHTNESS, SAME_BRIGHTNESS_COST = 0.05, 0.005
 """Relative distance to a plane with more points, and the cost (0 to 1) added within it: both match nearly
 equally well, and the other plane is more accurate."""
 MIN_VISIBLE = 0.02
@@ -60,7 +60,7 @@ RIM_PX = 4
 """Distance by which windows of the full-size image extend an object's depth beyond its edge."""
 LIKE_SHADE = 2.0
 """Maximum difference of a pixel from the shade of a blank region beside it, in noise deviations."""
-MIN_BLANK_SHARE = 0.02
+MIN_BLANK_FRACTION = 0.02
 """Minimum blank fraction of the images."""
 EVIDENT, EVIDENT_WIDE = 0.5, 0.8
 """Maximum matching costs of surface points used, with the image's own windows and with wide ones."""
@@ -99,7 +99,7 @@ def extract_blank_part(image: CalibratedImage) -> BlankPart:
     # The bilateral filter ignores values this far from every shade.
     outside = np.where(there, shade, np.float32(-1e4)).astype(np.float32)
     shades = SAME_SHADE * float(np.sqrt(image.noise)) / 3
-    around = cv2.bilateralFilter(outside, 2 * REACH_PX + 1, shades, 2 * REACH_PX)
+    around = cv2.bilateralFilter(outside, 2 * SEARCH_PX + 1, shades, 2 * SEARCH_PX)
     texture = np.where(there, shade - around, 0) + np.float32(MIDDLE)
     averaged = view.width * view.height / (small.width * small.height)
     part = CalibratedImage(small, texture.astype(np.float32), WINDOW, image.noise / averaged)
@@ -150,7 +150,7 @@ def find_scene_planes(samples: Iterable[SurfacePoints], least: int) -> list[Scen
     left = SurfacePoints(*(np.concatenate(part) for part in zip(*samples, strict=True)))
     found: list[ScenePlane] = []
     while len(found) < MAX_PLANES and len(left.places) >= least:
-        plane = _most_supported(left)
+        plane = _best_supported(left)
         off = plane.off(left)
         if np.count_nonzero(off < TOLERANCE) < least:
             break
@@ -160,7 +160,7 @@ def find_scene_planes(samples: Iterable[SurfacePoints], least: int) -> list[Scen
     return found
 
 
-def _most_supported(points: SurfacePoints) -> ScenePlane:
+def _best_supported(points: SurfacePoints) -> ScenePlane:
     """Return the plane with the most points, fitted to them."""
     tried, judges = (
         _selected(points, slice(None, None, max(1, len(points.places) // n))) for n in (TRIALS, JUDGES)
@@ -232,8 +232,8 @@ def choose_planes(
         seen &= (level > low) & (level < high)
         if number == AS_FOUND:
             there = there & seen
-        alike = [np.abs(level - other) < ALIKE * other for other in levels[1:number]]
-        cost = cost + np.float32(ALIKE_PRICE) * np.any(alike, axis=0) if alike else cost
+        alike = [np.abs(level - other) < SAME_BRIGHTNESS * other for other in levels[1:number]]
+        cost = cost + np.float32(SAME_BRIGHTNESS_COST) * np.any(alike, axis=0) if alike else cost
         cost = np.where(there, np.where(seen, np.minimum(cost, 1.0), 1.0), 0.5)
         np.multiply(cost, WORST_COST, out=volume[:, number, :], casting="unsafe")
     number = CPU.aggregate(volume, part.shade, CHANGE, CHANGE).argmin(1)
@@ -310,7 +310,7 @@ def _continue_to_edges(planes: tuple[Array, Array, Array], image: CalibratedImag
     slope_x[at], slope_y[at] = slope_x[start], slope_y[start]
 
 
-def settle_blank_walls(
+def fit_blank_walls(
     images: Mapping[str, CalibratedImage],
     sources: Mapping[str, Sequence[str]],
     depth_ranges: Mapping[str, tuple[float, float]],
@@ -323,7 +323,7 @@ def settle_blank_walls(
     """
     names = list(surfaces)
     parts = dict(zip(names, pool.map(extract_blank_part, (images[name] for name in names)), strict=True))
-    if np.mean([part.mask.mean() for part in parts.values()]) < MIN_BLANK_SHARE:
+    if np.mean([part.mask.mean() for part in parts.values()]) < MIN_BLANK_FRACTION:
         return dict(surfaces)
 
     def sources_of(name: str) -> list[BlankPart]:
@@ -339,7 +339,7 @@ def settle_blank_walls(
         return [near, sample_surface(part.image, wide.inverse_depth, part.there & (wide.cost < EVIDENT_WIDE))]
 
     samples = [one for found in pool.map(sample, names) for one in found]
-    least = round(MIN_SHARE * float(np.mean([part.there.size for part in parts.values()])))
+    least = round(MIN_FRACTION * float(np.mean([part.there.size for part in parts.values()])))
     planes = find_scene_planes(samples, least)
 
     def settle(name: str) -> Surface:

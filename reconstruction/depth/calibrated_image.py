@@ -121,7 +121,7 @@ class SourceView:
         """
         few = every > 1
         xs, ys, zs = (
-            self._turn_rays(self.reference.rays[:, ::every, ::every]) if few else self._turned[:, rows]
+            self._rotate_rays(self.reference.rays[:, ::every, ::every]) if few else self._turned[:, rows]
         )
         shift = self.shift.astype(np.float32)
         z = zs + shift[2] * inverse_depth
@@ -151,7 +151,7 @@ class SourceView:
 
     @cached_property
     def _turned(self) -> Array:
-        return self._turn_rays(self.reference.rays)
+        return self._rotate_rays(self.reference.rays)
 
-    def _turn_rays(self, rays: Array) -> Array:
+    def _rotate_rays(self, rays: Array) -> Array:
         return np.asarray(np.einsum("ij,jhw->ihw", self._turn.astype(np.float32), rays))

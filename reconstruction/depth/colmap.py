@@ -70,7 +70,9 @@ def write_workspace(
         (folder / part).mkdir(exist_ok=True)
     for name in views:
         write_image(folder / "images" / f"{name}.png", pictures[name], FAST_PNG)
-    points = _spread_points(views, depth_range) if depth_views is None else _shared_points(views, depth_views)
+    points = (
+        _scatter_points(views, depth_range) if depth_views is None else _shared_points(views, depth_views)
+    )
     _sparse_model(pycolmap, views, points).write(folder / "sparse")
     (stereo / "fusion.cfg").write_text("".join(f"{name}.png\n" for name in views))
     (stereo / "patch-match.cfg").write_text("".join(f"{name}.png\n__auto__, 20\n" for name in views))
@@ -94,7 +96,7 @@ def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, ViewDept
     return np.concatenate(points)
 
 
-def _spread_points(views: Mapping[str, View], depth_range: tuple[float, float]) -> Array:
+def _scatter_points(views: Mapping[str, View], depth_range: tuple[float, float]) -> Array:
     """Return points spread over all views between two depths, in the rig's frame (n, 3)."""
     rng = np.random.default_rng(0)
     points = []

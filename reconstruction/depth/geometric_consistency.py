@@ -11,13 +11,13 @@ from reconstruction.depth.compiled import CPU
 from reconstruction.depth.engine import Agreement, SweepEngine
 from reconstruction.depth.plane_sweep import Surface
 
-USUAL_WIDTH = 640
-SUPPORT_SHARE = 0.7
+TYPICAL_WIDTH = 640
+SUPPORT_FRACTION = 0.7
 """Minimum valid fraction of the nearby surface, around a pixel that few views can see."""
 SUPPORT_PLACES = 12
 """Minimum number of nearby samples on the surface; a few may be chance."""
 REPROJECTION_PX = 1.0
-"""Maximum distance after projection to the other view and back; more in images wider than `USUAL_WIDTH`,
+"""Maximum distance after projection to the other view and back; more in images wider than `TYPICAL_WIDTH`,
 whose pixels are smaller than what windows can resolve."""
 RELATIVE_DEPTH = 0.02
 """Maximum relative depth difference between views that agree."""
@@ -73,7 +73,7 @@ def count_coinciding_views(surface: Surface, others: Iterable[tuple[SourceView, 
 
 
 def _agreement(source_view: SourceView, relative_depth: float = RELATIVE_DEPTH) -> Agreement:
-    pixels = REPROJECTION_PX * max(1.0, source_view.reference.view.width / USUAL_WIDTH)
+    pixels = REPROJECTION_PX * max(1.0, source_view.reference.view.width / TYPICAL_WIDTH)
     return Agreement(relative_depth, SURE_DEPTH, pixels, float(np.cos(np.radians(MAX_ANGLE_DEG))))
 
 
@@ -89,7 +89,7 @@ def consistent_pixels(surface: Surface, count: Array, able: Array, sources: int,
     agreed = count >= usual
     few = count >= np.clip(able.astype(np.int16) - 1, 1, usual)
     unsure = np.nonzero(few & ~agreed)
-    agreed[unsure] = _kept_share(few | agreed, surface, unsure) > SUPPORT_SHARE
+    agreed[unsure] = _kept_fraction(few | agreed, surface, unsure) > SUPPORT_FRACTION
     evidence = agreed & (surface.cost < MAX_COST)
     # A single pixel of low cost may be chance: real evidence comes in patches.
     evidence = cv2.blur(evidence.astype(np.float32), (5, 5)) > 0.4
@@ -99,7 +99,7 @@ def consistent_pixels(surface: Surface, count: Array, able: Array, sources: int,
     return remove_speckles(agreed & carried, surface.inverse_depth, MIN_ISLAND_PX)
 
 
-def _kept_share(kept: Array, surface: Surface, pixels: tuple[Array, ...]) -> Array:
+def _kept_fraction(kept: Array, surface: Surface, pixels: tuple[Array, ...]) -> Array:
     """Return the valid fraction of the surface around pixels at these rows and columns (n,).
 
     Pixels on other surfaces, such as the background beyond an edge, do not count.

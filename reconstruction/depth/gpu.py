@@ -38,7 +38,7 @@ class GpuVolume:
 
 
 @contextmanager
-def _told_in_words() -> Iterator[None]:
+def _gpu_errors() -> Iterator[None]:
     """Convert any GPU failure into NotAvailableError; CuPy's errors have no common base."""
     try:
         yield
@@ -62,7 +62,7 @@ class GpuEngine(SweepEngine):
         self._lock = threading.Lock()
         self._compiled = cache(self._compile)
 
-    @_told_in_words()
+    @_gpu_errors()
     def cost_volume(
         self, source_views: Sequence[SourceView], base: Array | None, offsets: Array
     ) -> GpuVolume:
@@ -102,7 +102,7 @@ class GpuEngine(SweepEngine):
         )
         return GpuVolume(out, count)
 
-    @_told_in_words()
+    @_gpu_errors()
     def find_cheapest(self, volume: GpuVolume, grey: Array, small: int, large: int) -> tuple[Array, Array]:
         """Find the cheapest depths, bit-identical to the CPU's."""
         xp = self._cupy
@@ -128,7 +128,7 @@ class GpuEngine(SweepEngine):
     def costs_along(self, source_views: Sequence[SourceView], inverse_depth: Array) -> Array:
         """Compute costs along a surface as on the CPU, except for rounding."""
         volume = self.cost_volume(source_views, inverse_depth, np.zeros(1))
-        with _told_in_words():
+        with _gpu_errors():
             return np.ascontiguousarray(self._cupy.asnumpy(volume.costs)[..., 0])
 
     def _copy(self, array: Array) -> Any:

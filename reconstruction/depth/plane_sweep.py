@@ -12,7 +12,7 @@ from reconstruction.depth.compiled import CPU
 from reconstruction.depth.cost_volume import WORST_COST
 from reconstruction.depth.engine import SweepEngine
 
-WAYS = ((1, 0), (-1, 0), (0, 1), (0, -1))
+DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 MIN_GAIN = 0.02
 """Minimum gain in cost (0 to 1) for adopting a neighbouring plane; smaller gains may be noise."""
 SMOOTHING_PX = 3
@@ -32,9 +32,9 @@ enough; otherwise both are required."""
 
 
 def move_edges(
-    planes: Array, source_views: Sequence[SourceView], away_px: int, engine: SweepEngine = CPU
+    planes: Array, source_views: Sequence[SourceView], off_px: int, engine: SweepEngine = CPU
 ) -> Array:
-    """Replace each pixel's plane by a neighbour's, `away_px` to any of the four sides, if it matches better.
+    """Replace each pixel's plane by a neighbour's, `off_px` to any of the four sides, if it matches better.
 
     Planes are inverse depth and its slope per pixel in x and y, float32 3 x height x width. Sweeps along a
     surface only move it nearer or farther: a pixel beside an edge that was taken for background stays there.
@@ -44,10 +44,10 @@ def move_edges(
     best = planes.copy()
     _, height, width = planes.shape
     # The border's planes are repeated beyond it.
-    around = np.pad(planes, ((0, 0), (away_px, away_px), (away_px, away_px)), "edge")
-    for right, down in WAYS:
-        dx, dy = away_px * right, away_px * down
-        level, *slopes = around[:, away_px + dy :, away_px + dx :][:, :height, :width]
+    around = np.pad(planes, ((0, 0), (off_px, off_px), (off_px, off_px)), "edge")
+    for right, down in DIRECTIONS:
+        dx, dy = off_px * right, off_px * down
+        level, *slopes = around[:, off_px + dy :, off_px + dx :][:, :height, :width]
         level = level - slopes[0] * np.float32(dx) - slopes[1] * np.float32(dy)
         found = _cost_along(level, source_views, engine)
         for part, moved in zip(best, (level, *slopes), strict=True):
@@ -63,9 +63,9 @@ def _cost_along(inverse_depth: Array, source_views: Sequence[SourceView], engine
 class Refinement(NamedTuple):
     """A sweep along the surface: its step relative to the first sweep's, and the number of steps per side."""
 
-    step_share: float
+    step_fraction: float
     steps: int
-    edges_share: float = 0.0
+    edges_fraction: float = 0.0
     """Distance by which edges may move before the sweep, relative to the image's width."""
 
 
@@ -180,11 +180,11 @@ def _refine_surface(
     engine: SweepEngine,
 ) -> Surface:
     """Refine the surface by sweeps along it; windows bend with it, so that slanted surfaces match."""
-    for share, steps, edges_share in plan:
+    for share, steps, edges_fraction in plan:
         planes = np.stack(surface[:3])
-        if edges_share:
+        if edges_fraction:
             # The reference may be a crop of its image.
-            edges_px = max(1, round(edges_share * source_views[0].source.view.width))
+            edges_px = max(1, round(edges_fraction * source_views[0].source.view.width))
             planes = move_edges(planes, source_views, edges_px, engine)
         offsets = np.arange(-steps, steps + 1) * (step * share)
         volume = engine.cost_volume(source_views, planes[0], offsets)

@@ -8,9 +8,9 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, SourceView, box_filter
-from reconstruction.depth.coarse_scene import CoarseScene
 from reconstruction.depth.compiled import CPU
 from reconstruction.depth.plane_sweep import Surface
+from reconstruction.depth.rough_scene import RoughScene
 
 CHANGED_GREY, CHANGED_WINDOW = 8.0, 5
 """Minimum difference of a window's mean grey level that counts as a change since its depth was found.
@@ -20,7 +20,7 @@ WIDER_PX = 6
 """Margin around changes, where windows include part of them."""
 MARGIN_PX = 12
 """Margin of a box around its changes, for windows and paths to start in."""
-MOST_NEW = 0.6
+MAX_NEW = 0.6
 """Changed fraction of the images above which everything is swept again: light or a camera has changed."""
 
 Box = tuple[slice, slice]
@@ -31,7 +31,7 @@ class StillScene:
     """Results of a session's earlier instants, and the areas where they do not hold for the current one."""
 
     def __init__(self) -> None:
-        self.scene: CoarseScene | None = None
+        self.scene: RoughScene | None = None
         """Coarse location of the scene; None if it must be found first."""
         self._new: dict[str, Array] = {}
         """Pixels to be swept (bool), by camera; empty: everything."""
@@ -47,7 +47,7 @@ class StillScene:
             moved, grey = known == OUTSIDE, images[name].grey
             off = np.abs(box_filter(np.where(moved, 0, grey - known), CHANGED_WINDOW)) > CHANGED_GREY
             self._new[name] = _wider(off, WIDER_PX) | moved | _moving(images[name])
-        if not self._new or np.mean([one.mean() for one in self._new.values()]) > MOST_NEW:
+        if not self._new or np.mean([one.mean() for one in self._new.values()]) > MAX_NEW:
             self.scene, self._new, self._pictures = None, {}, {}
 
     def new(self, name: str, image: CalibratedImage) -> Array:

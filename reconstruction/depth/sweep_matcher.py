@@ -11,7 +11,7 @@ from capture_app.console.terminal import Progress
 from reconstruction.common.geometry import Array
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.worker_pool import worker_count, worker_pool
-from reconstruction.depth.blank_walls import settle_blank_walls
+from reconstruction.depth.blank_walls import fit_blank_walls
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.compiled import CPU
 from reconstruction.depth.engine import SweepEngine
@@ -33,7 +33,7 @@ MAX_VOTERS = 8
 """Maximum number of other views that vote: the sources first, then the sources' sources."""
 NORMAL_TOLERANCE = 0.03
 """Maximum distance of neighbours from a common plane, relative to the median inverse depth."""
-CELLS_SHARE = 0.4
+CELLS_FRACTION = 0.4
 """Fraction of the memory budget for the matching costs of all concurrent sweeps."""
 BYTES_PER_CELL = 5
 
@@ -94,7 +94,7 @@ def match_all_views(
     told = progress or Progress(0, silent=True)
     names = [name for name in images if sources.get(name)]
     paired = [name for name in names if [name] == [o for other in sources[name] for o in sources[other]]]
-    fitting = int(CELLS_SHARE * memory_budget().limit_bytes / (worker_count() * BYTES_PER_CELL))
+    fitting = int(CELLS_FRACTION * memory_budget().limit_bytes / (worker_count() * BYTES_PER_CELL))
     cells = min(SweepOptions.max_cells, fitting)
     options = SweepOptions(max_cells=cells, first_scale=0.5 if quick else 1.0, engine=engine)
 
@@ -133,7 +133,7 @@ def match_all_views(
 
     with worker_pool() as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
-        laid = settle_blank_walls(images, sources, depth_ranges, surfaces, pool)
+        laid = fit_blank_walls(images, sources, depth_ranges, surfaces, pool)
         surfaces = {name: renewed(surfaces[name], laid[name], WHOLE, new[name]) for name in names}
         kept = _kept_depths(pool, images, sources, surfaces, engine)
         surfaces = dict(zip(names, pool.map(propose, names), strict=True))

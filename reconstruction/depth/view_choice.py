@@ -18,11 +18,11 @@ MAX_ANGLE_DEG = 45.0
 STEPS = 28
 SPACINGS = (0.7, 250.0)
 """Range of depths tried for two views, in units of their distance: parallax of about 70 to 0.2 degrees."""
-MIN_SHARE = 0.05
+MIN_FRACTION = 0.05
 """Minimum common fraction of the image; views with less show different scenes."""
 MIN_SCORE = 0.12
 """Minimum score of a source; a view that shares less than about 1/8 of the image is not worth its time."""
-SPAN_SHARE = 0.3
+SPAN_FRACTION = 0.3
 """Minimum common fraction of the image at a depth that is searched."""
 MAX_SOURCES = 4
 
@@ -35,7 +35,7 @@ class ViewOverlap:
     """Fraction of the image that the other sees too, reduced for unsuitable angles; 0 to 1."""
     share: float
     angle_deg: float
-    usual_score: float
+    typical_score: float
     """Mean score over all depths."""
     span: tuple[float, float]
     """Minimum and maximum inverse depth with enough overlap; (0, 0) if there is none."""
@@ -99,7 +99,7 @@ def _overlap(view: View, other: View, depths: Array, points: list[Array]) -> Vie
     scores = (inside * angle_fitness(angle)).mean(1)
     shares = (inside & (angle < MAX_ANGLE_DEG)).mean(1)
     best = int(scores.argmax() if scores.any() else inside.mean(1).argmax())
-    enough = np.flatnonzero(shares >= SPAN_SHARE)
+    enough = np.flatnonzero(shares >= SPAN_FRACTION)
     span = (0.0, 0.0)
     if len(enough):
         far = 0.0 if enough[-1] == len(depths) - 1 else 1 / float(depths[enough[-1] + 1])
@@ -139,12 +139,12 @@ def refuse_views(views: Mapping[str, View], points: Mapping[str, Array] | None =
     seen = f"{a} and {b} share {100 * share:.0f} % of the picture and see it {written} degrees apart"
     low, high = BEST_ANGLES_DEG
     fit = f"{low:g} to {high:g} degrees apart as seen from there"
-    if angle > high and share > MIN_SHARE:
+    if angle > high and share > MIN_FRACTION:
         return NotApplicableError(
             f"the cameras are too far apart: at best, {seen}",
             hint=f"put them, or others between them, {fit}; {MAX_ANGLE_DEG:g} is too much",
         )
-    if share < SPAN_SHARE:
+    if share < SPAN_FRACTION:
         return NotApplicableError(
             f"no camera sees what another sees: at best, {seen}",
             hint="turn the cameras to the same scene, or check the calibration",

@@ -23,7 +23,7 @@ TOLERANCE_M = 0.01
 MAX_SAMPLED = 20_000
 """Size of the random sample of larger point sets."""
 MAX_WIDTH_PX = 960
-VISIBLE_SHARE = 0.01
+VISIBLE_FRACTION = 0.01
 """Relative depth error below which a view sees a point, i.e. it is not occluded."""
 
 
@@ -98,7 +98,7 @@ def true_surfaces(
     return found
 
 
-def points_on_movers(
+def points_on_moving(
     points: Array, seen: Array, views: Mapping[str, View], movers: Mapping[str, Array]
 ) -> Array:
     """Return the points (bool) that are on a moving object in most of the images they were fused from.
@@ -122,7 +122,7 @@ def points_on_masks(points: Array, views: Mapping[str, View], masks: Mapping[str
 def visible_points(view: View, depth: Array, points: Array) -> Array:
     """Return the points (bool) that a view sees, by its true depth; they are not occluded."""
     rows, columns, z, inside = project_points(view, points)
-    return np.asarray(inside & (np.abs(depth[rows, columns] - z) < VISIBLE_SHARE * z))
+    return np.asarray(inside & (np.abs(depth[rows, columns] - z) < VISIBLE_FRACTION * z))
 
 
 def _points(view: View, rows: Array, columns: Array, depth: Array) -> Array:
@@ -154,7 +154,7 @@ def _thin_out(points: Array) -> Array:
     return np.asarray(points[np.unique(keys, return_index=True)[1]])
 
 
-def score_movers(
+def score_moving(
     dataset: Dataset, images: Mapping[str, InputImage], unit: str, instant: int, cloud: Path
 ) -> CloudScore | None:
     """Score the moving points of a fused cloud against the true surfaces of an instant.
@@ -175,7 +175,7 @@ def score_movers(
     index, shared = known["mover"]
     views = {camera: image.calibrated.view for camera, image in images.items()}
     points, _, seen = read_fused_cloud(cloud, len(images))
-    points = points[points_on_movers(points, seen, views, movers)]
+    points = points[points_on_moving(points, seen, views, movers)]
     precise, complete = index.count_near(points), PointIndex(points).count_near(shared)
     found = Measurements({"precision": precise, "recall": complete})
     precision, recall, f_score = (found.value(name) for name in ("precision", "recall", "f_score"))

@@ -74,11 +74,11 @@ def undistort_image(camera: str, instant: int, image: Array, view: View) -> Inpu
     return InputImage(camera, instant, colours, photo, view)
 
 
-def find_movers(image: InputImage, motion: SceneMotion) -> Array | None:
+def find_moving(image: InputImage, motion: SceneMotion) -> Array | None:
     """Return an image's slightly widened motion mask (bool); None if its camera has no other image."""
     if len(motion.dataset.instants(image.camera)) < 2:
         return None
-    mask = motion.widened_movers(image.camera, image.instant).astype(np.uint8)
+    mask = motion.widened_moving(image.camera, image.instant).astype(np.uint8)
     return undistort_nearest(image.view, mask) > 0
 
 
@@ -121,6 +121,6 @@ def load_input_images(
         )
     # Planes are fitted to blank walls, not to objects moving in front; nor are those part of the still scene.
     for camera, image in images.items():
-        known = replace(image.calibrated, moving=find_movers(image, motion))
+        known = replace(image.calibrated, moving=find_moving(image, motion))
         images[camera] = replace(image, calibrated=known)
     return images, left_out, calibration.source_words, calibration.unit

@@ -16,15 +16,15 @@ from capture_app.common.text import pretty_json
 from capture_app.console.terminal import Progress
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
-from reconstruction.calibration.kept import settle_calibration
+from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.drawing import colour_depth, display_range
 from reconstruction.common.image_files import write_image
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.depth.calibrated_image import CalibratedImage
-from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
 from reconstruction.depth.colmap import fuse_depth_maps, write_workspace
 from reconstruction.depth.mesh import build_mesh
+from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
 from reconstruction.depth.still_scene import StillScene
 from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.depth.view_choice import (
@@ -34,7 +34,7 @@ from reconstruction.depth.view_choice import (
     seen_points,
     smallest_group,
 )
-from reconstruction.multiview.cloud_accuracy import score_movers
+from reconstruction.multiview.cloud_accuracy import score_moving
 from reconstruction.multiview.input_images import InputImage, load_input_images, undistorted_truth
 from reconstruction.multiview.matcher import (
     ChosenMatcher,
@@ -44,7 +44,7 @@ from reconstruction.multiview.matcher import (
     image_views,
     match_cameras,
 )
-from reconstruction.multiview.moment import FILES, measured_share, write_moment
+from reconstruction.multiview.moment import FILES, measured_fraction, write_moment
 from reconstruction.multiview.result import MultiviewResult, ViewResult
 from reconstruction.scores.truth import DepthShares, depth_shares
 from reconstruction.session.dataset import Dataset
@@ -116,7 +116,7 @@ def model_instant(
     (part / "depth").mkdir()
     views = tuple(write_view(dataset, images[c], found[c], sources[c], part) for c in found)
     # Open3D searches the cloud's neighbours, and takes longer to load than all the rest.
-    movers = None if options.quick else score_movers(dataset, images, unit, options.instant, part / FUSED)
+    movers = None if options.quick else score_moving(dataset, images, unit, options.instant, part / FUSED)
     marks["judging"] = time.perf_counter()
     points, triangles = fused, 0
     files: tuple[str, ...] = ()
@@ -139,7 +139,7 @@ def model_instant(
         reference=reference,
         **_figures(next(view for view in views if view.camera == reference)),
         movers_1cm=movers,
-        moving_measured=measured_share(images[reference], depth, motion) if options.page else None,
+        moving_measured=measured_fraction(images[reference], depth, motion) if options.page else None,
         nearest=min(scene.depth_ranges[camera][0] for camera in images),
         farthest=max(scene.depth_ranges[camera][1] for camera in images),
         views=views,
@@ -162,14 +162,14 @@ def model_instant(
 
 def _find_sources(
     images: Mapping[str, CalibratedImage], still: StillScene
-) -> tuple[CoarseScene, dict[str, tuple[str, ...]]]:
+) -> tuple[RoughScene, dict[str, tuple[str, ...]]]:
     """Find the scene's position, and the source cameras for each camera's depth.
 
     Raises:
         BadInputError: no two cameras can measure depth together.
     """
     still.look(images)
-    scene = still.scene = still.scene or find_coarse_scene(images)
+    scene = still.scene = still.scene or find_rough_scene(images)
     views = {camera: images[camera].view for camera in scene.points}
     sources = choose_source_views(views, scene.points)
     if not any(sources.values()):
@@ -188,7 +188,7 @@ def _stage_seconds(marks: Mapping[str, float]) -> dict[str, float]:
     return {stage: round(now - before, 3) for (_, before), (stage, now) in pairwise(ends)}
 
 
-def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: CoarseScene) -> str:
+def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: RoughScene) -> str:
     """Return why a camera has no sources."""
     if camera not in scene.points:
         return "nothing in its picture could be matched in another camera's"
@@ -244,7 +244,7 @@ def multiview(
     output = OutputFolder(out, replaces_only(OURS))
     matcher = choose_matcher(options.matcher, quick=options.quick)
     dataset = Dataset.open(session, options.time_shifts_ms)
-    settle_calibration(dataset)
+    choose_calibration(dataset)
     if options.calibrated and dataset.calibration() is None:
         what = "no calibration of this rig is known that still holds"
         raise NotApplicableError(what, hint="calibrate it, as docs/calibration.md shows")

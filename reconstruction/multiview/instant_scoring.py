@@ -12,7 +12,7 @@ from reconstruction.multiview.cloud_accuracy import (
     TrueSurface,
     known_surfaces,
     points_on_masks,
-    points_on_movers,
+    points_on_moving,
 )
 from reconstruction.multiview.instant_depth import InstantDepth
 from reconstruction.multiview.undistorted_session import UndistortedSession
@@ -112,7 +112,7 @@ class InstantScorer:
             return {}
         views = {camera: self.undistorted.views[camera] for camera in times}
         movers = {camera: self.undistorted.moving(camera, instant) for camera, instant in times.items()}
-        moving = points_on_movers(found.points, found.seen, views, movers)
+        moving = points_on_moving(found.points, found.seen, views, movers)
         still = ~moving & ~points_on_masks(found.points, views, hidden)
         measured = {}
         for kind, mask, masks in (("mover", moving, {}), ("static", still, hidden)):

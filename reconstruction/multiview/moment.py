@@ -7,7 +7,7 @@ import numpy as np
 from capture_app.session.exporting.point_cloud import PointCloud, write_ply
 from reconstruction.common.geometry import Array
 from reconstruction.depth.colmap import read_fused_cloud
-from reconstruction.multiview.input_images import InputImage, find_movers
+from reconstruction.multiview.input_images import InputImage, find_moving
 from reconstruction.multiview.result import MultiviewResult
 from reconstruction.report.embedding import view_clouds
 from reconstruction.report.page import REPORT, Section, render_page, write_page
@@ -19,9 +19,9 @@ POINTS = "points.ply"
 FILES = (POINTS, REPORT)
 
 
-def measured_share(image: InputImage, depth: Array, motion: SceneMotion) -> float | None:
+def measured_fraction(image: InputImage, depth: Array, motion: SceneMotion) -> float | None:
     """Return the fraction of an image's moving pixels with depth; None if nothing moves or it is unknown."""
-    moving = find_movers(image, motion)
+    moving = find_moving(image, motion)
     return None if moving is None or not moving.any() else round(float((depth[moving] > 0).mean()), 4)
 
 

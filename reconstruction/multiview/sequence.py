@@ -31,7 +31,7 @@ from capture_app.session.files.locks import lock_file
 from capture_app.session.files.output_folder import replaces_only
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
-from reconstruction.calibration.kept import settle_calibration
+from reconstruction.calibration.stored import choose_calibration
 from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
@@ -274,7 +274,7 @@ def model_sequence(
     matcher = choose_matcher(options.each.matcher, quick=options.each.quick)
     dataset = Dataset.open(session, options.each.time_shifts_ms)
     chosen = _chosen_instants(dataset, options.instants)
-    settle_calibration(dataset)
+    choose_calibration(dataset)
     plan = SequencePlan(
         session=dataset.name,
         pictures=dataset.fingerprint(),

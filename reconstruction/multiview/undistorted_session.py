@@ -15,7 +15,7 @@ from reconstruction.multiview.input_images import (
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SceneMotion, dilate
 
-KEPT_IMAGES = 32
+CACHED_IMAGES = 32
 
 
 class UndistortedSession:
@@ -26,7 +26,7 @@ class UndistortedSession:
         self.motion = motion
         self.full_views = views
         self.views = {name: _small(view, width_px) for name, view in views.items()}
-        self._image = lru_cache(maxsize=KEPT_IMAGES)(self._load)
+        self._image = lru_cache(maxsize=CACHED_IMAGES)(self._load)
 
     def problem(self, camera: str, instant: int) -> str:
         """Return why there is no image to match; empty if there is one."""

@@ -9,14 +9,14 @@ import msgspec
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.manifest import MANIFEST
-from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.rig import calibrated_views
+from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import read_small_image, save_picture
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions, opencv_calls
 from reconstruction.common.outputs import Provenance, comparison_folder, write_metrics
-from reconstruction.panorama.overlap import Misfit, Overlaps, OverlapScore
+from reconstruction.panorama.overlap import Misalignment, Overlaps, OverlapScore
 from reconstruction.panorama.stitcher import MAX_SIDE_PX, PanoramaStitcher
 from reconstruction.session.conditions import nearest_frame_offset
 from reconstruction.session.dataset import Dataset
@@ -25,7 +25,7 @@ from reconstruction.session.picture_checksums import picture_checks
 
 SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}
 
-KEPT_BYTES_PER_PIXEL = 12
+CACHED_BYTES_PER_PIXEL = 12
 """Memory per pixel of a session's image: both conditions with their motion masks, and the cache."""
 
 
@@ -46,9 +46,9 @@ class ConditionPanorama(msgspec.Struct, frozen=True, kw_only=True):
     ghosts: str
     width: int
     height: int
-    misfit: Misfit
+    misfit: Misalignment
     """Residual before blending, over all overlaps, or only overlaps of a delayed camera with another."""
-    mover_misfit: Misfit | None
+    mover_misfit: Misalignment | None
     """Residual on moving objects; None for single images, in which motion is unknown."""
     overlaps: tuple[OverlapScore, ...]
 
@@ -171,10 +171,10 @@ def _load_input(sources: Sequence[Path], options: PanoramaOptions) -> PanoramaIn
 def _session_input(folder: Path, options: PanoramaOptions) -> PanoramaInput:
     instant = options.instant
     dataset = Dataset.open(folder, options.time_shifts_ms)
-    dataset.fit_memory(images=len(dataset.cameras), bytes_per_pixel=KEPT_BYTES_PER_PIXEL)
+    dataset.fit_memory(images=len(dataset.cameras), bytes_per_pixel=CACHED_BYTES_PER_PIXEL)
     cameras = [name for name in dataset.nearest_instants(instant, ()) if dataset.has_image(name, instant)]
     absent = {c: f"it has no image of instant {instant}" for c in dataset.cameras if c not in cameras}
-    settle_calibration(dataset)
+    choose_calibration(dataset)
     calibration = dataset.calibration()
     known = calibrated_views(dataset, calibration) if calibration is not None else {}
     views = {name: known[name] for name in cameras if name in known}
@@ -197,4 +197,4 @@ def _session_input(folder: Path, options: PanoramaOptions) -> PanoramaInput:
 
 def _pictures(dataset: Dataset, motion: SceneMotion | None, shown: Mapping[str, int]) -> Pictures:
     images = {name: dataset.image(name, k) for name, k in shown.items()}
-    return images, {name: motion.widened_movers(name, k) for name, k in shown.items()} if motion else {}
+    return images, {name: motion.widened_moving(name, k) for name, k in shown.items()} if motion else {}

@@ -52,7 +52,7 @@ class Projection:
         scale = float(np.median([view.focal for view in views.values()]))
         self._warper = cv2.PyRotationWarper("cylindrical" if rise < STEEPEST else "spherical", scale)
         self.boxes = {name: self._box(view) for name, view in views.items()}
-        self._refuse_misfit()
+        self._refuse_misalignment()
         self._maps = {name: self._map(view) for name, view in views.items()}
         self.seen = {name: _inside(self._maps[name], view) for name, view in views.items()}
 
@@ -92,7 +92,7 @@ class Projection:
         bent[inside] = view.project(np.column_stack([spread, np.ones(len(spread))]))
         return bent
 
-    def _refuse_misfit(self) -> None:
+    def _refuse_misalignment(self) -> None:
         left, top, right, bottom = self.canvas
         width, height = right - left, bottom - top
         least = min(min(view.width, view.height) for view in self._views.values()) // 2

@@ -15,26 +15,26 @@ from reconstruction.common.point_tracking import track_there_and_back
 from reconstruction.panorama.composition import Box, Layer, average_layers, part_of
 
 MIN_OVERLAP_PX = 500
-LEAST_GRADIENT = 2.5
+MIN_GRADIENT = 2.5
 """Minimum gradient in every direction, grey levels per px; flat windows (sky, a blank wall) have less."""
 WINDOW_PX = 21
 """Window for tracking a point."""
 SPACING_PX = 9
 """Side of the square that contains at most one point."""
-REACH_PX = 48
+SEARCH_PX = 48
 """Search radius around a point that tracking has lost; its window is matched exhaustively there."""
 PATCH_PX = 11
-MOST_ROWS = 1 << 14
-LEAST_LIKENESS = 0.8
+MAX_ROWS = 1 << 14
+MIN_LIKENESS = 0.8
 """Minimum normalized correlation of both patches."""
-MOST_RETURN_PX = 0.5
+MAX_RETURN_PX = 0.5
 """Maximum distance of a point, tracked forward and back, from its start."""
 GHOST_GREY = 30.0
 """Difference in grey levels from which two images are marked as a ghost."""
 
 
 @dataclass(frozen=True)
-class PictureMisfit:
+class ImageMisalignment:
     """Displacement of the first image's points in the second: `Overlap` pixels (n, 2), and length, px.
 
     The length is NaN if tracking failed in either direction.
@@ -99,15 +99,15 @@ def overlap_of(a: Layer, b: Layer) -> Overlap | None:
     return Overlap(box, first, second, np.asarray(both) > 0)
 
 
-def measure_misfit(overlap: Overlap) -> PictureMisfit:
+def measure_misalignment(overlap: Overlap) -> ImageMisalignment:
     """Track the first image's points into the second and back (Lucas and Kanade)."""
     first, second = (
         np.where(overlap.both, picture, 0).astype(np.uint8) for picture in (overlap.first, overlap.second)
     )
     at = _points(first, overlap.both)
     if not len(at):
-        return PictureMisfit(at, np.zeros(0))
-    return PictureMisfit(at, _displacement(first, second, at, overlap.both))
+        return ImageMisalignment(at, np.zeros(0))
+    return ImageMisalignment(at, _displacement(first, second, at, overlap.both))
 
 
 def _points(picture: Array, allowed: Array) -> Array:
@@ -122,7 +122,7 @@ def _points(picture: Array, allowed: Array) -> Array:
     # The eigenvalue of a 7 px block is four times the square of the gradient.
     gradient = np.sqrt(np.maximum(cv2.cornerMinEigenVal(smooth, 7, ksize=3), 0) / 4)
     peaks = gradient == cv2.dilate(gradient, np.ones((SPACING_PX, SPACING_PX), np.uint8))
-    ys, xs = np.nonzero(peaks & (gradient > LEAST_GRADIENT) & (inner > 0))
+    ys, xs = np.nonzero(peaks & (gradient > MIN_GRADIENT) & (inner > 0))
     return np.column_stack([xs, ys])
 
 
@@ -130,8 +130,8 @@ def _displacement(a: Array, b: Array, at: Array, both: Array) -> Array:
     """Return the displacement of points (n, 2) from a to b, px; NaN if it fails in either direction."""
     levels = int(np.clip(np.log2(min(a.shape) / (2 * WINDOW_PX)), 0, 4))
     there, drift = track_there_and_back(a, b, at, WINDOW_PX, levels)
-    kept = drift < MOST_RETURN_PX
-    kept &= _likeness(a, at, b, there) > LEAST_LIKENESS
+    kept = drift < MAX_RETURN_PX
+    kept &= _likeness(a, at, b, there) > MIN_LIKENESS
     for lost in np.nonzero(~kept)[0]:
         found = _search(a, b, at[lost])
         if found is not None:
@@ -144,21 +144,21 @@ def _displacement(a: Array, b: Array, at: Array, both: Array) -> Array:
 
 def _search(a: Array, b: Array, at: Array) -> Array | None:
     """Return the place in b (2,) most similar to a point of a within reach, if the match is mutual."""
-    there = _most_alike(a, at, b)
-    back = None if there is None else _most_alike(b, there, a)
+    there = _best_match(a, at, b)
+    back = None if there is None else _best_match(b, there, a)
     return there if back is not None and np.abs(back - at).max() <= 1 else None
 
 
-def _most_alike(picture: Array, at: Array, other: Array) -> Array | None:
+def _best_match(picture: Array, at: Array, other: Array) -> Array | None:
     """Return the best match (2,), in a square around `at` of another image, for the patch around `at`."""
     half = WINDOW_PX // 2
-    low, high = np.maximum(at - REACH_PX - half, 0), at + REACH_PX + half + 1
+    low, high = np.maximum(at - SEARCH_PX - half, 0), at + SEARCH_PX + half + 1
     patch = picture[max(at[1] - half, 0) : at[1] + half + 1, max(at[0] - half, 0) : at[0] + half + 1]
     if patch.shape != (WINDOW_PX, WINDOW_PX):
         return None
     likeness = cv2.matchTemplate(other[low[1] : high[1], low[0] : high[0]], patch, cv2.TM_CCOEFF_NORMED)
     _, most, _, (x, y) = cv2.minMaxLoc(likeness)
-    return low + np.array([x + half, y + half]) if most > LEAST_LIKENESS else None
+    return low + np.array([x + half, y + half]) if most > MIN_LIKENESS else None
 
 
 def _likeness(a: Array, at_a: Array, b: Array, at_b: Array) -> Array:
@@ -175,12 +175,12 @@ def _patches(picture: Array, at: Array) -> Array:
     xs, ys = ((at[:, i, None] + grid).astype(np.float32) for i, grid in enumerate((across, down)))
     grey = picture.astype(np.float32)
     # Remapping is limited to the number of rows that a short integer can count.
-    parts = [slice(k, k + MOST_ROWS) for k in range(0, len(at), MOST_ROWS)]
+    parts = [slice(k, k + MAX_ROWS) for k in range(0, len(at), MAX_ROWS)]
     sampled = np.concatenate([cv2.remap(grey, xs[part], ys[part], cv2.INTER_LINEAR) for part in parts])
     return np.asarray(sampled - sampled.mean(1, keepdims=True))
 
 
-class Misfit(Struct, frozen=True, kw_only=True):
+class Misalignment(Struct, frozen=True, kw_only=True):
     """Residual in a second image, at structured points that are tracked there and back."""
 
     points: int
@@ -191,7 +191,7 @@ class Misfit(Struct, frozen=True, kw_only=True):
     p95_px: float | None = None
 
     @classmethod
-    def at_points(cls, lengths: Array) -> "Misfit":
+    def at_points(cls, lengths: Array) -> "Misalignment":
         """Summarize lengths (n,), NaN where a point was lost."""
         found = known(lengths)
         lost = len(lengths) - len(found)
@@ -206,8 +206,8 @@ class OverlapScore(Struct, frozen=True, kw_only=True):
 
     first: str
     second: str
-    misfit: Misfit
-    mover_misfit: Misfit | None = None
+    misfit: Misalignment
+    mover_misfit: Misalignment | None = None
     """Residual on what moves in the first image; None if motion is unknown."""
     mad: float
     """Mean absolute brightness difference, grey levels."""
@@ -226,7 +226,7 @@ class Overlaps:
         """Measure all overlaps; with delayed cameras in `late`, only their overlaps with others count."""
         self.scores: list[OverlapScore] = []
         self._lengths: list[Array] = []
-        self._mover_lengths: list[Array] = []
+        self._moving_lengths: list[Array] = []
         self._layers, self._canvas, self._late = layers, canvas, late
         left, top, right, bottom = canvas
         self._worst = np.zeros((bottom - top, right - left), np.float32)
@@ -237,14 +237,14 @@ class Overlaps:
                 self._judge(a, b, overlap.with_brightness_matched(everywhere), movers)
 
     @property
-    def misfit(self) -> Misfit:
+    def misfit(self) -> Misalignment:
         """Residual at the points of all overlaps that count."""
-        return Misfit.at_points(np.concatenate([np.zeros(0), *self._lengths]))
+        return Misalignment.at_points(np.concatenate([np.zeros(0), *self._lengths]))
 
     @property
-    def mover_misfit(self) -> Misfit | None:
+    def mover_misfit(self) -> Misalignment | None:
         """Residual on moving objects in these overlaps; None if motion is unknown."""
-        return Misfit.at_points(np.concatenate(self._mover_lengths)) if self._mover_lengths else None
+        return Misalignment.at_points(np.concatenate(self._moving_lengths)) if self._moving_lengths else None
 
     def marked(self) -> Array:
         """Return the lightened mean of the layers (BGR) with ghosts marked."""
@@ -257,15 +257,15 @@ class Overlaps:
 
     def _judge(self, a: str, b: str, overlap: Overlap, movers: Mapping[str, Array]) -> None:
         moving = overlap.crop(movers[a], self._layers[a].box) if a in movers else None
-        found = measure_misfit(overlap)
+        found = measure_misalignment(overlap)
         counts = not self._late or (a in self._late) != (b in self._late)
         if counts:
             self._lengths.append(found.length)
         on_movers = None
         if moving is not None:
-            on_movers = Misfit.at_points(found.of(moving))
+            on_movers = Misalignment.at_points(found.of(moving))
             if counts:
-                self._mover_lengths.append(found.of(moving))
+                self._moving_lengths.append(found.of(moving))
         difference = overlap.difference
         part = part_of(overlap.box, self._canvas)
         self._worst[part] = np.maximum(self._worst[part], difference)
@@ -273,7 +273,7 @@ class Overlaps:
             OverlapScore(
                 first=a,
                 second=b,
-                misfit=Misfit.at_points(found.length),
+                misfit=Misalignment.at_points(found.length),
                 mover_misfit=on_movers,
                 mad=float(difference[overlap.both].mean()),
             )

@@ -12,13 +12,13 @@ from reconstruction.report.findings import (
     describe_delays,
     describe_exactness,
     describe_synchronization,
-    name_sides,
+    name_conditions,
 )
 from reconstruction.report.page import Section, as_template, render_page, write_page
 from reconstruction.report.study_report import reported, study_reports
 from reconstruction.report.tables import conditions_table, instants_table, study_table, timing_table
 from reconstruction.report.tolerance_report import tolerance_heading, tolerance_view
-from reconstruction.scores.comparison_results import CompareResult, ReportWords, WordTable
+from reconstruction.scores.comparison_results import CompareResult, ReportWords, TextTable
 from reconstruction.scores.study_result import Picture, StudyResult
 
 ORIGINS = {
@@ -41,15 +41,15 @@ def write_report(result: CompareResult, out: Path) -> Path:
 
 def report_words(result: CompareResult) -> ReportWords:
     """Return the tables of measurements and the names of the conditions, without a page around them."""
-    sides = name_sides(result)
+    sides = name_conditions(result)
     made = [found for study, found in reported(result) if study.text.measures]
-    tables = [study_table(found, name_sides(result, found.cameras)) for found in made]
+    tables = [study_table(found, name_conditions(result, found.cameras)) for found in made]
     return ReportWords(
         synced=sides.first,
         offset=sides.late,
         unsynchronized=UNSYNCHRONIZED,
         tables=tuple(
-            WordTable(
+            TextTable(
                 caption=table.caption,
                 groups=tuple(column.group for column in table.columns),
                 columns=tuple(column.name for column in table.columns),
@@ -62,7 +62,11 @@ def report_words(result: CompareResult) -> ReportWords:
 
 def _view(result: CompareResult, found: StudyResult[Any], out: Path) -> dict[str, Any]:
     """Return what the page shows of a study; a skipped study has no tables."""
-    study, sides, made = study_reports()[found.name], name_sides(result, found.cameras), not found.skipped
+    study, sides, made = (
+        study_reports()[found.name],
+        name_conditions(result, found.cameras),
+        not found.skipped,
+    )
     text, placeholders = study.text, study.placeholders(found) if made else {}
     many = "all cameras" if len(found.cameras) > 2 else f"cameras {' and '.join(found.cameras)}"
     view = {
@@ -81,7 +85,7 @@ def _view(result: CompareResult, found: StudyResult[Any], out: Path) -> dict[str
 
 def _page(result: CompareResult, out: Path) -> str:
     name = Path(result.session).name or result.session
-    sides, made = name_sides(result), reported(result)
+    sides, made = name_conditions(result), reported(result)
     views = {study.name: _view(result, study, out) for study in result.studies}
     word, words = ORIGINS.get(result.origin, ("", ""))
     size = f"{count(result.camera_count, 'camera')}, {count(result.instant_count, 'instant')}"

@@ -26,8 +26,8 @@ MAX_PANEL_PX = 1024
 """Width to which larger panels are reduced; no page shows more."""
 
 
-def embed_image(path: Path, panels: int = 1, most_px: int = MAX_PANEL_PX) -> dict[str, object]:
-    """Read a PNG or JPEG and encode it for a page, each of its `panels` side by side at most `most_px` wide.
+def embed_image(path: Path, panels: int = 1, max_px: int = MAX_PANEL_PX) -> dict[str, object]:
+    """Read a PNG or JPEG and encode it for a page, each of its `panels` side by side at most `max_px` wide.
 
     Returns its `address` (`data:`), `width` and `height`, px.
 
@@ -47,7 +47,7 @@ def embed_image(path: Path, panels: int = 1, most_px: int = MAX_PANEL_PX) -> dic
         raise BadInputError(
             f"the picture {path} is not a readable PNG or JPEG", hint="compare the session again"
         )
-    shown = _shrink(image, most_px * panels)
+    shown = _shrink(image, max_px * panels)
     quality = LOSSLESS if data.startswith(PNG) else QUALITY
     _, packed = cv2.imencode(".webp", shown, [cv2.IMWRITE_WEBP_QUALITY, quality])
     address = f"data:image/webp;base64,{base64.b64encode(packed.tobytes()).decode()}"

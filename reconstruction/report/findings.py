@@ -17,9 +17,9 @@ EACH_DELAYED = "each camera off by a different delay"
 """The offset condition of studies of all cameras, as a word and as a phrase."""
 DEPTH_MEASURES = ("mover_within_2pct", "mover_coverage")
 """Measures that judge depth: correct distances if the truth is known, else any distance."""
-CLEAR_SHARE = 0.15
+CLEAR_FRACTION = 0.15
 """Lost fraction of the moving pixels from which the loss is reported as clear."""
-MOST_NAMED = 4
+MAX_NAMED = 4
 """Maximum number of cameras named in a sentence."""
 
 
@@ -28,7 +28,7 @@ def timing_sentences(timing: Timing) -> str:
     by = f"by what moves at {count(len(timing.instants), 'instant')}"
     if timing.offset:
         return _offset_sentences(timing, by)
-    late = f"{timing.other} is {lateness(timing)} against {timing.reference} ({by}; 95 %)"
+    late = f"{timing.other} is {offset_text(timing)} against {timing.reference} ({by}; 95 %)"
     if timing.synchronized:
         return f"{late}: the same instant, as far as these pictures can tell."
     told = f"Whether these cameras were synchronized cannot be told from these pictures: {timing.reason}."
@@ -58,7 +58,7 @@ def _offset_sentences(timing: Timing, by: str) -> str:
             "is found then. That is known to a frame only, because moving points do not tell: "
             f"{timing.reason}. {pairs}"
         )
-    size = lateness(timing).rpartition(" ")[0]
+    size = offset_text(timing).rpartition(" ")[0]
     odd = f" But {timing.reason}." if timing.reason else ""
     return f"{told} {timing.other}'s pictures were taken {size} {side} ({by}; 95 %).{odd} {pairs}"
 
@@ -69,8 +69,8 @@ def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
     late = [one for one in rig.cameras if one.offset and one.other not in told]
     if not late:
         return ""
-    shown = [f"{one.other} is {lateness(one)}" for one in late[:MOST_NAMED]]
-    more = f", and {count(len(late) - MOST_NAMED, 'more camera')}" if len(late) > MOST_NAMED else ""
+    shown = [f"{one.other} is {offset_text(one)}" for one in late[:MAX_NAMED]]
+    more = f", and {count(len(late) - MAX_NAMED, 'more camera')}" if len(late) > MAX_NAMED else ""
     # Time shifts against two references cannot be combined.
     one_reference = pair is None or not pair.option or pair.reference == rig.reference
     options = " ".join(one.option for one in late if one.option and one_reference)
@@ -78,7 +78,7 @@ def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
     return f"Against {rig.reference}, {', '.join(shown)}{more} (by what moves; 95 %).{mends}"
 
 
-def lateness(timing: Timing) -> str:
+def offset_text(timing: Timing) -> str:
     """Return a camera's time offset with its error; empty if unknown."""
     if timing.late_ms is None or timing.uncertainty_ms is None:
         return ""
@@ -110,7 +110,7 @@ def motion_sentence(timing: Timing) -> str:
     )
 
 
-def instant_lateness(late_ms: float, sd_ms: float) -> str:
+def instant_offset_text(late_ms: float, sd_ms: float) -> str:
     """Return one instant's own time offset with its 95 % error."""
     return f"{late_ms:+.1f} ± {2 * sd_ms:.1f} ms"
 
@@ -121,7 +121,7 @@ def late_or_early(late_ms: float, uncertainty_ms: float) -> str:
 
 
 @dataclass(frozen=True)
-class Sides:
+class ConditionNames:
     """Names of the two conditions of a comparison."""
 
     first: str
@@ -151,22 +151,22 @@ class Sides:
         return ("synced", self.short), ("offset", self.late_short)
 
 
-def name_sides(result: CompareResult, cameras: Sequence[str] = ()) -> Sides:
+def name_conditions(result: CompareResult, cameras: Sequence[str] = ()) -> ConditionNames:
     """Return the conditions' names for these cameras; by default, for the pair whose timing was measured.
 
     Images are called synchronized only if they were found to show one instant. With more than two cameras,
     each camera has its own delay.
     """
     asked = cameras or (() if result.timing is None else result.timing.cameras)
-    late = UNSYNCHRONIZED if len(asked) > 2 else wording.lateness(result.actual_offset_ms)
+    late = UNSYNCHRONIZED if len(asked) > 2 else wording.offset_text(result.actual_offset_ms)
     late_short = "Unsynced" if len(asked) > 2 else late[0].upper() + late[1:]
     if asked and result.together(asked):
         many = "all" if len(asked) > 2 else "both"
-        return Sides(
+        return ConditionNames(
             "Synchronized", "Synced", f"when {many} pictures show the same instant", late, late_short
         )
     when = "in the pictures as they were recorded"
-    return Sides("As recorded", "Recorded", when, late, late_short, apart=result.apart(asked))
+    return ConditionNames("As recorded", "Recorded", when, late, late_short, apart=result.apart(asked))
 
 
 def describe_delays(study: StudyResult[Any]) -> str:
@@ -250,7 +250,7 @@ def percent(share: float) -> str:
 def depth_sentence(depth: StudyResult[Any], when: str, late: str, agreed: str) -> str:
     """Return a sentence with the moving fraction found in each condition; empty without a clear loss."""
     known = depth.first_known(*DEPTH_MEASURES)
-    if known is None or known[1] - known[2] < CLEAR_SHARE:
+    if known is None or known[1] - known[2] < CLEAR_FRACTION:
         return ""
     measure, synced, offset = known
     correct = measure == DEPTH_MEASURES[0]
@@ -281,13 +281,13 @@ def claims(result: CompareResult) -> tuple[Sequence[dict[str, object]], str]:
     shown, claim = next(known, (None, None))
     if shown is None or claim is None:
         return (), ""
-    is_share = claim.unit == wording.SHARE
-    shares = claim.values if is_share else [value / max(1e-9, *claim.values) for value in claim.values]
+    is_fraction = claim.unit == wording.SHARE
+    shares = claim.values if is_fraction else [value / max(1e-9, *claim.values) for value in claim.values]
     words = [
-        wording.share(value, decimals=0) if is_share else wording.quantity(value, claim.unit)
+        wording.share(value, decimals=0) if is_fraction else wording.quantity(value, claim.unit)
         for value in claim.values
     ]
-    sides = name_sides(result, shown.cameras)
+    sides = name_conditions(result, shown.cameras)
     whens = (sides.when, f"when one picture is {sides.late}")
     both = zip(("synced", "offset"), words, shares, whens, strict=True)
     names = "tone", "value", "share", "when"
@@ -306,7 +306,7 @@ def describe_exactness(result: CompareResult) -> dict[str, str]:
     error, source, measured = wording.NOT_AVAILABLE, "neither recorded nor measured", ""
     if result.unsynchronized:
         source = result.unsynchronized.partition(":")[0]
-    if shown is not None and (measured := lateness(shown)):
+    if shown is not None and (measured := offset_text(shown)):
         error = measured
         source = f"{shown.other} against {shown.reference}, by what moves"
     if result.sync_residual_us is not None and furthest is None:

@@ -17,7 +17,7 @@ PACKAGE, TEMPLATES = "reconstruction.report", "template"
 METRICS = "metrics.json"
 REPORT = "report.html"
 FILTERS = (
-    count, wording.lateness, wording.microseconds, wording.milliseconds, wording.number, wording.quantity,
+    count, wording.offset_text, wording.microseconds, wording.milliseconds, wording.number, wording.quantity,
     wording.seconds, wording.share, wording.keep_units, wording.timeliness, wording.walking_distance,
 )  # fmt: skip
 

@@ -9,15 +9,15 @@ from reconstruction.report import wording
 from reconstruction.report.findings import (
     EACH_DELAYED,
     UNSYNCHRONIZED,
-    Sides,
-    lateness,
-    name_sides,
+    ConditionNames,
+    name_conditions,
+    offset_text,
     rig_judgement,
 )
 from reconstruction.report.study_report import study_reports
 from reconstruction.scores.comparison_results import CompareResult, ConditionResult
 from reconstruction.scores.study_result import Interval, StudyResult
-from reconstruction.scores.tally import SIDES
+from reconstruction.scores.tally import CONDITIONS
 from reconstruction.scores.timing import RigTiming
 
 WITH_CONTROL = (("mover_", "Moving things"), ("static_", "Things at rest (control)"))
@@ -85,17 +85,17 @@ def interval_cell(found: Interval | None, unit: str, *, control: bool = False) -
     """Return a cell with a measure and its 95 % interval over the instants; a fraction also gets a bar."""
     if found is None:
         return Cell(wording.NOT_AVAILABLE, control=control)
-    is_share = unit == wording.SHARE
+    is_fraction = unit == wording.SHARE
     ends = () if found.low is None else found.ends
     return Cell(
         wording.measured(found.value, unit),
-        share=min(max(found.value, 0.0), 1.0) if is_share else None,
-        interval=" to ".join(f"{100 * end:.1f}" if is_share else wording.quantity(end) for end in ends),
+        share=min(max(found.value, 0.0), 1.0) if is_fraction else None,
+        interval=" to ".join(f"{100 * end:.1f}" if is_fraction else wording.quantity(end) for end in ends),
         control=control,
     )
 
 
-def study_table(study: StudyResult[Any], sides: Sides) -> Table:
+def study_table(study: StudyResult[Any], sides: ConditionNames) -> Table:
     """Return both conditions side by side in each column group; measures without values are left out."""
     reported = study_reports()[study.name]
     text, placeholders = reported.text, reported.placeholders(study)
@@ -105,7 +105,7 @@ def study_table(study: StudyResult[Any], sides: Sides) -> Table:
         found = [
             (prefix == "static_", study.interval(prefix + measure.key, side))
             for prefix, _ in groups
-            for side in SIDES
+            for side in CONDITIONS
         ]
         if any(one for _, one in found):
             cells = [interval_cell(one, measure.unit, control=control) for control, one in found]
@@ -119,9 +119,9 @@ def conditions_table(result: CompareResult) -> Table:
     made = [one for one in result.studies if not one.skipped]
     pairs, everybody = ([one for one in made if (len(one.cameras) > 2) is many] for many in (False, True))
     cameras = tuple(dict.fromkeys(name for one in made for name in one.cameras))
-    late = wording.lateness(result.actual_offset_ms)
+    late = wording.offset_text(result.actual_offset_ms)
     listed = [
-        (name_sides(result, cameras).first.lower(), "", _intervals(made, "synced")),
+        (name_conditions(result, cameras).first.lower(), "", _intervals(made, "synced")),
         (late, "one camera of a pair", _intervals(pairs, "offset")),
     ]
     if everybody and not any(map(_is_drawn, result.conditions)):
@@ -172,7 +172,7 @@ def _is_drawn(one: ConditionResult) -> bool:
 def _details(one: ConditionResult) -> str:
     subjects = {study.name: study_reports()[study.name].text.subject for study in one.studies}
     late = [
-        f"{subjects[study.name]}: {wording.lateness(study.late_ms)}"
+        f"{subjects[study.name]}: {wording.offset_text(study.late_ms)}"
         for study in one.studies
         if len(study.cameras) == 2 and not study.skipped and study.late_ms is not None
     ]
@@ -183,7 +183,7 @@ def _details(one: ConditionResult) -> str:
     return "; ".join(filter(None, (given, *late, other, *skipped)))
 
 
-def instants_table(caption: str, study: StudyResult[Any], sides: Sides) -> Table:
+def instants_table(caption: str, study: StudyResult[Any], sides: ConditionNames) -> Table:
     """Return every instant's numbers on moving things in both conditions; without rows if there are none."""
     text, per_instant = study_reports()[study.name].text, study.per_instant
     columns = [
@@ -198,7 +198,7 @@ def instants_table(caption: str, study: StudyResult[Any], sides: Sides) -> Table
         cells += [
             Cell(wording.measured(row.get(f"{side}_{measure}"), text.unit(measure)))
             for measure, _ in columns
-            for side in SIDES
+            for side in CONDITIONS
         ]
         rows.append(Row(f"{row['instant']}", cells))
     heads = [Column("Moving pixels")] if counted else []
@@ -209,7 +209,7 @@ def instants_table(caption: str, study: StudyResult[Any], sides: Sides) -> Table
 def timing_table(rig: RigTiming) -> Table:
     """Return every camera's time offset against the reference, measured by motion, and the judgement."""
     rows = [
-        Row(one.other, [Cell(lateness(one) or wording.NOT_AVAILABLE), Cell(rig_judgement(one))])
+        Row(one.other, [Cell(offset_text(one) or wording.NOT_AVAILABLE), Cell(rig_judgement(one))])
         for one in rig.cameras
     ]
     return Table(

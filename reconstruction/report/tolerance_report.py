@@ -4,7 +4,7 @@ from pathlib import Path
 
 from reconstruction.report import wording
 from reconstruction.report.charts import tolerance_chart
-from reconstruction.report.findings import instant_lateness, motion_sentence, timing_sentences
+from reconstruction.report.findings import instant_offset_text, motion_sentence, timing_sentences
 from reconstruction.report.page import Section, render_page, write_page
 from reconstruction.report.study_report import (
     COVERAGE,
@@ -41,10 +41,10 @@ def tolerance_sentence(tolerance: OffsetTolerance) -> str:
     """Return the curve's result in a few sentences; images are called synchronized only if found so."""
     timing = tolerance.timing
     if timing is None:
-        return f"As recorded, {_found_to_both_sides(tolerance)}"
-    told = [f"As recorded, {_found_to_both_sides(tolerance)}", timing_sentences(timing)]
+        return f"As recorded, {_found_in_both_directions(tolerance)}"
+    told = [f"As recorded, {_found_in_both_directions(tolerance)}", timing_sentences(timing)]
     if timing.synchronized:
-        found = f"Synchronized, {_found_to_both_sides(tolerance)} {_tolerated(tolerance)}"
+        found = f"Synchronized, {_found_in_both_directions(tolerance)} {_tolerated(tolerance)}"
         told = [found, timing_sentences(timing)]
     elif timing.offset:
         told = [timing_sentences(timing), f"As recorded, {_found_at_best(tolerance)}"]
@@ -57,9 +57,9 @@ def tolerance_heading(tolerance: OffsetTolerance) -> str:
     return "How much delay this motion tolerates" if known else "Depth against delay"
 
 
-def _found_to_both_sides(tolerance: OffsetTolerance) -> str:
+def _found_in_both_directions(tolerance: OffsetTolerance) -> str:
     ends = {ms: point for point in (tolerance.points[0], tolerance.points[-1]) if (ms := point.late_ms)}
-    sides = [f"{wording.lateness(ms)}, for {_share(tolerance, point)}" for ms, point in ends.items()]
+    sides = [f"{wording.offset_text(ms)}, for {_share(tolerance, point)}" for ms, point in ends.items()]
     first = f"{_what(tolerance)} for {_share(tolerance, tolerance.as_recorded)} of what moves"
     return f"{first}; with the second picture {'; '.join(sides)}." if sides else f"{first}."
 
@@ -69,7 +69,7 @@ def _found_at_best(tolerance: OffsetTolerance) -> str:
     best = max(tolerance.points, key=lambda point: point.value(tolerance.measure, "offset") or 0.0)
     if not best.late_ms:
         return f"{text}."
-    when = wording.lateness(best.late_ms)
+    when = wording.offset_text(best.late_ms)
     return f"{text}; best with the second picture {when}, for {_share(tolerance, best)}."
 
 
@@ -118,7 +118,7 @@ def _instants(tolerance: OffsetTolerance) -> Table:
         values = curve.values if curve is not None else (None,) * len(tolerance.points)
         cells = [
             Cell(wording.number(None if curve is None else curve.mover_pixels)),
-            Cell(wording.NOT_AVAILABLE if late is None else instant_lateness(late.late_ms, late.sd_ms)),
+            Cell(wording.NOT_AVAILABLE if late is None else instant_offset_text(late.late_ms, late.sd_ms)),
             *(Cell(wording.share(value, decimals=0)) for value in values),
         ]
         rows.append(Row(f"{instant}", cells))

@@ -80,7 +80,7 @@ def seconds(value_s: float) -> str:
     return f"{int(value_s // 60)}{GAP}min {int(value_s % 60)}{GAP}s"
 
 
-def lateness(offset_ms: float) -> str:
+def offset_text(offset_ms: float) -> str:
     """Return `67 ms late`, or early, in whole ms from 10 ms on."""
     size = abs(offset_ms)
     shown = milliseconds(round(size) if size >= 9.5 else size)
@@ -89,7 +89,7 @@ def lateness(offset_ms: float) -> str:
 
 def timeliness(late_ms: float) -> str:
     """Return `on time`, `33 ms late` or `33 ms early`."""
-    return lateness(late_ms) if abs(late_ms) >= 0.05 else "on time"
+    return offset_text(late_ms) if abs(late_ms) >= 0.05 else "on time"
 
 
 def delays(late_ms: Mapping[str, float]) -> str:
@@ -101,7 +101,7 @@ def walking_distance(offset_ms: float) -> str:
     """Return the distance that a person walks in this time, as a sentence."""
     metres = abs(offset_ms) / 1e3 * WALKING_M_PER_S
     far = f"{metres * 1e3:.0f}{GAP}mm" if metres < 0.02 else f"{metres * 1e2:.0f}{GAP}cm"
-    time = lateness(offset_ms).rpartition(" ")[0]
+    time = offset_text(offset_ms).rpartition(" ")[0]
     return f"In {time}, a person walking ({WALKING_M_PER_S}{GAP}m/s) moves {far}."
 
 

@@ -82,7 +82,7 @@ class ConditionResult(Struct, frozen=True, kw_only=True):
     studies: tuple[StudyResult[Any], ...] = ()
 
 
-class WordTable(Struct, frozen=True, kw_only=True):
+class TextTable(Struct, frozen=True, kw_only=True):
     """A table of the report in the report's own words, for a screen."""
 
     caption: str
@@ -103,7 +103,7 @@ class ReportWords(Struct, frozen=True, kw_only=True):
     """Name of the offset condition, such as "67 ms late"."""
     unsynchronized: str
     """Name of the other condition for studies of all cameras."""
-    tables: tuple[WordTable, ...]
+    tables: tuple[TextTable, ...]
 
 
 class CompareResult(Provenance, frozen=True, kw_only=True):

@@ -12,7 +12,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.scores.study_result import Interval, Measure
 from reconstruction.scores.truth import TOLERANCES, right_depth
 
-SIDES = ("synced", "offset")
+CONDITIONS = ("synced", "offset")
 """The conditions: synchronized, and the other one."""
 F_SCORE = "f_score"
 MAX_DIFFERENCES = 20000
@@ -104,7 +104,7 @@ class Tally:
     @property
     def names(self) -> list[str]:
         """Names of the measures taken at any instant."""
-        sides = [one[side] for one in self._measured for side in SIDES]
+        sides = [one[side] for one in self._measured for side in CONDITIONS]
         return list(dict.fromkeys(name for side in sides for name in side.names))
 
     @property
@@ -119,16 +119,16 @@ class Tally:
         rows = []
         for measured, facts in zip(self._measured, self._facts, strict=True):
             row: dict[str, float | int | None] = dict(facts)
-            for side in SIDES:
+            for side in CONDITIONS:
                 values = {name: measured[side].value(name) for name in self.names}
                 row |= {f"{side}_{name}": None if np.isnan(v) else v for name, v in values.items()}
             rows.append(row)
         return tuple(rows)
 
     def _measure(self, name: str) -> Measure:
-        values = {side: np.array([one[side].value(name) for one in self._measured]) for side in SIDES}
-        samples = {side: _resampled_medians(values[side]) for side in SIDES}
-        sides = {side: _interval(_median(values[side]), samples[side]) for side in SIDES}
+        values = {side: np.array([one[side].value(name) for one in self._measured]) for side in CONDITIONS}
+        samples = {side: _resampled_medians(values[side]) for side in CONDITIONS}
+        sides = {side: _interval(_median(values[side]), samples[side]) for side in CONDITIONS}
         before, after, change = sides["synced"], sides["offset"], None
         if before and after and before.low is not None and after.low is not None:
             change = _interval(after.value - before.value, samples["offset"] - samples["synced"])

@@ -18,11 +18,11 @@ SURE_FRAMES = 0.1
 """Error, in frames, above which a measurement certifies nothing."""
 ODD_FRAMES, ODD_MS = 0.25, 4.0
 """An instant closer to the others than the smaller of these does not disagree with them."""
-ODD_SHARE = 0.2
+ODD_FRACTION = 0.2
 """Fraction of disagreeing instants above which a take has no single time offset."""
-LOST_SHARE = 0.5
+LOST_FRACTION = 0.5
 """Most of what moves is lost if less of it is found than this fraction of what stands still."""
-AGREED_SHARE = 0.75
+AGREED_FRACTION = 0.75
 """Fraction of the instants' own depth curves that must peak at the same offset."""
 ROW_MISMATCH_PX = 1.0
 """Epipolar error of moving objects from which images may not be of one instant."""
@@ -102,7 +102,7 @@ def judge_timing(
         for one in instants
         if abs(one.late_ms - late) > max(ODD_SIGMAS * one.sd_ms, min(ODD_FRAMES * spacing_ms, ODD_MS))
     ]
-    agree = len(odd) <= ODD_SHARE * len(instants)
+    agree = len(odd) <= ODD_FRACTION * len(instants)
     offset = abs(late) > ODD_SIGMAS * sd
     reason = ""
     if SIGMAS * sd > SURE_FRAMES * spacing_ms:
@@ -148,7 +148,7 @@ def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float
     inconclusive.
     """
     peak_ms = max(sorted(set(peaks_ms)), key=peaks_ms.count, default=0.0)
-    if len(peaks_ms) < MIN_INSTANTS or peaks_ms.count(peak_ms) < AGREED_SHARE * len(peaks_ms):
+    if len(peaks_ms) < MIN_INSTANTS or peaks_ms.count(peak_ms) < AGREED_FRACTION * len(peaks_ms):
         return timing
     known = timing.late_ms is not None and timing.uncertainty_ms is not None
     most_ms = abs(timing.late_ms or 0.0) + (timing.uncertainty_ms or 0.0) if known else spacing_ms
@@ -180,7 +180,7 @@ def with_depth(timing: Timing, depth: StudyResult[Any]) -> Timing:
     rows, control = depth.value("mover_epipolar_px"), depth.value("static_epipolar_px")
     if timing.offset or moving is None or still is None or rows is None or control is None:
         return timing
-    if moving >= LOST_SHARE * still or rows <= max(ROW_MISMATCH_PX, ROW_MISMATCH_RATIO * control):
+    if moving >= LOST_FRACTION * still or rows <= max(ROW_MISMATCH_PX, ROW_MISMATCH_RATIO * control):
         return timing
     if timing.synchronized:
         reason = (

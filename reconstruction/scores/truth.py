@@ -22,7 +22,7 @@ def right_depth(depth: Array, truth: Array, tolerance: float = DEPTH_TOLERANCE) 
         return np.asarray(np.abs(depth - truth) < tolerance * truth)
 
 
-def share_right(depth: Array, truth: Array, mask: Array | None = None) -> float | None:
+def fraction_right(depth: Array, truth: Array, mask: Array | None = None) -> float | None:
     """Return the fraction of right depths in a mask (bool); None if no true depth is known there (0)."""
     known = truth > 0 if mask is None else (truth > 0) & mask
     return float(right_depth(depth, truth)[known].mean()) if known.any() else None
@@ -47,9 +47,9 @@ def depth_shares(depth: Array, truth: Array, movers: Array) -> dict[str, float |
     error = np.abs(depth - truth)[there] / truth[there]
     on_movers = known & movers
     shares = {
-        "within_2pct": share_right(depth, truth),
-        "mover_within_2pct": share_right(depth, truth, movers),
-        "static_within_2pct": share_right(depth, truth, ~movers),
+        "within_2pct": fraction_right(depth, truth),
+        "mover_within_2pct": fraction_right(depth, truth, movers),
+        "static_within_2pct": fraction_right(depth, truth, ~movers),
         "mover_coverage": float(there[on_movers].mean()) if on_movers.any() else None,
         "median_error_pct": 100 * float(np.median(error)) if error.size else None,
     }
@@ -111,14 +111,14 @@ def project_into_other(reference: View, other: View, depth: Array) -> tuple[Arra
 
 
 def still_pixels(
-    where: Array, inside: Array, reference_movers: Sequence[Array], other_movers: Sequence[Array]
+    where: Array, inside: Array, reference_moving: Sequence[Array], other_moving: Sequence[Array]
 ) -> Array:
     """Return the control (bool): pixels that no moving object can affect, equal in both conditions.
 
     No moving region may touch the pixel itself at any of the times. Nor may one touch its projection in the
     other view (`where`, from `project_into_other`).
     """
-    here = dilate(np.logical_or.reduce(list(reference_movers)), 4)
-    there = dilate(np.logical_or.reduce(list(other_movers)), 8).astype(np.uint8)
+    here = dilate(np.logical_or.reduce(list(reference_moving)), 4)
+    there = dilate(np.logical_or.reduce(list(other_moving)), 8).astype(np.uint8)
     hidden = cv2.remap(there, where, None, cv2.INTER_NEAREST) > 0
     return np.asarray(inside & ~here & ~hidden)

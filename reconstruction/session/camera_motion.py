@@ -7,7 +7,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.common.point_tracking import track_there_and_back
-from reconstruction.session.conditions import evenly_spread
+from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SHAKE_PX
 
@@ -20,7 +20,7 @@ PAIRS = 4
 """Number of image pairs that are compared."""
 APART_NS = 500_000_000
 """Minimum time between the images of a pair; half the burst if that is shorter."""
-LEAST_STILL = 0.25
+MIN_STILL = 0.25
 """Minimum static fraction of the image; below it the camera moves, or moving objects fill its view."""
 SIDE_PX = 640
 """Longer side to which larger images are reduced."""
@@ -38,7 +38,7 @@ class CameraMotion:
     @property
     def moves(self) -> bool:
         """Whether the camera moved, or nearly everything in its view did."""
-        return self.still_share < LEAST_STILL
+        return self.still_share < MIN_STILL
 
 
 def measure_camera_motion(dataset: Dataset, camera: str) -> CameraMotion | None:
@@ -60,7 +60,7 @@ def _follow_pairs(dataset: Dataset, camera: str, apart_ns: int) -> list[tuple[fl
     later = {k: next((j for j in there if times[j] - times[k] >= apart_ns), None) for k in there}
     pairs = [(k, j) for k, j in later.items() if j is not None]
     found = []
-    for before, after in evenly_spread(pairs, PAIRS):
+    for before, after in evenly_spaced(pairs, PAIRS):
         moved = _cell_motions(dataset.grey(camera, before), dataset.grey(camera, after))
         if len(moved) >= MIN_CELLS:
             ms = (times[after] - times[before]) / 1e6

@@ -171,7 +171,7 @@ def pairs_with_images(
     ]
 
 
-def evenly_spread(items: Sequence[Item], limit: int) -> list[Item]:
+def evenly_spaced(items: Sequence[Item], limit: int) -> list[Item]:
     """Return at most `limit` items, evenly spread; a single one from the middle."""
     if len(items) <= limit:
         return list(items)

@@ -20,9 +20,9 @@ from reconstruction.common.image_files import image_size, read_image, refuse_odd
 from reconstruction.common.memory import ByteCache, memory_budget
 from reconstruction.session.picture_checksums import picture_checks
 
-KEPT_SHARE = 0.12
+KEPT_FRACTION = 0.12
 """Fraction of the memory budget for cached decoded images."""
-WORK_SHARE = 0.3
+WORK_FRACTION = 0.3
 WORK_BYTES_PER_PIXEL = 60
 """Minimum memory of a command for each pixel of the images it works on at once."""
 
@@ -125,7 +125,7 @@ class Dataset:
         images: int,
         bytes_per_pixel: float = WORK_BYTES_PER_PIXEL,
         fixed_bytes: float = 0.0,
-        share: float = WORK_SHARE,
+        share: float = WORK_FRACTION,
     ) -> None:
         """Reduce the dataset if work on `images` images at once would exceed `share` of the memory budget.
 
@@ -320,7 +320,7 @@ class Dataset:
 
     def _kept_images(self) -> ByteCache:
         """Return a cache of images by camera and instant, all at the current scale."""
-        return ByteCache(self._read_image, int(KEPT_SHARE * memory_budget().limit_bytes))
+        return ByteCache(self._read_image, int(KEPT_FRACTION * memory_budget().limit_bytes))
 
     def _read_image(self, camera: str, instant: int) -> Array:
         record = self._records[camera, instant]

@@ -9,7 +9,7 @@ from reconstruction.session.conditions import (
     SYNCED,
     Condition,
     FrameOffset,
-    evenly_spread,
+    evenly_spaced,
     nearest_frame_offset,
     pairs_with_images,
 )
@@ -19,9 +19,9 @@ from reconstruction.session.motion import SceneMotion
 MAX_DRAWS = 400
 CANDIDATES = 4
 """Number of candidate instants for each requested one."""
-LEAST_CANDIDATES = 16
+MIN_CANDIDATES = 16
 """Minimum number of candidate instants."""
-LEAST_MOVING = 0.0001
+MIN_MOVING = 0.0001
 """Minimum moving fraction of the image in every camera."""
 FEWEST = 3
 """Minimum number of instants; if fewer show that much motion, those with the most motion are used."""
@@ -86,7 +86,7 @@ def instants_shown(dataset: Dataset, condition: Condition, reference: str, insta
     raise ValueError(problem)
 
 
-def fullest_instants(
+def most_complete_instants(
     dataset: Dataset, condition: Condition, reference: str, cameras: Sequence[str], fewest: int = 1
 ) -> list[ShownInstant]:
     """Return the instants at which the most cameras, at least `fewest`, have images in both conditions.
@@ -174,10 +174,10 @@ def choose_moving_instants(
 
     All cameras must have an image at each instant. If nothing moves, the result is spread over all of them.
     """
-    looked_at = evenly_spread(instants, max(LEAST_CANDIDATES, CANDIDATES * limit))
-    shares = {k: min(float(motion.detected_movers(name, k).mean()) for name in cameras) for k in looked_at}
-    moving = [k for k in looked_at if shares[k] >= LEAST_MOVING]
+    looked_at = evenly_spaced(instants, max(MIN_CANDIDATES, CANDIDATES * limit))
+    shares = {k: min(float(motion.detected_moving(name, k).mean()) for name in cameras) for k in looked_at}
+    moving = [k for k in looked_at if shares[k] >= MIN_MOVING]
     if len(moving) < min(FEWEST, limit):
         most = sorted(looked_at, key=lambda k: -shares[k])[: min(FEWEST, limit)]
         moving = sorted(k for k in most if shares[k] > 0)
-    return evenly_spread(moving or list(instants), limit)
+    return evenly_spaced(moving or list(instants), limit)

@@ -25,7 +25,7 @@ BACKGROUND_FRAMES = 25
 """Images for the background; a longer burst is thinned to this many, or up to twice as many."""
 BACKGROUND_ROWS = 256
 MARGIN_PX = 5
-MOVERS_SHARE = 0.05
+MOVERS_FRACTION = 0.05
 """Fraction of the memory budget for each cache of masks or backgrounds."""
 
 
@@ -39,7 +39,7 @@ def median_background(images: Sequence[Array]) -> Array:
     return background
 
 
-def detect_movers(image: Array, neighbours: Sequence[Array], still: Array) -> Array:
+def detect_moving(image: Array, neighbours: Sequence[Array], still: Array) -> Array:
     """Return the moving pixels (bool) of one grey image.
 
     A moving pixel differs from the burst's `still` background and from each of the neighbours in time (other
@@ -94,19 +94,19 @@ class SceneMotion:
         """`step`: number of instants between an image and those it is compared with."""
         self.dataset = dataset
         self.step = step
-        kept = int(MOVERS_SHARE * memory_budget().limit_bytes)
-        self._packed_movers = ByteCache(self._detect_movers, kept)
+        kept = int(MOVERS_FRACTION * memory_budget().limit_bytes)
+        self._packed_moving = ByteCache(self._detect_moving, kept)
         self._packed_truth = ByteCache(self._read_truth, kept)
         self.background = ByteCache(self._background, kept)
         """The static background of a camera, grey uint8."""
 
-    def detected_movers(self, camera: str, instant: int) -> Array:
+    def detected_moving(self, camera: str, instant: int) -> Array:
         """Return the moving pixels detected from the images alone; all computations use only these."""
-        return self._unpacked(camera, self._packed_movers(camera, instant))
+        return self._unpacked(camera, self._packed_moving(camera, instant))
 
-    def widened_movers(self, camera: str, instant: int) -> Array:
+    def widened_moving(self, camera: str, instant: int) -> Array:
         """Return the moving pixels and `MARGIN_PX` around them, to leave out of calibration and the like."""
-        return dilate(self.detected_movers(camera, instant), MARGIN_PX)
+        return dilate(self.detected_moving(camera, instant), MARGIN_PX)
 
     def moving(self, camera: str, instant: int) -> Array:
         """Return the true moving pixels if the session has ground truth, else detected ones; for scores."""
@@ -114,7 +114,7 @@ class SceneMotion:
 
     def changing(self, camera: str, instant: int) -> Array:
         """Return pixels that move or change, such as shadows; the static control excludes them."""
-        return np.asarray(self.moving(camera, instant) | self.detected_movers(camera, instant))
+        return np.asarray(self.moving(camera, instant) | self.detected_moving(camera, instant))
 
     def _unpacked(self, camera: str, packed: Array) -> Array:
         width, height = self.dataset.size(camera)
@@ -122,32 +122,32 @@ class SceneMotion:
 
     def _read_truth(self, camera: str, instant: int) -> Array:
         truth = self.dataset.ground_truth(camera, instant)
-        return np.packbits(truth[1]) if truth is not None else self._packed_movers(camera, instant)
+        return np.packbits(truth[1]) if truth is not None else self._packed_moving(camera, instant)
 
     def _background(self, camera: str) -> Array:
         there = self.dataset.instants(camera)
         step = max(1, len(there) // BACKGROUND_FRAMES)
         return median_background([self.dataset.grey(camera, k) for k in there[::step]])
 
-    def _detect_movers(self, camera: str, instant: int) -> Array:
+    def _detect_moving(self, camera: str, instant: int) -> Array:
         """Return the moving pixels, packed eight to a byte."""
         there = self.dataset.instants(camera)
         near = [k for k in (instant - self.step, instant + self.step) if k in there]
         if not near:
             near = [k for k in there if k != instant][:1]
         others = [self.dataset.grey(camera, k) for k in near]
-        found = detect_movers(self.dataset.grey(camera, instant), others, self.background(camera))
+        found = detect_moving(self.dataset.grey(camera, instant), others, self.background(camera))
         return np.packbits(found)
 
 
-class MoverMasks(Struct, frozen=True, kw_only=True):
+class MovingMasks(Struct, frozen=True, kw_only=True):
     """Summary of written masks: their number, and by camera the mean fraction of moving pixels."""
 
     masks: int
     moving: dict[str, float]
 
 
-def write_masks(motion: SceneMotion, out: Path, progress: Progress | None = None) -> MoverMasks:
+def write_masks(motion: SceneMotion, out: Path, progress: Progress | None = None) -> MovingMasks:
     """Write OUT/<camera>/<instant>.png for every image: white on moving pixels and a margin around them.
 
     `progress` advances by a step for each camera.
@@ -174,10 +174,10 @@ def write_masks(motion: SceneMotion, out: Path, progress: Progress | None = None
             masks.mkdir()
             moving = []
             for instant in dataset.instants(camera):
-                mask = motion.widened_movers(camera, instant)
+                mask = motion.widened_moving(camera, instant)
                 moving.append(float(mask.mean()))
                 white = mask.astype(np.uint8) * 255
                 full = cv2.resize(white, (facts.width, facts.height), interpolation=cv2.INTER_NEAREST)
                 write_image(masks / f"{instant:06d}.png", np.asarray(full))
             shares[camera] = sum(moving) / len(moving)
-    return MoverMasks(masks=sum(len(dataset.instants(camera)) for camera in shares), moving=shares)
+    return MovingMasks(masks=sum(len(dataset.instants(camera)) for camera in shares), moving=shares)

@@ -10,14 +10,14 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.console.terminal import Progress
-from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.drawing import colour_depth, display_range, side_by_side
 from reconstruction.common.image_files import save_picture, write_image
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.outputs import STAGES, Provenance, comparison_folder, write_metrics
-from reconstruction.scores.truth import share_right
+from reconstruction.scores.truth import fraction_right
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.picture_checksums import picture_checks
 from reconstruction.stereo.stereo_pair import FilledDepthMap, StereoPair, find_disparity_range
@@ -78,7 +78,7 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
     began = time.monotonic()
     dataset = Dataset.open(session, options.time_shifts_ms)
     dataset.require_cameras(2, "depth needs two that see the same from different places")
-    settle_calibration(dataset)
+    choose_calibration(dataset)
     with comparison_folder(out) as output:
         progress = Progress(3)
         rig = Rig(dataset, output.folder / STAGES)
@@ -130,7 +130,7 @@ def _match_pair(rig: Rig, cameras: tuple[str, str], instant: int, later: int) ->
     views = rig.views[cameras[0]], rig.views[cameras[1]]
     # The range belongs to the scene: it is found in images of one instant, whatever instant is matched.
     images = [rig.dataset.grey(name, instant) for name in cameras]
-    moving = rig.motion.detected_movers(cameras[0], instant) if len(rig.dataset.instants_ns) > 1 else None
+    moving = rig.motion.detected_moving(cameras[0], instant) if len(rig.dataset.instants_ns) > 1 else None
     still = np.zeros(images[0].shape, bool) if moving is None else moving
     pair = StereoPair(*views, find_disparity_range(views, [(images[0], images[1], still)]))
     return pair.compute_filled_depth(images[0], rig.dataset.grey(cameras[1], later))
@@ -161,8 +161,8 @@ def _save_result(
         nearest=float(depth[known].min()) if known.any() else 0.0,
         farthest=float(depth[known].max()) if known.any() else 0.0,
         coverage=float(known.mean()),
-        within_2pct=None if judged is None else share_right(depth, judged),
-        filled_within_2pct=None if judged is None else share_right(found.filled, judged),
+        within_2pct=None if judged is None else fraction_right(depth, judged),
+        filled_within_2pct=None if judged is None else fraction_right(found.filled, judged),
         calibration=rig.source,
         versions=library_versions(),
     )

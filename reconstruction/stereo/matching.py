@@ -23,7 +23,7 @@ MAX_GREY_DIFFERENCE = 10.0
 """Mean brightness difference beyond the noise up to which a match is accepted, grey levels of 255."""
 SURFACE_PX = 1.0
 """Scatter of neighbours on one surface, standard deviation in px of disparity."""
-REACH_PX = 5.0
+SEARCH_PX = 5.0
 """Radius of surface smoothing, standard deviation in px; also half the window."""
 WINDOW = 7
 """Side of the window over which the remaining shift is measured, px."""
@@ -136,6 +136,6 @@ def _smooth_surfaces(disparity: Array) -> Array:
     # Far enough from all known values to have no weight.
     nothing = np.float32(-50.0 * SURFACE_PX)
     smooth = cv2.bilateralFilter(
-        np.where(known, disparity, nothing), 2 * round(REACH_PX) + 1, SURFACE_PX, REACH_PX
+        np.where(known, disparity, nothing), 2 * round(SEARCH_PX) + 1, SURFACE_PX, SEARCH_PX
     )
     return np.where(known, smooth, np.nan).astype(np.float32)

@@ -40,7 +40,7 @@ MAX_RESIDUAL_PX = 0.7
 """Displacement left after warping by the disparity, also between rows: 0 for a true match."""
 MIN_ISLAND_PX = 60
 """Smaller islands of depth are dropped."""
-VOLUME_SHARE = 0.6
+VOLUME_FRACTION = 0.6
 """Fraction of the memory budget for matching; the rest is for images and maps."""
 MIN_AGREEMENT = 0.35
 """Minimum fraction of textured pixels on whose coarse disparity both directions agree.
@@ -264,7 +264,7 @@ class StereoPair:
         self.scale = memory_budget().fit_scale(
             f"depth of a pair ({bare.width}x{bare.height} pixels, {high - low:.0f} disparities)",
             lambda scale: matching_bytes(bare.width * scale, bare.height * scale, (high - low) * scale),
-            share=VOLUME_SHARE,
+            share=VOLUME_FRACTION,
         )
         """Size of the rectified images relative to the reference's own resolution."""
         self.min_disparity = int(low * self.scale)
@@ -285,7 +285,7 @@ class StereoPair:
         """
         found = self._match_checked(reference, other)
         filled = fill_holes(found.checked)
-        found = found._replace(checked=np.where(_looks_alike(found, filled), filled, found.checked))
+        found = found._replace(checked=np.where(_looks_equal(found, filled), filled, found.checked))
         return FilledDepthMap(
             depth=self._depth(found.checked),
             difference=self._difference(found.difference),
@@ -321,10 +321,10 @@ class StereoPair:
         return np.where(seen_a & inside, forward, np.nan), backward
 
     def _confidence(self, found: _Match) -> Array:
-        left_right_share = np.nan_to_num(found.left_right, nan=np.inf) / MAX_LEFT_RIGHT_PX
+        left_right_fraction = np.nan_to_num(found.left_right, nan=np.inf) / MAX_LEFT_RIGHT_PX
         greatest = MAX_GREY_DIFFERENCE + 3 * noise_level(found.reference)
-        difference_share = cv2.blur(np.nan_to_num(found.difference, nan=255.0), (3, 3)) / greatest
-        sure = 1 - 0.5 * np.minimum(left_right_share, 1) - 0.5 * np.minimum(difference_share, 1)
+        difference_fraction = cv2.blur(np.nan_to_num(found.difference, nan=255.0), (3, 3)) / greatest
+        sure = 1 - 0.5 * np.minimum(left_right_fraction, 1) - 0.5 * np.minimum(difference_fraction, 1)
         confidence = np.where(np.isfinite(found.checked), np.maximum(sure, 0.05), 0).astype(np.float32)
         return self.rectification.to_reference(confidence)
 
@@ -346,7 +346,7 @@ class StereoPair:
         return np.asarray(good & (speckled > 0))
 
 
-def _looks_alike(found: _Match, disparity: Array) -> Array:
+def _looks_equal(found: _Match, disparity: Array) -> Array:
     """Return unchecked pixels at which this disparity makes both images look the same (bool)."""
     warped = warp_by_disparity(found.other, disparity)
     there = np.isfinite(warped)

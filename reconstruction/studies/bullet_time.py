@@ -19,7 +19,7 @@ from reconstruction.report import wording
 from reconstruction.report.study_report import StudyText
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.timing import RigTiming, Timing, are_together
-from reconstruction.session.conditions import evenly_spread
+from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.motion import SceneMotion
 
@@ -32,7 +32,7 @@ STEP_MS, REST_MS = 160, 480
 PAPER, INK = (26, 22, 20), (226, 231, 233)
 TONES = ((255, 179, 109), (87, 156, 255))
 """BGR colours of the first and second sequence, as in the report's dark theme."""
-MAX_MISS_SHARE = 0.12
+MAX_MISS_FRACTION = 0.12
 """Maximum distance of the subject from its place in a camera's image, as a fraction of image width."""
 ZOOMS = np.geomspace(0.6, 1.7, 50)
 """Zooms tried in order until every picture is filled; beyond, too little of the images would remain."""
@@ -162,7 +162,7 @@ def triangulate_subject(views: Mapping[str, View], seen: Mapping[str, Array]) ->
 
     Minimizes the squared distances from the pixels' rays. Also returns the maximum reprojection error, px.
     None if fewer than two cameras saw something. None also if the point is behind a camera, outside its
-    image, or farther than `MAX_MISS_SHARE` from its pixel.
+    image, or farther than `MAX_MISS_FRACTION` from its pixel.
     """
     matrix, vector = np.zeros((3, 3)), np.zeros(3)
     for name, pixel in seen.items():
@@ -182,7 +182,7 @@ def triangulate_subject(views: Mapping[str, View], seen: Mapping[str, Array]) ->
             return None
         if name in seen:
             away = float(np.linalg.norm(found - seen[name]))
-            if away > MAX_MISS_SHARE * view.width:
+            if away > MAX_MISS_FRACTION * view.width:
                 return None
             miss = max(miss, away)
     return point, miss
@@ -420,18 +420,18 @@ def _choose_instant(
     Candidates are ranked by cameras with both images, then by distinct times, then by closeness to `LATE_MS`.
     Of the best, the instant with the most motion is chosen.
     """
-    wanted_ns = {name: LATE_MS[place % len(LATE_MS)] * 1e6 for place, name in enumerate(order)}
+    target_ns = {name: LATE_MS[place % len(LATE_MS)] * 1e6 for place, name in enumerate(order)}
     times = dataset.instants_ns
     there = {name: dataset.instants(name) for name in order}
     found: dict[int, dict[str, int]] = {}
     for k, time in enumerate(times):
         found[k] = {
-            name: min(there[name], key=lambda j: (abs(times[j] - time - wanted_ns[name]), j))
+            name: min(there[name], key=lambda j: (abs(times[j] - time - target_ns[name]), j))
             for name in order
             if k in there[name]
         }
     short_ns = {
-        k: sum(abs(times[j] - times[k] - wanted_ns[n]) for n, j in late.items()) for k, late in found.items()
+        k: sum(abs(times[j] - times[k] - target_ns[n]) for n, j in late.items()) for k, late in found.items()
     }
     frame_ns = max(1, dataset.period_ns)
     ranks = {
@@ -441,8 +441,8 @@ def _choose_instant(
     if min(best[:2]) < 2:
         return None
     likely = [k for k, rank in ranks.items() if rank == best]
-    likely = evenly_spread(likely, MAX_CANDIDATES)
-    instant = max(likely, key=lambda k: sum(int(motion.detected_movers(n, k).sum()) for n in found[k]))
+    likely = evenly_spaced(likely, MAX_CANDIDATES)
+    instant = max(likely, key=lambda k: sum(int(motion.detected_moving(n, k).sum()) for n in found[k]))
     return instant, found[instant]
 
 
@@ -456,7 +456,7 @@ def _stabilized_views(
     ours = {name: views[name] for name in order if name in views}
     if len(ours) < len(order):
         return {}
-    masks = {name: motion.detected_movers(name, instant) for name in order}
+    masks = {name: motion.detected_moving(name, instant) for name in order}
     masks = {name: mask for name, mask in masks.items() if int(mask.sum()) >= MIN_MOVING_PX}
     best: tuple[Array, float] | None = None
     for middle in (_largest_centroid, _centroid):

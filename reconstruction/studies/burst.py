@@ -12,7 +12,7 @@ from reconstruction.common.image_files import save_picture
 from reconstruction.compare.study import Study
 from reconstruction.report.study_report import StudyText
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.session.conditions import evenly_spread
+from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.dataset import Dataset
 
 MAX_CAMERAS, MAX_INSTANTS = 20, 8
@@ -84,7 +84,7 @@ class BurstStudy(Study):
 def _render(dataset: Dataset, out: Path) -> BurstGrid:
     """Write the thumbnails into out/pictures; a long burst is sampled at evenly spaced instants."""
     count = len(dataset.instants_ns)
-    instants = evenly_spread(range(count), MAX_INSTANTS)
+    instants = evenly_spaced(range(count), MAX_INSTANTS)
     cameras = dataset.cameras[:MAX_CAMERAS]
     rows = []
     for camera in cameras:

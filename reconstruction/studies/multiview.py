@@ -13,12 +13,12 @@ import numpy as np
 from capture_app.common.errors import BadInputError
 from capture_app.session.exporting.point_cloud import PointCloud, write_ply
 from reconstruction.commands.options import MATCHER, flag
-from reconstruction.common.drawing import colour_depth, display_range, mark_movers
+from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.compare.study import UNASKED, ConditionStudy, Context, PictureText, write_pictures
-from reconstruction.depth.coarse_scene import CoarseScene, find_coarse_scene
 from reconstruction.depth.mesh import draw_clouds
+from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
 from reconstruction.multiview.instant_depth import InstantDepth, compute_instant_depth
 from reconstruction.multiview.instant_scoring import InstantScorer
@@ -36,7 +36,7 @@ from reconstruction.session.conditions import Condition
 from reconstruction.session.instants import (
     ShownInstant,
     choose_moving_instants,
-    fullest_instants,
+    most_complete_instants,
     relative_offsets_ms,
 )
 
@@ -80,7 +80,7 @@ class CameraGroup:
 
     reference: str = ""
     cameras: tuple[str, ...] = ()
-    scene: CoarseScene = field(default_factory=lambda: CoarseScene({}, {}))
+    scene: RoughScene = field(default_factory=lambda: RoughScene({}, {}))
     """Coarse scene found by a first look."""
     left_out: Mapping[str, str] = field(default_factory=dict)
 
@@ -101,7 +101,7 @@ def choose_camera_group(shots: UndistortedSession, middle: int) -> CameraGroup:
     _require_cameras(len(images), left_out)
     views = {camera: image.view for camera, image in images.items()}
     try:
-        scene = find_coarse_scene(images)
+        scene = find_rough_scene(images)
     except BadInputError as error:
         raise ValueError(error.what) from error
     sources = choose_source_views({c: view for c, view in views.items() if c in scene.points}, scene.points)
@@ -400,7 +400,7 @@ class MultiviewStudy(ConditionStudy):
     def _instants(self, condition: Condition) -> list[ShownInstant]:
         """Return instants with motion at which most cameras have their images in both conditions."""
         reference, problem = self.group.reference, self.shots.problem
-        fullest = fullest_instants(self.dataset, condition, reference, self.group.cameras)
+        fullest = most_complete_instants(self.dataset, condition, reference, self.group.cameras)
         by_instant = {one.instant: one.shown for one in fullest}
         found = []
         for now in choose_moving_instants(
@@ -480,7 +480,7 @@ def _draw_depth(
         if truth is not None:
             right &= right_depth(found.depth, truth)
         depth = colour_depth(found.depth, near, far)
-        drawn[side] = {"multiview_depth": depth, "multiview_movers": mark_movers(photo, moving, right)}
+        drawn[side] = {"multiview_depth": depth, "multiview_movers": mark_moving(photo, moving, right)}
     judged = f"it is right {TOLERANCE_TEXT}" if truth is not None else "the other cameras agree"
     distance = (
         "Bright is near, blue is far; dark means that no distance was found. On one side are the pictures "

@@ -7,22 +7,22 @@ import msgspec
 import numpy as np
 
 from reconstruction.commands.options import pair_flag
-from reconstruction.common.drawing import box_with_most, enlarge_crop, trim_empty_sides
+from reconstruction.common.drawing import box_of_max_weight, enlarge_crop, trim_empty_borders
 from reconstruction.common.geometry import Array
 from reconstruction.compare.study import SYNCHRONIZED, Pair, PairStudy, PictureText, write_pictures
 from reconstruction.panorama.composition import Layer, average_layers
-from reconstruction.panorama.overlap import Overlap, known, measure_misfit, overlap_of
+from reconstruction.panorama.overlap import Overlap, known, measure_misalignment, overlap_of
 from reconstruction.panorama.stitcher import PanoramaStitcher
 from reconstruction.report import wording
-from reconstruction.report.findings import CLEAR_SHARE, late_text, percent
+from reconstruction.report.findings import CLEAR_FRACTION, late_text, percent
 from reconstruction.report.study_report import Claim, MeasureText, StudyText
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import Picture, StudyResult
-from reconstruction.scores.tally import SIDES, Measurements, Tally
+from reconstruction.scores.tally import CONDITIONS, Measurements, Tally
 from reconstruction.session.conditions import Condition
 from reconstruction.session.motion import dilate
 
-FEWEST_GREY_LEVELS = 12
+MIN_GREY_LEVELS = 12
 """Difference between the conditions below which it is noise."""
 STILL_MARGIN_PX = 12
 """Margin within which a point's window overlaps a moving object."""
@@ -123,7 +123,7 @@ class PanoramaStudy(PairStudy):
                 f"and is off by {misfit[2]:.0f} with one picture {late}."
             )
         again = found.first_known(MEASURES[1])
-        if again is None or again[1] - again[2] < CLEAR_SHARE:
+        if again is None or again[1] - again[2] < CLEAR_FRACTION:
             return ""
         return (
             f"Where the pictures of the panorama overlap, {percent(again[1])} of what moves is in both "
@@ -147,7 +147,7 @@ class PanoramaStudy(PairStudy):
         now = min(instants, key=lambda k: abs(k - middle))
         images, movers = (
             {name: read(name, now) for name in self.cameras}
-            for read in (self.dataset.image, self.motion.widened_movers)
+            for read in (self.dataset.image, self.motion.widened_moving)
         )
         known = {name: self.rig.views[name] for name in self.cameras if name in self.rig.views}
         self.stitcher = PanoramaStitcher(images, movers, known)
@@ -164,7 +164,7 @@ class PanoramaStudy(PairStudy):
             self.progress.step(f"panorama {first}-{second}, instant {now}")
             measured = {
                 side: self._measure(now, later, shown)
-                for side, shown in zip(SIDES, (now, later), strict=True)
+                for side, shown in zip(CONDITIONS, (now, later), strict=True)
             }
             moving.append(measured["synced"].shares["mover_found"][1])
             tally.add(measured, {"instant": now, "offset_instant": later})
@@ -206,30 +206,30 @@ class PanoramaStudy(PairStudy):
             ),
             STILL_MARGIN_PX,
         )
-        return _misfit_of(overlap, moving, moving | other_moving, still)
+        return _misalignment_of(overlap, moving, moving | other_moving, still)
 
     def _pictures(self, now: int, later: int, out: Path) -> tuple[Picture, ...]:
         """Draw an instant's panorama, a close-up, and the overlap before the seam, in both conditions."""
         canvas = self.stitcher.projection.canvas
         drawn: dict[str, dict[str, Array]] = {}
-        for side, shown in zip(SIDES, (now, later), strict=True):
+        for side, shown in zip(CONDITIONS, (now, later), strict=True):
             layers = self._layers(now, shown)
             mean, count = average_layers(list(layers.values()), canvas)
-            part = trim_empty_sides(count > 0)
+            part = trim_empty_borders(count > 0)
             drawn[side] = {"panorama": self.stitcher.compose(layers)[part], "panorama_overlap": mean[part]}
-        means = [drawn[side]["panorama_overlap"].astype(np.float32) for side in SIDES]
+        means = [drawn[side]["panorama_overlap"].astype(np.float32) for side in CONDITIONS]
         changed = np.where(count[part] > 1, np.abs(means[0] - means[1]).mean(2), 0)
-        box = box_with_most(changed * (changed > FEWEST_GREY_LEVELS), 0.4)
+        box = box_of_max_weight(changed * (changed > MIN_GREY_LEVELS), 0.4)
         for one in drawn.values():
             one["panorama_closeup"] = enlarge_crop(one["panorama"], box)
             one["panorama_overlap"] = enlarge_crop(one["panorama_overlap"], box)
         return write_pictures(drawn, TEXTS, out)
 
 
-def _misfit_of(overlap: Overlap, moving: Array, moved: Array, still: Array) -> Measurements:
+def _misalignment_of(overlap: Overlap, moving: Array, moved: Array, still: Array) -> Measurements:
     """Return a panorama's measures, by masks of motion in the first, in either, and of the still control."""
     matched_overlap = overlap.with_brightness_matched(still)
-    found, difference = measure_misfit(matched_overlap), matched_overlap.difference
+    found, difference = measure_misalignment(matched_overlap), matched_overlap.difference
     measured = Measurements(medians={"overlap_misfit_px": known(found.length)})
     for kind, points, pixels in (("mover", moving, moved), ("static", still, still)):
         lengths = found.of(points)

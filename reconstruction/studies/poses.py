@@ -22,13 +22,13 @@ from reconstruction.report.study_report import MeasureText, StudyText
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.tally import Measurements, Tally
-from reconstruction.session.conditions import Condition, evenly_spread
+from reconstruction.session.conditions import Condition, evenly_spaced
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.instants import ShownInstant, fullest_instants, relative_offsets_ms
+from reconstruction.session.instants import ShownInstant, most_complete_instants, relative_offsets_ms
 
 TOLERANCE_DEG = 2.0
 HARMED = 0.1
-LARGE_MOVING_SHARE = 0.2
+LARGE_MOVING_FRACTION = 0.2
 """Moving fraction below which pose estimation rejects motion as outliers, even in delayed images."""
 MAX_INSTANTS = 5
 POSE_AXES = Axes(480, 220, 62, 10, 12, 48, (0, 0.5, 1), "camera pairs placed correctly, by instant")
@@ -327,7 +327,7 @@ class PoseStudy(ConditionStudy):
         asked, moving = self.options.poses, self.known.moving_share
         share = wording.share(moving, decimals=0)
         self.reason = "asked for" if asked else f"{share} of the picture moves"
-        if asked is None and moving < LARGE_MOVING_SHARE:
+        if asked is None and moving < LARGE_MOVING_FRACTION:
             return (
                 f"{share} of the picture moves, which pose estimation rejects as outliers, in late pictures "
                 "too (--poses measures it anyway)"
@@ -375,8 +375,8 @@ class PoseStudy(ConditionStudy):
     def _instants(self, condition: Condition) -> list[ShownInstant]:
         """Return evenly spaced instants at which every camera has its images."""
         cameras = self.cameras
-        found = fullest_instants(self.dataset, condition, cameras[0], cameras, fewest=len(cameras))
-        return evenly_spread(found, MAX_INSTANTS)
+        found = most_complete_instants(self.dataset, condition, cameras[0], cameras, fewest=len(cameras))
+        return evenly_spaced(found, MAX_INSTANTS)
 
     def _measure(self, finder: PoseFinder, shown: dict[str, int]) -> Measurements:
         """Return the number of placed cameras, and both errors of each pair."""

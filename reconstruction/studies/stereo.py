@@ -17,14 +17,14 @@ from reconstruction.common.drawing import (
     display_range,
     draw_rows,
     enlarge_crop,
-    mark_movers,
+    mark_moving,
     side_by_side,
 )
 from reconstruction.common.geometry import Array
 from reconstruction.compare.study import Context, Pair, PairStudy, PictureText, write_pictures
 from reconstruction.report import wording
 from reconstruction.report.findings import (
-    CLEAR_SHARE,
+    CLEAR_FRACTION,
     DEPTH_MEASURES,
     depth_sentence,
     late_text,
@@ -42,7 +42,7 @@ from reconstruction.report.study_report import (
 )
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import Picture, StudyResult
-from reconstruction.scores.tally import SIDES, Measurements, Tally, measure_depth
+from reconstruction.scores.tally import CONDITIONS, Measurements, Tally, measure_depth
 from reconstruction.scores.timing import found_shares
 from reconstruction.scores.truth import (
     TOLERANCE_TEXT,
@@ -94,7 +94,7 @@ def stereo_pictures(
     """Write pictures of the instant with the most moving pixels with depth into out/pictures."""
     one = max(instants, key=lambda i: int((i.moving & (i.maps["synced"].depth > 0)).sum()))
     photo = dataset.image(cameras[0], one.now)
-    drawn = {side: _draw(one, side, photo, dataset.image(cameras[1], one.shown(side))) for side in SIDES}
+    drawn = {side: _draw(one, side, photo, dataset.image(cameras[1], one.shown(side))) for side in CONDITIONS}
     return write_pictures(drawn, _texts(cameras, one.truth is not None), out)
 
 
@@ -132,7 +132,7 @@ def _draw(one: StereoInstant, side: str, photo: Array, other: Array) -> dict[str
     return {
         "stereo_late": other,
         "stereo_depth": coloured,
-        "stereo_movers": mark_movers(photo, one.moving, right),
+        "stereo_movers": mark_moving(photo, one.moving, right),
         "stereo_closeup": side_by_side(enlarge_crop(photo, box), enlarge_crop(coloured, box, smooth=False)),
         "stereo_pair": _draw_pair(one, photo, other),
     }
@@ -279,7 +279,7 @@ class StereoStudy(PairStudy):
             )
         equal = f"Things at rest are the control: they are measured equally well in both {values}"
         moving = found.first_known(*DEPTH_MEASURES)
-        if moving is None or moving[1] - moving[2] < CLEAR_SHARE:
+        if moving is None or moving[1] - moving[2] < CLEAR_FRACTION:
             return f"{equal}."
         return f"{equal}, so the difference on moving things comes from timing alone."
 
@@ -332,7 +332,7 @@ class StereoStudy(PairStudy):
         for one in instants:
             pixels = int(one.moving.sum())
             facts = {"instant": one.now, "offset_instant": one.later, "mover_pixels": pixels}
-            tally.add({side: self._measure(one, side) for side in SIDES}, facts)
+            tally.add({side: self._measure(one, side) for side in CONDITIONS}, facts)
         return StudyResult(
             name=self.text.name,
             cameras=self.cameras,
@@ -363,7 +363,7 @@ class StereoStudy(PairStudy):
             (
                 self.dataset.grey(reference, now),
                 self.dataset.grey(other, now),
-                self.motion.detected_movers(reference, now),
+                self.motion.detected_moving(reference, now),
             )
             for now in chosen
         ]

@@ -23,7 +23,7 @@ from reconstruction.session.conditions import Condition
 from reconstruction.session.instants import (
     ShownInstant,
     choose_moving_instants,
-    fullest_instants,
+    most_complete_instants,
     relative_offsets_ms,
 )
 from reconstruction.session.motion import dilate
@@ -319,7 +319,7 @@ class TriangulationStudy(ConditionStudy):
 
     def _instants(self, condition: Condition) -> list[ShownInstant]:
         """Return instants with motion at which most cameras have all their images."""
-        fullest = fullest_instants(self.dataset, condition, self.cameras[0], self.cameras, fewest=2)
+        fullest = most_complete_instants(self.dataset, condition, self.cameras[0], self.cameras, fewest=2)
         wanted = int(np.clip(MAX_PICTURES // (2 * len(fullest[0].shown) - 1), *INSTANT_LIMITS))
         first = list(fullest[0].shown)[:2]
         by_instant = {one.instant: one for one in fullest if one.shown.keys() >= set(first)}

@@ -22,16 +22,16 @@ from reconstruction.time_offsets.pair_geometry import (
 
 MATCH_PX = 0.5
 """Initial error of a match across its epipolar line; it is then estimated from the matches."""
-LEAST_MATCH_PX = 0.1
-LEAST_STILL_PX = 0.2
-LEAST_ACROSS_PX = 1.0
+MIN_MATCH_PX = 0.1
+MIN_STILL_PX = 0.2
+MIN_ACROSS_PX = 1.0
 """Points that move across their line by less than this in a frame period are ignored."""
 BIN_MS = 0.25
 NEAR_PX = 4.0
 """Matches farther than this from the offset with the most votes are outliers."""
-FARTHEST_STILL_PX = 6.0
+MAX_STILL_RESIDUAL_PX = 6.0
 """Matches of static points farther than this from their epipolar lines are outliers."""
-LEAST_VOTES = 6.0
+MIN_VOTES = 6.0
 """Minimum number of crossings that must agree."""
 DISTINCT = 1.6
 """Minimum ratio of agreeing crossings to those at any other offset; wrong matches vote for every offset."""
@@ -147,7 +147,7 @@ StillErrors = tuple[Array, Array]
 def still_errors(views: tuple[View, View], at_a: Array, at_b: Array) -> StillErrors:
     """Return the epipolar errors of static matches (n, 2) px, without outliers."""
     errors = epipolar_errors_px(*views, at_a, at_b) if len(at_a) else np.zeros(0)
-    near = np.abs(errors) < FARTHEST_STILL_PX
+    near = np.abs(errors) < MAX_STILL_RESIDUAL_PX
     if not near.any():
         return np.zeros(0), np.zeros((0, TERMS))
     return errors[near], geometry_terms(*views, at_a[near], at_b[near])
@@ -189,15 +189,15 @@ def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> Of
     A calibration error moves crossings by a distance, and so by a time that depends on how fast a point
     crosses its line. The error bar includes any part of the offset that such an error could explain.
     """
-    found = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > LEAST_ACROSS_PX)
-    if found.counts.sum() < LEAST_VOTES:
+    found = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > MIN_ACROSS_PX)
+    if found.counts.sum() < MIN_VOTES:
         return OffsetFit(
             reason="both cameras recognize too few moving points, or these move along their epipolar lines"
         )
     at_rest = _Fit(found.only(np.zeros(len(found.counts), bool)), still)
     seen = found.by(at_rest.geometry)
-    peak, votes, rival = _most_agreed(seen, period_ms)
-    if votes < LEAST_VOTES or votes < DISTINCT * rival:
+    peak, votes, rival = _best_offset(seen, period_ms)
+    if votes < MIN_VOTES or votes < DISTINCT * rival:
         return OffsetFit(reason="the points that move do not agree on one offset")
     misses = (seen.offset_ms - peak) * seen.across_px_per_ms
     near = (np.abs(misses) < NEAR_PX) & (np.abs(seen.offset_ms - peak) < period_ms)
@@ -211,7 +211,7 @@ def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> Of
     return OffsetFit(float(fit.values[0]), float(np.hypot(fit.sd_ms, SYSTEMATIC_MS)), "", instants, votes)
 
 
-def _most_agreed(found: Crossings, period_ms: float) -> tuple[float, float, float]:
+def _best_offset(found: Crossings, period_ms: float) -> tuple[float, float, float]:
     """Return the offset with the most votes (ms), its votes, and the most votes a period or more from it."""
     reach = float(np.abs(found.offset_ms).max()) + 1
     grid = np.arange(-reach, reach, BIN_MS)
@@ -254,8 +254,8 @@ class _Fit:
         for step in range(ROUNDS):
             miss = seen - rows @ self.values
             if step:
-                match_px = _spread(miss[:count], LEAST_MATCH_PX)
-            rest_px = _spread(miss[count:], LEAST_STILL_PX)
+                match_px = _spread(miss[:count], MIN_MATCH_PX)
+            rest_px = _spread(miss[count:], MIN_STILL_PX)
             sds = np.concatenate([np.full(count, match_px), np.full(len(seen) - count, rest_px)])
             weights = np.concatenate([moving.counts, np.ones(len(seen) - count)])
             weights = weights / sds**2 / (1 + (miss / (1.5 * sds)) ** 2)

@@ -23,41 +23,41 @@ BESIDE = 2
 """Images on each side of a change that show the states before and after it."""
 CLEAR = 6.0
 """Minimum ratio of a lamp's brightness change to the other changes of brightness."""
-LEAST_SHARE = 0.02
+MIN_FRACTION = 0.02
 """Minimum change of brightness by a lamp, as a fraction of the brightness."""
-LEAST_RISE = 8.0
+MIN_RISE = 8.0
 """Minimum difference of a pixel between dark and lit, in grey levels."""
 WHITE = 250
-LEAST_SD = 0.01
+MIN_SD = 0.01
 """Minimum error of a row's lit fraction, due to mains flicker, image compression and the like."""
 ROW_PIXELS = 12
 """Minimum number of pixels of a row that differ between dark and lit."""
 WIDTHS_MS = tuple(np.geomspace(0.4, 60.0, 28))
 BENDS = (0.55, 0.8, 1.1)
 """Exponents of the tone curve between dark and lit."""
-MOST_FITTED = 6
+MAX_FITTED = 6
 """Maximum number of edges used to fit the ramp; more hardly improve it."""
 FITTED_ROWS = 100
 COVERED = 0.5
 """Minimum fraction of an edge's ramp that must be covered by rows that were read out."""
-LEAST_ROWS = 6
+MIN_ROWS = 6
 MISFIT = 0.12
 STEPS = 61
 RAMP_ERROR = 0.015
 """Error of an edge from a different tone curve or flickering light, as a fraction of its ramp."""
 SHARED_ROWS = 8
 """Number of rows that share their errors: the height of a block in a compressed image."""
-REACH_MS = 300.0
+MAX_OFFSET_MS = 300.0
 """Maximum offset searched for."""
 NEAR_MS = 20.0
 """Maximum distance of edges that may be the same after an offset: the gap that images can hide."""
-LEAST_EDGES = 3
+MIN_EDGES = 3
 """Minimum number of common edges; with fewer the error bar is not reliable."""
 SLOW_MS = 15.0
 """Maximum rise time of a lamp beyond the exposure; a slower lamp has no edge."""
 TOLD_ROWS, UNTOLD_ROWS = 0.03, 0.3
 """Relative standard deviation of a row time that the session records, and of one that is assumed."""
-USUAL_READOUT = 0.7
+TYPICAL_READOUT = 0.7
 """Fraction of the period that a readout is assumed to take if no row time is recorded."""
 BEND_MS = 2.0
 """Standard deviation of the apparent delay of rising edges, and advance of falling ones."""
@@ -112,7 +112,7 @@ def _changes(brightness: Array) -> list[tuple[int, bool]]:
     size = np.abs(steps)
     # With a slow lamp most images change.
     usual = float(np.quantile(size, 0.2)) / 0.253
-    least = max(CLEAR * usual, LEAST_SHARE * float(np.median(brightness)), 0.5)
+    least = max(CLEAR * usual, MIN_FRACTION * float(np.median(brightness)), 0.5)
     large = size > least
     found: list[tuple[int, bool]] = []
     for k in np.flatnonzero(large):
@@ -140,7 +140,7 @@ def _edge(
     )
     dark, bright = (before, after) if rising else (after, before)
     rise = bright - dark
-    told = (rise > LEAST_RISE) & (bright < WHITE)
+    told = (rise > MIN_RISE) & (bright < WHITE)
     shares = [_lit_rows(dataset.grey(camera, k), dark, rise, told) for k in images]
     lit, sd = (np.stack(of) for of in zip(*shares, strict=True))
     return BlinkEdge(rising, tuple(images), lit, sd)
@@ -157,7 +157,7 @@ def _lit_rows(image: Array, dark: Array, rise: Array, told: Array) -> tuple[Arra
             usual = np.nanmedian(np.where(told, miss, np.nan), axis=1)
             kept = np.where(told & (miss < 3 * 1.4826 * usual[:, None] + 1), rise, 0)
             lit = (kept * over).sum(1) / (kept * rise).sum(1)
-        sd = np.hypot(LEAST_SD, (1.4826 * usual + 1) / np.sqrt((kept * rise).sum(1)))
+        sd = np.hypot(MIN_SD, (1.4826 * usual + 1) / np.sqrt((kept * rise).sum(1)))
     shown = (kept > 0).sum(1) >= ROW_PIXELS
     return np.where(shown, lit, np.nan), np.where(shown, sd, np.nan)
 
@@ -194,7 +194,7 @@ def rough_time(edge: BlinkEdge, times: Array) -> float | None:
     `times` are the rows' times, in the shape of `edge.lit`. A falling edge is split the other way round.
     """
     known = np.isfinite(edge.lit)
-    if known.sum() < LEAST_ROWS:
+    if known.sum() < MIN_ROWS:
         return None
     order = np.argsort(times[known])
     lit = np.clip(edge.lit[known][order], 0, 1)
@@ -207,9 +207,9 @@ def rough_time(edge: BlinkEdge, times: Array) -> float | None:
 
 
 def fit_ramp(edges: Sequence[BlinkEdge], rows: RowTimes) -> Ramp | None:
-    """Fit one ramp to at most `MOST_FITTED` edges; None if no edge shows enough rows."""
+    """Fit one ramp to at most `MAX_FITTED` edges; None if no edge shows enough rows."""
     chosen = [edge for edge in edges if rough_time(edge, rows.of(edge)) is not None]
-    chosen = [chosen[int(k)] for k in np.linspace(0, len(chosen) - 1, min(MOST_FITTED, len(chosen)))]
+    chosen = [chosen[int(k)] for k in np.linspace(0, len(chosen) - 1, min(MAX_FITTED, len(chosen)))]
     if not chosen:
         return None
     thinned = []
@@ -247,7 +247,7 @@ def find_edge_time(edge: BlinkEdge, rows: RowTimes, ramp: Ramp) -> EdgeTime | No
     part = (times - at) / width_ms + 0.5
     inside = known & (part > 0) & (part < 1)
     covered = np.unique(np.floor(part[inside] * 20)).size / 20
-    if inside.sum() < LEAST_ROWS or covered < COVERED:
+    if inside.sum() < MIN_ROWS or covered < COVERED:
         return None
     miss = (_shape(part, bend, edge.rising) - edge.lit)[inside]
     misfit = float(np.sqrt(np.mean(np.clip(miss, -0.4, 0.4) ** 2)))
@@ -318,17 +318,17 @@ def measure_light_offsets(dataset: Dataset, reference: str | None = None) -> dic
     """
     seen = {name: see_lamp(dataset, name) for name in dataset.cameras}
     first = reference or max(seen, key=lambda name: len(seen[name].exact))
-    if len(seen[first].exact) < LEAST_EDGES:
+    if len(seen[first].exact) < MIN_EDGES:
         blinks = f"the lamp tells nothing of {first}: {seen[first].reason}"
         return {name: CameraTime(reason=of.reason or blinks) for name, of in seen.items()}
     edges = {}
     for name, of in seen.items():
         numbers = _same_edges(seen[first], of)
         exact = {numbers[k]: one for k, one in of.exact.items() if k in numbers}
-        if len(exact.keys() & seen[first].exact.keys()) >= LEAST_EDGES:
+        if len(exact.keys() & seen[first].exact.keys()) >= MIN_EDGES:
             edges[name] = exact
     solved = _solve(first, edges, seen) if len(edges) > 1 else {}
-    few = f"it shares fewer than {LEAST_EDGES} of the lamp's edges with {first}"
+    few = f"it shares fewer than {MIN_EDGES} of the lamp's edges with {first}"
     return {name: solved.get(name) or CameraTime(reason=of.reason or few) for name, of in seen.items()}
 
 
@@ -357,8 +357,8 @@ def see_lamp(dataset: Dataset, camera: str) -> SeenLamp:
     if ramp[0] > exposure_ms + SLOW_MS:
         return replace(seen, reason=f"the lamp takes about {ramp[0]:.0f} ms to light up: it has no edge")
     exact = {k: at for k, (edge, _) in enumerate(known) if (at := find_edge_time(edge, rows, ramp))}
-    few = f"{len(exact)} of the lamp's edges fall onto its rows, and it takes {LEAST_EDGES}"
-    return replace(seen, exact=exact, reason="" if len(exact) >= LEAST_EDGES else few)
+    few = f"{len(exact)} of the lamp's edges fall onto its rows, and it takes {MIN_EDGES}"
+    return replace(seen, exact=exact, reason="" if len(exact) >= MIN_EDGES else few)
 
 
 def _row_times(dataset: Dataset, camera: str) -> tuple[RowTimes, bool]:
@@ -372,7 +372,7 @@ def _row_times(dataset: Dataset, camera: str) -> tuple[RowTimes, bool]:
         told_ms = (record.facts.row_time_ns or 0) / 1e6
         starts = {k: (rows.middle_ns(0) - epoch_ns) / 1e6 for k, rows in known.items()}
         return RowTimes(starts, told_ms * record.facts.height / height), True
-    row_ms: float = USUAL_READOUT * dataset.period_ns / 1e6 / height
+    row_ms: float = TYPICAL_READOUT * dataset.period_ns / 1e6 / height
     starts = {k: (image.leader_ns - epoch_ns) / 1e6 - row_ms * height / 2 for k, image in images.items()}
     return RowTimes(starts, row_ms), False
 
@@ -385,7 +385,7 @@ def _same_edges(reference: SeenLamp, other: SeenLamp) -> dict[int, int]:
     gaps = other.rough_ms[:, None] - reference.rough_ms[None]
     alike = other.rising[:, None] == reference.rising[None]
     chosen: dict[int, int] = {}
-    for lag in sorted(gaps[alike & (np.abs(gaps) < REACH_MS)], key=abs):
+    for lag in sorted(gaps[alike & (np.abs(gaps) < MAX_OFFSET_MS)], key=abs):
         away = np.where(alike, np.abs(gaps - lag), np.inf)
         near = {int(k): int(away[k].argmin()) for k in np.flatnonzero(away.min(1) < NEAR_MS)}
         if len(near) > len(chosen):

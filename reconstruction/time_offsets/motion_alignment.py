@@ -20,17 +20,17 @@ SIDE_PX = 160
 """Longer side to which images are reduced; only the amount of change matters."""
 STEPS = 3.0
 """Resampling steps per frame period."""
-LEAST_OVERLAP_S = 1.0
+MIN_OVERLAP_S = 1.0
 CANDIDATES = 8
 APART_STEPS = 4
 
 
 Activity = tuple[Array, Array]
 """Times (n,) ms, and the motion in view of a camera: mean change of a pixel in 1 ms, grey levels."""
-REACH_FRAMES = 2.5
+MAX_ERROR_FRAMES = 2.5
 """Maximum error of a rough offset, in frame periods."""
 TRIAL_INSTANTS = 8
-MOST_INSTANTS = 60
+MAX_INSTANTS = 60
 DISTINCT = 1.5
 """Minimum ratio of the correct offset's agreeing crossings to those of any other offset."""
 
@@ -65,7 +65,7 @@ def rough_offsets_ms(first: Activity, second: Activity, period_ms: float) -> Seq
         np.interp(np.arange(times_ms[0], times_ms[-1], step), times_ms, _logarithm(change))
         for times_ms, change in (first, second)
     )
-    least = max(round(LEAST_OVERLAP_S * 1e3 / step), min(len(a), len(b)) // 3)
+    least = max(round(MIN_OVERLAP_S * 1e3 / step), min(len(a), len(b)) // 3)
     lags = np.arange(-(len(b) - least), len(a) - least + 1)
     fits = np.array([_correlation(a, b, int(lag)) for lag in lags])
     chosen: list[float] = []
@@ -119,7 +119,7 @@ class MotionAlignment:
         rough = self._rough(first, second)
         if isinstance(rough, str):
             return CameraTimes(reason=rough)
-        fit = self.offsets.measure(first, second, MOST_INSTANTS, rough=rough)
+        fit = self.offsets.measure(first, second, MAX_INSTANTS, rough=rough)
         if fit.offset_ms is None:
             return CameraTimes(reason=fit.reason)
         return self._line(first, second, fit)
@@ -127,7 +127,7 @@ class MotionAlignment:
     def _rough(self, first: str, second: str) -> RoughOffset | str:
         """Return the candidate offset on which most points agree, or the reason why there is none."""
         period_ms = self.dataset.period_ns / 1e6
-        reach_ms = REACH_FRAMES * period_ms
+        reach_ms = MAX_ERROR_FRAMES * period_ms
         tried: list[tuple[float, float]] = []
         reason = "how much moves before them is alike at no offset"
         for offset_ms in rough_offsets_ms(self._activity(first), self._activity(second), period_ms):

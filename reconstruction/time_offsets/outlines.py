@@ -7,13 +7,13 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 
-LEAST_AREA_PX = 20.0
-MOST_SHARE = 0.02
+MIN_AREA_PX = 20.0
+MAX_FRACTION = 0.02
 """Maximum area, as a fraction of the image; larger objects have corners, and parts that move separately."""
-MOST_ASPECT = 2.0
-LEAST_SOLID = 0.8
+MAX_ASPECT = 2.0
+MIN_SOLID = 0.8
 """Minimum fraction of its convex hull that an object fills."""
-MOST_THINGS = 4
+MAX_THINGS = 4
 """Maximum number of objects per image; the largest are used."""
 GROWTH = 1.5
 """Maximum ratio of an object's areas in two successive images."""
@@ -61,10 +61,10 @@ def find_outlines(image: Array, background: Array, movers: Array) -> Outlines:
     for k in largest:
         left, top, wide, high, area = (int(value) for value in stats[k])
         whole = min(left, top, width - left - wide, height - top - high) >= EDGE_PX
-        compact = max(wide, high) < MOST_ASPECT * min(wide, high)
-        if area < LEAST_AREA_PX or len(found) == MOST_THINGS:
+        compact = max(wide, high) < MAX_ASPECT * min(wide, high)
+        if area < MIN_AREA_PX or len(found) == MAX_THINGS:
             break
-        if area > MOST_SHARE * image.size or not whole or not compact:
+        if area > MAX_FRACTION * image.size or not whole or not compact:
             continue
         part = np.s_[top - EDGE_PX : top + high + EDGE_PX, left - EDGE_PX : left + wide + EDGE_PX]
         mask = labels[part] == k
@@ -77,7 +77,7 @@ def find_outlines(image: Array, background: Array, movers: Array) -> Outlines:
 def _solid(mask: Array) -> bool:
     outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
     hull = cv2.convexHull(np.concatenate(outlines))
-    return float(mask.sum()) > LEAST_SOLID * cv2.contourArea(hull)
+    return float(mask.sum()) > MIN_SOLID * cv2.contourArea(hull)
 
 
 def _measured(difference: Array, mask: Array, corner: tuple[int, int]) -> tuple[Array, float]:

@@ -13,7 +13,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.point_tracking import track_there_and_back
 from reconstruction.pairs import match_at_rest, match_descriptors
 from reconstruction.session.camera_motion import CameraMotion, measure_camera_motion
-from reconstruction.session.conditions import evenly_spread
+from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.instants import choose_moving_instants
 from reconstruction.time_offsets.crossings import (
@@ -38,9 +38,9 @@ MATCH_RATIO = 0.8
 """Maximum ratio of a match's distance to the second best's."""
 LEVELS = 4
 """Levels of the image pyramid for tracking."""
-REACH_MS = 300.0
+MAX_OFFSET_MS = 300.0
 """Maximum offset searched for."""
-FARTHEST_PERIODS = 2.5
+MAX_TRACK_PERIODS = 2.5
 """Maximum time between images for tracking, in frame periods."""
 STILL_INSTANTS = 9
 """Number of instants, spread over the session, at which static points are matched."""
@@ -116,9 +116,9 @@ class PairOffsets:
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
         self.dataset = rig.dataset
-        self.reach_ms = min(REACH_MS, MAX_FRAMES * self.dataset.period_ns / 1e6)
+        self.reach_ms = min(MAX_OFFSET_MS, MAX_FRAMES * self.dataset.period_ns / 1e6)
         least, most = INSTANTS
-        self.most_instants = min(most, max(least, IMAGES // len(self.dataset.cameras)))
+        self.max_instants = min(most, max(least, IMAGES // len(self.dataset.cameras)))
         self._points = lru_cache(maxsize=None)(self._find_points)
         self._outlines = lru_cache(maxsize=None)(self._find_outlines)
         self._stays = lru_cache(maxsize=None)(self._find_staying)
@@ -153,9 +153,9 @@ class PairOffsets:
             low, high = min(others.values(), default=0.0), max(others.values(), default=0.0)
             cameras = (first,)
             asked = [k for k in self.dataset.instants(first) if low <= times.at_ms(first, k) <= high]
-        limit = limit or self.most_instants
+        limit = limit or self.max_instants
         if all_moves or not asked:
-            asked = evenly_spread(asked, limit)
+            asked = evenly_spaced(asked, limit)
         else:
             asked = choose_moving_instants(self.rig.motion, cameras, asked, limit)
         found = [
@@ -206,7 +206,7 @@ class PairOffsets:
             other = next((k for k in near if data.has_image(camera, k)), None)
             if other is not None:
                 apart_ns = data.record(camera, other).leader_ns - data.record(camera, instant).leader_ns
-                if abs(apart_ns) > FARTHEST_PERIODS * data.period_ns:
+                if abs(apart_ns) > MAX_TRACK_PERIODS * data.period_ns:
                     other = None
             found.append(other)
         return found[0], found[1]
@@ -218,20 +218,20 @@ class PairOffsets:
         )
         image, movers = data.grey(camera, instant), None
         if not all_moves:
-            movers = self.rig.motion.widened_movers(camera, instant)
+            movers = self.rig.motion.widened_moving(camera, instant)
         return find_moving_points(
             image, np.ones(image.shape, bool) if movers is None else movers, before, after
         )
 
     def _find_outlines(self, camera: str, instant: int) -> Outlines:
         motion = self.rig.motion
-        movers = motion.widened_movers(camera, instant)
+        movers = motion.widened_moving(camera, instant)
         return find_outlines(self.dataset.grey(camera, instant), motion.background(camera), movers)
 
     def _still_matches(self, first: str, second: str, instants: int) -> tuple[Array, Array]:
         """Return matched static points, (n, 2) px in each camera, from the given number of instants."""
         found = [(np.zeros((0, 2)), np.zeros((0, 2)))]
-        some = evenly_spread(self.dataset.instants(first, second), instants) if instants else []
+        some = evenly_spaced(self.dataset.instants(first, second), instants) if instants else []
         for place, k in enumerate(some):
             a, b = (self.rig.features(k)[name] for name in (first, second))
             of_a, of_b = match_at_rest(a, b)

@@ -10,8 +10,8 @@ from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.console.terminal import Progress
 from capture_app.session.format.common_times import REFERENCE, CameraTimes
 from capture_app.session.importing.realigning import realign_session
-from reconstruction.calibration.kept import settle_calibration
 from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.stored import choose_calibration
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.lamp import NO_LAMP, measure_light_offsets
@@ -45,7 +45,7 @@ def measure_times(session: Path, reference: str | None = None, *, apply: bool = 
     dataset.require_cameras(2, "an offset is one of two cameras")
     if reference is not None:
         dataset.session.camera(reference)
-    settle_calibration(dataset)
+    choose_calibration(dataset)
     alone = bool(dataset.unsynchronized)
     if apply and not alone:
         raise NotApplicableError(

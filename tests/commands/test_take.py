@@ -16,7 +16,7 @@ from capture_app.protocol.status import BurstStatus
 from capture_app.rig.taking import Failed, Progress, Saved, TakePlan
 from tests.tui.fake_rig import FakeRig, make_node, show_motion
 from tests.tui.shoot.studio import saves_into
-from tests.waiting import patience, until
+from tests.waiting import time_limit, until
 
 
 @pytest.fixture
@@ -29,7 +29,7 @@ def rig(tmp_path: Path) -> FakeRig:
 
 async def run(rig: FakeRig, *, detach: bool = False, **plan: Any) -> list[Progress | Saved | Failed]:
     ended: list[Progress | Saved | Failed] = []
-    async with patience(f"the end of {plan}"):
+    async with time_limit(f"the end of {plan}"):
         await take(rig, TakePlan(**plan), ended, silent=False, detach=detach)
     return ended
 
@@ -127,7 +127,7 @@ def test_few_missing_frames_are_said_and_no_failure(capsys: pytest.CaptureFixtur
     assert "1 of 900 frames missing" in capsys.readouterr().err
 
 
-@pytest.mark.parametrize(("received", "most_missing_pct"), [(890, 1.0), (899, 0.0), (0, 99.0)])
-def test_more_than_was_asked_for_is_incomplete(received: int, most_missing_pct: float) -> None:
+@pytest.mark.parametrize(("received", "max_missing_pct"), [(890, 1.0), (899, 0.0), (0, 99.0)])
+def test_more_than_was_asked_for_is_incomplete(received: int, max_missing_pct: float) -> None:
     with pytest.raises(IncompleteError, match="incomplete"):
-        require_whole(saved(received), most_missing_pct)
+        require_whole(saved(received), max_missing_pct)

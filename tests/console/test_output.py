@@ -12,10 +12,10 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.console.output import MOST_BYTES, PatientOutput
+from capture_app.console.output import MAX_BYTES, PatientOutput
 
 ROOT = Path(__file__).resolve().parents[1]
-PATIENCE_S = 60.0
+TIMEOUT_S = 60.0
 TALKER = """
 import asyncio, logging, sys, click
 from capture_app.commands.options import run_until_stopped
@@ -56,7 +56,7 @@ def started(tmp_path: Path, *arguments: str) -> subprocess.Popen[bytes]:
 
 
 def until_there(path: Path) -> None:
-    ends_s = time.monotonic() + PATIENCE_S
+    ends_s = time.monotonic() + TIMEOUT_S
     while not path.exists():
         assert time.monotonic() < ends_s, f"waited for {path}"
         time.sleep(0.02)
@@ -64,7 +64,7 @@ def until_there(path: Path) -> None:
 
 def test_what_is_read_comes_whole_and_in_its_order(tmp_path: Path) -> None:
     process = started(tmp_path, "90")
-    out, err = process.communicate(timeout=PATIENCE_S)
+    out, err = process.communicate(timeout=TIMEOUT_S)
     assert [json.loads(line)["number"] for line in out.splitlines()] == list(range(90))
     assert err.count(b"line ") == 90
     assert process.returncode == 0
@@ -78,7 +78,7 @@ def test_a_process_whose_output_nobody_reads_goes_on_and_ends_by_a_signal(
     process = started(tmp_path, "20000", *options)
     until_there(tmp_path / "done")
     process.send_signal(signal.SIGTERM)
-    assert process.wait(PATIENCE_S) == 130
+    assert process.wait(TIMEOUT_S) == 130
     assert process.stdout is not None
     assert process.stderr is not None
     process.stdout.close()
@@ -117,7 +117,7 @@ def test_what_was_left_out_is_said_when_reading_goes_on(tmp_path: Path) -> None:
 
 def test_writes_after_a_gap_follow_its_notice(pipe: tuple[int, int]) -> None:
     reading, writing = pipe
-    output = PatientOutput(writing, most_bytes=1 << 14)
+    output = PatientOutput(writing, max_bytes=1 << 14)
     line = b"y" * 999 + b"\n"
     for _ in range(200):
         output.write(line)
@@ -125,7 +125,7 @@ def test_writes_after_a_gap_follow_its_notice(pipe: tuple[int, int]) -> None:
     while b"left out" not in read:
         read += os.read(reading, 1 << 16)
     output.write(b"and on\n")
-    output.finish(PATIENCE_S)
+    output.finish(TIMEOUT_S)
     read += os.read(reading, 1 << 16)
     *before, notice, last = read.splitlines()
     assert (last, before) == (b"and on", [line[:-1]] * len(before))
@@ -134,9 +134,9 @@ def test_writes_after_a_gap_follow_its_notice(pipe: tuple[int, int]) -> None:
 
 def test_a_line_that_is_larger_than_the_queue_is_written(pipe: tuple[int, int]) -> None:
     reading, writing = pipe
-    output = PatientOutput(writing, most_bytes=10)
-    output.write(b"z" * (MOST_BYTES // 8))
-    assert len(os.read(reading, MOST_BYTES)) > 10
+    output = PatientOutput(writing, max_bytes=10)
+    output.write(b"z" * (MAX_BYTES // 8))
+    assert len(os.read(reading, MAX_BYTES)) > 10
 
 
 def test_a_reader_that_has_left_is_told_as_an_error(pipe: tuple[int, int]) -> None:
@@ -144,7 +144,7 @@ def test_a_reader_that_has_left_is_told_as_an_error(pipe: tuple[int, int]) -> No
     os.close(reading)
     output = PatientOutput(writing)
     output.write(b"to nobody\n")
-    output.finish(PATIENCE_S)
+    output.finish(TIMEOUT_S)
     with pytest.raises(BrokenPipeError):
         output.write(b"more\n")
     os.close(writing)

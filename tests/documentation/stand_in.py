@@ -20,7 +20,7 @@ from pathlib import Path
 MODULES = {"capture-app": "capture_app.cli", "reconstruct": "reconstruction.cli"}
 CAMERA = "sim:perfect,scene=bars"
 CAMERA_NAMES = {"cam01": "perfect", "cam02": "perfect-2"}
-PATIENCE_S = 300
+TIMEOUT_S = 300
 SHORTER: dict[tuple[str, ...], tuple[str, ...]] = {
     ("compare",): ("--max-instants=2", "--max-multiview-instants=0"),
     ("tolerance",): ("--max-instants=2", "--max-offset-ms=34"),
@@ -127,7 +127,7 @@ def interrupt_when_it_speaks(command: Sequence[str]) -> int:
     process = subprocess.Popen(
         command, stdin=subprocess.DEVNULL, stdout=subprocess.PIPE, stderr=subprocess.STDOUT
     )
-    watchdog = threading.Timer(PATIENCE_S, process.kill)
+    watchdog = threading.Timer(TIMEOUT_S, process.kill)
     watchdog.start()
     assert process.stdout is not None
     print(process.stdout.readline().decode(), end="", file=sys.stderr)
@@ -145,7 +145,7 @@ def look_at_screen(command: Sequence[str]) -> int:
     fcntl.ioctl(theirs, termios.TIOCSWINSZ, struct.pack("HHHH", 40, 120, 0, 0))
     process = subprocess.Popen(command, stdin=theirs, stdout=theirs, stderr=theirs, start_new_session=True)
     os.close(theirs)
-    watchdog = threading.Timer(PATIENCE_S, process.kill)
+    watchdog = threading.Timer(TIMEOUT_S, process.kill)
     watchdog.start()
     seen = b""
     try:

@@ -11,9 +11,9 @@ from typing import Any
 
 import pytest
 
-from tests.waiting import SLOW_PATIENCE_S, patience
+from tests.waiting import SLOW_PATIENCE_S, time_limit
 
-PATIENCE_S = SLOW_PATIENCE_S
+TIMEOUT_S = SLOW_PATIENCE_S
 """Only what hangs takes so long: a busy machine is slow, and nothing here judges how fast it is."""
 
 
@@ -23,31 +23,31 @@ class Command:
     def __init__(self, process: asyncio.subprocess.Process) -> None:
         self.process = process
         self.said: list[str] = []
-        self._news = asyncio.Condition()
+        self._event_log = asyncio.Condition()
         self._reading = asyncio.create_task(self._read())
 
     async def says(self, text: str, *, after: int = 0) -> str:
         """Wait for a line with that text, the `after`-th of all lines or later, and return it."""
-        async with patience(lambda: f"{text!r}; it has said {self.said}", PATIENCE_S), self._news:
+        async with time_limit(lambda: f"{text!r}; it has said {self.said}", TIMEOUT_S), self._event_log:
             while True:
                 for line in self.said[after:]:
                     if text in line:
                         return line
                 if self._reading.done():
                     raise AssertionError(f"it ended without {text!r}: {self.said}")
-                await self._news.wait()
+                await self._event_log.wait()
 
     async def next_json(self) -> dict[str, Any]:
         """Return the next line of stdout."""
         assert self.process.stdout is not None
-        async with patience(lambda: f"a line of JSON; it has said {self.said}", PATIENCE_S):
+        async with time_limit(lambda: f"a line of JSON; it has said {self.said}", TIMEOUT_S):
             line: dict[str, Any] = json.loads(await self.process.stdout.readline())
             return line
 
     async def finish(self) -> str:
         """Wait for its end and return what it printed on stdout."""
         assert self.process.stdout is not None
-        async with patience(lambda: f"its end; it has said {self.said}", PATIENCE_S):
+        async with time_limit(lambda: f"its end; it has said {self.said}", TIMEOUT_S):
             printed = await self.process.stdout.read()
             await self.process.wait()
             await self._reading
@@ -65,7 +65,7 @@ class Command:
         await self.finish()
         return await self.process.wait()
 
-    async def put_away(self) -> None:
+    async def evict(self) -> None:
         """Leave nothing running."""
         with suppress(ProcessLookupError):
             self.process.kill()
@@ -74,11 +74,11 @@ class Command:
     async def _read(self) -> None:
         assert self.process.stderr is not None
         async for raw in self.process.stderr:
-            async with self._news:
+            async with self._event_log:
                 self.said.append(raw.decode().rstrip())
-                self._news.notify_all()
-        async with self._news:
-            self._news.notify_all()
+                self._event_log.notify_all()
+        async with self._event_log:
+            self._event_log.notify_all()
 
 
 Start = Callable[..., Awaitable[Command]]
@@ -105,4 +105,4 @@ async def start(tmp_path: Path) -> AsyncIterator[Start]:
         return command
 
     yield start_command
-    await asyncio.gather(*(command.put_away() for command in running))
+    await asyncio.gather(*(command.evict() for command in running))

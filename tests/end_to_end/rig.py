@@ -7,8 +7,8 @@ from pathlib import Path
 from typing import Any
 
 from capture_app.common.errors import ExitCode
-from tests.end_to_end.conftest import PATIENCE_S, Command, Start
-from tests.waiting import SLOW_PATIENCE_S, patience, until
+from tests.end_to_end.conftest import TIMEOUT_S, Command, Start
+from tests.waiting import SLOW_PATIENCE_S, time_limit, until
 
 
 async def lead(
@@ -42,11 +42,9 @@ async def output(command: "Command") -> str:
 
 async def burst(start: Start, leader: str, *options: str) -> dict[str, Any]:
     """Take bursts until one is whole: on a starved machine a node falls silent for as long as a lost one."""
-    async with patience(f"a whole burst ({' '.join(options)})", PATIENCE_S):
+    async with time_limit(f"a whole burst ({' '.join(options)})", TIMEOUT_S):
         while True:
-            command = await start(
-                "burst", "--leader", leader, "--wait-s", str(PATIENCE_S), "--json", *options
-            )
+            command = await start("burst", "--leader", leader, "--wait-s", str(TIMEOUT_S), "--json", *options)
             printed = await command.finish()
             assert command.process.returncode in (ExitCode.OK, ExitCode.INCOMPLETE), command.said
             if command.process.returncode == ExitCode.OK:

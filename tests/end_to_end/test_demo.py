@@ -13,7 +13,7 @@ from capture_app.session.files.durable import free_name
 from capture_app.session.reading.verify import verify
 from tests.end_to_end.processes import children_of, is_running
 
-from .conftest import PATIENCE_S
+from .conftest import TIMEOUT_S
 
 PARENT = """
 import asyncio, signal
@@ -73,7 +73,7 @@ async def test_nodes_end_with_the_process_that_started_them(how: signal.Signals)
         sys.executable, "-c", PARENT, stdout=asyncio.subprocess.PIPE, stderr=asyncio.subprocess.DEVNULL
     )
     assert parent.stdout is not None
-    async with asyncio.timeout(PATIENCE_S):
+    async with asyncio.timeout(TIMEOUT_S):
         assert await parent.stdout.readline() == b"ready\n"
         pids = children_of(parent.pid)
         assert len(pids) == 2

@@ -14,7 +14,7 @@ import pytest
 from capture_app.common.errors import ExitCode
 from tests.end_to_end.processes import children_of, is_running
 
-from .conftest import PATIENCE_S
+from .conftest import TIMEOUT_S
 
 ROOT = Path(__file__).resolve().parents[2]
 BEGUN = re.compile(r"injections|depth of cam00")
@@ -40,7 +40,7 @@ def test_one_interrupt_ends_it(command: str, tmp_path: Path) -> None:
             env={**os.environ, "PYTHONPATH": str(ROOT)},
         )  # fmt: skip
     try:
-        until = time.monotonic() + PATIENCE_S
+        until = time.monotonic() + TIMEOUT_S
         workers: list[int] = []
         while time.monotonic() < until and process.poll() is None:
             workers = [pid for pid in children_of(process.pid) if is_running(pid)]
@@ -49,7 +49,7 @@ def test_one_interrupt_ends_it(command: str, tmp_path: Path) -> None:
             time.sleep(0.05)
         assert process.poll() is None, said.read_text()
         os.killpg(process.pid, signal.SIGINT)
-        assert process.wait(PATIENCE_S) == ExitCode.INTERRUPTED
+        assert process.wait(TIMEOUT_S) == ExitCode.INTERRUPTED
         assert "Traceback" not in said.read_text()
         while any(is_running(pid) for pid in workers):
             assert time.monotonic() < until, "a worker is left behind"

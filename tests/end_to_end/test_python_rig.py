@@ -9,7 +9,7 @@ import pytest
 from capture_app import AsyncRig, Rig
 from capture_app.common.errors import BadInputError, IncompleteError, NetworkError, NotAvailableError
 from capture_app.rig.process import list_rigs
-from tests.waiting import patience, until
+from tests.waiting import time_limit, until
 
 
 @pytest.mark.slow
@@ -58,7 +58,7 @@ async def test_a_killed_script_leaves_no_rig_behind(tmp_path: Path) -> None:
     )
     owner = await asyncio.create_subprocess_exec(sys.executable, "-c", script, stdout=asyncio.subprocess.PIPE)
     assert owner.stdout is not None
-    async with patience("the script's rig"):
+    async with time_limit("the script's rig"):
         assert await owner.stdout.readline()
     assert len(list_rigs()) == 1
     owner.kill()

@@ -14,7 +14,7 @@ from capture_app.session.reading.verify import verify
 from tests.end_to_end.rig import lead, output
 from tests.waiting import SLOW_PATIENCE_S, until
 
-from .conftest import PATIENCE_S, Command, Start
+from .conftest import TIMEOUT_S, Command, Start
 
 
 async def rig_of_two(start: Start, folder: Path) -> tuple[Command, str]:
@@ -31,9 +31,9 @@ async def rig_of_two(start: Start, folder: Path) -> tuple[Command, str]:
 
 async def take(start: Start, *command: str) -> Session:
     """Take something whole: a starved machine's simulated drivers drop what nobody fetches in time."""
-    async with asyncio.timeout(PATIENCE_S):
+    async with asyncio.timeout(TIMEOUT_S):
         while True:
-            running = await start(*command, "--wait-s", str(PATIENCE_S), "--min-nodes", "2", "--json")
+            running = await start(*command, "--wait-s", str(TIMEOUT_S), "--min-nodes", "2", "--json")
             printed = await running.finish()
             assert running.process.returncode in (ExitCode.OK, ExitCode.INCOMPLETE), running.said
             done: dict[str, Any] = json.loads(printed)

@@ -11,14 +11,14 @@ from capture_app.session.reading.verify import verify
 from tests.end_to_end.rig import burst, join, join_ready, lead, lines_of, output
 from tests.waiting import until
 
-from .conftest import PATIENCE_S, Start
+from .conftest import TIMEOUT_S, Start
 
 
 @pytest.mark.slow
 async def test_a_leader_killed_in_a_burst_finishes_it_at_the_next_start(start: Start, tmp_path: Path) -> None:
     leader, address = await lead(start, tmp_path / "sessions")
     await join_ready(start, address, "a", "b")
-    asking = await start("burst", "--leader", address, "--wait-s", str(PATIENCE_S), "--frames", "12")
+    asking = await start("burst", "--leader", address, "--wait-s", str(TIMEOUT_S), "--frames", "12")
     session = tmp_path / "sessions" / "burst-001"
     await lines_of(session / JOURNAL, 2)
     await leader.kill()
@@ -44,7 +44,7 @@ async def test_what_a_killed_node_had_spooled_is_fetched_when_it_is_started_agai
 ) -> None:
     leader, address = await lead(start, tmp_path / "sessions")
     (node,) = await join_ready(start, address, "a")
-    asking = await start("burst", "--leader", address, "--wait-s", str(PATIENCE_S), "--frames", "20")
+    asking = await start("burst", "--leader", address, "--wait-s", str(TIMEOUT_S), "--frames", "20")
     session = tmp_path / "sessions" / "burst-001"
     await lines_of(session / JOURNAL, 1)
     await leader.kill()
@@ -54,7 +54,7 @@ async def test_what_a_killed_node_had_spooled_is_fetched_when_it_is_started_agai
     await lines_of(spooled / JOURNAL, 20)
     await node.kill()
 
-    options = ("--wait-s", str(PATIENCE_S), "--listen", address, "--json")
+    options = ("--wait-s", str(TIMEOUT_S), "--listen", address, "--json")
     command = await start("sessions", "repair", str(session), *options)
     await join(start, "a", address)
     repaired = json.loads(await output(command))["sessions"]

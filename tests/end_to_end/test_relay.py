@@ -17,7 +17,7 @@ from capture_app.session.reading.verify import verify
 from tests.end_to_end.rig import join, lead, lines_of, output
 from tests.waiting import until
 
-from .conftest import PATIENCE_S, Command, Start
+from .conftest import TIMEOUT_S, Command, Start
 
 LOST_TIME_NS = 1_000_000_000
 """A synchronized clock is never off by so much, however busy the machine; others here are, by hours."""
@@ -28,8 +28,8 @@ async def ask(address: str, **wanted: Any) -> BurstStatus:
 
     On a starved machine a node falls silent for as long as a lost one, and the first is not whole.
     """
-    request = BurstRequest(wait_ready_s=PATIENCE_S, **wanted)
-    async with asyncio.timeout(PATIENCE_S):
+    request = BurstRequest(wait_ready_s=TIMEOUT_S, **wanted)
+    async with asyncio.timeout(TIMEOUT_S):
         while True:
             done = [status async for status in ask_burst(parse_address(address), request)][-1]
             if done.received == done.expected:
@@ -87,7 +87,7 @@ async def test_nodes_below_a_relay_are_part_of_the_rig_even_when_it_is_killed(
     }
     # What the relay cannot know, its nodes cannot either; but each tells of its own moment, and bounds grow
     # by the age of the newest message.
-    async with asyncio.timeout(PATIENCE_S):
+    async with asyncio.timeout(TIMEOUT_S):
         while True:
             bounds = [seen[name].hard_bound_ns or 0 for name in ("hall", "far1", "far2")]
             if 0 < bounds[0] < min(bounds[1:]):

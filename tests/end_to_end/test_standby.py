@@ -16,7 +16,7 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.end_to_end.rig import join
 
-from .conftest import PATIENCE_S, Command, Start
+from .conftest import TIMEOUT_S, Command, Start
 
 CAMERAS = 3
 TAKE_OVER_NS = 50_000_000
@@ -41,8 +41,8 @@ async def ranked(start: Start, at: str, leaders: list[str], sessions: Path) -> C
 
 async def take(leaders: list[str]) -> BurstStatus:
     """Take bursts of whoever leads until one is whole: on a starved machine one that lives seems gone."""
-    request = BurstRequest(frames=3, wait_ready_s=PATIENCE_S, nodes=CAMERAS)
-    async with asyncio.timeout(PATIENCE_S):
+    request = BurstRequest(frames=3, wait_ready_s=TIMEOUT_S, nodes=CAMERAS)
+    async with asyncio.timeout(TIMEOUT_S):
         while True:
             for leader in leaders:
                 with suppress(SimulshotError):

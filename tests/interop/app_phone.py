@@ -162,11 +162,11 @@ class StandInPhone:
             self._trigger_ns = None
 
     def _try_to_align(self, now_ns: int, phase_ns: int) -> None:
-        wanted_ns = GOAL_PHASE_NS - phase_ns
-        if abs(wanted_ns) < ALIGNED_NS:
+        target_ns = GOAL_PHASE_NS - phase_ns
+        if abs(target_ns) < ALIGNED_NS:
             self._tries_left = 0
             return
-        shift_ns = wanted_ns % PERIOD_NS
+        shift_ns = target_ns % PERIOD_NS
         exposure_ns = max(MIN_EXPOSURE_NS, PERIOD_NS + shift_ns // 2 - OVERHEAD_NS)
         self._sensor.inject(exposure_ns, self._clock.true_from_local(now_ns))
         self._tries_left -= 1

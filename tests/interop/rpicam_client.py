@@ -14,12 +14,12 @@ class RpicamClient:
     """A camera with whole rows; its wall clock is true, its stamp the end of the first row's exposure."""
 
     def __init__(self, seed: int, *, ppm: float, start_true_ns: int) -> None:
-        profile = replace(PROFILES["pi"], drop_share=0.0, outlier_share=0.0)
+        profile = replace(PROFILES["pi"], drop_fraction=0.0, outlier_fraction=0.0)
         self.sensor = Sensor(profile, random.Random(seed), period_error_ppm=ppm)
         self.sensor.start(start_true_ns)
         self.frames: list[SensorFrame] = []
         self.ready_us: int | None = None
-        self._usual_ns = profile.period_ns
+        self._typical_ns = profile.period_ns
         self._packet = b""
 
     def receive(self, packet: bytes) -> None:
@@ -41,4 +41,4 @@ class RpicamClient:
         early = own - periods * duration - server
         self.ready_us = ready
         if abs(early) >= DEAD_BAND_US:
-            self.sensor.set_frame_duration(self._usual_ns - early * 1000, frame.readout_end_true_ns)
+            self.sensor.set_frame_duration(self._typical_ns - early * 1000, frame.readout_end_true_ns)

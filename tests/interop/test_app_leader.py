@@ -15,7 +15,7 @@ from capture_app.interop.app_protocol import (
     decode_call,
     encode_call,
 )
-from capture_app.protocol.news import FollowerNews
+from capture_app.protocol.log import FollowerEvent
 from tests.interop.stand_ins import PhoneRig, S
 
 TARGET_NS = 100_000
@@ -80,7 +80,7 @@ def test_what_happens_to_a_phone_is_told() -> None:
     assert 0 < int(known[1]) * 1000 < TARGET_NS
     rig.take_away(rig.phones[0])
     rig.run(8.0)
-    assert rig.leader.next_event() == FollowerNews("phone0", "lost phone phone0: it has gone silent", True)
+    assert rig.leader.next_event() == FollowerEvent("phone0", "lost phone phone0: it has gone silent", True)
     (lost,) = rig.leader.statuses(rig.now_ns)
     assert (lost.state, lost.name) == ("lost", "phone0")
     assert not rig.says_synced(rig.phones[0])

@@ -16,8 +16,8 @@ from capture_app.common.errors import BadInputError, NetworkError
 from capture_app.interop.app_phones import AppPhones
 from capture_app.interop.app_protocol import CALL_PORT, PERIOD_NS
 from capture_app.node.burst.burst_session import BurstSession
+from capture_app.protocol.log import Log
 from capture_app.protocol.messages import BurstRequest
-from capture_app.protocol.news import Log
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.sync.rig.frame_selection import Burst

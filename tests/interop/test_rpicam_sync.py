@@ -13,11 +13,11 @@ from capture_app.interop.rpicam import PACKET, RpicamSync
 from capture_app.node.leader.followers import SharedGrid
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.protocol.news import Log
+from capture_app.protocol.log import Log
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_grid import FrameGrid
 from tests.node.joining import joined
-from tests.waiting import PATIENCE_S, patience
+from tests.waiting import TIMEOUT_S, time_limit
 
 S = 1_000_000_000
 
@@ -44,7 +44,7 @@ def pi() -> Iterator[socket.socket]:
 
 async def heard(pi: socket.socket) -> tuple[int, int]:
     """Duration of a frame, and the wall clock's time of one, in ns, by the next packet."""
-    async with patience("the next packet"):
+    async with time_limit("the next packet"):
         packet = await asyncio.get_running_loop().sock_recv(pi, 100)
     duration_us, _, frame_us, _, _ = PACKET.unpack(packet)
     return duration_us * 1000, frame_us * 1000
@@ -73,7 +73,7 @@ async def test_a_leader_sends_its_grid_in_the_wall_clock(
         leader_ns = frame_ns - wall_ns(0)
         assert duration_ns == 33_328_000
         assert abs(FrameGrid(5, 33_328_000).phase_error(leader_ns)) < 100_000
-        assert abs(leader_ns - time.monotonic_ns()) < PATIENCE_S * S
+        assert abs(leader_ns - time.monotonic_ns()) < TIMEOUT_S * S
 
 
 async def test_a_relay_sends_the_roots_grid_in_its_own_wall_clock(pi: socket.socket) -> None:

@@ -4,7 +4,7 @@ import asyncio
 import sys
 
 from capture_app.common.address import parse_address
-from capture_app.net.reach import find_obstacle
+from capture_app.net.reachability import find_obstacle
 
 
 async def ask_all(leaders: list[str]) -> None:

@@ -10,11 +10,11 @@ import pytest
 
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError
-from capture_app.net.channel import MAX_PAYLOAD_BYTES, Channel, Patience, connect
+from capture_app.net.channel import MAX_PAYLOAD_BYTES, Channel, StreamTimeouts, connect
 from tests.net.echoes import PING, Ping, Pong, echo, serving
 
 MESSAGE = struct.pack(">4sIQ", b"SSH1", len(PING), 0) + PING
-IMPATIENT = Patience(first_s=0.3, idle_s=0.3, message_s=0.3, header_bytes=100)
+IMPATIENT = StreamTimeouts(first_s=0.3, idle_s=0.3, message_s=0.3, header_bytes=100)
 
 
 async def is_closed(reader: asyncio.StreamReader) -> bool:
@@ -36,7 +36,7 @@ async def is_closed(reader: asyncio.StreamReader) -> bool:
     ],
 )
 async def test_who_keeps_a_stream_and_says_nothing_loses_it(sent: bytes) -> None:
-    async with serving(echo, patience=IMPATIENT) as address:
+    async with serving(echo, stream_timeouts=IMPATIENT) as address:
         reader, writer = await asyncio.open_connection(*address)
         writer.write(sent)
         assert await is_closed(reader)
@@ -54,9 +54,9 @@ async def test_who_takes_nothing_in_loses_its_stream() -> None:
         finally:
             ended.set()
 
-    patience = Patience(first_s=60.0, message_s=0.3)
+    stream_timeouts = StreamTimeouts(first_s=60.0, message_s=0.3)
     async with (
-        serving(tell_for_ever, patience=patience) as address,
+        serving(tell_for_ever, stream_timeouts=stream_timeouts) as address,
         await connect(address, Pong) as channel,
     ):
         await channel.send(Ping(1))
@@ -72,9 +72,9 @@ async def test_who_takes_nothing_in_keeps_no_room() -> None:
             await channel.send(Pong(1), bytes(1 << 20))
         await channel.send(Pong(2))
 
-    patience = Patience(first_s=60.0, message_s=0.3)
+    stream_timeouts = StreamTimeouts(first_s=60.0, message_s=0.3)
     async with (
-        serving(tell_for_ever, patience=patience, most=1) as address,
+        serving(tell_for_ever, stream_timeouts=stream_timeouts, most=1) as address,
         await connect(address, Pong) as stuck,
     ):
         await stuck.send(Ping(1))
@@ -94,9 +94,9 @@ async def test_a_stream_that_is_closed_is_not_kept_for_what_nobody_takes_in() ->
         else:
             await channel.send(Pong(2))
 
-    patience = Patience(first_s=60.0, message_s=0.5)
+    stream_timeouts = StreamTimeouts(first_s=60.0, message_s=0.5)
     async with (
-        serving(leave_unsent, patience=patience, most=1) as address,
+        serving(leave_unsent, stream_timeouts=stream_timeouts, most=1) as address,
         await connect(address, Pong) as stuck,
     ):
         await stuck.send(Ping(1))
@@ -116,7 +116,7 @@ async def test_a_slow_peer_gets_all_of_a_long_message() -> None:
         await channel.send(Pong(1), bytes(size))
         is_sent = True
 
-    async with serving(tell, patience=Patience(first_s=60.0, message_s=2.5)) as address:
+    async with serving(tell, stream_timeouts=StreamTimeouts(first_s=60.0, message_s=2.5)) as address:
         with socket.socket() as slow:
             slow.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 16)
             slow.connect(tuple(address))
@@ -150,8 +150,11 @@ async def test_who_is_told_things_may_be_silent() -> None:
         channel.allow_silence()
         await echo(channel)
 
-    patience = Patience(first_s=60.0, idle_s=0.3)
-    async with serving(watch, patience=patience) as address, await connect(address, Pong) as channel:
+    stream_timeouts = StreamTimeouts(first_s=60.0, idle_s=0.3)
+    async with (
+        serving(watch, stream_timeouts=stream_timeouts) as address,
+        await connect(address, Pong) as channel,
+    ):
         for number in range(2):
             await channel.send(Ping(number))
             assert await channel.receive() == (Pong(number), b"")
@@ -160,7 +163,7 @@ async def test_who_is_told_things_may_be_silent() -> None:
 
 async def test_idle_streams_make_room_and_those_that_speak_stay() -> None:
     async with (
-        serving(watch_and_echo, patience=Patience(first_s=600.0), most_of_one_address=4) as address,
+        serving(watch_and_echo, stream_timeouts=StreamTimeouts(first_s=600.0), max_per_address=4) as address,
         await connect(address, Pong) as friend,
     ):
         await friend.send(Ping(1))
@@ -189,7 +192,7 @@ async def trust_and_echo(channel: Channel[Ping]) -> None:
 
 async def test_streams_that_go_on_without_being_known_make_room_too() -> None:
     async with (
-        serving(watch_and_echo, patience=Patience(first_s=600.0), most=2) as address,
+        serving(watch_and_echo, stream_timeouts=StreamTimeouts(first_s=600.0), most=2) as address,
         await connect(address, Pong) as oldest,
         await connect(address, Pong) as other,
     ):

@@ -25,7 +25,7 @@ from capture_app.sync.wire.messages import (
 from capture_app.trust.keys import LeaderKeys
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts
-from tests.waiting import patience
+from tests.waiting import time_limit
 
 HELLO_EVERY_S = 0.3
 
@@ -42,7 +42,7 @@ async def joined(leader: Address, *nodes: tuple[str, int], trust: Trust | None =
         for node, here in zip(nodes, present, strict=True)
     ]
     try:
-        async with patience(f"{nodes} to have joined"):
+        async with time_limit(f"{nodes} to have joined"):
             for here in present:
                 await here.wait()
         yield

@@ -22,7 +22,7 @@ from capture_app.protocol.permissions import SENDERS
 from capture_app.protocol.status import NodeDetail, Preview
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, image_path
-from capture_app.sync.clock.clock_filter import KnownWay
+from capture_app.sync.clock.clock_filter import PathAsymmetry
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts
 from tests.waiting import until
@@ -46,7 +46,7 @@ def every_message(node: SealedNode) -> list[Any]:
         wire.StatusRequest(),
         wire.BurstRequest(frames=1),
         orders.WatchRequest(),
-        orders.PreviewsWanted(width=100, fps=1.0),
+        orders.PreviewRequest(width=100, fps=1.0),
         orders.PreviewSeen(camera="cam"),
         orders.DetailRequest(camera="cam"),
         orders.AddCamera(spec="sim:pi"),
@@ -60,13 +60,13 @@ def every_message(node: SealedNode) -> list[Any]:
         orders.ControlsAnswer(camera="cam", state=CameraControls()),
         orders.ExposeAppPhones(exposure_ns=1, iso=100),
         wire.NodeStream(camera="cam", instance=node.instance, shows=True),
-        orders.Vitals(fps=1.0),
-        orders.KeepStamp(camera="cam", stamp=EXACT_STAMPS, way=KnownWay(1, 2, 3)),
-        orders.StampKept(camera="cam", kept=True),
+        orders.CameraHealth(fps=1.0),
+        orders.SaveStamp(camera="cam", stamp=EXACT_STAMPS, way=PathAsymmetry(1, 2, 3)),
+        orders.StampSaved(camera="cam", kept=True),
         Preview(camera="cam", leader_ns=0, width=1, height=1),
         NodeDetail(camera="cam"),
         pairing.EnrolRequest(certificate=b"none"),
-        pairing.PairingWord(certificate=b"none", name="x", share=b""),
+        pairing.PairingMessage(certificate=b"none", name="x", share=b""),
         pairing.PairingProof(proof=b""),
         pairing.Invite(role=Role.OPERATOR),
         pairing.SpeaksFor(pin="x", name="x", roles=(Role.OPERATOR,)),
@@ -85,11 +85,11 @@ async def leader(tmp_path: Path, trust: Trust) -> AsyncIterator[LeaderNode]:
         yield node
 
 
-async def answer(leader: LeaderNode, trust: Trust, message: Any, *, as_stranger: bool = False) -> Any:
+async def answer(leader: LeaderNode, trust: Trust, message: Any, *, as_unknown: bool = False) -> Any:
     """What a leader answers to one message on a stream of its own; None where it breaks the stream off."""
     try:
         async with await connect(
-            leader.own_address, FromLeader, trust=trust, as_stranger=as_stranger
+            leader.own_address, FromLeader, trust=trust, as_unknown=as_unknown
         ) as channel:
             await channel.send(message)
             async with asyncio.timeout(60):
@@ -117,7 +117,7 @@ async def test_no_message_of_who_may_not_send_it_changes_anything(
         await until(lambda: node.time.is_member)
         before, refused = state(leader, trust, tmp_path / "sessions"), 0
         for message in every_message(node) * 2:
-            said = await answer(leader, other, message, as_stranger=role is None)
+            said = await answer(leader, other, message, as_unknown=role is None)
             assert said is None or isinstance(said, wire.Refusal), message
             refused += isinstance(said, wire.Refusal)
             assert state(leader, trust, tmp_path / "sessions") == before, message

@@ -4,8 +4,8 @@ from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
-from capture_app.node.camera.device_profiles import FILE, MOST_LATENCIES, DeviceProfiles
-from capture_app.sync.clock.clock_filter import KnownWay
+from capture_app.node.camera.device_profiles import FILE, MAX_LATENCIES, DeviceProfiles
+from capture_app.sync.clock.clock_filter import PathAsymmetry
 from capture_app.sync.phase.actuators import InjectionProfile
 from tests.facts import make_facts
 
@@ -53,7 +53,7 @@ def test_start_latencies_are_kept_beside_what_long_frames_do(tmp_path: Path) -> 
     assert profiles.start_latencies_ns(camera()) == ()
     profiles.save_injection(camera(), PROFILE)
     assert profiles.save_start_latencies(camera(), tuple(range(100)))
-    assert profiles.start_latencies_ns(camera()) == tuple(range(100 - MOST_LATENCIES, 100))
+    assert profiles.start_latencies_ns(camera()) == tuple(range(100 - MAX_LATENCIES, 100))
     assert profiles.injection_profile(camera()) == PROFILE
     assert profiles.start_latencies_ns(camera(model="Other")) == ()
 
@@ -75,10 +75,10 @@ def test_a_folder_that_cannot_be_written_is_no_failure(tmp_path: Path) -> None:
 
 
 def test_a_measured_link_is_known_by_its_camera_and_leader(tmp_path: Path) -> None:
-    way = KnownWay(150_000, 40_000, 1_200_000)
+    way = PathAsymmetry(150_000, 40_000, 1_200_000)
     profiles = DeviceProfiles(tmp_path)
     assert profiles.way("a", "192.168.1.2") is None
-    assert profiles.save_way("a", "192.168.1.2", way)
+    assert profiles.save_asymmetry("a", "192.168.1.2", way)
     again = DeviceProfiles(tmp_path)
     assert again.way("a", "192.168.1.2") == way
     assert again.way("b", "192.168.1.2") is None

@@ -5,7 +5,7 @@ import socket
 
 from capture_app.common.address import Address
 from capture_app.node.join_watch import UNANSWERED, JoinWatch
-from capture_app.protocol.news import Log
+from capture_app.protocol.log import Log
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from tests.waiting import until

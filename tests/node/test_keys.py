@@ -13,8 +13,8 @@ from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.pairing import Enrolment
 from capture_app.node.relay import RelayNode, RelayOptions
+from capture_app.protocol.log import Log
 from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest, Refusal
-from capture_app.protocol.news import Log
 from capture_app.sync.wire.codec import decode, encode
 from capture_app.sync.wire.messages import Goodbye, Hello, JoinRefusal
 from capture_app.trust.trust import Peer, Trust

@@ -13,15 +13,15 @@ from capture_app.common.errors import DiskFullError, NetworkError
 from capture_app.common.node_state import NodeState
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import MAX_HEADER_BYTES, connect
-from capture_app.net.server import MOST_OF_ONE_MACHINE
+from capture_app.net.server import MAX_STREAMS_PER_MACHINE
 from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.snapshots import MOST_OF_A_PAGE
+from capture_app.node.leader.snapshots import MAX_PER_PAGE
 from capture_app.protocol import messages as wire
 from capture_app.protocol import orders
 from capture_app.protocol.messages import BurstRequest, FromLeader, NodeStream, SpoolSpace, StatusAnswer
 from capture_app.rig.link import ask_status
 from capture_app.sync.rig.orders import BurstOrder
-from capture_app.sync.rig.roster import MOST_OF_ONE
+from capture_app.sync.rig.roster import MAX_CAMERAS_PER_MACHINE
 from capture_app.sync.wire.codec import encode
 from capture_app.sync.wire.messages import Heartbeat, Hello, Report
 from capture_app.sync.wire.principal import Principal
@@ -89,33 +89,33 @@ async def test_one_machine_has_so_many_names_and_others_still_join(
 ) -> None:
     """It took 10,500 in 37 s, and nobody could be let in."""
     join_many(leader, "pin-of-one", [f"made-up-{n}" for n in range(3000)])
-    assert len(leader.status().nodes) == MOST_OF_ONE
+    assert len(leader.status().nodes) == MAX_CAMERAS_PER_MACHINE
     assert isinstance(await say_hello(leader.own_address, introduced(tmp_path, trust, "x"), *OWN), object)
     assert "mine" in {node.name for node in leader.status().nodes}
     # What it leaves goes first when it comes under further names: it keeps to its share.
     await until(lambda: all(node.state is NodeState.LOST for node in leader.status().nodes))
     join_many(leader, "pin-of-one", [f"later-{n}" for n in range(300)])
     nodes = leader.status().nodes
-    assert len(nodes) == MOST_OF_ONE + 1
-    assert sum(node.name.startswith("later") for node in nodes) == MOST_OF_ONE
+    assert len(nodes) == MAX_CAMERAS_PER_MACHINE + 1
+    assert sum(node.name.startswith("later") for node in nodes) == MAX_CAMERAS_PER_MACHINE
 
 
 async def test_the_status_of_a_large_rig_comes_in_pages_and_fits_a_message(
     trust: Trust, leader: LeaderNode
 ) -> None:
     for machine in range(10):
-        names = [f"cam-{machine}-{n:03d}-{'n' * 40}" for n in range(MOST_OF_ONE)]
+        names = [f"cam-{machine}-{n:03d}-{'n' * 40}" for n in range(MAX_CAMERAS_PER_MACHINE)]
         join_many(leader, f"pin-{machine}", names)
     async with await connect(leader.own_address, FromLeader, trust=trust) as channel:
         answer = await ask(channel, wire.StatusRequest())
         assert isinstance(answer, StatusAnswer)
         assert len(msgspec.json.encode(answer)) < MAX_HEADER_BYTES // 2
-        assert (len(answer.rig.nodes), answer.rig.further) == (MOST_OF_A_PAGE, 1000 - MOST_OF_A_PAGE)
-        assert answer.rig.message == f"and {1000 - MOST_OF_A_PAGE} more nodes, not listed here: 750 ready"
+        assert (len(answer.rig.nodes), answer.rig.further) == (MAX_PER_PAGE, 1000 - MAX_PER_PAGE)
+        assert answer.rig.message == f"and {1000 - MAX_PER_PAGE} more nodes, not listed here: 750 ready"
         await channel.send(orders.WatchRequest())
         told = await channel.receive_header()
         assert isinstance(told, StatusAnswer)
-        assert told.rig.further == 1000 - MOST_OF_A_PAGE
+        assert told.rig.further == 1000 - MAX_PER_PAGE
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(Trust, "of_user", classmethod(lambda _: trust))
         rig = await ask_status(leader.own_address)
@@ -132,7 +132,7 @@ async def test_streams_of_one_machine_leave_room_for_operators_and_others(
     loop = asyncio.get_running_loop()
     async with AsyncExitStack() as stack, joined(leader.own_address, OWN, trust=machine):
         kept = 0
-        for _ in range(MOST_OF_ONE_MACHINE + 40):
+        for _ in range(MAX_STREAMS_PER_MACHINE + 40):
             try:
                 channel = await stack.enter_async_context(
                     await connect(leader.own_address, FromLeader, trust=machine)
@@ -166,7 +166,7 @@ async def test_pictures_that_nobody_wants_take_no_memory(
             watching = await connect(leader.own_address, FromLeader, trust=operator)
             await stack.enter_async_context(watching)
             await watching.send(orders.WatchRequest())
-            await watching.send(orders.PreviewsWanted(width=160, fps=1.0))
+            await watching.send(orders.PreviewRequest(width=160, fps=1.0))
         before = memory_bytes()
         where = str(tmp_path / "machine"), str(leader.own_address.port)
         process = await asyncio.create_subprocess_exec(sys.executable, "-c", SENDER, *where)

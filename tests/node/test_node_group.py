@@ -9,7 +9,7 @@ import pytest
 from capture_app.common.errors import BadInputError, CameraError, SimulshotError
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.node_group import run_nodes
-from capture_app.protocol.news import Log
+from capture_app.protocol.log import Log
 from tests.waiting import until
 
 

@@ -12,7 +12,7 @@ from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import connect
-from capture_app.node.burst import camera_share
+from capture_app.node.burst import camera_delivery
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.relay import RelayNode, RelayOptions
@@ -74,7 +74,7 @@ async def field(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch, below_relay: bool, restarted: bool
 ) -> AsyncIterator[Field]:
     # Nothing comes from the camera: were it given up meanwhile, the state would change without any message.
-    monkeypatch.setattr(camera_share, "CAMERA_DISCONNECTED_NS", FOREVER_NS)
+    monkeypatch.setattr(camera_delivery, "CAMERA_DISCONNECTED_NS", FOREVER_NS)
     trust, relay = Trust(tmp_path / "leader"), Trust(tmp_path / "relay")
     home = relay if below_relay else trust
     owner, thief = (introduced(tmp_path, home, name) for name in ("owner", "thief"))

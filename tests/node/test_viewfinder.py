@@ -20,16 +20,16 @@ from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.protocol.messages import FromLeader, NodeStream
 from capture_app.protocol.orders import (
+    CameraHealth,
     DetailRequest,
+    PreviewRequest,
     PreviewSeen,
-    PreviewsWanted,
-    Vitals,
 )
 from capture_app.protocol.status import NodeDetail, Preview
 from capture_app.rig.link import RigLink, Update
 from tests.node.camera.controlled_camera import ControlledCamera, ShownNode
 from tests.node.joining import joined
-from tests.waiting import patience
+from tests.waiting import time_limit
 
 pytestmark = pytest.mark.usefixtures("open_rig")
 
@@ -89,7 +89,7 @@ async def previews(link: RigLink) -> AsyncGenerator[Preview, None]:
 
 
 async def first(updates: AsyncIterator[Update], kind: type[Any]) -> Any:
-    async with patience(f"a {kind.__name__}"):
+    async with time_limit(f"a {kind.__name__}"):
         async for update in updates:
             if isinstance(update, kind):
                 return update
@@ -97,7 +97,7 @@ async def first(updates: AsyncIterator[Update], kind: type[Any]) -> Any:
 
 
 async def receive(channel: Channel[Any], kind: type[Any]) -> Any:
-    async with patience(f"a {kind.__name__}"):
+    async with time_limit(f"a {kind.__name__}"):
         while (message := await channel.receive_header()) is not None:
             if isinstance(message, kind):
                 return message
@@ -112,7 +112,7 @@ async def test_a_preview_goes_from_the_newest_frame_to_the_operator(leader: Lead
         node.see(0)
         picture = node.see(1, level=200)
         await link.want_previews(cameras=("a",), width=40, fps=10)
-        async with patience("the updates that follow"):
+        async with time_limit("the updates that follow"):
             preview = await anext(previews(link))
         assert (preview.camera, preview.width, preview.height) == ("a", 40, 30)
         assert preview.leader_ns == 920_000_007
@@ -140,7 +140,7 @@ async def test_nothing_is_drawn_while_nobody_looks_or_a_burst_is_sent(leader: Le
         assert not coming.done()
         assert [picture.asked for picture in seen] == [[]] * 6, "no picture is made while it is busy"
         node.is_busy = False
-        async with patience("the updates that follow"):
+        async with time_limit("the updates that follow"):
             await coming
     finally:
         running.cancel()
@@ -153,15 +153,15 @@ async def test_the_next_preview_waits_until_the_last_was_seen(leader: LeaderNode
         await updates.want_previews(cameras=None, width=64, fps=5)
         showing = previews(updates)
         coming = asyncio.ensure_future(anext(showing))
-        assert (await receive(node, PreviewsWanted)).fps == 5
+        assert (await receive(node, PreviewRequest)).fps == 5
         for number in range(3):
             await node.send(Preview(camera="a", leader_ns=number, width=1, height=1), b"jpeg")
             await receive(node, PreviewSeen)
         # The leader takes what comes and keeps the newest.
-        async with patience("the updates that follow"):
+        async with time_limit("the updates that follow"):
             assert (await coming).leader_ns in (0, 1, 2)
         await showing.aclose()
-        assert (await receive(node, PreviewsWanted)).fps == 0, "nobody looks any more"
+        assert (await receive(node, PreviewRequest)).fps == 0, "nobody looks any more"
 
 
 async def test_a_node_is_asked_for_what_all_operators_together_want(leader: LeaderNode) -> None:
@@ -170,16 +170,16 @@ async def test_a_node_is_asked_for_what_all_operators_together_want(leader: Lead
         small, large = RigLink(leader.own_address), RigLink(leader.own_address)
         await small.want_previews(cameras=None, width=64, fps=4)
         watching = [asyncio.ensure_future(first(link.updates(), Preview)) for link in (small, large)]
-        assert (await receive(node, PreviewsWanted)).width == 64
+        assert (await receive(node, PreviewRequest)).width == 64
         while True:
             # Once it is connected this goes over its stream.
             await large.want_previews(cameras=("a",), width=640, fps=1)
-            wanted = await receive(node, PreviewsWanted)
+            wanted = await receive(node, PreviewRequest)
             if wanted.width == 640:
                 break
         assert wanted.fps == 4
         await large.want_previews(cameras=("b",), width=640, fps=1)
-        assert (await receive(node, PreviewsWanted)).width == 64
+        assert (await receive(node, PreviewRequest)).width == 64
         for task in watching:
             task.cancel()
 
@@ -190,11 +190,11 @@ async def test_details_that_do_not_come_are_an_error(leader: LeaderNode) -> None
         await link.ask(OF_A, NodeDetail)
     async with await connect(leader.own_address, FromLeader) as node:
         await node.send(NodeStream(camera="a", instance=NODE, shows=True))
-        await node.send(Vitals(fps=30.0))
+        await node.send(CameraHealth(fps=30.0))
         asked = [asyncio.ensure_future(link.ask(OF_A, NodeDetail)) for _ in range(2)]
         await receive(node, DetailRequest)
         await node.send(NodeDetail(camera="a", spool="/spool"))
-        async with patience("the updates that follow"):
+        async with time_limit("the updates that follow"):
             assert [(await one).spool for one in asked] == ["/spool", "/spool"]
         gone = asyncio.ensure_future(link.ask(OF_A, NodeDetail))
         await receive(node, DetailRequest)
@@ -209,22 +209,22 @@ async def test_a_silent_node_is_told_to_all_who_ask(
     monkeypatch.setattr(viewfinders, "NODE_ANSWER_TIMEOUT_S", 0.5)
     async with await connect(leader.own_address, FromLeader) as node:
         await node.send(NodeStream(camera="a", instance=NODE, shows=True))
-        await node.send(Vitals(fps=30.0))
+        await node.send(CameraHealth(fps=30.0))
         first_one = asyncio.ensure_future(RigLink(leader.own_address).ask(OF_A, NodeDetail))
         await receive(node, DetailRequest)
         await asyncio.sleep(0.2)
         second_one = asyncio.ensure_future(RigLink(leader.own_address).ask(OF_A, NodeDetail))
-        async with patience("both answers"):
+        async with time_limit("both answers"):
             told = await asyncio.gather(first_one, second_one, return_exceptions=True)
         assert [type(one) for one in told] == [IncompleteError, IncompleteError]
 
 
 def test_how_a_camera_runs_is_told_from_its_latest_frames() -> None:
     node = Node()
-    assert node.viewfinder.vitals == Vitals()
+    assert node.viewfinder.health == CameraHealth()
     for number in range(6):
         node.see(number)
-    assert node.viewfinder.vitals == Vitals(fps=50.0, exposure_ns=4_000, gain=2.0)
+    assert node.viewfinder.health == CameraHealth(fps=50.0, exposure_ns=4_000, gain=2.0)
 
 
 def test_a_picture_that_cannot_be_read_is_no_preview() -> None:

@@ -34,7 +34,7 @@ async def ask(channel: Channel[Any], message: Any, *payload: bytes) -> Any:
 
 
 async def say_hello(
-    leader: Address, trust: Trust, name: str, instance: int, *, patience_s: float = 5.0
+    leader: Address, trust: Trust, name: str, instance: int, *, silence_s: float = 5.0
 ) -> Welcome | JoinRefusal | None:
     """Ask to join under a name, with a key for it, and confirm where that is granted; None for no answer."""
     loop = asyncio.get_running_loop()
@@ -45,7 +45,7 @@ async def say_hello(
         return None
     keys.hold(leader, answer.grant)
     with client_socket(socket.AF_INET) as sock:
-        ends_s = loop.time() + patience_s
+        ends_s = loop.time() + silence_s
         while loop.time() < ends_s:
             data = keys.seal(encode(Hello(name, instance, make_facts())), leader)
             await loop.sock_sendto(sock, data or b"", tuple(leader))

@@ -19,7 +19,7 @@ from capture_app.phones.gateway import PhoneGateway
 from capture_app.protocol.messages import BurstRequest
 from capture_app.session.reading.reader import Session
 from tests.phones.stand_in import StandInPhone
-from tests.waiting import SLOW_PATIENCE_S, patience, until
+from tests.waiting import SLOW_PATIENCE_S, time_limit, until
 
 
 @dataclass
@@ -72,21 +72,21 @@ async def serving(folder: Path, size: tuple[int, int] = (320, 240)) -> AsyncGene
 
 async def ready(place: Place, *names: str) -> None:
     def all_are_ready() -> bool:
-        return all(place.state(name) in (NodeState.READY, NodeState.COARSE) for name in names)
+        return all(place.state(name) in (NodeState.READY, NodeState.DEGRADED) for name in names)
 
     await until(all_are_ready, seconds=SLOW_PATIENCE_S)
 
 
 async def measured(place: Place, name: str) -> None:
     """Wait until a phone is in the rig, its clock known; a browser's fake camera may never be even."""
-    known = (NodeState.ALIGNING, NodeState.READY, NodeState.COARSE)
+    known = (NodeState.ALIGNING, NodeState.READY, NodeState.DEGRADED)
     await until(lambda: place.state(name) in known, seconds=SLOW_PATIENCE_S)
 
 
 async def burst(place: Place, frames: int, *, wait_ready_s: float = SLOW_PATIENCE_S) -> Session:
     """Take bursts until one is whole: on a starved machine frames come too late."""
     request = BurstRequest(frames=frames, wait_ready_s=wait_ready_s)
-    async with patience(f"a whole burst of {frames} frames", SLOW_PATIENCE_S):
+    async with time_limit(f"a whole burst of {frames} frames", SLOW_PATIENCE_S):
         while True:
             told = [status async for status in place.leader.bursts.take(request)]
             assert told[-1].session, told[-1].message

@@ -73,7 +73,7 @@ class StandInPhone:
     async def open_camera(self) -> None:
         opened = {"type": "opened", "width": WIDTH, "height": HEIGHT, "frame_rate": 30.0, "label": "back"}
         await self._socket.send_str(json.dumps(opened))
-        await self._tell_exposure()
+        await self._update_exposure()
         self._tasks.append(asyncio.create_task(self._shoot()))
 
     async def say(self, **message: Any) -> None:
@@ -111,7 +111,7 @@ class StandInPhone:
                 problem = "" if said["value"] != 1e9 else "the browser refuses it"
                 if not problem:
                     self.exposure_us = said["value"] or 33_000.0
-                await self._tell_exposure(answers=said["number"], problem=problem)
+                await self._update_exposure(answers=said["number"], problem=problem)
             elif said["type"] == "restart":
                 self.restarts.append(said["at_us"])
                 self._stream += 1
@@ -123,7 +123,7 @@ class StandInPhone:
                     struct.pack("<BI", kind, said["id"]) + self._ring.get(said["id"], b"")
                 )
 
-    async def _tell_exposure(self, **answer: Any) -> None:
+    async def _update_exposure(self, **answer: Any) -> None:
         exposure = {"control": "exposure", "unit": "µs", "value": self.exposure_us, "least": 100, "most": 2e9}
         await self.say(type="controls", controls=[{**exposure, "can_be_automatic": True}], **answer)
 

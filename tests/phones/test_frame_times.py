@@ -5,17 +5,17 @@ import random
 import pytest
 
 from capture_app.phones.frame_times import HELD_FRAMES, FrameTimes, TimedFrame
-from capture_app.phones.wire import FrameTold
+from capture_app.phones.wire import FrameReport
 
 PERIOD_US = 33_333.3
 
 
 def told(
     count: int, *, stream: int = 1, first: int = 0, gaps: tuple[int, ...] = (), rng: random.Random
-) -> list[FrameTold]:
+) -> list[FrameReport]:
     """Frames at an even pace whose arrivals are late by 8 ms at least, and by more at random."""
     return [
-        FrameTold(
+        FrameReport(
             n, stream, n * PERIOD_US, 500_000 + n * PERIOD_US + 8_000 + rng.expovariate(1 / 3_000), None
         )
         for n in range(first, first + count)
@@ -23,7 +23,7 @@ def told(
     ]
 
 
-def timed(times: FrameTimes, frames: list[FrameTold]) -> list[TimedFrame]:
+def timed(times: FrameTimes, frames: list[FrameReport]) -> list[TimedFrame]:
     return [one for frame in frames for one in times.add(frame)]
 
 
@@ -50,7 +50,7 @@ def test_the_rate_is_what_the_browser_says_where_it_keeps_it(
     says: float, keeps_us: float, period_ns: int
 ) -> None:
     times = FrameTimes(says)
-    timed(times, [FrameTold(n, 1, n * keeps_us, n * keeps_us, None) for n in range(40)])
+    timed(times, [FrameReport(n, 1, n * keeps_us, n * keeps_us, None) for n in range(40)])
     assert times.period_ns == period_ns
 
 
@@ -65,7 +65,7 @@ def test_a_restarted_stream_begins_anew_and_waits_for_its_least_delay() -> None:
 
 def test_the_capture_time_that_a_browser_tells_goes_before_the_arrival() -> None:
     frames = [
-        FrameTold(n, 1, n * PERIOD_US, n * PERIOD_US + 90_000, n * PERIOD_US + 20_000) for n in range(40)
+        FrameReport(n, 1, n * PERIOD_US, n * PERIOD_US + 90_000, n * PERIOD_US + 20_000) for n in range(40)
     ]
     assert timed(FrameTimes(30.0), frames)[0].page_us == pytest.approx(20_000)
 
@@ -74,6 +74,6 @@ def test_the_capture_time_that_a_browser_tells_goes_before_the_arrival() -> None
 def test_a_rate_that_no_camera_has_is_not_believed(rate: float, step_us: float) -> None:
     times = FrameTimes(rate)
     for n in range(40):
-        times.add(FrameTold(n, 1, n * step_us, 500_000 + n * PERIOD_US, None))
+        times.add(FrameReport(n, 1, n * step_us, 500_000 + n * PERIOD_US, None))
     assert times.period_ns is not None
     assert 1_000_000 <= times.period_ns <= 1_000_000_000

@@ -13,13 +13,13 @@ import pytest
 from capture_app.common.camera_facts import MICROSECONDS, CameraControls, Control, StampSource
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
-from capture_app.phones.gateway import MOST_GREETED, REPLACED
+from capture_app.phones.gateway import MAX_GREETED, REPLACED
 from capture_app.protocol.orders import RemoveCamera
 from capture_app.rig.link import ask_controls, give_order
 from capture_app.session.reading.verify import verify
 from tests.phones.places import Place, burst, ready, serving
 from tests.phones.stand_in import JPEG
-from tests.waiting import patience, until
+from tests.waiting import time_limit, until
 
 
 @pytest.fixture
@@ -96,7 +96,7 @@ async def test_controls_are_set_by_the_page_and_told(place: Place) -> None:
     leader = place.leader.own_address
 
     async def controls(**wanted: float) -> CameraControls:
-        async with patience("the controls of the camera"):
+        async with time_limit("the controls of the camera"):
             while True:
                 with contextlib.suppress(SimulshotError):  # its viewfinder may not be open yet
                     return await ask_controls(
@@ -121,7 +121,7 @@ async def test_a_phone_that_an_operator_puts_off_stays_off(place: Place) -> None
     await phone.join()
     await phone.open_camera()
     await until(lambda: place.state("left") not in (None, NodeState.FAILED))
-    async with patience("the order to put it off"):
+    async with time_limit("the order to put it off"):
         while place.state("left") is not None:
             with contextlib.suppress(SimulshotError):  # its viewfinder may not be open yet
                 await give_order(place.leader.own_address, RemoveCamera(name="left"))
@@ -170,7 +170,7 @@ async def test_what_strangers_send_is_refused_without_a_traceback(
     length = "" if "chunked" in headers else f"Content-Length: {len(body)}\r\n"
     head = f"POST /join HTTP/1.1\r\nHost: a\r\nConnection: close\r\n{length}{headers}\r\n\r\n"
     writer.write(head.encode() + body)
-    async with patience("the server's answer"):
+    async with time_limit("the server's answer"):
         assert (await reader.read()).split()[1] == str(status).encode()
     writer.close()
     assert [record.getMessage() for record in caplog.records if record.exc_info] == []
@@ -201,7 +201,7 @@ async def test_a_link_that_does_not_begin_with_a_hello_is_closed(
         await link.close()
     else:
         await (link.send_bytes(first) if isinstance(first, bytes) else link.send_str(first))
-        async with patience("the end of the link"):
+        async with time_limit("the end of the link"):
             await link.receive()
         assert link.close_code == 1003
     assert [record.getMessage() for record in caplog.records if record.exc_info] == []
@@ -248,9 +248,9 @@ async def test_two_phones_by_one_code_are_one_and_a_refusal(place: Place) -> Non
 async def test_idle_connections_are_counted_when_they_are_accepted(place: Place) -> None:
     """4,000 of them took 320 MB before any had spoken TLS."""
     where = urlsplit(place.url)
-    idle = [await asyncio.open_connection(where.hostname, where.port) for _ in range(3 * MOST_GREETED)]
+    idle = [await asyncio.open_connection(where.hostname, where.port) for _ in range(3 * MAX_GREETED)]
     ended = [asyncio.create_task(reader.read()) for reader, _ in idle]
-    await until(lambda: sum(task.done() for task in ended) >= 2 * MOST_GREETED)
+    await until(lambda: sum(task.done() for task in ended) >= 2 * MAX_GREETED)
     phone = await place.phone()
     assert await phone.join() == "left", "whoever speaks is let in"
     for task, (_, writer) in zip(ended, idle, strict=True):

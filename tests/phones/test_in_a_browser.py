@@ -15,7 +15,7 @@ from capture_app.rig.link import ask_controls
 from capture_app.session.reading.verify import verify
 from tests.browser import CHROMIUM, Browser
 from tests.phones.places import Place, burst, measured, serving
-from tests.waiting import PATIENCE_S, until
+from tests.waiting import TIMEOUT_S, until
 
 pytestmark = pytest.mark.skipif(CHROMIUM is None, reason="needs a headless Chromium")
 
@@ -43,9 +43,9 @@ class PhoneBrowser:
 
     async def shows_what(self, is_it: Callable[[str], object], what: str) -> None:
         """Wait until the page's text is as asked for; a failure says what it is instead."""
-        end_s = time.monotonic() + PATIENCE_S
+        end_s = time.monotonic() + TIMEOUT_S
         while not is_it(text := await self.text()):
-            assert time.monotonic() < end_s, f"waited {PATIENCE_S:g} s for {what}; the page shows {text!r}"
+            assert time.monotonic() < end_s, f"waited {TIMEOUT_S:g} s for {what}; the page shows {text!r}"
             await asyncio.sleep(0.1)
 
     async def text(self) -> str:

@@ -5,7 +5,7 @@ import random
 import pytest
 
 from benchmarks.simulated.wireless import PAPER_LINK
-from capture_app.phones.phone import LEAST_SAMPLES, PhoneClock
+from capture_app.phones.phone import MIN_SAMPLES, PhoneClock
 from capture_app.phones.wire import Ping
 
 ZERO_NS = 77_000_000_000_000
@@ -35,7 +35,7 @@ def exchanged(count: int, seed: int) -> tuple[PhoneClock, float]:
 
 
 def test_it_is_not_known_by_a_few_exchanges() -> None:
-    clock, _ = exchanged(LEAST_SAMPLES, 1)
+    clock, _ = exchanged(MIN_SAMPLES, 1)
     assert not clock.is_known
     assert clock.accuracy is None
 

@@ -17,13 +17,13 @@ def test_any_bytes_are_read_or_refused(data: bytes) -> None:
         message = wire.decode_binary(data)
     except ValueError:
         return
-    assert isinstance(message, wire.Ping | wire.FrameTold | wire.PictureBytes)
+    assert isinstance(message, wire.Ping | wire.FrameReport | wire.PictureBytes)
 
 
 @given(st.text(max_size=80))
 def test_any_text_is_read_or_refused(text: str) -> None:
     with contextlib.suppress(ValueError):
-        assert isinstance(wire.decode_text(text), wire.Hello | wire.Opened | wire.Away)
+        assert isinstance(wire.decode_text(text), wire.Hello | wire.Opened | wire.PageHidden)
 
 
 @pytest.mark.parametrize("time_us", [math.inf, math.nan, 1e300])
@@ -36,7 +36,7 @@ def test_times_that_no_clock_shows_are_refused(time_us: float) -> None:
 
 def test_a_frame_without_a_capture_time() -> None:
     told = wire.decode_binary(struct.pack("<BIIddd", wire.FRAME, 3, 1, 5.0, 6.0, math.nan))
-    assert told == wire.FrameTold(3, 1, 5.0, 6.0, None)
+    assert told == wire.FrameReport(3, 1, 5.0, 6.0, None)
 
 
 @pytest.mark.parametrize(

@@ -14,8 +14,8 @@ from capture_app.rig.camera_times import (
     MeasuredTime,
     MeasuredTimes,
     choose_reference,
+    measured_asymmetries,
     measured_stamps,
-    measured_ways,
 )
 from capture_app.session.format.manifest import CameraRecord, ClockRecord
 from capture_app.simulation.profiles import PROFILES
@@ -122,7 +122,7 @@ def test_where_stamps_are_known_what_is_left_is_of_the_link() -> None:
     )
     stamps = measured_stamps(records, times)
     assert stamps.keys() == {"webcam"}, "tens of milliseconds that nobody knew"
-    ways = measured_ways(records, times, stamps)
+    ways = measured_asymmetries(records, times, stamps)
     assert ways.keys() == {"wifi"}
     assert (ways["wifi"].late_ns, ways["wifi"].round_trip_ns) == (150_000, 1_200_000)
     # The light, the reference's clock, and what the own one scatters by beside the two ways' difference.
@@ -136,7 +136,7 @@ def test_what_tells_less_of_a_link_than_is_usual_is_not_kept() -> None:
     }
     motion = MeasuredTime(offset_ms=0.15, sd_ms=0.15, source="motion")
     times = MeasuredTimes(reference="a", cameras={"a": REFERENCE, "b": motion})
-    assert measured_ways(records, times, ()) == {}
+    assert measured_asymmetries(records, times, ()) == {}
 
 
 def test_a_measured_stamp_is_kept_for_this_camera_in_this_mode(tmp_path: Path) -> None:
@@ -153,10 +153,10 @@ def test_a_measured_stamp_is_kept_for_this_camera_in_this_mode(tmp_path: Path) -
 
 def test_a_rig_goes_by_a_measured_stamp_at_once() -> None:
     """15 ms late, unknown at first: then within the error bar of what was measured, and aligned by it."""
-    late = replace(PROFILES["phone-a"], stamp_bias_ns=15 * MS, drop_share=0.0)
+    late = replace(PROFILES["phone-a"], stamp_bias_ns=15 * MS, drop_fraction=0.0)
     specs = [
         NodeSpec("late", late, SimulatedClock(5 * MS, 8.0), LAN),
-        NodeSpec("true", replace(PROFILES["phone-b"], drop_share=0.0), SimulatedClock(-3 * MS, -9.0), LAN),
+        NodeSpec("true", replace(PROFILES["phone-b"], drop_fraction=0.0), SimulatedClock(-3 * MS, -9.0), LAN),
     ]
     rig = ready_rig(specs, seed=5)
     measured = StampAccuracy(bias_ns=15 * MS + 100_000, uncertainty_ns=400_000, source=StampSource.MOTION)

@@ -51,7 +51,7 @@ from capture_app.rig.taking import (
 )
 from tests.tui.fake_rig import FakeRig, make_node, show_motion
 from tests.tui.shoot.studio import saves_into
-from tests.waiting import SLOW_PATIENCE_S, patience, until
+from tests.waiting import SLOW_PATIENCE_S, time_limit, until
 
 
 @pytest.fixture
@@ -73,7 +73,7 @@ def course(events: list[TakeEvent]) -> list[str]:
 
 
 async def events_of(rig: RigLink, **plan: Any) -> list[TakeEvent]:
-    async with patience(f"the end of {plan}"):
+    async with time_limit(f"the end of {plan}"):
         return [event async for event in Taking(rig, TakePlan(**plan))]
 
 
@@ -110,7 +110,7 @@ async def test_a_session_of_another_machine_is_not_judged(rig: FakeRig) -> None:
 async def test_it_waits_until_the_rig_is_ready(rig: FakeRig) -> None:
     rig.is_ready = asyncio.Event()
     events = []
-    async with patience("a take"):
+    async with time_limit("a take"):
         async for event in (taking := Taking(rig, TakePlan(frames=1, wait_ready_s=20, nodes=2))):
             events.append(event)
             if isinstance(event, Waiting):
@@ -127,13 +127,13 @@ async def test_a_wait_ends_in_a_take_at_once_or_is_taken_back(rig: FakeRig) -> N
         Taking(rig, TakePlan(wait_ready_s=20)),
     )
     events = []
-    async with patience("a take at once"):
+    async with time_limit("a take at once"):
         async for event in hurried:
             events.append(event)
             if isinstance(event, Waiting):
                 hurried.take_now()
     assert course(events) == ["waiting 1", "begun 1", "saved 1", "begun 2", "saved 2"]
-    async with patience("no take"):
+    async with time_limit("no take"):
         async for event in stopped:
             assert isinstance(event, Waiting)
             stopped.stop()
@@ -155,7 +155,7 @@ async def test_a_series_takes_the_next_when_the_last_is_saved(rig: FakeRig) -> N
 async def test_at_an_interval_the_next_is_taken_while_the_last_is_being_saved(rig: FakeRig) -> None:
     rig.saves = asyncio.Event()
     events = []
-    async with patience("three takes"):
+    async with time_limit("three takes"):
         async for event in Taking(rig, TakePlan(frames=1, repeat=3, every_s=0.1)):
             events.append(event)
             if isinstance(event, Begun) and event.number == 3:
@@ -167,7 +167,7 @@ async def test_at_an_interval_the_next_is_taken_while_the_last_is_being_saved(ri
 
 async def test_motion_orders_the_frames_around_it(rig: FakeRig) -> None:
     events = []
-    async with patience("two takes on motion"):
+    async with time_limit("two takes on motion"):
         async for event in Taking(rig, TakePlan(before=2, repeat=2, on_motion=(0, 0, 0.5, 1))):
             events.append(event)
             if isinstance(event, Waiting):
@@ -179,7 +179,7 @@ async def test_motion_orders_the_frames_around_it(rig: FakeRig) -> None:
 
 async def test_what_moves_outside_the_region_takes_nothing(rig: FakeRig) -> None:
     taking = Taking(rig, TakePlan(on_motion=(0.5, 0, 1, 1)))
-    async with patience("all that is seen"):
+    async with time_limit("all that is seen"):
         async for event in taking:
             assert isinstance(event, Waiting)
             show_motion(rig, leader_ns=7)
@@ -215,7 +215,7 @@ async def test_a_take_of_which_nothing_came_has_failed(rig: FakeRig) -> None:
 async def test_cancel_orders_it_of_what_has_begun(rig: FakeRig) -> None:
     rig.saves = asyncio.Event()
     taking = Taking(rig, TakePlan(frames=2, repeat=5))
-    async with patience("a cancelled take"):
+    async with time_limit("a cancelled take"):
         async for event in taking:
             if isinstance(event, Begun):
                 await taking.cancel()
@@ -234,7 +234,7 @@ async def test_the_same_plan_is_a_retake(rig: FakeRig) -> None:
 async def test_a_leader_lost_in_the_middle_is_found_again(rig: FakeRig, tmp_path: Path, told: str) -> None:
     rig.breaks_off = NetworkError("the leader closed the connection")
     events = []
-    async with patience("a take that was lost"):
+    async with time_limit("a take that was lost"):
         async for event in Taking(rig, TakePlan(frames=3)):
             events.append(event)
             if isinstance(event, Progress) and "may go on there" in event.status.message:
@@ -320,7 +320,7 @@ async def test_a_recording_is_ended(tmp_path: Path) -> None:
     options = LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)
     async with await LeaderNode.start(options) as leader, camera_of(leader.own_address):
         taking = Taking(RigLink(leader.own_address), TakePlan(video=True, wait_ready_s=SLOW_PATIENCE_S))
-        async with patience("a recording", SLOW_PATIENCE_S):
+        async with time_limit("a recording", SLOW_PATIENCE_S):
             async for event in taking:
                 if isinstance(event, Progress) and event.status.received > 5 and not event.status.done:
                     await taking.end()
@@ -340,7 +340,7 @@ async def test_a_take_is_followed_through_a_restart_of_its_leader(tmp_path: Path
             await until(lambda: taking._active)
         async with (
             await LeaderNode.start(dataclasses.replace(options, port=address.port, return_ns=10**9)),
-            patience("its session", SLOW_PATIENCE_S),
+            time_limit("its session", SLOW_PATIENCE_S),
         ):
             saved = await taken
     assert saved.open().name == "burst-001"

@@ -7,7 +7,14 @@ from statistics import mean, pstdev, stdev
 import pytest
 
 from benchmarks.simulated.wifi_laws import LINKS, LinkStatistics
-from benchmarks.simulated.wireless import LATE_NS, PACE_NS, PAPER_LINK, GammaDelay, QuickMoments, WirelessLink
+from benchmarks.simulated.wireless import (
+    LATE_NS,
+    PAPER_LINK,
+    POLL_INTERVAL_NS,
+    GammaDelay,
+    QuickMoments,
+    WirelessLink,
+)
 from capture_app.common.clock import SimulatedClock
 from capture_app.simulation.exchanges import exchanges
 from capture_app.simulation.links import Channel, Direction, Link
@@ -27,18 +34,18 @@ def misses(link: Link, demanded: LinkStatistics) -> list[str]:
             found.append(f"{name}: {mean(shown):.4g}, not {must_be:.4g} +- {error:.2g}")
 
     for count, trials in TRIALS.items():
-        least_us, there_us, back_us, late = [], [], [], []
+        min_us, there_us, back_us, late = [], [], [], []
         for i in range(trials):
             rng = random.Random(f"{count} {i}")
-            messages = exchanges(link, SimulatedClock(0), rng, count=count, pace_ns=PACE_NS)
+            messages = exchanges(link, SimulatedClock(0), rng, count=count, poll_interval_ns=POLL_INTERVAL_NS)
             ways = [(m.there_ns / 1e3, m.back_ns / 1e3) for m in messages]
-            least_us.append(min(sum(way) for way in ways))
+            min_us.append(min(sum(way) for way in ways))
             late += [float(sum(way) > LATE_NS / 1e3) for way in ways]
             there_us += [way[0] for way in ways if sum(way) <= LATE_NS / 1e3]
             back_us += [way[1] for way in ways if sum(way) <= LATE_NS / 1e3]
         # Two trials tell little of their deviation; the paper rounds to 10 us.
-        must_be = demanded.least_round_trip_us[count]
-        compare(f"least of {count}", least_us, must_be, 0.0125 * must_be if trials < 10 else 1.0)
+        must_be = demanded.min_round_trip_us[count]
+        compare(f"least of {count}", min_us, must_be, 0.0125 * must_be if trials < 10 else 1.0)
         if count == max(TRIALS):
             compare("to the leader", there_us, demanded.mean_to_leader_us, 1.0)
             compare("to the client", back_us, demanded.mean_to_client_us, 1.0)
@@ -61,13 +68,15 @@ def test_laws_above_one_floor_are_not_the_papers_link(name: str) -> None:
 
 def test_the_papers_link_is_as_steady_as_the_paper_says() -> None:
     """The least round trips have a low variance, the minimum filter of 300 messages the panel's errors."""
-    least_us, errors_us = [], []
+    min_us, errors_us = [], []
     for i in range(239):
-        messages = exchanges(PAPER_LINK, SimulatedClock(0), random.Random(i), count=300, pace_ns=PACE_NS)
+        messages = exchanges(
+            PAPER_LINK, SimulatedClock(0), random.Random(i), count=300, poll_interval_ns=POLL_INTERVAL_NS
+        )
         quickest = min(messages, key=lambda m: m.there_ns + m.back_ns)
-        least_us.append((quickest.there_ns + quickest.back_ns) / 1e3)
+        min_us.append((quickest.there_ns + quickest.back_ns) / 1e3)
         errors_us.append(abs(quickest.there_ns - quickest.back_ns) / 2e3)
-    assert pstdev(least_us) < 0.05 * mean(least_us)
+    assert pstdev(min_us) < 0.05 * mean(min_us)
     # The paper: 32 on average, 121 at most, clock and what the panel cannot tell together.
     assert 20.0 < mean(errors_us) < 32.0
     assert 60.0 < max(errors_us) < 140.0

@@ -26,7 +26,7 @@ def frames(made: Sensor, count: int) -> list[SensorFrame]:
 
 
 def quiet(profile: SensorProfile) -> SensorProfile:
-    return replace(profile, period_error_ppm=0.0, drop_share=0.0)
+    return replace(profile, period_error_ppm=0.0, drop_fraction=0.0)
 
 
 def test_perfect_frames_are_one_period_apart_and_stamped_exactly() -> None:
@@ -78,7 +78,7 @@ def test_a_gain_of_one_and_a_half_stretches_the_second_frame_by_half() -> None:
 @pytest.mark.parametrize("quantum_ns", [1e6, 1e9 / 90_000, 1e3])
 def test_stamps_come_in_steps(quantum_ns: float, cut: bool) -> None:
     profile = replace(
-        quiet(PROFILES["phone-a"]), outlier_share=0.0, timestamp_quantum_ns=quantum_ns, timestamps_cut=cut
+        quiet(PROFILES["phone-a"]), outlier_fraction=0.0, timestamp_quantum_ns=quantum_ns, timestamps_cut=cut
     )
     least, most = (-1.0, 0.0) if cut else (-0.5, 0.5)
     for frame in frames(sensor(profile, 2), 50):
@@ -153,7 +153,7 @@ def test_crystal_drifts_in_true_time_without_adding_up_rounding() -> None:
 
 
 def test_noise_outliers_and_drops_as_told() -> None:
-    profile = replace(PROFILES["phone-a"], drop_share=0.1, outlier_share=0.05)
+    profile = replace(PROFILES["phone-a"], drop_fraction=0.1, outlier_fraction=0.05)
     seen = frames(sensor(profile), 4000)
     errors = [f.timestamp_true_ns - f.start_true_ns for f in seen]
     good = [e for e in errors if abs(e) < 5 * profile.timestamp_noise_ns]
@@ -213,8 +213,8 @@ def test_all_profiles_share_one_period_and_read_out_in_about_5_ms() -> None:
     "changes",
     [
         {"injection_gain": 4},
-        {"drop_share": 1.5},
-        {"outlier_share": -0.1},
+        {"drop_fraction": 1.5},
+        {"outlier_fraction": -0.1},
         {"timestamp_noise_ns": -1},
         {"exposure_ns": 40_000_000},
         {"exposure_ns": 10},

@@ -3,7 +3,7 @@
 import random
 
 from capture_app.sync.wire.principal import Principal
-from capture_app.trust.keys import MOST_OF_ONE, ClientKeys, LeaderKeys
+from capture_app.trust.keys import MAX_KEYS_PER_MACHINE, ClientKeys, LeaderKeys
 
 
 def test_a_machine_takes_no_room_of_others_by_asking_for_keys() -> None:
@@ -11,9 +11,9 @@ def test_a_machine_takes_no_room_of_others_by_asking_for_keys() -> None:
     node, leader = ("192.0.2.7", 5), ("192.0.2.1", 1)
     own = LeaderKeys()
     own.hold(leader, keys.grant(Principal("left", 1, pin="honest")))
-    for run in range(2 * MOST_OF_ONE):
+    for run in range(2 * MAX_KEYS_PER_MACHINE):
         keys.grant(Principal("greedy", run, pin="greedy"))
-    assert len(keys) == MOST_OF_ONE + 1
+    assert len(keys) == MAX_KEYS_PER_MACHINE + 1
     sealed = own.seal(b"hello", leader)
     assert sealed is not None
     assert keys.open(sealed, node)[0] == b"hello"

@@ -149,29 +149,29 @@ def test_only_who_was_let_in_as_a_standby_leads_by_the_word_of_a_leader(tmp_path
     word = leader.vouched_for(pins["me"])
     assert [(one.pin, one.roles) for one in word] == [(pins["standby"], (Role.LEADER,))]
 
-    node.take_word(pins["leader"], word)
+    node.take_trust_of(pins["leader"], word)
     assert node.all() == ()  # it was never paired with that one
     node.add(pins["evil"], Role.CAMERA)
-    node.take_word(pins["evil"], word)
+    node.take_trust_of(pins["evil"], word)
     assert node.find(pins["standby"]) is None  # a camera's word is none
     node.add(pins["leader"], Role.LEADER)
-    node.take_word(pins["leader"], word)
+    node.take_trust_of(pins["leader"], word)
     trusted = node.find(pins["standby"])
     assert trusted is not None
     assert trusted.roles == (Role.LEADER,)
     # Nor does whoever is known by another's word make others known.
     more = [trusted, *leader.vouched_for(pins["standby"])]
-    node.take_word(pins["standby"], more)
+    node.take_trust_of(pins["standby"], more)
     assert len(node.all()) == 3
     # What a leader says of orders and cameras does not count here: it is no standby of this machine.
-    node.take_word(pins["leader"], [*word, *leader.vouched_for(pins["standby"])])
+    node.take_trust_of(pins["leader"], [*word, *leader.vouched_for(pins["standby"])])
     assert {one.pin: one.roles for one in node.all()} == {
         pins["evil"]: (Role.CAMERA,),
         pins["leader"]: (Role.LEADER,),
         pins["standby"]: (Role.LEADER,),
     }
     leader.remove(pins["standby"])
-    node.take_word(pins["leader"], leader.vouched_for(pins["me"]))
+    node.take_trust_of(pins["leader"], leader.vouched_for(pins["me"]))
     assert node.find(pins["standby"]) is None  # taken back
 
 
@@ -183,7 +183,7 @@ def test_a_standby_knows_whom_the_leader_knows_as_long_as_that_does(tmp_path: Pa
     second.add(pins["first"], Role.STANDBY)
     first.add(pins["cam"], Role.CAMERA, name="garage", certificate=certificate(tmp_path / "cam"))
     first.add(pins["desk"], Role.OPERATOR, name="desk")
-    second.take_word(pins["first"], first.vouched_for(pins["second"]))
+    second.take_trust_of(pins["first"], first.vouched_for(pins["second"]))
     cam, desk = second.find(pins["cam"]), second.find(pins["desk"])
     assert cam is not None
     assert (cam.name, cam.roles, cam.certificate) == ("garage", (Role.CAMERA,), certificate(tmp_path / "cam"))
@@ -195,7 +195,7 @@ def test_a_standby_knows_whom_the_leader_knows_as_long_as_that_does(tmp_path: Pa
     second.add(pins["desk"], Role.CAMERA)  # confirmed here, too
     first.remove("garage")
     first.remove("desk")
-    second.take_word(pins["first"], first.vouched_for(pins["second"]))
+    second.take_trust_of(pins["first"], first.vouched_for(pins["second"]))
     assert second.find(pins["cam"]) is None
     desk = second.find(pins["desk"])
     assert desk is not None
@@ -209,4 +209,4 @@ def test_a_certificate_by_word_must_be_of_its_pin(tmp_path: Path) -> None:
     leader.add(load_identity(tmp_path / "cam").pin, Role.CAMERA)
     forged = replace(leader.all()[0], certificate=certificate(tmp_path / "leader"))
     with pytest.raises(BadInputError, match="not of the pin"):
-        known.take_word(pin, [forged])
+        known.take_trust_of(pin, [forged])

@@ -5,7 +5,7 @@ from capture_app.trust.keys import Address
 from capture_app.trust.sealing import unknown_key
 from tests.trust.sealed_pair import LEADER, SealedRig, running
 
-STRANGER: Address = ("stranger", 3)
+UNKNOWN_PEER: Address = ("stranger", 3)
 
 
 def test_a_leader_that_does_not_know_the_key_is_asked_for_another_and_taken_back() -> None:
@@ -29,12 +29,12 @@ def test_what_a_leader_could_not_open_is_sent_again_with_the_new_key() -> None:
     data = keys.seal(b"hello", LEADER)
     assert data is not None
     rig.deliver(unknown_key(data), LEADER, rig.nodes["a"].address)
-    assert keys.take_kept() == []
+    assert keys.take_stored() == []
     keys.hold(LEADER, leader_keys.grant(rig.nodes["a"].principal))
-    ((again, to),) = keys.take_kept()
+    ((again, to),) = keys.take_stored()
     assert to == LEADER
     assert leader_keys.open(again, rig.nodes["a"].address)[0] == b"hello"
-    assert keys.take_kept() == []
+    assert keys.take_stored() == []
 
 
 def test_the_keys_of_a_removed_machine_go_and_the_others_stay() -> None:
@@ -66,9 +66,9 @@ def test_a_notice_that_nobody_could_have_written_is_no_reason_to_ask_for_a_key()
 def test_a_node_without_a_key_still_tells_and_hears_of_another_version() -> None:
     rig = SealedRig("a")
     question = version_question(b"12345678")
-    rig.deliver(question, STRANGER, LEADER)
+    rig.deliver(question, UNKNOWN_PEER, LEADER)
     ((answer, to),) = rig.leader.datagrams_to_send(rig.now_ns)
-    assert to == STRANGER
+    assert to == UNKNOWN_PEER
     assert answered_version(answer, b"12345678") == VERSION
     newer = answer[:2] + bytes([VERSION + 1]) + answer[3:]
     rig.deliver(newer, LEADER, rig.nodes["a"].address)

@@ -8,7 +8,7 @@ import pytest
 from msgspec import structs
 
 from capture_app.common.node_state import NodeState
-from capture_app.sync.rig.events import BurstAnswered, StrangeTrigger
+from capture_app.sync.rig.events import BurstAnswered, ForeignTrigger
 from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.wire.codec import FromClient, Message, decode, encode
 from capture_app.sync.wire.messages import (
@@ -34,8 +34,8 @@ from capture_app.trust.sealing import HEAD_BYTES, SEAL_BYTES, Refusals, Refused
 from tests.facts import make_facts
 from tests.trust.sealed_pair import LEADER, SealedRig, running
 
-CONFIG = RigConfigMessage(leader=9, anchor_leader_ns=0, period_ns=60_000_000, pace_ns=60_000_000_000)
-STRANGER: Address = ("stranger", 3)
+CONFIG = RigConfigMessage(leader=9, anchor_leader_ns=0, period_ns=60_000_000, poll_interval_ns=60_000_000_000)
+UNKNOWN_PEER: Address = ("stranger", 3)
 Datagram = tuple[bytes, Address, Address]
 
 
@@ -66,7 +66,7 @@ def state(rig: SealedRig) -> object:
     leader = [
         [dataclasses.replace(member) for member in rig.engine.roster.by_name()],
         rig.engine.grid,
-        rig.engine.pace_ns,
+        rig.engine.poll_interval_ns,
         rig.engine.next_timer(),
     ]
     for node in rig.nodes.values():
@@ -93,7 +93,7 @@ def test_a_sealed_rig_joins_keeps_time_and_takes_bursts() -> None:
     assert all(node.sealed.refusals.total == 0 for node in rig.nodes.values())
 
 
-@pytest.mark.parametrize("sender", [STRANGER, ("a", 2)], ids=["stranger", "address of a node"])
+@pytest.mark.parametrize("sender", [UNKNOWN_PEER, ("a", 2)], ids=["stranger", "address of a node"])
 def test_without_a_key_no_message_changes_the_leader(sender: Address) -> None:
     rig = running("a")
     before = state(rig)
@@ -108,7 +108,7 @@ def test_without_a_key_no_message_changes_the_leader(sender: Address) -> None:
     assert rig.leader.refusals.total == len(every_message(1, 1, "a"))
 
 
-@pytest.mark.parametrize("sender", [STRANGER, LEADER], ids=["stranger", "address of the leader"])
+@pytest.mark.parametrize("sender", [UNKNOWN_PEER, LEADER], ids=["stranger", "address of the leader"])
 def test_without_a_key_no_message_changes_a_node(sender: Address) -> None:
     rig = running("a")
     before, node = state(rig), rig.nodes["a"]
@@ -122,7 +122,7 @@ def test_a_hello_of_a_stranger_leaves_nothing_behind_and_is_answered_by_less() -
     before = state(rig)
     hello = encode(Hello("x", 1, make_facts()))
     for _ in range(1000):
-        rig.deliver(hello, STRANGER, LEADER)
+        rig.deliver(hello, UNKNOWN_PEER, LEADER)
     assert state(rig) == before
     answers = [data for data, _ in rig.leader.datagrams_to_send(rig.now_ns)]
     assert 0 < len(answers) < 1000
@@ -176,7 +176,7 @@ def test_every_datagram_of_a_running_rig_counts_once() -> None:
     kinds = {type(decode(data[HEAD_BYTES:-SEAL_BYTES])) for data, _, _ in seen}
     assert kinds >= {TimeRequest, TimeReply, Hello, Welcome, Heartbeat, HeartbeatAck}
     for data, sender, to in seen:
-        for replay_from in (sender, STRANGER):
+        for replay_from in (sender, UNKNOWN_PEER):
             rig.deliver(data, replay_from, to)
     assert state(rig) == before
     assert rig.joined == ["a", "b"]
@@ -247,12 +247,12 @@ def refused(rig: SealedRig) -> int:
 def test_refusals_are_told_by_host_and_reason_now_and_then() -> None:
     rig = running("a")
     for _ in range(1000):
-        rig.deliver(encode(Goodbye(1)), STRANGER, LEADER)
-    (news,) = rig.leader.refusals.take_news(rig.now_ns)
+        rig.deliver(encode(Goodbye(1)), UNKNOWN_PEER, LEADER)
+    (news,) = rig.leader.refusals.take_events(rig.now_ns)
     assert str(news) == "refused 1000 datagrams from stranger: not sealed"
-    rig.deliver(encode(Goodbye(1)), STRANGER, LEADER)
-    assert rig.leader.refusals.take_news(rig.now_ns) == []
-    (news,) = rig.leader.refusals.take_news(rig.now_ns + 10_000_000_000)
+    rig.deliver(encode(Goodbye(1)), UNKNOWN_PEER, LEADER)
+    assert rig.leader.refusals.take_events(rig.now_ns) == []
+    (news,) = rig.leader.refusals.take_events(rig.now_ns + 10_000_000_000)
     assert (news.count, news.why) == (1, Refused.UNSEALED)
 
 
@@ -263,9 +263,9 @@ def test_a_trigger_of_a_leader_that_does_not_exist_is_refused_counted_and_told_o
     for burst in range(10):
         node.client.receive_datagram(encode(Trigger(number, 6, burst, 0, 33_333_333, 3)), rig.now_ns)
     assert not node.client.has_burst_pending
-    assert node.client.strange_triggers == 10
+    assert node.client.foreign_triggers == 10
     events = list(iter(node.client.next_event, None))
-    assert events == [StrangeTrigger(6, 0)]
+    assert events == [ForeignTrigger(6, 0)]
 
 
 def test_an_answer_to_the_trigger_of_another_leader_counts_for_nothing() -> None:
@@ -285,7 +285,7 @@ def test_datagrams_that_come_twice_now_and_then_are_not_worth_a_word() -> None:
     refusals = Refusals()
     for _ in range(9):
         refusals.add("host", Refused.REPLAYED)
-    assert refusals.take_news(0) == []
+    assert refusals.take_events(0) == []
     refusals.add("host", Refused.REPLAYED)
-    assert [str(news) for news in refusals.take_news(1)] == ["refused 10 datagrams from host: sent before"]
+    assert [str(news) for news in refusals.take_events(1)] == ["refused 10 datagrams from host: sent before"]
     assert refusals.total == 10

@@ -16,7 +16,7 @@ from capture_app.trust.keys import ClientKeys
 from capture_app.trust.sealed_engines import SealedLeader
 from tests.facts import make_facts
 
-STRANGER, TOKEN = ("10.0.0.9", 5), bytes(TOKEN_BYTES)
+UNKNOWN_PEER, TOKEN = ("10.0.0.9", 5), bytes(TOKEN_BYTES)
 
 
 def sealed_leader() -> SealedLeader:
@@ -25,8 +25,8 @@ def sealed_leader() -> SealedLeader:
 
 
 def answers(leader: SealedLeader, data: bytes) -> list[bytes]:
-    leader.receive_datagram(data, STRANGER, 0)
-    return [sent for sent, to in leader.datagrams_to_send(0) if to == STRANGER]
+    leader.receive_datagram(data, UNKNOWN_PEER, 0)
+    return [sent for sent, to in leader.datagrams_to_send(0) if to == UNKNOWN_PEER]
 
 
 def test_asking_for_the_version_is_answered_and_is_no_attack() -> None:

@@ -12,8 +12,8 @@ import pytest
 from capture_app.common.address import Address
 from capture_app.common.errors import UnknownMachineError
 from capture_app.common.pairing_codes import Role
-from capture_app.net.channel import Channel, Patience, connect
-from capture_app.net.server import MOST_SILENT
+from capture_app.net.channel import Channel, StreamTimeouts, connect
+from capture_app.net.server import MAX_SILENT
 from capture_app.trust.trust import Trust
 from tests.net.echoes import Ping, Pong, echo, serving
 
@@ -117,11 +117,11 @@ async def test_who_has_come_as_a_stranger_is_one(leader: Trust, machine: Trust) 
     introduce(machine, leader)
     async with (
         served(leader) as (address, seen),
-        await connect(address, Pong, trust=machine, as_stranger=True) as channel,
+        await connect(address, Pong, trust=machine, as_unknown=True) as channel,
     ):
         await channel.send(Ping(1))
         assert await channel.receive() == (Pong(1), b"")
-    assert seen[0].who.is_stranger
+    assert seen[0].who.is_unknown
 
 
 async def test_who_is_removed_is_refused_from_the_next_stream_on(leader: Trust, machine: Trust) -> None:
@@ -156,7 +156,7 @@ async def test_a_first_word_that_comes_at_once_is_not_lost(leader: Trust) -> Non
 async def test_half_a_greeting_holds_no_stream_for_long(
     leader: Trust, machine: Trust, caplog: pytest.LogCaptureFixture
 ) -> None:
-    async with serving(echo, trust=leader, patience=Patience(first_s=0.1)) as address:
+    async with serving(echo, trust=leader, stream_timeouts=StreamTimeouts(first_s=0.1)) as address:
         for first in (b"", b"\x16\x03", b"GET / HTTP/1.0\r\n\r\n", bytes(5000)):
             with socket.create_connection(address) as stranger:
                 stranger.sendall(first)
@@ -180,7 +180,7 @@ async def test_connections_that_show_nothing_keep_no_room_and_nobody_out(leader:
                 stranger.setblocking(False)
                 await loop.sock_connect(stranger, tuple(address))
             assert await ask(address, leader) == (Pong(7), b"picture")
-            for stranger in silent[: 150 - MOST_SILENT]:
+            for stranger in silent[: 150 - MAX_SILENT]:
                 with suppress(ConnectionResetError):
                     async with asyncio.timeout(60):
                         assert await loop.sock_recv(stranger, 100) == b""

@@ -13,7 +13,7 @@ from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.lines import Lines
 from tests.tui.fake_rig import FakeRig
-from tests.waiting import PATIENCE_S, looked_at, patience
+from tests.waiting import TIMEOUT_S, looked_at, time_limit
 
 Shown = TypeVar("Shown")
 
@@ -36,16 +36,16 @@ async def settle(pilot: Any) -> None:
 
 async def stand_still(pilot: Any) -> None:
     """Wait until the screen changes no more."""
-    async with patience("a screen that stands still"):
+    async with time_limit("a screen that stands still"):
         shown = None
         while shown != (shown := pilot.app.export_screenshot()):
             await asyncio.sleep(0.05)
             await settle(pilot)
 
 
-async def until(pilot: Any, true: Callable[[], object], seconds: float = PATIENCE_S) -> None:
+async def until(pilot: Any, true: Callable[[], object], seconds: float = TIMEOUT_S) -> None:
     """Wait for what threads and other processes do, with all messages come through."""
-    async with patience(looked_at(true), seconds):
+    async with time_limit(looked_at(true), seconds):
         await settle(pilot)
         while not true():
             await asyncio.sleep(0.01)

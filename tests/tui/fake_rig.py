@@ -20,7 +20,7 @@ from capture_app.protocol.pairing import Invited
 from capture_app.protocol.status import (
     BurstStatus,
     CameraTransfer,
-    NewsLine,
+    LogLine,
     NodeDetail,
     NodeStatus,
     Preview,
@@ -138,7 +138,7 @@ class FakeRig(RigLink):
     def news(self, text: str, **more: Any) -> None:
         """Tell the screen a line of news, a second after the last."""
         self.told += 1
-        self.tell(NewsLine(unix_ns=UNIX_NS + self.told * 1_000_000_000, text=text, **more))
+        self.tell(LogLine(unix_ns=UNIX_NS + self.told * 1_000_000_000, text=text, **more))
 
     def lose_link(self, reason: str = "192.168.1.5:47010 does not answer") -> None:
         """Let the leader be gone."""

@@ -11,7 +11,7 @@ import pytest
 
 from capture_app.cameras.v4l2 import driver
 from capture_app.common.node_state import NodeState
-from capture_app.protocol.status import NewsLine, NodeDetail
+from capture_app.protocol.status import LogLine, NodeDetail
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.settings import Settings
 from tests.tui.driving import make_app, settle
@@ -26,7 +26,7 @@ DETAIL = NodeDetail(
     samples=tuple((5_000_000 + (n * 7919 % 41 - 20) * n * 4, 120_000 + 300 * n) for n in range(200)),
     phase_errors_ns=tuple((n * 7919 % 101 + n * 104_729 % 97 - 98) * 700 for n in range(300)),
     log=tuple(
-        NewsLine(unix_ns=UNIX_NS + n * 10**9, text=text)
+        LogLine(unix_ns=UNIX_NS + n * 10**9, text=text)
         for n, text in enumerate(("joining: asks to join", "syncing", "aligning: +7.3 ms to go", "ready"))
     ),
     spool="/var/spool/simulshot",

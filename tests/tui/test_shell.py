@@ -6,7 +6,7 @@ from pathlib import Path
 from capture_app.common.errors import BadInputError
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.question import Question
-from capture_app.tui.rig_record import Mishap
+from capture_app.tui.rig_record import ActionFailed
 from capture_app.tui.settings import Settings
 from tests.tui.driving import make_app, settle, text, toasts
 from tests.tui.fake_rig import FakeRig
@@ -59,7 +59,7 @@ async def test_no_key_in_the_footer_is_cut() -> None:
 async def test_a_failed_action_is_a_sentence_not_markup() -> None:
     app = make_app(FakeRig(1))
     async with app.run_test(size=(80, 24), notifications=True) as pilot:
-        app.screen.post_message(Mishap(BadInputError("[red]\x1b[2J is no name", hint="choose another")))
+        app.screen.post_message(ActionFailed(BadInputError("[red]\x1b[2J is no name", hint="choose another")))
         await settle(pilot)
         assert toasts(app) == ["[red]\\x1b[2J is no name (choose another)"]
 

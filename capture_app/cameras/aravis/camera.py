@@ -35,10 +35,10 @@ FIRST_READINGS, READING_NS = 16, 1_000_000_000
 """Number of counter readings before the stream starts, and the interval between later ones."""
 SETTLING_NS, SOON_NS = 3_000_000_000, 100_000_000
 """Duration for which the counter is read at the shorter interval, until its rate is known."""
-FIRST_FRAME_NS, SILENCE_NS, MOST_WAIT_NS = 5_000_000_000, 3_000_000_000, 200_000_000
+FIRST_FRAME_NS, SILENCE_NS, MAX_WAIT_NS = 5_000_000_000, 3_000_000_000, 200_000_000
 NEAR_NS = 2_000_000_000
 """If the readings map a stamp this far from its frame's arrival, the stamp is not of that counter."""
-MOST_TRIES = 3
+MAX_TRIES = 3
 LATE_NS = 5_000_000
 """Delay after a frame is due, at which its end is assumed."""
 
@@ -150,7 +150,7 @@ class AravisCamera(ThreadedCamera):
         self._fetching: threading.Thread | None = None
         self._device: AravisDevice
         self._clock = FrameClock()
-        self._wanted_ns: deque[int] = deque()
+        self._target_ns: deque[int] = deque()
         """Requested durations, each for one coming frame, that are not yet sent to the camera."""
         self._restore_at_ns: int | None = None
         self._numbers = FrameNumbers()
@@ -189,7 +189,7 @@ class AravisCamera(ThreadedCamera):
             raise CameraError("a machine-vision camera is moved by the duration of its frames only")
         if self._fetching is None or self._closing.is_set():
             raise CameraError("the camera does not stream")
-        self._wanted_ns.append(command.duration_ns)
+        self._target_ns.append(command.duration_ns)
 
     async def _let_go(self) -> None:
         if self._fetching is not None:
@@ -242,7 +242,7 @@ class AravisCamera(ThreadedCamera):
         begun_ns = heard_ns = read_ns = fresh_ns = time.monotonic_ns()
         while not self._closing.is_set():
             left_ns = period_ns if self._restore_at_ns is None else self._restore_at_ns - time.monotonic_ns()
-            frame = self._device.next_frame(min(max(left_ns, 0), MOST_WAIT_NS) / 1e9)
+            frame = self._device.next_frame(min(max(left_ns, 0), MAX_WAIT_NS) / 1e9)
             now_ns = time.monotonic_ns()
             if frame is not None:
                 heard_ns = now_ns
@@ -256,8 +256,8 @@ class AravisCamera(ThreadedCamera):
             fresh = whole and now_ns - fresh_ns > period_ns // 2
             fresh_ns = now_ns if fresh else fresh_ns
             self._change_duration(now_ns, fresh=fresh)
-            pace_ns = READING_NS if now_ns - begun_ns > SETTLING_NS else SOON_NS
-            if now_ns - read_ns >= pace_ns and self._clock.is_readable:
+            poll_interval_ns = READING_NS if now_ns - begun_ns > SETTLING_NS else SOON_NS
+            if now_ns - read_ns >= poll_interval_ns and self._clock.is_readable:
                 read_ns = now_ns
                 self._say(self._read_counter)
 
@@ -288,16 +288,16 @@ class AravisCamera(ThreadedCamera):
         If the next frame is lost in transit, the time at which it was due is used instead.
         """
         usual_ns, restore_at_ns = self.facts.period_ns, self._restore_at_ns
-        if fresh and self._wanted_ns:
-            wanted_ns = self._wanted_ns.popleft()
-            self._restore_at_ns = now_ns + max(usual_ns, wanted_ns) + LATE_NS
-            self._say(self._set_period, wanted_ns)
+        if fresh and self._target_ns:
+            target_ns = self._target_ns.popleft()
+            self._restore_at_ns = now_ns + max(usual_ns, target_ns) + LATE_NS
+            self._say(self._set_period, target_ns)
         elif restore_at_ns is not None and (fresh or now_ns >= restore_at_ns):
             self._restore_at_ns = None
             self._say(self._set_period, usual_ns)
 
     def _set_period(self, period_ns: int) -> None:
-        for _ in range(MOST_TRIES):
+        for _ in range(MAX_TRIES):
             try:
                 self._device.set_period(period_ns)
                 return

@@ -134,9 +134,9 @@ class AravisDevice:
         """Set a control to a fixed value; None lets the camera choose. Updates the exposure in `facts`."""
         with camera_errors(self.address):
             DeviceControl(self._camera, self._aravis.Auto, control).set(value)
-            exposure_ns, least_ns, most_ns = self._exposure()
+            exposure_ns, min_ns, max_ns = self._exposure()
             self.facts = replace(
-                self.facts, exposure_ns=exposure_ns, min_exposure_ns=least_ns, max_exposure_ns=most_ns
+                self.facts, exposure_ns=exposure_ns, min_exposure_ns=min_ns, max_exposure_ns=max_ns
             )
 
     def set_period(self, period_ns: int) -> None:
@@ -185,7 +185,7 @@ class AravisDevice:
         self._set_region(request)
         _x, _y, width, height = camera.get_region()
         model = f"{camera.get_vendor_name()} {camera.get_model_name()}"
-        exposure_ns, least_ns, most_ns = self._set_exposure(request.exposure_us)
+        exposure_ns, min_ns, max_ns = self._set_exposure(request.exposure_us)
         period_ns, shortest_ns, longest_ns = self._set_rate(request.fps)
         return CameraFacts(
             kind=KIND,
@@ -198,8 +198,8 @@ class AravisDevice:
             phase_control=PhaseControl.FRAME_DURATION,
             row_time_ns=None if request.row_us is None else round(request.row_us * 1000),
             exposure_ns=exposure_ns,
-            min_exposure_ns=least_ns,
-            max_exposure_ns=most_ns,
+            min_exposure_ns=min_ns,
+            max_exposure_ns=max_ns,
             min_frame_duration_ns=shortest_ns,
             max_frame_duration_ns=longest_ns,
         )
@@ -211,8 +211,8 @@ class AravisDevice:
         _x, _y, width, height = camera.get_region()
         width, height = request.width or width, request.height or height
         most = camera.get_sensor_size()
-        (least_width, _), (least_height, _) = camera.get_width_bounds(), camera.get_height_bounds()
-        if not (least_width <= width <= most[0] and least_height <= height <= most[1]):
+        (min_width, _), (min_height, _) = camera.get_width_bounds(), camera.get_height_bounds()
+        if not (min_width <= width <= most[0] and min_height <= height <= most[1]):
             raise CameraError(
                 f"{self.address} has no pictures of {width}x{height}", hint=f"at most {most[0]}x{most[1]}"
             )
@@ -229,11 +229,11 @@ class AravisDevice:
             exposure = self._control(Control.EXPOSURE)
             if exposure is None:
                 raise CameraError(f"{self.address} has no control of its exposure")
-            least_us, most_us = exposure.bounds
-            if not least_us <= exposure_us <= most_us:
+            min_us, max_us = exposure.bounds
+            if not min_us <= exposure_us <= max_us:
                 raise CameraError(
                     f"{self.address} cannot expose for {exposure_us:g} us",
-                    hint=f"from {least_us:g} to {most_us:g} us",
+                    hint=f"from {min_us:g} to {max_us:g} us",
                 )
             exposure.set(exposure_us)
         return self._exposure()
@@ -243,9 +243,9 @@ class AravisDevice:
         exposure = self._control(Control.EXPOSURE)
         if exposure is None:
             return None, None, None
-        least_us, most_us = exposure.bounds
+        min_us, max_us = exposure.bounds
         exposure_ns = None if exposure.is_automatic else round(exposure.value * 1000)
-        return exposure_ns, round(least_us * 1000), round(most_us * 1000)
+        return exposure_ns, round(min_us * 1000), round(max_us * 1000)
 
     def _control(self, control: Control) -> DeviceControl | None:
         try:

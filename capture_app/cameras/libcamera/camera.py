@@ -25,7 +25,7 @@ from capture_app.cameras.libcamera.configuration import (
     configure,
     facts_as_configured,
     origin_of,
-    usual_period_ns,
+    typical_period_ns,
     with_exposure,
     with_rows,
 )
@@ -84,11 +84,11 @@ def find_row_time_us(reported_us: Iterable[int]) -> float | None:
         return None
     bounds = [(SHORTEST_ROW_US, LONGEST_ROW_US)]
     for duration_us in durations:
-        least_us, most_us = duration_us - _BELOW_US, duration_us + _ABOVE_US
+        min_us, max_us = duration_us - _BELOW_US, duration_us + _ABOVE_US
         narrowed = [
-            (max(low_us, least_us / rows), min(high_us, most_us / rows))
+            (max(low_us, min_us / rows), min(high_us, max_us / rows))
             for low_us, high_us in bounds
-            for rows in range(floor(least_us / high_us) + 1, ceil(most_us / low_us))
+            for rows in range(floor(min_us / high_us) + 1, ceil(max_us / low_us))
         ]
         bounds = [(low_us, high_us) for low_us, high_us in narrowed if low_us < high_us]
     return sum(max(bounds)) / 2 if bounds else None
@@ -117,7 +117,7 @@ class LibcameraCamera(ThreadedCamera):
         self._last_frame_ns = 0
         self._told: dict[str, Any] = {}
         self._first_frames: list[FinishedFrame] = []
-        self._first_frames_wanted: tuple[int, asyncio.Future[None]] | None = None
+        self._first_frames_requested: tuple[int, asyncio.Future[None]] | None = None
         try:
             camera.acquire()
         except RuntimeError as error:
@@ -154,7 +154,7 @@ class LibcameraCamera(ThreadedCamera):
             controls,
             period_us=period_us,
             clock=self._clock,
-            on_news=self._receive,
+            on_event=self._receive,
         )
         self._stream.keep(first_exposure(controls, self._wishes))
 
@@ -224,17 +224,17 @@ class LibcameraCamera(ThreadedCamera):
 
     # Measurements on the first frames
 
-    async def _learn_rows(self, least_us: int, most_us: int) -> None:
+    async def _learn_rows(self, min_us: int, max_us: int) -> None:
         """Measure the row time, choose the number of rows nearest to the period, and fix the exposure."""
         period_us = self._wishes.period_us
-        self._stream.asked_us.extend(durations_to_ask_us(period_us, most_us))
+        self._stream.asked_us.extend(durations_to_ask_us(period_us, max_us))
         in_effect = self._stream.queued + IN_EFFECT_FRAMES
         seen = await self._next_frames(UNSETTLED_FRAMES + ASKED + in_effect)
         told = [frame.told.get("FrameDuration") for frame in seen[UNSETTLED_FRAMES:]]
         row_us = await self._in_worker(find_row_time_us, [us for us in told if us is not None])
         if row_us is not None:
             rows = round(period_us / row_us)
-            rows += rows * row_us < least_us
+            rows += rows * row_us < min_us
             period_us = round((rows + INSIDE_ROW) * row_us)
             self._facts = with_rows(self.facts, rows, row_us)
         self._stream.period_us = period_us
@@ -248,18 +248,18 @@ class LibcameraCamera(ThreadedCamera):
         """Measure the frame period of a camera whose frame durations cannot be set."""
         seen = (await self._next_frames(UNSETTLED_FRAMES + PERIOD_FRAMES))[UNSETTLED_FRAMES:]
         stamps_ns = [frame.stamp_ns for frame in seen if frame.stamp_ns is not None]
-        usual_ns = usual_period_ns(median(b - a for a, b in pairwise(stamps_ns)))
+        usual_ns = typical_period_ns(median(b - a for a, b in pairwise(stamps_ns)))
         facts = structs.replace(self.facts, period_ns=usual_ns)
         self._facts = with_exposure(facts, self._wishes.exposure_us, self._origin)
 
     async def _next_frames(self, count: int) -> list[FinishedFrame]:
         """Return the next `count` frames without passing them on. Raises CameraError if they never arrive."""
         self._first_frames, arrived = [], asyncio.get_running_loop().create_future()
-        self._first_frames_wanted = count, arrived
+        self._first_frames_requested = count, arrived
         try:
             await arrived
         finally:
-            self._first_frames_wanted = None
+            self._first_frames_requested = None
         return self._first_frames
 
     # Frames
@@ -272,8 +272,8 @@ class LibcameraCamera(ThreadedCamera):
             self._fail(CameraError(f"{self.id} stamps its frames in no clock of this machine"))
             return
         self._last_frame_ns, self._told = self._clock.now_ns(), frame.told
-        if self._first_frames_wanted is not None:
-            count, arrived = self._first_frames_wanted
+        if self._first_frames_requested is not None:
+            count, arrived = self._first_frames_requested
             self._first_frames.append(frame)
             if len(self._first_frames) >= count and not arrived.done():
                 arrived.set_result(None)
@@ -311,7 +311,7 @@ class LibcameraCamera(ThreadedCamera):
         if not self._stream.running:
             return
         self._stream.running = False
-        if self._first_frames_wanted is None:
+        if self._first_frames_requested is None:
             self._on_failure(error)
-        elif not self._first_frames_wanted[1].done():
-            self._first_frames_wanted[1].set_exception(error)
+        elif not self._first_frames_requested[1].done():
+            self._first_frames_requested[1].set_exception(error)

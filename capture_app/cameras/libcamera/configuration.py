@@ -27,9 +27,9 @@ KIND = "libcamera"
 CHARACTER_DEVICES = Path("/sys/dev/char")
 _RASPBERRY_PI = "rpi"
 """Vendor of controls that only the Raspberry Pi's pipelines have."""
-READOUT_DOUBT_ROWS, READOUT_DOUBT_NS = 16, 100_000
+READOUT_UNCERTAINTY_ROWS, READOUT_UNCERTAINTY_NS = 16, 100_000
 """Assumed: rows that a sensor sends before the image's first, and the delay from stamp to kernel."""
-_USUAL_RATE, _ROUND_NS = 3e-4, 10_000
+_TYPICAL_RATE, _ROUND_NS = 3e-4, 10_000
 
 
 def parse_options(options: Mapping[str, str]) -> CameraRequest:
@@ -142,18 +142,18 @@ def with_exposure(facts: CameraFacts, exposure_us: float | None, origin: Origin)
         return facts
     late = StampAccuracy(
         bias_ns=exposure_ns,
-        uncertainty_ns=READOUT_DOUBT_ROWS * row_ns + READOUT_DOUBT_NS,
+        uncertainty_ns=READOUT_UNCERTAINTY_ROWS * row_ns + READOUT_UNCERTAINTY_NS,
         source=StampSource.PROFILE,
         exposure_ns=exposure_ns,
     )
     return replace(facts, stamp=late)
 
 
-def usual_period_ns(measured_ns: float) -> int:
+def typical_period_ns(measured_ns: float) -> int:
     """Return the nominal frame period in ns for a measured one: of a whole rate or its 1/1.001 variant."""
     rate = 1e9 / measured_ns
     whole = max(1, round(rate))
     usual = min((whole, whole / 1.001), key=lambda one: abs(one - rate))
-    if abs(usual / rate - 1.0) < _USUAL_RATE:
+    if abs(usual / rate - 1.0) < _TYPICAL_RATE:
         return round(1e9 / usual)
     return round(measured_ns / _ROUND_NS) * _ROUND_NS

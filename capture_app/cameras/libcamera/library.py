@@ -12,7 +12,7 @@ from capture_app.cameras.system_packages import load_system_module
 from capture_app.common.errors import CameraError, NotAvailableError
 
 PACKAGE = "python3-libcamera"
-LEAST_VERSION = (0, 4)
+MIN_VERSION = (0, 4)
 """The oldest version that was tested."""
 
 OnRequest = Callable[[Any], None]
@@ -27,8 +27,8 @@ class Library:
         self._manager = module.CameraManager.singleton()
         version = str(self._manager.version)
         found = re.match(r"v?(\d+)\.(\d+)", version)
-        if found is None or (int(found[1]), int(found[2])) < LEAST_VERSION:
-            least = ".".join(map(str, LEAST_VERSION))
+        if found is None or (int(found[1]), int(found[2])) < MIN_VERSION:
+            least = ".".join(map(str, MIN_VERSION))
             raise NotAvailableError(
                 f"libcamera {version} is too old: {least} or newer is needed",
                 hint="Debian 13 and an up-to-date Raspberry Pi OS have it",

@@ -21,7 +21,7 @@ _NOISE_NS = 1_000_000
 """Two consecutive clock readings differ by less than this; a sleep lasts longer."""
 _FOREIGN_NS = 60_000_000_000
 """A stamp this far from now is in neither clock."""
-_TOLD = (
+_METADATA = (
     "SensorTimestamp",
     "FrameDuration",
     "ExposureTime",
@@ -82,16 +82,16 @@ class RequestStream:
         *,
         period_us: int,
         clock: StampClock,
-        on_news: Callable[[FinishedFrame | RuntimeError], None],
+        on_event: Callable[[FinishedFrame | RuntimeError], None],
     ) -> None:
-        """Allocate its buffers; `on_news` is called with each frame, or with the error that ends the stream.
+        """Allocate its buffers; `on_event` is called with each frame, or with the error that ends the stream.
 
         It is called on the loop that the library listens on.
 
         Raises RuntimeError from the library, OSError.
         """
         self._library, self._camera, self._clock = library, camera, clock
-        self._on_news = on_news
+        self._on_event = on_event
         self._controls, self._layout = controls, layout
         self._allocator = library.module.FrameBufferAllocator(camera)
         self._allocator.allocate(stream)
@@ -165,7 +165,9 @@ class RequestStream:
         if not self.running or request.status != self._library.module.Request.Status.Complete:
             return
         buffer = self._buffer_of[request.cookie]
-        told = {control.name: value for control, value in request.metadata.items() if control.name in _TOLD}
+        told = {
+            control.name: value for control, value in request.metadata.items() if control.name in _METADATA
+        }
         sound = buffer.metadata.status == self._library.module.FrameMetadata.Status.Success
         frame = FinishedFrame(
             sequence=buffer.metadata.sequence,
@@ -180,9 +182,9 @@ class RequestStream:
         try:
             self._camera.queue_request(request)
         except RuntimeError as error:
-            self._on_news(error)
+            self._on_event(error)
             return
-        self._on_news(frame)
+        self._on_event(frame)
 
     def _picture(self, buffer: Any) -> JpegPicture | PixelPicture | None:
         """Return the image in a finished buffer; None if it is damaged."""

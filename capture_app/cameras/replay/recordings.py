@@ -20,7 +20,7 @@ from capture_app.session.reading.decoding import decode_image, encode_image
 from capture_app.session.reading.reader import Session
 
 KIND = "replay"
-USUAL_FPS = 30.0
+TYPICAL_FPS = 30.0
 SPARSE = 1.5
 """Instants further apart than this many periods are a selection from the camera's stream."""
 
@@ -200,7 +200,7 @@ class SourceRecording(Recording):
         self._read: tuple[int, bytes] = (-1, b"")
         times_ns = _times_ns(source, fps)
         steps_ns = [after - before for before, after in pairwise(times_ns)]
-        usual_ns = median(steps_ns) if steps_ns else 1e9 / (fps or USUAL_FPS)
+        usual_ns = median(steps_ns) if steps_ns else 1e9 / (fps or TYPICAL_FPS)
         regular_ns = [step for step in steps_ns if step < SPARSE * usual_ns]
         # The mean without the gaps of dropped frames; the median alone would be rounded.
         period_ns = round(sum(regular_ns) / len(regular_ns)) if regular_ns else round(usual_ns)
@@ -255,7 +255,7 @@ def _times_ns(source: Source, fps: float | None) -> Sequence[int]:
             if has_video_times() and (times_ns := source.use_embedded_times()):
                 return times_ns
             fps = source.fps
-    rate = fps or USUAL_FPS
+    rate = fps or TYPICAL_FPS
     return [round(number * 1e9 / rate) for number in range(len(source.numbers))]
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from capture_app.cameras.base import Camera, OnFailure, OnFrame
 from capture_app.cameras.frames import CapturedFrame, PixelPicture, step_to
-from capture_app.cameras.rtsp.connection import GONE, Connection, VideoStream
+from capture_app.cameras.rtsp.connection import DISCONNECTED, Connection, VideoStream
 from capture_app.cameras.rtsp.packets import AccessUnit, AccessUnits, reported_ticks
 from capture_app.cameras.rtsp.sender_clock import SenderClock
 from capture_app.cameras.specs import read_request
@@ -45,11 +45,11 @@ REPORTS_S, FIRST_REPORTS = 8.0, 2
 """Max wait for sender reports, and the number to wait for; RFC 3550 sends one every 2.5 to 7.5 s."""
 PICTURE_S, SILENCE_S, ASK_S = 30.0, 5.0, 2.0
 FIRST_QUESTIONS, SOON_S = 25, 0.04
-RATE_FRAMES, RATE_SHARE = 20, 0.05
+RATE_FRAMES, RATE_FRACTION = 20, 0.05
 """Number of frames by which a camera's stated rate is checked, and the relative tolerance."""
 DELIVERY_NS = 500_000_000
 """Max delay from a frame's readout to its arrival, encoding included; assumed, as no camera reports it."""
-MOST_WAITING = 30
+MAX_WAITING = 30
 """Max number of frames waiting for the decoder."""
 
 
@@ -73,7 +73,7 @@ class RtspCamera(ThreadedCamera):
         self._connection = Connection(url)
         self._asked_fps, self._reports_s = fps, reports_s
         self._tasks: list[asyncio.Task[None]] = []
-        self._waiting: asyncio.Queue[tuple[int, AccessUnit]] = asyncio.Queue(MOST_WAITING)
+        self._waiting: asyncio.Queue[tuple[int, AccessUnit]] = asyncio.Queue(MAX_WAITING)
         """Access units with their media times."""
         self._clock: SenderClock
         self._begun_with: list[int] = []
@@ -114,7 +114,7 @@ class RtspCamera(ThreadedCamera):
     async def _watched(self, work: Coroutine[Any, Any, None]) -> None:
         try:
             await work
-        except GONE as error:
+        except DISCONNECTED as error:
             self._fail(f"{self._connection.host} is gone: {error or 'it hung up'}")
         except CameraError as error:
             self._fail(f"{self._connection.host} {error}")
@@ -195,9 +195,9 @@ class RtspCamera(ThreadedCamera):
             raise CameraError("tells the same time of all its pictures")
         seen = 1e9 / step_ns
         told = self._asked_fps or self._connection.stream.fps
-        if told and abs(seen / told - 1) <= RATE_SHARE:
+        if told and abs(seen / told - 1) <= RATE_FRACTION:
             return told
-        return round(seen) if abs(seen / max(1, round(seen)) - 1) <= RATE_SHARE else seen
+        return round(seen) if abs(seen / max(1, round(seen)) - 1) <= RATE_FRACTION else seen
 
     def _hand_on(self, media_ns: int, picture: Any) -> None:
         self._sequence += max(1, round((media_ns - self._last_ns) / self.facts.period_ns))

@@ -16,9 +16,9 @@ from capture_app.common.errors import BadInputError, CameraError
 from capture_app.common.text import printable
 
 PORT, TIMEOUT_S = 554, 5.0
-GONE = (OSError, EOFError, ValueError)
+DISCONNECTED = (OSError, EOFError, ValueError)
 """Errors of reading from a camera that has disconnected or sends something other than RTSP."""
-_MOST_BYTES = 1 << 18
+_MAX_BYTES = 1 << 18
 _ROUND_TRIPS = 100
 _CODECS = {"H264": "h264", "H265": "hevc"}
 _REFUSALS = {
@@ -117,7 +117,7 @@ class Connection:
         try:
             async with asyncio.timeout(TIMEOUT_S):
                 self._reader, self._writer = await asyncio.open_connection(
-                    self.host, self._port, limit=_MOST_BYTES
+                    self.host, self._port, limit=_MAX_BYTES
                 )
                 await self._play()
         except CameraError as error:
@@ -126,13 +126,13 @@ class Connection:
             raise CameraError(
                 f"{self.host} does not answer within {TIMEOUT_S:g} s", hint="is its address right, is it on?"
             ) from error
-        except GONE as error:
+        except DISCONNECTED as error:
             raise CameraError(
                 f"{self.host}, port {self._port}: no camera speaks RTSP there", hint=str(error)[:100]
             ) from error
 
     async def next_packet(self) -> tuple[int, bytes, int]:
-        """Wait for a packet; return channel, bytes and monotonic arrival in ns. Raises one of GONE."""
+        """Wait for a packet; return channel, bytes and monotonic arrival (ns). Raises one of DISCONNECTED."""
         while not self._early:
             await self._read()
         return self._early.popleft()
@@ -219,7 +219,7 @@ class Connection:
             raise EOFError("it speaks something else")
         pairs = [line.partition(":") for line in lines if ":" in line]
         headers = [(key.strip().lower(), value.strip()) for key, _, value in pairs]
-        size = min(int(dict(headers).get("content-length", 0)), _MOST_BYTES)
+        size = min(int(dict(headers).get("content-length", 0)), _MAX_BYTES)
         body = (await self._reader.readexactly(size)).decode("utf-8", "replace").replace("\r", "")
         told = re.match(r"RTSP/1\.\d (\d{3})", status)
         if told is None:

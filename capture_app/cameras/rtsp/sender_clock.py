@@ -30,7 +30,7 @@ class SenderClock:
         self._last_frame_ticks: int | None = None
         self.reports = 0
         """Number of reports that carry their moment of sending."""
-        self._usual_ns: int | None = None
+        self._typical_ns: int | None = None
         """Minimum delay from a frame to its arrival, by the reports; None until reports are followed."""
 
     def media_ns(self, ticks: int) -> int:
@@ -54,38 +54,42 @@ class SenderClock:
         if ticks != self._last_frame_ticks and self._first is not None:
             self.reports += 1
             if self._round_trips_ns:
-                self._by_reports.usual_excess_ns = mean(self._round_trips_ns) - min(self._round_trips_ns)
+                self._by_reports.typical_excess_ns = mean(self._round_trips_ns) - min(self._round_trips_ns)
             self._by_reports.add_arrival(self.media_ns(ticks), arrival_ns)
 
     def follow_reports(self) -> bool:
         """Use the reports from now on if they are credible; return whether they are."""
         frames_take_ns = self._frames_take_ns()
         if frames_take_ns is not None and -_EARLIEST_NS <= frames_take_ns <= _LATEST_NS:
-            self._usual_ns = frames_take_ns
-        return self._usual_ns is not None
+            self._typical_ns = frames_take_ns
+        return self._typical_ns is not None
 
     @property
     def contradicts_itself(self) -> bool:
         """Whether the reports in use now give the frames a different time than before."""
         now_ns = self._frames_take_ns()
-        return self._usual_ns is not None and now_ns is not None and abs(now_ns - self._usual_ns) > _CHANGE_NS
+        return (
+            self._typical_ns is not None
+            and now_ns is not None
+            and abs(now_ns - self._typical_ns) > _CHANGE_NS
+        )
 
     def host_ns(self, media_ns: int) -> int:
         """Return the host's time of a frame that was added."""
-        clock = self._by_frames if self._usual_ns is None else self._by_reports
+        clock = self._by_frames if self._typical_ns is None else self._by_reports
         found_ns = clock.host_ns(media_ns)
         assert found_ns is not None
-        return found_ns - (0 if self._usual_ns is None else self._half_trip_ns)
+        return found_ns - (0 if self._typical_ns is None else self._half_round_trip_ns)
 
     def uncertainty_ns(self, media_ns: int) -> int:
         """Return its 95 % error; without reports in use, the frames' minimum delay is left out."""
-        if self._usual_ns is None:
+        if self._typical_ns is None:
             # Encoding and transmission hardly ever both take their minimum time.
             return self._by_frames.uncertainty_ns(media_ns) + round(self._by_frames.spread_ns)
-        return self._half_trip_ns + self._by_reports.uncertainty_ns(media_ns)
+        return self._half_round_trip_ns + self._by_reports.uncertainty_ns(media_ns)
 
     @property
-    def _half_trip_ns(self) -> int:
+    def _half_round_trip_ns(self) -> int:
         return min(self._round_trips_ns, default=0) // 2
 
     def _frames_take_ns(self) -> int | None:
@@ -93,4 +97,4 @@ class SenderClock:
         by_frames_ns, by_reports_ns = self._by_frames.host_ns(newest_ns), self._by_reports.host_ns(newest_ns)
         if by_frames_ns is None or by_reports_ns is None:
             return None
-        return by_frames_ns - by_reports_ns + self._half_trip_ns
+        return by_frames_ns - by_reports_ns + self._half_round_trip_ns

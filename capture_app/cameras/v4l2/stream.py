@@ -177,7 +177,7 @@ class V4L2Camera(ThreadedCamera):
             min_exposure_ns=limits[0] * _UNIT_NS if limits else None,
             max_exposure_ns=limits[1] * _UNIT_NS if limits else None,
         )
-        self._tell_exposure()
+        self._update_exposure()
         self._auto_priority = device.control("EXPOSURE_AUTO_PRIORITY")
         """Original value, restored at release; 0 meanwhile, so that no frame lasts longer in the dark."""
         self._set_auto_priority(0)
@@ -241,9 +241,9 @@ class V4L2Camera(ThreadedCamera):
 
     def _set_control(self, control: Control, value: float | None) -> None:
         set_control(self._device, control, value)
-        self._tell_exposure()
+        self._update_exposure()
 
-    def _tell_exposure(self) -> None:
+    def _update_exposure(self) -> None:
         """Update the exposure in facts and frames; uvcvideo's timestamps are late by it."""
         self._exposure_ns, self._gain = read_exposure(self._device)
         facts = structs.replace(self.facts, exposure_ns=self._exposure_ns)

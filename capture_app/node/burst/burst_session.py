@@ -13,7 +13,7 @@ from capture_app.common.errors import BadInputError, DiskError, DiskFullError, S
 from capture_app.common.tasks import Background
 from capture_app.common.text import count
 from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS
-from capture_app.node.burst.camera_share import CameraShare
+from capture_app.node.burst.camera_delivery import CameraDelivery
 from capture_app.node.burst.intake import DiskThreads, Intake, known
 from capture_app.node.burst.plans import (
     InstantChoice,
@@ -52,7 +52,7 @@ class BurstSession:
     def __init__(
         self,
         burst: Burst,
-        shares: Iterable[CameraShare],
+        shares: Iterable[CameraDelivery],
         writer: SessionWriter,
         disk: DiskThreads,
         *,
@@ -97,7 +97,7 @@ class BurstSession:
         heard_ns = burst.instants_ns[0 if burst.streamed else -1] + AFTER_LAST_INSTANT_NS
         records = (CameraRecord(name=n, facts=facts) for n, facts in cameras.items() if n in burst.clients)
         shares = [
-            CameraShare(CameraPlan(camera=camera), heard_ns, short_timeout=camera.name in short_timeouts)
+            CameraDelivery(CameraPlan(camera=camera), heard_ns, short_timeout=camera.name in short_timeouts)
             for camera in records
         ]
         return cls(burst, shares, writer, disk)
@@ -112,7 +112,7 @@ class BurstSession:
         writer = SessionWriter.resume(folder)
         assert writer.plan is not None
         shares = [
-            CameraShare(plan, heard_ns, instants=writer.instants_of(plan.camera.name))
+            CameraDelivery(plan, heard_ns, instants=writer.instants_of(plan.camera.name))
             for plan in writer.plan.cameras
         ]
         return cls(burst_of(writer.plan), shares, writer, disk, lost=lost_images(writer, shares))
@@ -258,7 +258,7 @@ class BurstSession:
         share.note_heard(now_ns, advanced=True)
         return saving
 
-    def _note_saved(self, share: CameraShare, number: int, saved: "asyncio.Future[str]") -> None:
+    def _note_saved(self, share: CameraDelivery, number: int, saved: "asyncio.Future[str]") -> None:
         if saved.cancelled():
             return
         error = saved.exception()
@@ -391,7 +391,7 @@ class BurstSession:
     def _told(self) -> dict[str, CameraPlan | None]:
         return {name: share.told for name, share in self._shares.items()}
 
-    def _share(self, name: str) -> CameraShare:
+    def _share(self, name: str) -> CameraDelivery:
         if name not in self._shares:
             raise BadInputError(f"camera {name!r} is not in burst {self.burst.number}")
         return self._shares[name]
@@ -421,7 +421,7 @@ def _disk_reason(error: DiskError) -> str:
     return "the leader's disk is full" if isinstance(error, DiskFullError) else f"at the leader: {error.what}"
 
 
-def lost_images(writer: SessionWriter, shares: Iterable[CameraShare]) -> Lost:
+def lost_images(writer: SessionWriter, shares: Iterable[CameraDelivery]) -> Lost:
     """Return the images that an earlier run's session lists as missing or damaged. Blocks on the disk.
 
     If that session was finished, no camera is awaited any more; images that it gave up may still come.
@@ -443,7 +443,7 @@ def lost_images(writer: SessionWriter, shares: Iterable[CameraShare]) -> Lost:
 
 def write_manifest(
     writer: SessionWriter,
-    shares: Mapping[str, CameraShare],
+    shares: Mapping[str, CameraDelivery],
     burst: BurstRecord,
     missing: Sequence[MissingImage],
 ) -> Path:

@@ -17,12 +17,12 @@ from capture_app.session.reading.verdict import skipped_text
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
 
-FEWEST_SPARE = 4
+MIN_SPARE = 4
 
 
-def usual_spare(frames: int) -> int:
+def default_spare(frames: int) -> int:
     """Return the default number of spare instants: as many again, for a loss of every other frame."""
-    return max(FEWEST_SPARE, frames)
+    return max(MIN_SPARE, frames)
 
 
 def choose_instants(

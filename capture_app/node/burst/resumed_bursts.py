@@ -67,9 +67,9 @@ class ResumedBursts:
         session = self._open.get(key)
         if session is not None and not session.finished.is_set():
             return None
-        return await asyncio.to_thread(self._whole_share, key, report.plan.camera.name, pin)
+        return await asyncio.to_thread(self._whole_fraction, key, report.plan.camera.name, pin)
 
-    def _whole_share(self, key: Key, camera: str, pin: str) -> ReportAck | None:
+    def _whole_fraction(self, key: Key, camera: str, pin: str) -> ReportAck | None:
         folder = self._find(key)
         if folder is None:
             return None

@@ -28,7 +28,7 @@ from capture_app.protocol.messages import CameraReport, ImageUpload, SpoolSpace
 from capture_app.session.files.disk import LITTLE_BYTES, disk_error, disk_errors, free_bytes, reserve
 from capture_app.session.files.durable import PART, AppendOnlyFile, sync_all, write_atomic, write_unsynced
 from capture_app.session.files.locks import lock_folder
-from capture_app.session.files.strangers import read_struct
+from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.journal import lines_of_file
 from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingImage, image_path
@@ -256,7 +256,7 @@ class BurstUpload:
     """Whether frames are sent as they are selected."""
     video: bool = False
     """Whether the frames go into a video, whose only ground truth is their times."""
-    most_bytes: int = RING_BYTES
+    max_bytes: int = RING_BYTES
     """Maximum memory for streamed frames that are not on a disk yet, as the camera keeps delivering."""
     over: int = 0
     """Number of instants of a streamed burst that are decided."""
@@ -264,7 +264,7 @@ class BurstUpload:
     """Whether the selection of frames has ended."""
     missing_runs: list[MissingRun] = field(default_factory=list)
     """Its missing instants, as runs."""
-    end_is_kept: bool = False
+    end_is_stored: bool = False
     """Whether the spool has the final report of a streamed burst."""
 
     @classmethod
@@ -409,7 +409,7 @@ class BurstUpload:
         held_bytes += sum(waiting.frame.picture.held_bytes for waiting in self.frames)
         for frame in frames:
             size = frame.frame.picture.held_bytes
-            if held_bytes + size > self.most_bytes:
+            if held_bytes + size > self.max_bytes:
                 self._note_missing(frame.instant, TOO_SLOW)
                 continue
             held_bytes += size

@@ -27,31 +27,31 @@ from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.keys import KeyRequester
 from capture_app.protocol.messages import CameraReport, JsonValue, KeyRequest
-from capture_app.protocol.orders import KeepStamp
+from capture_app.protocol.orders import SaveStamp
 from capture_app.protocol.status import NodeDetail
 from capture_app.session.files.disk import free_bytes
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, PhaseRecord
 from capture_app.sync.clock.clock_filter import ClockSample
-from capture_app.sync.rig import events, node_message
+from capture_app.sync.rig import events, status_text
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.frame_selection import FramesSelected
 from capture_app.sync.timekeeping import clock_events
 from capture_app.trust.sealed_engines import SealedClient
 
-SAMPLES_KEPT, LINES_KEPT, EVENTS_KEPT = 300, 100, 200
+MAX_SAMPLES, MAX_LINES, MAX_EVENTS = 300, 100, 200
 DEFAULT_TOLERANCE_NS = 100_000
 RESET_TOLERANCE_NS = 2_000_000
 """Phase tolerance of cameras that can only restart their stream, as a restart is uncertain by that much."""
 _LEADER_LINES = {"refused": "join-refused", "said": "leader-said", "lost": "leader-lost"}
 _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     events.Joined: ("joined", ("leader",)),
-    events.StrangeTrigger: ("strange-trigger", ("leader", "burst")),
+    events.ForeignTrigger: ("strange-trigger", ("leader", "burst")),
     events.FramesDropped: ("frames-dropped", ("count", "sequence")),
     events.AlignmentFailed: ("alignment-failed", ("reason",)),
     clock_events.StepRefused: ("clock-step-refused", ("times",)),
-    clock_events.WayLonger: ("way-longer", ("longer_ns",)),
+    clock_events.PathDelayIncreased: ("way-longer", ("longer_ns",)),
     clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),
 }
 """Each event's name in the log, and the fields that are copied from it."""
@@ -131,9 +131,9 @@ class RigMember:
         self.options = options
         self._log, self._clock, self._profiles = options.log, options.clock, options.profiles
         self._stream, self._uploader = stream, uploader
-        self._samples: deque[ClockSample] = deque(maxlen=SAMPLES_KEPT)
+        self._samples: deque[ClockSample] = deque(maxlen=MAX_SAMPLES)
         """The latest exchanges with the leader."""
-        self._happened: deque[dict[str, JsonValue]] = deque(maxlen=EVENTS_KEPT)
+        self._happened: deque[dict[str, JsonValue]] = deque(maxlen=MAX_EVENTS)
         """Events for the next burst's report."""
         facts, tolerance_ns = stream.facts, options.tolerance_ns
         if tolerance_ns is None:
@@ -205,7 +205,7 @@ class RigMember:
         """Whether frames of a burst are being selected or sent, so that previews must wait."""
         return self._engine.has_burst_pending or self._uploader.is_busy
 
-    def keep(self, measured: KeepStamp) -> bool:
+    def keep(self, measured: SaveStamp) -> bool:
         """Apply a measurement from now on; return whether it is saved for later runs, too."""
         facts, name, profiles, kept = self._stream.facts, self.options.name, self._profiles, True
         if measured.stamp is not None:
@@ -215,7 +215,7 @@ class RigMember:
             kept = profiles is not None and profiles.save_stamp(name, facts, measured.stamp)
         if measured.way is not None:
             way = self._engine.add_path_asymmetry(measured.way)
-            kept = profiles is not None and profiles.save_way(name, self._failover.leader[0], way)
+            kept = profiles is not None and profiles.save_asymmetry(name, self._failover.leader[0], way)
         return kept
 
     def detail(self) -> NodeDetail:
@@ -226,10 +226,10 @@ class RigMember:
             camera=self.options.name,
             samples=offsets_of(self._samples, self._engine.report(self._clock.now_ns()).skew_ppm),
             phase_errors_ns=tuple(error for error in errors_ns if error is not None),
-            log=self._log.after(0)[-LINES_KEPT:],
-            fps=seen.vitals.fps,
-            exposure_ns=seen.vitals.exposure_ns,
-            gain=seen.vitals.gain,
+            log=self._log.after(0)[-MAX_LINES:],
+            fps=seen.health.fps,
+            exposure_ns=seen.health.exposure_ns,
+            gain=seen.health.gain,
             white_balance=None if seen.newest is None else seen.newest.white_balance,
             controls=self._camera.controls.latest,
             spool="" if spool is None else str(spool.folder),
@@ -246,7 +246,9 @@ class RigMember:
         self._keys.look()
         while (event := self._engine.next_event()) is not None:
             self._handle_event(event)
-        for refused in () if self._sealed is None else self._sealed.refusals.take_news(self._clock.now_ns()):
+        for refused in (
+            () if self._sealed is None else self._sealed.refusals.take_events(self._clock.now_ns())
+        ):
             self._log.say(str(refused))
         state = self._engine.state
         if state != self._last_state:
@@ -317,7 +319,7 @@ class RigMember:
             report,
             streamed=streamed,
             video=picked.trigger.video,
-            most_bytes=self.options.ring_bytes,
+            max_bytes=self.options.ring_bytes,
             on_commit=functools.partial(self._engine.forget_burst, leader, burst),
         )
         upload.extend(picked)
@@ -370,7 +372,7 @@ def camera_record(
 def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
     """Return an event as a flat JSON object."""
     match event:
-        case events.LeaderNews(what, text):
+        case events.LeaderNotice(what, text):
             return {"event": _LEADER_LINES[what], "text" if what == "said" else "reason": text}
         case clock_events.ClockSynced(time_map):
             bound_ns = round(time_map.hard_bound_ns)
@@ -390,12 +392,12 @@ def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
 def event_words(event: events.ClientEvent[Any]) -> str:
     """Return the log line of an event; empty for none."""
     match event:
-        case events.LeaderNews("said"):
+        case events.LeaderNotice("said"):
             return f"the leader says: {event.text}"
-        case events.LeaderNews():
+        case events.LeaderNotice():
             return f"{_LEADER_LINES[event.what]}: {event.text}"
         case events.AlignmentFailed():
             return f"alignment-failed: {event.reason}"
-        case events.StrangeTrigger():
+        case events.ForeignTrigger():
             return f"refused a trigger for burst {event.burst}: it is not of the leader that is followed"
-    return node_message.of_event(event)
+    return status_text.of_event(event)

@@ -11,19 +11,19 @@ from capture_app.common.camera_facts import CameraFacts, StampAccuracy
 from capture_app.common.text import UNREADABLE
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.locks import lock_file
-from capture_app.sync.clock.clock_filter import KnownWay
+from capture_app.sync.clock.clock_filter import PathAsymmetry
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.injection import GAIN_LIMITS
 
 FILE = "device-profiles.json"
-MOST_LATENCIES = 24
+MAX_LATENCIES = 24
 
 
 class _Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     injection: InjectionProfile | None = None
     start_latencies_ns: tuple[int, ...] = ()
     stamp: StampAccuracy | None = None
-    way: KnownWay | None = None
+    way: PathAsymmetry | None = None
 
 
 class DeviceProfiles:
@@ -43,7 +43,7 @@ class DeviceProfiles:
 
     def start_latencies_ns(self, facts: CameraFacts) -> tuple[int, ...]:
         """Return start latencies of cameras of this kind and mode, modulo the period in ns, newest last."""
-        return self._entry(facts).start_latencies_ns[-MOST_LATENCIES:]
+        return self._entry(facts).start_latencies_ns[-MAX_LATENCIES:]
 
     def save_injection(self, facts: CameraFacts, profile: InjectionProfile) -> bool:
         """Store the effect of a long frame on cameras of this kind; return False if it cannot be written."""
@@ -51,7 +51,7 @@ class DeviceProfiles:
 
     def save_start_latencies(self, facts: CameraFacts, latencies_ns: tuple[int, ...]) -> bool:
         """Store start latencies, replacing earlier ones; return False if they cannot be written."""
-        return self._write(_key(facts), start_latencies_ns=latencies_ns[-MOST_LATENCIES:])
+        return self._write(_key(facts), start_latencies_ns=latencies_ns[-MAX_LATENCIES:])
 
     def stamp(self, camera: str, facts: CameraFacts) -> StampAccuracy | None:
         """Return the measured delay of this camera's timestamps; None if it was never measured."""
@@ -61,11 +61,11 @@ class DeviceProfiles:
         """Store one camera's timestamp delay in this mode; return False if it cannot be written."""
         return self._write(_key_of_one(camera, facts), stamp=stamp)
 
-    def way(self, camera: str, leader: str) -> KnownWay | None:
+    def way(self, camera: str, leader: str) -> PathAsymmetry | None:
         """Return the measured path asymmetry of a camera's node and the leader on that host, if any."""
         return self._read().get(f"{camera}>{leader}", _Entry()).way
 
-    def save_way(self, camera: str, leader: str, way: KnownWay) -> bool:
+    def save_asymmetry(self, camera: str, leader: str, way: PathAsymmetry) -> bool:
         """Store the path asymmetry of such a link; return False if it cannot be written."""
         return self._write(f"{camera}>{leader}", way=way)
 

@@ -11,7 +11,7 @@ from capture_app.common.names import check_name, free_name
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.camera.supervisor import NodeOptions
-from capture_app.protocol.news import Log
+from capture_app.protocol.log import Log
 
 RETRY_S = 5.0
 

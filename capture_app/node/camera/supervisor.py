@@ -30,7 +30,7 @@ from capture_app.common.errors import CameraError, SimulshotError
 from capture_app.common.tasks import has_come
 from capture_app.net.udp import Pump
 from capture_app.node.camera.device_profiles import DeviceProfiles
-from capture_app.protocol.news import Log
+from capture_app.protocol.log import Log
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.frame_selection import RING_BYTES, RING_NS
@@ -310,12 +310,12 @@ class CameraSupervisor:
         while True:
             error = await self._stream.failed
             self._options.log.say(f"camera failed: {error}")
-            self._tell_engine(str(error))
+            self._report_to_engine(str(error))
             await self.camera.stop()
             await self._reopen()
             await self.controls.restore()
             self._options.log.say("camera is back")
-            self._tell_engine("")
+            self._report_to_engine("")
 
     async def carry_out_commands(self) -> None:
         """Apply the queued commands in order, forever."""
@@ -346,7 +346,7 @@ class CameraSupervisor:
                 break
             except SimulshotError as reason:
                 await self.camera.stop()
-                self._tell_engine(str(reason))
+                self._report_to_engine(str(reason))
         # A camera that was unplugged forgets its exposure; it is still the same camera.
         facts = self._stream.facts
         if replace(facts, exposure_ns=before.exposure_ns, stamp=before.stamp) != before:
@@ -369,6 +369,6 @@ class CameraSupervisor:
         self._engine.frame_arrived(stamp, frame, self._engine_ns, frame.picture.held_bytes)
         self._pump.turn()
 
-    def _tell_engine(self, failure: str) -> None:
+    def _report_to_engine(self, failure: str) -> None:
         self._engine.fail(failure)
         self._pump.turn()

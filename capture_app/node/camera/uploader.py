@@ -18,6 +18,7 @@ from capture_app.common.text import count
 from capture_app.common.timeouts import UPLOAD_ANSWER_TIMEOUT_S
 from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.burst_upload import BurstUpload, Spool, encode_frame
+from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
     CameraReport,
     FromLeader,
@@ -29,7 +30,6 @@ from capture_app.protocol.messages import (
     ReportAck,
     SpoolSpace,
 )
-from capture_app.protocol.news import Log
 from capture_app.sync.rig.frame_selection import FramesSelected, SelectedFrame
 from capture_app.trust.trust import Trust
 
@@ -48,16 +48,16 @@ class PostponedError(NetworkError):
 
 
 class BurstSender:
-    """Sender of bursts over one open stream to the leader; `news` is set whenever there is more to send.
+    """Sender of bursts over one open stream to the leader; `changed` is set whenever there is more to send.
 
     It sends each burst's report, then its images until the leader has each on its disk.
     """
 
     def __init__(
-        self, channel: Channel[Any], news: asyncio.Event, log: Log, waiting: Collection[BurstUpload]
+        self, channel: Channel[Any], changed: asyncio.Event, log: Log, waiting: Collection[BurstUpload]
     ) -> None:
         """`waiting` are all bursts to be sent, over successive streams."""
-        self._channel, self._news, self._log, self._waiting = channel, news, log, waiting
+        self._channel, self._changed, self._log, self._waiting = channel, changed, log, waiting
         self._in_flight: deque[ImageUpload] = deque()
         self._answer: asyncio.Task[Answer] | None = None
         self._receipts: dict[int, ImageReceipt] = {}
@@ -93,7 +93,7 @@ class BurstSender:
         told: CameraReport | None = None
         burst.reopen()
         while not burst.is_over:
-            self._news.clear()
+            self._changed.clear()
             refusal = None
             if told is not burst.report or not burst.is_committed:
                 first, told = told is None, burst.report
@@ -109,7 +109,7 @@ class BurstSender:
             ):
                 return None
             elif burst.frames or burst.is_picking:
-                await self._news.wait()
+                await self._changed.wait()
             elif burst.disputed:
                 numbers = ", ".join(str(image.record.instant) for image in burst.disputed)
                 return Refusal(what=f"the leader has other pictures than these of instants {numbers}")
@@ -168,11 +168,11 @@ class BurstSender:
         """Wait for the answer to the oldest unacknowledged image, or for new work."""
         if self._answer is None:
             self._answer = asyncio.create_task(self._receive())
-        news = asyncio.create_task(self._news.wait())
+        changed = asyncio.create_task(self._changed.wait())
         try:
-            await asyncio.wait({self._answer, news}, return_when=asyncio.FIRST_COMPLETED)
+            await asyncio.wait({self._answer, changed}, return_when=asyncio.FIRST_COMPLETED)
         finally:
-            news.cancel()
+            changed.cancel()
         return await self._take_next(burst) if self._answer.done() else None
 
     async def _take_all_answers(self, burst: BurstUpload) -> Refusal | None:
@@ -269,7 +269,7 @@ class Uploader:
         self._retry_s = retry_s
         self._waiting: deque[BurstUpload] = deque()
         self._refused: deque[BurstUpload] = deque(maxlen=MAX_WAITING_BURSTS)
-        self._news = asyncio.Event()
+        self._changed = asyncio.Event()
         self._to_encode = asyncio.Event()
         self._to_sync = asyncio.Event()
         self._space_is_due = False
@@ -303,14 +303,14 @@ class Uploader:
             given_up = self._waiting.popleft()
             where = f"; what it has is in {given_up.spooled.folder}" if given_up.spooled else ""
             self._log.say(f"burst {given_up.report.burst} given up: the leader is away for too long{where}")
-        self._news.set()
+        self._changed.set()
         self._to_encode.set()
 
     def extend_burst(self, picked: FramesSelected[CapturedFrame]) -> None:
         """Add further instants to an earlier burst, if they are still needed."""
         for upload in self._uploads_of(picked.trigger.leader, picked.trigger.burst):
             upload.extend(picked)
-        self._news.set()
+        self._changed.set()
         self._to_encode.set()
 
     def cancel_burst(self, leader: int, burst: int) -> None:
@@ -318,7 +318,7 @@ class Uploader:
         for upload in self._uploads_of(leader, burst):
             upload.end()
             self._log.say(f"burst {burst} was cancelled")
-        self._news.set()
+        self._changed.set()
 
     async def run(self) -> None:
         """Encode and send until cancelled."""
@@ -348,7 +348,7 @@ class Uploader:
         self._waiting.extendleft(reversed(self._refused))
         self._refused.clear()
         self._space_is_due = True
-        self._news.set()
+        self._changed.set()
 
     async def _encode_all(self) -> None:
         while True:
@@ -363,7 +363,7 @@ class Uploader:
             self._space_is_due |= burst.spooling != spooling
             if burst.is_over and burst.spooled is not None:
                 await asyncio.to_thread(burst.spooled.remove)
-            self._news.set()
+            self._changed.set()
             self._to_sync.set()
 
     async def _encode_next(self, burst: BurstUpload) -> None:
@@ -407,8 +407,8 @@ class Uploader:
         """Store the final reports of ended bursts in the spool."""
         for burst in tuple(self._waiting):
             has_ended = burst.ended and not burst.is_over
-            if has_ended and not burst.end_is_kept and burst.spooled is not None:
-                burst.end_is_kept = True
+            if has_ended and not burst.end_is_stored and burst.spooled is not None:
+                burst.end_is_stored = True
                 with contextlib.suppress(SimulshotError):
                     await asyncio.to_thread(burst.spooled.write_report, burst.report_to_keep())
 
@@ -438,12 +438,14 @@ class Uploader:
         failures = 0
         while True:
             while self.leader is None or not (self._waiting or self._space_is_due):
-                self._news.clear()
-                await self._news.wait()
+                self._changed.clear()
+                await self._changed.wait()
             try:
                 async with (
                     await connect(self.leader, FromLeader, trust=self._trust) as channel,
-                    contextlib.aclosing(BurstSender(channel, self._news, self._log, self._waiting)) as sender,
+                    contextlib.aclosing(
+                        BurstSender(channel, self._changed, self._log, self._waiting)
+                    ) as sender,
                 ):
                     self._stream = channel
                     if isinstance(refusal := await sender.ask(self._opening), Refusal):
@@ -498,4 +500,4 @@ class Uploader:
         while self.spool is not None:
             await asyncio.sleep(SPACE_EVERY_S)
             self._space_is_due = True
-            self._news.set()
+            self._changed.set()

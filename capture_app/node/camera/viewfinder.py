@@ -18,23 +18,23 @@ from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.supervisor import ControlKeeper, NodeOptions
 from capture_app.protocol.messages import FromLeader, NodeStream, Refusal
 from capture_app.protocol.orders import (
+    CameraHealth,
     ControlsAnswer,
     ControlsRequest,
     DetailRequest,
-    KeepStamp,
+    PreviewRequest,
     PreviewSeen,
-    PreviewsWanted,
     RemoveCamera,
-    StampKept,
-    Vitals,
+    SaveStamp,
+    StampSaved,
 )
 from capture_app.protocol.status import NodeDetail, Preview
 from capture_app.session.reading.decoding import encode_image
 
 RETRY_S = 2.0
-VITALS_EVERY_S = 1.0
+HEALTH_INTERVAL_S = 1.0
 BUSY_CHECK_S = 0.1
-FRAMES_KEPT = 300
+MAX_FRAMES = 300
 RATE_WINDOW_NS = 2_000_000_000
 JPEG_QUALITY = 75
 
@@ -52,7 +52,7 @@ class ShownMember(Protocol):
     def detail(self) -> NodeDetail:
         """Return the node's details for operators."""
 
-    def keep(self, measured: KeepStamp) -> bool:
+    def keep(self, measured: SaveStamp) -> bool:
         """Apply a measurement from now on; return whether it is saved for later runs, too."""
 
 
@@ -63,7 +63,7 @@ class Viewfinder:
         self, options: NodeOptions, instance: int, controls: ControlKeeper, member: ShownMember
     ) -> None:
         """`instance` is the run of the node."""
-        self.stamps_ns: deque[int] = deque(maxlen=FRAMES_KEPT)
+        self.stamps_ns: deque[int] = deque(maxlen=MAX_FRAMES)
         """Timestamps of the latest frames, by the node's clock."""
         self.newest: CapturedFrame | None = None
         self._options, self._instance, self._controls, self._member = options, instance, controls, member
@@ -71,16 +71,16 @@ class Viewfinder:
         self._leader: Address | None = None
         self._leader_changed = asyncio.Event()
         self._channel: Channel[Any] | None = None
-        self._wanted: PreviewsWanted | None = None
-        self._wish_changed = asyncio.Event()
+        self._wanted: PreviewRequest | None = None
+        self._request_changed = asyncio.Event()
         self._may_send = asyncio.Event()
         self._thread = ThreadPoolExecutor(1, "preview", initializer=lower_priority)
 
     @property
-    def vitals(self) -> Vitals:
+    def health(self) -> CameraHealth:
         """Current frame rate, exposure and gain."""
         newest = self.newest
-        return Vitals(
+        return CameraHealth(
             fps=self._fps(),
             exposure_ns=None if newest is None else newest.exposure_ns,
             gain=None if newest is None else newest.gain,
@@ -117,12 +117,12 @@ class Viewfinder:
 
     async def _serve(self, channel: Channel[Any]) -> None:
         self._channel, self._wanted = channel, None
-        self._wish_changed.clear()
+        self._request_changed.clear()
         self._may_send.set()
         await channel.send(NodeStream(camera=self._name, instance=self._instance, shows=True))
         try:
             # No task group: if it is cancelled as its stream breaks off, it reports the stream's error only.
-            parts = await first_of(self._listen(channel), self._tell_vitals(channel), self._show(channel))
+            parts = await first_of(self._listen(channel), self._send_health(channel), self._show(channel))
             next(part for part in parts if not part.cancelled()).result()
         finally:
             self._channel = None
@@ -130,9 +130,9 @@ class Viewfinder:
     async def _listen(self, channel: Channel[Any]) -> None:
         while (message := await channel.receive_header()) is not None:
             match message:
-                case PreviewsWanted():
+                case PreviewRequest():
                     self._wanted = message
-                    self._wish_changed.set()
+                    self._request_changed.set()
                 case PreviewSeen():
                     self._may_send.set()
                 case DetailRequest():
@@ -140,8 +140,8 @@ class Viewfinder:
                 case ControlsRequest(wanted=wanted):
                     state = await (self._controls.apply(wanted) if wanted else self._controls.read())
                     await channel.send(ControlsAnswer(camera=self._name, state=state))
-                case KeepStamp() if message.camera == self._name:
-                    await channel.send(StampKept(camera=self._name, kept=self._member.keep(message)))
+                case SaveStamp() if message.camera == self._name:
+                    await channel.send(StampSaved(camera=self._name, kept=self._member.keep(message)))
                 case RemoveCamera() if message.name == self._name:
                     self._options.put_off()
                 case Refusal():
@@ -150,13 +150,13 @@ class Viewfinder:
                     pass
         raise NetworkError("the leader closed the stream")
 
-    async def _tell_vitals(self, channel: Channel[Any]) -> None:
+    async def _send_health(self, channel: Channel[Any]) -> None:
         told = None
         while True:
-            if (vitals := self.vitals) != told:
-                told = vitals
-                await channel.send(vitals)
-            await asyncio.sleep(VITALS_EVERY_S)
+            if (health := self.health) != told:
+                told = health
+                await channel.send(health)
+            await asyncio.sleep(HEALTH_INTERVAL_S)
 
     async def _show(self, channel: Channel[Any]) -> None:
         loop = asyncio.get_running_loop()
@@ -165,8 +165,8 @@ class Viewfinder:
         while True:
             wanted = self._wanted
             if wanted is None or not wanted.fps:
-                self._wish_changed.clear()
-                await self._wish_changed.wait()
+                self._request_changed.clear()
+                await self._request_changed.wait()
                 continue
             await self._may_send.wait()
             await asyncio.sleep(max(0.0, due_s - loop.time()))

@@ -22,12 +22,12 @@ from capture_app.common.tasks import Background, has_come
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.intake import DiskThreads
-from capture_app.node.burst.plans import usual_spare
+from capture_app.node.burst.plans import default_spare
 from capture_app.node.burst.resumed_bursts import ResumedBursts
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.leader.readiness import (
     check_room,
-    coarse_nodes,
+    degraded_nodes,
     expected_image_bytes,
     reasons_until_ready,
 )
@@ -55,7 +55,7 @@ SURE_FRAMES = 300
 SILENCE_CHECK_S = 0.25
 SNAPSHOT_EVERY_S = 0.25
 MAX_OPEN_BURSTS, MAX_BURSTS_AHEAD = 16, 16
-TELL_EVERY_NS = 1_000_000_000
+REPORT_INTERVAL_NS = 1_000_000_000
 
 
 def frames_and_spacing(request: BurstRequest, period_ns: int) -> tuple[int, int]:
@@ -94,7 +94,7 @@ def order_of(request: BurstRequest, asked_ns: int, period_ns: int) -> BurstOrder
     """
     frames, spacing = frames_and_spacing(request, period_ns)
     step_ns = spacing * period_ns
-    spare = usual_spare(frames) if request.spare is None else request.spare
+    spare = default_spare(frames) if request.spare is None else request.spare
     at_ns = request.at_leader_ns
     if request.before:
         at_ns = (asked_ns if at_ns is None else at_ns) - request.before * step_ns
@@ -134,7 +134,7 @@ class ActiveBursts:
 
     def __init__(self, options: LeaderOptions, engine: Leader, pump: Pump) -> None:
         self._options, self._engine = options, engine
-        self._pump, self._news = pump, options.news
+        self._pump, self._event_log = pump, options.news
         self.saved: deque[str] = deque(maxlen=REMEMBERED)
         """Paths of this run's newest sessions, newest last, which every status includes."""
         self.newest: BurstSession | None = None
@@ -151,7 +151,7 @@ class ActiveBursts:
         self._image_bytes: dict[str, int] = {}
         self.spools: dict[str, SpoolSpace] = {}
         """Free space of each node, as last reported."""
-        self._told_ns = self.now_ns() - TELL_EVERY_NS
+        self._reported_ns = self.now_ns() - REPORT_INTERVAL_NS
         self._silent: set[str] = set()
         """Cameras of this run that silently left their last burst: one camera must not delay all others."""
         self._trouble = ""
@@ -197,7 +197,7 @@ class ActiveBursts:
             async for reason in reasons_until_ready(engine, self._options.clock, wait_s, nodes):
                 yield replace(before, message=f"waiting for the rig: {reason}")
             asked_ns = self.now_ns()
-        if coarse := coarse_nodes(engine.roster.by_name()):
+        if coarse := degraded_nodes(engine.roster.by_name()):
             yield replace(before, message=f"less accurate than asked for: {coarse}")
         grid = engine.grid
         # Without a camera there is no grid; `order` reports that.
@@ -344,13 +344,13 @@ class ActiveBursts:
         before = self.spools.get(space.camera)
         self.spools[space.camera] = space
         if space.problem != ("" if before is None else before.problem):
-            self._news.say_of_disk(space.camera, space.problem)
+            self._event_log.say_of_disk(space.camera, space.problem)
 
-    def tell_progress(self, session: BurstSession) -> None:
+    def report_progress(self, session: BurstSession) -> None:
         """Report a burst's progress at intervals; its completion is reported elsewhere, once."""
-        if not session.finished.is_set() and self.now_ns() >= self._told_ns + TELL_EVERY_NS:
-            self._told_ns = self.now_ns()
-            self._news.note(session.status)
+        if not session.finished.is_set() and self.now_ns() >= self._reported_ns + REPORT_INTERVAL_NS:
+            self._reported_ns = self.now_ns()
+            self._event_log.note(session.status)
 
     def note_answer(self, answer: BurstAnswered) -> None:
         """Note whether a node takes part in a burst."""
@@ -359,7 +359,7 @@ class ActiveBursts:
             self._background.start(session.give_up_camera(answer.name, answer.refusal))
 
     async def _follow(self, session: BurstSession) -> None:
-        self._news.note(session.status)
+        self._event_log.note(session.status)
         await session.finished.wait()
         self._note_finished(session)
 
@@ -376,7 +376,7 @@ class ActiveBursts:
         if self._bursts.get(number) is session:
             self._silent = (self._silent - {*session.burst.clients}) | session.silent_cameras()
             del self._bursts[number]
-        self._news.note(status)
+        self._event_log.note(status)
 
     async def _watch_silence(self) -> None:
         while True:
@@ -393,4 +393,4 @@ class ActiveBursts:
             troubles = (of.trouble for of in (*self._bursts.values(), *self.resumed.sessions()))
             if (trouble := next(filter(None, troubles), "")) != self._trouble:
                 self._trouble = trouble
-                self._news.say_of_disk(None, trouble)
+                self._event_log.say_of_disk(None, trouble)

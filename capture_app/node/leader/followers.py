@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from capture_app.common.clock import NodeClock
 from capture_app.node.burst.burst_session import BurstSession
+from capture_app.protocol.log import Log
 from capture_app.protocol.messages import BurstRequest
-from capture_app.protocol.news import Log
 from capture_app.protocol.status import FollowerStatus
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_grid import FrameGrid

@@ -14,7 +14,7 @@ from capture_app.common.errors import BadInputError, NetworkError
 from capture_app.common.names import check_name, free_name
 from capture_app.common.passwords import hide_password
 from capture_app.common.timeouts import NODE_START_TIMEOUT_S, PHONES_START_TIMEOUT_S
-from capture_app.protocol.news import Log
+from capture_app.protocol.log import Log
 from capture_app.protocol.orders import FLAT_SCENES, MAX_NODES, VIEWS, AddSimulated, PhoneInvited
 from capture_app.trust.trust import Trust
 
@@ -26,12 +26,12 @@ class LocalPhones:
 
     def __init__(self, leader: Address, spool: Path, host: str, news: Log, options: Sequence[str]) -> None:
         """`host` is this machine's address for phones, `options` apply to each process."""
-        self._leader, self._spool, self._host, self._news = leader, spool, host, news
+        self._leader, self._spool, self._host, self._event_log = leader, spool, host, news
         self._options = options
         self._child: Child | None = None
         self._reading: asyncio.Task[None] | None = None
         self._invited: tuple[PhoneInvited, float] | None = None
-        self._news_came = asyncio.Event()
+        self._log_came = asyncio.Event()
         self._starting = asyncio.Lock()
 
     async def invitation(self) -> PhoneInvited:
@@ -54,14 +54,14 @@ class LocalPhones:
 
     async def _start(self) -> None:
         self._invited = None
-        self._news_came.clear()
+        self._log_came.clear()
         arguments = ("capture_app.cli", "phones", "--until-eof", "--json", "--host", self._host)
         where = ("--leader", str(self._leader), "--spool", str(self._spool), *self._options)
         self._child = await Child.start("the server of phones", (*arguments, *where))
         self._reading = asyncio.create_task(self._read(self._child))
         try:
             async with asyncio.timeout(PHONES_START_TIMEOUT_S):
-                await self._news_came.wait()
+                await self._log_came.wait()
         except TimeoutError:
             return
         if self._invited is None:
@@ -80,10 +80,12 @@ class LocalPhones:
                     url=line["url"], fingerprint=line["fingerprint"], good_for_s=line["good_for_s"]
                 )
                 self._invited = told, asyncio.get_running_loop().time() + told.good_for_s
-                self._news_came.set()
+                self._log_came.set()
         if self._invited is not None:
-            self._news.add("the server of phones has ended; invite a phone to start it again", level="error")
-        self._news_came.set()
+            self._event_log.add(
+                "the server of phones has ended; invite a phone to start it again", level="error"
+            )
+        self._log_came.set()
 
 
 class LocalNodes:
@@ -105,8 +107,8 @@ class LocalNodes:
         self._options = (trust or Trust.of_user()).options
         self._leader = leader
         self._spool = spool
-        self._news = news or Log()
-        self.phones = LocalPhones(leader, spool, host or leader.host, self._news, self._options)
+        self._event_log = news or Log()
+        self.phones = LocalPhones(leader, spool, host or leader.host, self._event_log, self._options)
         """Server for the phones that are cameras here."""
         self._children: dict[str, Child] = {}
         self._watching: dict[str, asyncio.Task[None]] = {}
@@ -225,4 +227,4 @@ class LocalNodes:
         error = await child.failure()
         if self._children.get(name) is child:
             del self._children[name], self._watching[name]
-            self._news.add(str(error), camera=name, level="error")
+            self._event_log.add(str(error), camera=name, level="error")

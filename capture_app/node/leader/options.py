@@ -8,7 +8,7 @@ from capture_app.common.address import DEFAULT_PORT
 from capture_app.common.clock import HostClock, NodeClock
 from capture_app.common.timeouts import RETURN_NS
 from capture_app.node.leader.followers import RigFollower
-from capture_app.protocol.news import Log
+from capture_app.protocol.log import Log
 from capture_app.sync.tree.succession import Continued
 from capture_app.trust.trust import Trust
 

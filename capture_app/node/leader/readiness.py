@@ -11,9 +11,9 @@ from capture_app.common.node_state import NodeState
 from capture_app.common.text import count, duration, megabytes
 from capture_app.common.timeouts import DEGRADED_WAIT_S
 from capture_app.node.leader.snapshots import present_cameras
+from capture_app.protocol.log import off_rate_line
 from capture_app.protocol.messages import SpoolSpace
-from capture_app.protocol.news import off_rate_line
-from capture_app.protocol.status import LOST_IS_NEWS_NS
+from capture_app.protocol.status import REPORT_LOST_NS
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.session.reading.stamp_words import unmeasured_stamps
 from capture_app.sync.rig.leader import Leader
@@ -24,33 +24,33 @@ CHECK_EVERY_S = 0.1
 GUESSED_PIXELS_PER_BYTE = 4
 """Pixels per byte of JPEG that a camera is assumed to have before its first image."""
 MARGIN = 1.1
-_GONE = (NodeState.FAILED, NodeState.LOST)
-_ON_THE_WAY = (
+_UNAVAILABLE = (NodeState.FAILED, NodeState.LOST)
+_IN_PROGRESS = (
     NodeState.JOINING,
     NodeState.SYNCING,
     NodeState.ALIGNING,
-    NodeState.COARSE,
+    NodeState.DEGRADED,
 )
 """If several nodes are not ready, the sentence names the one that waits longest for a person."""
-_CLOCK_IS_KNOWN = (NodeState.ALIGNING, NodeState.COARSE, NodeState.READY)
+_CLOCK_IS_KNOWN = (NodeState.ALIGNING, NodeState.DEGRADED, NodeState.READY)
 
 
 def shortfall(member: Member, *, why: bool = False) -> str:
     """Return why a node is not ready: its state, with its own message if `why`, or its degradation."""
     state, message = member.report.state, member.report.message
-    if state is NodeState.COARSE:
+    if state is NodeState.DEGRADED:
         return f"{member.name}: {message}"
     return f"{member.name} is {state}" + (f": {message}" if why and message else "")
 
 
-def coarse_nodes(members: Sequence[Member]) -> str:
+def degraded_nodes(members: Sequence[Member]) -> str:
     """Return the nodes that are synchronized less accurately than requested; empty if none is."""
-    return ", ".join(shortfall(member) for member in members if member.report.state is NodeState.COARSE)
+    return ", ".join(shortfall(member) for member in members if member.report.state is NodeState.DEGRADED)
 
 
-def why_not_ready(members: Sequence[Member], cameras: int, *, coarse_will_do: bool = False) -> str:
+def why_not_ready(members: Sequence[Member], cameras: int, *, accept_degraded: bool = False) -> str:
     """Return why the rig, of at least `cameras` cameras, is not ready; empty when it is."""
-    enough = (NodeState.LOST, NodeState.READY, *([NodeState.COARSE] if coarse_will_do else []))
+    enough = (NodeState.LOST, NodeState.READY, *([NodeState.DEGRADED] if accept_degraded else []))
     late = [shortfall(member) for member in members if member.report.state not in enough]
     there = len(present_cameras(members))
     if there < cameras:
@@ -71,7 +71,7 @@ async def reasons_until_ready(
     usable_s: float | None = None
     while reason := why_not_ready(engine.roster.by_name(), cameras):
         now_s = loop.time()
-        if why_not_ready(engine.roster.by_name(), cameras, coarse_will_do=True):
+        if why_not_ready(engine.roster.by_name(), cameras, accept_degraded=True):
             usable_s = None
             if now_s >= deadline_s:
                 raise IncompleteError(
@@ -144,11 +144,11 @@ def rig_advice(
     off_rate: Mapping[str | None, HostOffRate] | None = None,
 ) -> str:
     """Return one sentence of advice; `leader` is where nodes join, `off_rate` are hosts with odd clocks."""
-    sentence = _of_states(members, _GONE, now_ns)
+    sentence = _of_states(members, _UNAVAILABLE, now_ns)
     if not sentence and off_rate:
         worst = max(off_rate.values(), key=lambda off: (off.certain, abs(off.fast_ppm)))
         sentence = off_rate_line(worst) + _and_more(len(off_rate))
-    if sentence := sentence or _of_states(members, _ON_THE_WAY, now_ns):
+    if sentence := sentence or _of_states(members, _IN_PROGRESS, now_ns):
         return sentence
     cameras = present_cameras(members)
     if not cameras:
@@ -165,11 +165,11 @@ def rig_advice(
 
 def _of_states(members: Sequence[Member], states: Sequence[NodeState], now_ns: int) -> str:
     for state in states:
-        most_ns = LOST_IS_NEWS_NS if state is NodeState.LOST else math.inf
+        max_ns = REPORT_LOST_NS if state is NodeState.LOST else math.inf
         concerned = [
             member
             for member in members
-            if member.report.state is state and now_ns - member.last_heard_ns <= most_ns
+            if member.report.state is state and now_ns - member.last_heard_ns <= max_ns
         ]
         if concerned:
             return shortfall(concerned[0], why=True) + _and_more(len(concerned))

@@ -51,7 +51,7 @@ class ImageAnswers:
         """Answer with an image's checksum once it is known, or with its error."""
         self._waiting.put_nowait(saving)
         if self._telling is None:
-            self._telling = asyncio.create_task(self._tell_all())
+            self._telling = asyncio.create_task(self._send_all())
 
     async def drain(self) -> None:
         """Wait until everything has been answered."""
@@ -62,7 +62,7 @@ class ImageAnswers:
         if self._telling is not None:
             await end(self._telling)
 
-    async def _tell_all(self) -> None:
+    async def _send_all(self) -> None:
         while True:
             saving = await self._waiting.get()
             # The reader of a stream notices that it has broken off.
@@ -91,7 +91,7 @@ class LeaderService:
         enrolment: Enrolment,
     ) -> None:
         """`local` starts nodes on this machine; None if this leader runs none."""
-        self.stop_wanted = asyncio.Event()
+        self.stop_requested = asyncio.Event()
         """Set when an operator orders this leader to end."""
         self._options, self._engine, self._pump = options, engine, pump
         self._rig, self._bursts, self._local, self._viewfinders = rig, bursts, local, viewfinders
@@ -128,7 +128,7 @@ class LeaderService:
                     what = error if isinstance(error, SimulshotError) else DiskError(f"on its disk: {error}")
                     await answers.drain()
                     await channel.send(messages.Refusal.of_error(what))
-                if channel.who.is_stranger:
+                if channel.who.is_unknown:
                     return  # it has its answer, and must not occupy the port
         finally:
             self._end_speech(principal, channel)
@@ -171,7 +171,7 @@ class LeaderService:
         if session is None:
             raise BadInputError(f"this stream does not speak for camera {message.camera!r} in that burst")
         saving = await session.take_image(message, channel.payload(), self._bursts.now_ns())
-        saving.add_done_callback(lambda _: self._bursts.tell_progress(session))
+        saving.add_done_callback(lambda _: self._bursts.report_progress(session))
         return saving
 
     async def _answer(
@@ -220,8 +220,8 @@ class LeaderService:
                     await self._viewfinders.serve(channel, message)
                 finally:
                     giving.cancel()
-            case orders.KeepStamp():
-                await channel.send(await self._viewfinders.ask(message, orders.StampKept))
+            case orders.SaveStamp():
+                await channel.send(await self._viewfinders.ask(message, orders.StampSaved))
             case orders.DetailRequest():
                 await channel.send(await self._viewfinders.ask(message, NodeDetail))
             case orders.ControlsRequest():
@@ -263,7 +263,7 @@ class LeaderService:
                 return await self._nodes().phones.invitation()
             case orders.StopRig():
                 self._options.news.add("stopped by an operator")
-                self.stop_wanted.set()
+                self.stop_requested.set()
         return orders.Done(names=names)
 
     def _nodes(self) -> LocalNodes:

@@ -13,7 +13,7 @@ from capture_app.common.camera_facts import CameraControls, Control, ControlValu
 from capture_app.common.errors import IncompleteError
 from capture_app.common.text import UNREADABLE
 from capture_app.node.leader.viewfinders import Viewfinders
-from capture_app.protocol.news import Log
+from capture_app.protocol.log import Log
 from capture_app.protocol.orders import ControlsAnswer, ControlsRequest
 from capture_app.session.files.durable import write_atomic
 
@@ -66,7 +66,7 @@ class RigSettings:
 
     def _wanted(self, camera: str, state: CameraControls) -> dict[Control, ControlValue]:
         wanted: dict[Control, ControlValue] = {}
-        here = set(self._viewfinders.vitals) - {camera}
+        here = set(self._viewfinders.health) - {camera}
         for control in Control:
             own = self._held.get(camera, {}).get(control)
             others = {of[control] for name, of in self._held.items() if name in here and control in of}

@@ -10,12 +10,12 @@ from capture_app.common.address import Address
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.text import count
 from capture_app.protocol.messages import SpoolSpace
-from capture_app.protocol.orders import Vitals
+from capture_app.protocol.orders import CameraHealth
 from capture_app.protocol.status import NodeStatus
 from capture_app.sync.rig.roster import Member, relays_above
 from capture_app.sync.wire.messages import Report
 
-MOST_OF_A_PAGE = 250
+MAX_PER_PAGE = 250
 
 
 def node_statuses(
@@ -23,7 +23,7 @@ def node_statuses(
     all_members: tuple[Member, ...] | None = None,
     *,
     now_ns: int,
-    vitals: Mapping[str, Vitals] | None = None,
+    health: Mapping[str, CameraHealth] | None = None,
     spools: Mapping[str, SpoolSpace] | None = None,
     local: Collection[str] = (),
 ) -> tuple[NodeStatus, ...]:
@@ -33,7 +33,7 @@ def node_statuses(
     return tuple(
         NodeStatus(
             **asdict(_with_disk(member.report, known.get(member.name))),
-            **asdict((vitals or {}).get(member.name, Vitals())),
+            **asdict((health or {}).get(member.name, CameraHealth())),
             disk_free_bytes=space.free_bytes if (space := known.get(member.name)) else None,
             on_leader=member.name in local,
             name=member.name,
@@ -55,7 +55,7 @@ def page_of(members: tuple[Member, ...], after: str | None) -> tuple[tuple[Membe
     if after is None:
         return members, 0, ""
     rest = members[bisect_right(members, after, key=lambda member: member.name) :] if after else members
-    page, further = rest[:MOST_OF_A_PAGE], rest[MOST_OF_A_PAGE:]
+    page, further = rest[:MAX_PER_PAGE], rest[MAX_PER_PAGE:]
     states = Counter(str(member.report.state) for member in further)
     words = ", ".join(f"{number} {state}" for state, number in sorted(states.items()))
     text = f"and {count(len(further), 'more node')}, not listed here: {words}" if further else ""

@@ -63,7 +63,7 @@ class RankedLeader:
         self._make_options, options = make_options, make_options()
         for bound in bind_port(options.host, options.port):
             bound.close()
-        self._news, self._clock = options.news, options.clock
+        self._event_log, self._clock = options.news, options.clock
         instance = secrets.randbits(32)
         name = name_like(f"leader-{socket.gethostname().split('.')[0]}-{options.port}", "leader")
         self._engine = engine = Succession(name, instance, others, rank, random.Random(secrets.randbits(64)))
@@ -89,7 +89,7 @@ class RankedLeader:
                     self._serving = asyncio.ensure_future(_serve(self._taken_over(), lead))
                     self._serving.add_done_callback(lambda _: self._changed.set())
                 elif not self._engine.leads and self._serving is not None:
-                    self._news.say("a leader of better rank leads, too: this one gives way")
+                    self._event_log.say("a leader of better rank leads, too: this one gives way")
                     await end(self._serving)
                     self._serving = None
                 await self._changed.wait()
@@ -102,7 +102,7 @@ class RankedLeader:
     def _look(self) -> None:
         self._keys.look()
         if self._engine.leader not in (self._followed, None):
-            self._news.say(f"{Address(*self._engine.leader)} leads: this one follows until it is gone")
+            self._event_log.say(f"{Address(*self._engine.leader)} leads: this one follows until it is gone")
         self._followed = self._engine.leader
         if self._engine.leads is not (self._serving is not None):
             self._changed.set()
@@ -112,7 +112,7 @@ class RankedLeader:
         options, continued = self._make_options(), self._engine.continued
         if continued is None:
             return options
-        self._news.say(
+        self._event_log.say(
             "the leader is gone: this one leads now, in its time as far as"
             f" {duration(continued.told.uncertainty_ns)}"
         )
@@ -132,7 +132,7 @@ async def _serve(options: LeaderOptions, lead: Callable[[LeaderNode], Awaitable[
         await lead(node)
 
 
-async def lead_in_turn(
+async def lead_by_rank(
     make_options: Callable[[], LeaderOptions],
     leaders: Sequence[Address],
     lead: Callable[[LeaderNode], Awaitable[None]],

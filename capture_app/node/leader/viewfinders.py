@@ -12,24 +12,24 @@ from capture_app.common.timeouts import NODE_ANSWER_TIMEOUT_S
 from capture_app.net.channel import Channel
 from capture_app.protocol.messages import NodeStream, ToLeader
 from capture_app.protocol.orders import (
+    CameraHealth,
     ControlsAnswer,
     ControlsRequest,
     DetailRequest,
-    KeepStamp,
+    PreviewRequest,
     PreviewSeen,
-    PreviewsWanted,
     RemoveCamera,
-    StampKept,
+    SaveStamp,
+    StampSaved,
     ToViewfinder,
-    Vitals,
 )
 from capture_app.protocol.status import NodeDetail, Preview
 
-NodeRequest = DetailRequest | ControlsRequest | KeepStamp
-NodeAnswer = NodeDetail | ControlsAnswer | StampKept
-A = TypeVar("A", NodeDetail, ControlsAnswer, StampKept)
-NOTHING = PreviewsWanted(width=16, fps=0)
-UNKNOWN = Vitals()
+NodeRequest = DetailRequest | ControlsRequest | SaveStamp
+NodeAnswer = NodeDetail | ControlsAnswer | StampSaved
+A = TypeVar("A", NodeDetail, ControlsAnswer, StampSaved)
+NOTHING = PreviewRequest(width=16, fps=0)
+UNKNOWN = CameraHealth()
 MAX_PREVIEW_BYTES = 4 << 20
 
 
@@ -38,8 +38,8 @@ class _Stream:
     """A node's current stream."""
 
     channel: Channel[ToLeader]
-    vitals: Vitals = UNKNOWN
-    wanted: PreviewsWanted = NOTHING
+    health: CameraHealth = UNKNOWN
+    wanted: PreviewRequest = NOTHING
     picture: Preview | None = None
     asked: "dict[type[NodeAnswer], asyncio.Future[Any]]" = field(default_factory=dict)
     """Pending requests, by type of answer."""
@@ -56,7 +56,7 @@ class Viewfinders:
     """All nodes with an open viewfinder stream, and the previews that operators request."""
 
     _streams: dict[str, _Stream] = field(default_factory=dict)
-    _wishes: dict[object, PreviewsWanted] = field(default_factory=dict)
+    _wishes: dict[object, PreviewRequest] = field(default_factory=dict)
 
     async def serve(self, channel: Channel[ToLeader], opened: NodeStream) -> None:
         """Process a node's messages until it closes its stream."""
@@ -70,13 +70,13 @@ class Viewfinders:
             await self._ask(name)
             while (message := await channel.receive_header()) is not None:
                 match message:
-                    case Vitals():
-                        stream.vitals = message
+                    case CameraHealth():
+                        stream.health = message
                     case Preview(camera=camera) if camera == name and stream.wants(channel.unread):
                         jpeg = b"".join([chunk async for chunk in channel.payload()])
                         stream.picture = replace(message, jpeg=jpeg)
                         await channel.send(PreviewSeen(camera=name))
-                    case NodeDetail() | ControlsAnswer() | StampKept():
+                    case NodeDetail() | ControlsAnswer() | StampSaved():
                         asked = stream.asked.pop(type(message), None)
                         if asked is not None and not asked.done():
                             asked.set_result(message)
@@ -92,11 +92,11 @@ class Viewfinders:
                     asked.exception()  # its caller may have disconnected
 
     @property
-    def vitals(self) -> Mapping[str, Vitals]:
+    def health(self) -> Mapping[str, CameraHealth]:
         """Current health of the cameras, by name."""
-        return {name: stream.vitals for name, stream in self._streams.items()}
+        return {name: stream.health for name, stream in self._streams.items()}
 
-    async def want(self, operator: object, wish: PreviewsWanted | None) -> None:
+    async def want(self, operator: object, wish: PreviewRequest | None) -> None:
         """Store which previews an operator requests, None for none, and request them from the nodes."""
         self._wishes.pop(operator, None)
         if wish is not None and wish.fps > 0:
@@ -141,7 +141,7 @@ class Viewfinders:
         wishes = [w for w in self._wishes.values() if w.cameras is None or name in w.cameras]
         wanted = NOTHING
         if wishes:
-            wanted = PreviewsWanted(width=max(w.width for w in wishes), fps=max(w.fps for w in wishes))
+            wanted = PreviewRequest(width=max(w.width for w in wishes), fps=max(w.fps for w in wishes))
         if wanted != stream.wanted:
             stream.wanted = wanted
             stream.picture = None if wanted is NOTHING else stream.picture

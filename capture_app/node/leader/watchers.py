@@ -16,9 +16,9 @@ from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.leader.readiness import review_rates, rig_advice
 from capture_app.node.leader.snapshots import node_statuses, page_of
 from capture_app.node.leader.viewfinders import Viewfinders
+from capture_app.protocol.log import Log
 from capture_app.protocol.messages import StatusAnswer, ToLeader
-from capture_app.protocol.news import Log
-from capture_app.protocol.orders import NewsAnswer, PreviewSeen, PreviewsWanted
+from capture_app.protocol.orders import LogAnswer, PreviewRequest, PreviewSeen
 from capture_app.protocol.status import Preview, RigStatus
 from capture_app.session.files.disk import free_bytes
 from capture_app.sync.rig.leader import Leader
@@ -72,7 +72,7 @@ class RigState:
                 page,
                 members,
                 now_ns=now_ns,
-                vitals=self._viewfinders.vitals,
+                health=self._viewfinders.health,
                 spools=bursts.spools,
                 local=() if self._local is None else self._local.names,
             ),
@@ -110,12 +110,12 @@ class Watcher:
     def __init__(
         self, channel: Channel[ToLeader], rig: RigState, news: Log, viewfinders: Viewfinders
     ) -> None:
-        self._wish: PreviewsWanted | None = None
+        self._request: PreviewRequest | None = None
         self._on_their_way: set[str] = set()
         """Cameras whose last preview the operator has not acknowledged yet."""
         self._channel = channel
         self._rig = rig
-        self._news = news
+        self._event_log = news
         self._viewfinders = viewfinders
         self._due_s: dict[str, float] = {}
         self._shown: dict[str, Preview] = {}
@@ -128,8 +128,8 @@ class Watcher:
             while (message := await self._channel.receive_header()) is not None:
                 if isinstance(message, PreviewSeen):
                     self._on_their_way.discard(message.camera)
-                elif isinstance(message, PreviewsWanted):
-                    self._wish = message
+                elif isinstance(message, PreviewRequest):
+                    self._request = message
                     await self._viewfinders.want(self, message)
         finally:
             await end(telling)
@@ -146,15 +146,15 @@ class Watcher:
             if timeless != told or began_s - told_s >= KEEPALIVE_S:
                 told, told_s = timeless, began_s
                 await self._channel.send(StatusAnswer(rig=status))
-            if lines := self._news.after(news_ns):
+            if lines := self._event_log.after(news_ns):
                 news_ns = lines[-1].unix_ns
-                await self._channel.send(NewsAnswer(lines=lines))
+                await self._channel.send(LogAnswer(lines=lines))
             await self._send_pictures(began_s)
             # If a slow link has made this tick long, the next one counts from here.
             await asyncio.sleep(max(TICK_S / 2, began_s + TICK_S - loop.time()))
 
     async def _send_pictures(self, now_s: float) -> None:
-        wish = self._wish
+        wish = self._request
         if wish is None or not wish.fps:
             return
         for picture in self._viewfinders.pictures(wish.cameras):

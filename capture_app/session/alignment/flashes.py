@@ -27,13 +27,13 @@ The neighbours may show the same flash.
 """
 EDGE_ROWS = 0.05
 """Part of the frame's height near its first or last row where an edge may belong to the next frame."""
-LEAST_RISE = 0.12
+MIN_RISE = 0.12
 """Minimum relative rise in brightness by a flash, in at least one row of twenty."""
 CLEAR = 8.0
 """Minimum change in brightness by a flash, relative to the typical change."""
 LONGEST_FRAMES = 2.5
 """Maximum duration of a flash, in frames."""
-LEAST_STEP = 0.25
+MIN_STEP = 0.25
 """Minimum relative change of the whole image's brightness by a lamp, within three frames."""
 STEADY = 0.2
 """Maximum variation of brightness before and after a lamp's change, relative to that change."""
@@ -55,7 +55,7 @@ MOST = 30
 """Maximum number of flashes that are fitted; more add hardly any information."""
 EDGE_S = 2.5e-4
 """Maximum error of an observed edge, including the duration of the flash."""
-LEAST_BAR_S = 4e-4
+MIN_BAR_S = 4e-4
 """Minimum half width of the possible offsets: below it edges contradict each other, and tolerance grows."""
 READOUTS, EXPOSURES = 100, 3
 """Grid sizes for the unknown readout time and exposure time."""
@@ -112,7 +112,7 @@ class Lights:
         changed = {frame + k for frame in lamps for k in range(-AROUND, AROUND + 1)}
         rises = self._rises()
         tops = np.quantile(rises, 0.95, axis=1)
-        least = max(LEAST_RISE, CLEAR * 1.4826 * float(np.median(np.abs(tops - np.median(tops)))))
+        least = max(MIN_RISE, CLEAR * 1.4826 * float(np.median(np.abs(tops - np.median(tops)))))
         lit = np.array([frame for frame in np.flatnonzero(tops > least) if frame not in changed], np.intp)
         groups = np.split(lit, np.flatnonzero(np.diff(lit) > 1) + 1) if len(lit) else []
         found = (self._flash(rises, group) for group in groups)
@@ -130,7 +130,7 @@ class Lights:
         levels = np.median(before, 1), np.median(after, 1)
         change = np.abs(levels[1] - levels[0])
         steady = np.maximum(np.ptp(before, 1), np.ptp(after, 1)) < STEADY * change
-        clear = change > LEAST_STEP * (np.minimum(*levels) + 8)
+        clear = change > MIN_STEP * (np.minimum(*levels) + 8)
         found = frames[steady & clear]
         groups = np.split(found, np.flatnonzero(np.diff(found) > 1) + 1) if len(found) else []
         return [int(max(group, key=lambda at: abs(means[at + 1] - means[at - 1]))) for group in groups]
@@ -247,7 +247,7 @@ def match_flashes(reference: Lights, camera: Lights) -> CameraTimes:
     for pairs in _agreeing(*seen, max(periods)):
         if best is not None and len(pairs) < most:
             break
-        found = _fit_most(pairs, periods)
+        found = _fit_robustly(pairs, periods)
         if found.offset_ns is None:
             continue
         if best is not None:
@@ -282,7 +282,7 @@ def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -
     return [pairs for _, pairs in distinct[:CANDIDATES]]
 
 
-def _fit_most(pairs: list[Pair], periods: tuple[float, float]) -> CameraTimes:
+def _fit_robustly(pairs: list[Pair], periods: tuple[float, float]) -> CameraTimes:
     """Fit all pairs, or all but one: that pair may be two flashes that merged."""
     choices = [pairs]
     if len(pairs) > LEAST:
@@ -306,7 +306,7 @@ def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float) -> CameraTi
         least = (ours[:, None, :, 0] - theirs[None, :, :, 1]).reshape(-1, len(pairs))
         most = (ours[:, None, :, 1] - theirs[None, :, :, 0]).reshape(-1, len(pairs))
         offsets, rates = _lines(at, least, most)
-        if offsets is not None and rates is not None and offsets[1] - offsets[0] > 2 * LEAST_BAR_S:
+        if offsets is not None and rates is not None and offsets[1] - offsets[0] > 2 * MIN_BAR_S:
             return CameraTimes(
                 offset_ns=round(sum(offsets) / 2 * 1e9),
                 uncertainty_ns=round((offsets[1] - offsets[0]) / 2 * 1e9),

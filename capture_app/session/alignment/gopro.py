@@ -51,7 +51,7 @@ PAYLOAD_BYTES = 4_000_000
 PAYLOADS = 100_000
 JUMP_S = 0.5
 """Maximum scatter of the fixes' delays; above it the video is a time lapse, not in real time."""
-STAMP_REACH_S = 2.0
+MAX_STAMP_DELAY_S = 2.0
 """Maximum distance between a payload and the arrival of its first fix."""
 LATE_S = {"GPS9": 0.2 / math.sqrt(2), "GPS5": 1.0 / math.sqrt(2)}
 """Delay of the recorded UTC after the fix, 95 %, by kind of stream, the better one first.
@@ -122,7 +122,7 @@ def _after_s(stamp_us: float | None, frame_stamp_us: float | None) -> float:
     if stamp_us is None or frame_stamp_us is None:
         return 0.0
     after_s = (stamp_us - frame_stamp_us) * 1e-6
-    return after_s if abs(after_s) < STAMP_REACH_S else 0.0
+    return after_s if abs(after_s) < MAX_STAMP_DELAY_S else 0.0
 
 
 def _items(data: bytes) -> Iterator[_Item]:

@@ -27,7 +27,7 @@ BIN_S = 0.004
 WINDOW_S = 1.0
 WINDOWS = 80
 """Maximum number of windows; they are the loudest ones, distributed over the common recording time."""
-REACH_S = 0.08
+MAX_ERROR_S = 0.08
 """Maximum error of the rough offset, including clock drift."""
 DISTINCT = 1.4
 """Minimum ratio of the best rough correlation to the second best."""
@@ -125,7 +125,7 @@ def _rough_offset(reference: Sound, camera: Sound) -> float | str:
     fits = np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)
     spread = 1.4826 * float(np.median(np.abs(fits - np.median(fits)))) + 1e-12
     best = int(fits.argmax())
-    near = round(REACH_S / BIN_S)
+    near = round(MAX_ERROR_S / BIN_S)
     others = np.roll(fits, -best)[near : size - near]
     if fits[best] < PROMINENT * spread or fits[best] < DISTINCT * others.max():
         return "their sounds do not agree on one offset"
@@ -162,7 +162,7 @@ def _lag(reference: Samples, camera: Samples) -> float | None:
     # The phase of very weak frequencies is noise.
     weight = np.where(strength > 1e-3 * strength.max(), 1 / np.maximum(strength, 1e-20) ** 0.8, 0.0)
     fits = np.fft.fftshift(np.fft.irfft(spectrum * weight, size))
-    middle, reach = size // 2, round(REACH_S * RATE_HZ)
+    middle, reach = size // 2, round(MAX_ERROR_S * RATE_HZ)
     near = fits[middle - reach : middle + reach + 1]
     best = int(near.argmax())
     spread = 1.4826 * float(np.median(np.abs(near - np.median(near)))) + 1e-20

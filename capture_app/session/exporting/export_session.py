@@ -21,7 +21,7 @@ from capture_app.session.exporting.exporter import (
 )
 from capture_app.session.exporting.tables import write_frames
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
-from capture_app.session.files.strangers import encode_checked, indented
+from capture_app.session.files.untrusted_files import encode_checked, indented
 from capture_app.session.format.calibration import METRES, Calibration, check_lens
 from capture_app.session.format.export_record import RECORD, ExportRecord, with_images_listed
 from capture_app.session.format.manifest import CALIBRATION

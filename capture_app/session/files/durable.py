@@ -10,7 +10,7 @@ from contextlib import suppress
 from itertools import chain, count
 from pathlib import Path
 
-FEW_SYNCS, MOST_SYNCS = 2, 16
+FEW_SYNCS, MAX_SYNCS = 2, 16
 """Number of syncs up to which they run sequentially, and maximum number of concurrent syncs."""
 PART = ".part"
 """Suffix of a file that is still being written; readers ignore such files."""
@@ -48,7 +48,7 @@ def sync_all(paths: Iterable[Path]) -> dict[Path, OSError]:
         for path in each:
             sync(path)
     else:
-        with ThreadPoolExecutor(min(len(each), MOST_SYNCS), "sync") as threads:
+        with ThreadPoolExecutor(min(len(each), MAX_SYNCS), "sync") as threads:
             list(threads.map(sync, each))
     return errors
 

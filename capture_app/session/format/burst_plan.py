@@ -9,7 +9,7 @@ from capture_app.common.camera_facts import Count, Positive
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import Name, check_name
-from capture_app.session.files.strangers import read_struct
+from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import msgspec
 
-from capture_app.session.files.strangers import read_struct
+from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import ImageRecord, Manifest, check_references, image_path
 

@@ -38,7 +38,7 @@ NO_INSTANT = -1
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
-MOST_INTEGER, MOST_REAL = 2**63, 1e15
+MAX_INTEGER, MAX_REAL = 2**63, 1e15
 """Numbers of a manifest are smaller: sums and products of them then stay numbers everywhere."""
 
 
@@ -307,7 +307,7 @@ def sync_record(
         of = list(group)
         number += len(of)
         spreads_ns[instant] = _spread([image.leader_ns for image in of])
-        rows = _row_spread([(by_name[image.camera], image) for image in of])
+        rows = _row_scatter([(by_name[image.camera], image) for image in of])
         rows_ns = max(rows_ns or 0, rows) if rows is not None else rows_ns
         for image in of:
             known_ns = image.uncertainty_ns
@@ -341,7 +341,7 @@ def _spread(times_ns: Sequence[int]) -> int:
     return max(times_ns) - min(times_ns) if times_ns else 0
 
 
-def _row_spread(images: Sequence[tuple[CameraRecord, ImageRecord]]) -> int | None:
+def _row_scatter(images: Sequence[tuple[CameraRecord, ImageRecord]]) -> int | None:
     """The largest time between equal rows of the images: linear in the row, so the first and last suffice."""
     rows = [known for camera, image in images if (known := row_exposures(camera, image)) is not None]
     if len(rows) < 2:
@@ -401,7 +401,7 @@ def check_references(path: Path, manifest: Manifest) -> None:
 def check_numbers(path: Path, record: msgspec.Struct | None) -> None:
     """Check the numbers of the manifest at `path`, or of a part of it. Raises BadInputError for odd ones."""
     numbers = _numbers(msgspec.to_builtins(record))
-    if not all(abs(one) < (MOST_INTEGER if isinstance(one, int) else MOST_REAL) for one in numbers):
+    if not all(abs(one) < (MAX_INTEGER if isinstance(one, int) else MAX_REAL) for one in numbers):
         raise BadInputError(f"{path} has a number that no session has, such as one of over 64 bits")
 
 

@@ -30,7 +30,7 @@ _CAMERA = re.compile(
 _TAKE = re.compile(r"take|trial|run|scene|shot|day|session|try|attempt|walk|jump|20\d\d")
 _CALIBRATION = re.compile(r"calib|intrinsic|extrinsic|board|checker|charuco", re.IGNORECASE)
 _SLACK_S = 2.0
-_ALIKE = 2.0
+_MAX_LENGTH_RATIO = 2.0
 """Maximum ratio of the lengths of two clips of one take."""
 
 
@@ -150,7 +150,10 @@ def _of_one_folder(clips: list[Clip], left_out: list[str]) -> list[Shoot]:
     if len(several) == 1:
         usual = median(clip.seconds for clip in several[0])
         for clip in [group[0] for group in groups if len(group) == 1]:
-            if clip.began_s is not None and not usual / _ALIKE <= clip.seconds <= usual * _ALIKE:
+            if (
+                clip.began_s is not None
+                and not usual / _MAX_LENGTH_RATIO <= clip.seconds <= usual * _MAX_LENGTH_RATIO
+            ):
                 left_out.append(f"{clip.path.name}: of another date and another length")
                 clips = [one for one in clips if one is not clip]
     return _by_names(clips) or [_shoot("", clips)]

@@ -52,6 +52,6 @@ class ImportOptions:
     """Name of one recording, if a program's folder has several."""
 
     @property
-    def tell_times(self) -> bool:
+    def report_times(self) -> bool:
         """Whether the user specified the source of the times."""
         return self.fps is not None or self.timestamps is not None or self.times != "auto"

@@ -15,10 +15,10 @@ import numpy as np
 import yaml
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.strangers import read_regular
+from capture_app.session.files.untrusted_files import read_regular
 from capture_app.session.importing.views import Array
 
-MOST_BYTES = 8 << 20
+MAX_BYTES = 8 << 20
 """Maximum file size; a calibration has some kilobytes, even with all points it was computed from."""
 _MATRICES = "opencv-matrix", "opencv-nd-matrix"
 _DTYPE = re.compile(r"(\d*)[a-z]")
@@ -31,7 +31,7 @@ def read_storage(path: Path) -> dict[str, Any]:
     """
     try:
         data = read_regular(path)
-        if len(data) > MOST_BYTES:
+        if len(data) > MAX_BYTES:
             raise ValueError(f"it has {len(data)} bytes, too many for a calibration")
         content = _read_xml(data) if path.suffix.lower() == ".xml" else _read_yaml(data)
     except OSError as error:

@@ -11,7 +11,7 @@ from itertools import pairwise
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.strangers import read_text
+from capture_app.session.files.untrusted_files import read_text
 from capture_app.session.importing.frame_matching import (
     Instant,
     TimedFrame,

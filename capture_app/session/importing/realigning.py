@@ -14,7 +14,7 @@ from capture_app.session.importing.recording import missing_images
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 
-_KEPT = ("sequence", "exposure_ns", "gain", "white_balance")
+_PRESERVED = ("sequence", "exposure_ns", "gain", "white_balance")
 """Fields of an image that are preserved, besides its bytes and its own time."""
 
 
@@ -79,7 +79,7 @@ def _timeline(session: Session) -> Timeline:
     cameras: dict[str, list[TimedFrame]] = {}
     for place, image in enumerate(session.manifest.images):
         own_ns = image.leader_ns if image.local_ns is None else image.local_ns
-        kept = {name: getattr(image, name) for name in _KEPT}
+        kept = {name: getattr(image, name) for name in _PRESERVED}
         cameras.setdefault(image.camera, []).append(TimedFrame(place, own_ns, own_ns, kept))
     for frames in cameras.values():
         frames.sort(key=lambda frame: frame.leader_ns)

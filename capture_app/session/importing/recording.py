@@ -247,7 +247,7 @@ def _layout(paths: Sequence[str], options: ImportOptions, talk: Talk) -> Layout 
         return None
     name, path = split_name(paths[0])
     layout = None if name else recognize_recording(path, png=options.png, recording=options.recording)
-    if layout is None or (layout.record is not None and options.tell_times):
+    if layout is None or (layout.record is not None and options.report_times):
         return None
     talk(f"{layout.path} is of {layout.program}")
     if layout.remark:
@@ -267,7 +267,7 @@ def _with_layout(layout: Layout, options: ImportOptions) -> ImportOptions:
         options,
         synchronized=options.synchronized or layout.same_frames,
         known=layout.timeline,
-        timestamps=options.timestamps if options.tell_times else layout.timestamps,
+        timestamps=options.timestamps if options.report_times else layout.timestamps,
         calibration=options.calibration if calibrated else (str(layout.calibration),),
         unit=options.unit if calibrated or options.unit else layout.unit,
     )

@@ -114,8 +114,8 @@ def clock_state(sources: Sequence[Source], options: ImportOptions) -> CommonTime
     if len(sources) < 2:
         return None
     videos = any(isinstance(source, Video) for source in sources)
-    by_program = options.known is not None and not options.tell_times and not options.offsets_ms
-    by_table = not options.tell_times and all(source.embedded_times() is not None for source in sources)
+    by_program = options.known is not None and not options.report_times and not options.offsets_ms
+    by_table = not options.report_times and all(source.embedded_times() is not None for source in sources)
     table = options.timestamps and f"the table {options.timestamps.name}"
     rules: tuple[tuple[object, TimesState, str], ...] = (
         (table, "recorded", str(table)),

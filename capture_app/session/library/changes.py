@@ -23,7 +23,7 @@ from capture_app.session.files.disk import disk_error
 from capture_app.session.files.durable import link_or_copy, move_folder, write_atomic
 from capture_app.session.files.locks import lock_folder
 from capture_app.session.files.output_folder import OutputFolder
-from capture_app.session.files.strangers import indented
+from capture_app.session.files.untrusted_files import indented
 from capture_app.session.format.burst_plan import PLAN, read_plan
 from capture_app.session.format.manifest import MANIFEST, Manifest
 from capture_app.session.reading.checksums import CHECKSUMS, changed_files

@@ -10,7 +10,7 @@ from typing import Literal
 from msgspec import Struct
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.strangers import read_struct
+from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.manifest import (
     JOURNAL,

@@ -15,9 +15,9 @@ if TYPE_CHECKING:
 
 WIDTH_PX = 160
 """Width of the thumbnails."""
-MOST_BYTES = 1 << 26
+MAX_BYTES = 1 << 26
 """Number of bytes read of an image, or of a video for its first frame."""
-MOST_FILES = 4000
+MAX_FILES = 4000
 """Maximum number of cached thumbnails, about 20 MB; above it the oldest half is removed."""
 
 
@@ -51,7 +51,7 @@ def _keep(path: Path, small: "NDArray[np.uint8]") -> "NDArray[np.uint8]":
         # Only one write in 256 checks whether there are too many.
         files = [] if int(path.name[:2], 16) else list(path.parent.glob("*.jpg"))
         files.sort(key=lambda file: file.stat().st_mtime_ns)
-        for file in files[: len(files) // 2] if len(files) > MOST_FILES else ():
+        for file in files[: len(files) // 2] if len(files) > MAX_FILES else ():
             file.unlink(missing_ok=True)
     kept = decode_image(coded, colour=True)
     return small if kept is None else kept
@@ -61,6 +61,6 @@ def _decode(path: Path) -> "NDArray[np.uint8] | None":
     try:
         with path.open("rb") as file:
             # The first frame of a video is a complete JPEG.
-            return decode_image(file.read(MOST_BYTES), colour=True, at_least=WIDTH_PX)
+            return decode_image(file.read(MAX_BYTES), colour=True, at_least=WIDTH_PX)
     except OSError:
         return None

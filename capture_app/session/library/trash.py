@@ -19,7 +19,7 @@ from capture_app.common.names import check_name
 from capture_app.session.files.disk import disk_error, disk_errors
 from capture_app.session.files.durable import free_name, make_folders, move_folder, sync_folder, write_atomic
 from capture_app.session.files.locks import lock_folder
-from capture_app.session.files.strangers import encode_checked, indented, read_struct
+from capture_app.session.files.untrusted_files import encode_checked, indented, read_struct
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.library.changes import move_result_folder, rename_session, results_folder

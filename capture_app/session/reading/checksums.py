@@ -8,7 +8,7 @@ from collections.abc import Iterator
 from pathlib import Path
 
 from capture_app.session.files.durable import write_unsynced
-from capture_app.session.files.strangers import read_regular
+from capture_app.session.files.untrusted_files import read_regular
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.ground_truth import TIMES, TRUE_TIMES_JOURNAL
 from capture_app.session.format.journal import FRAMES_SUFFIX, is_frames_path

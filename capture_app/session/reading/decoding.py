@@ -9,7 +9,7 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-MOST_PIXELS = 1 << 28
+MAX_PIXELS = 1 << 28
 """Largest image that is decoded, px; no camera takes a larger one."""
 JPEG_QUALITY = 95
 
@@ -17,7 +17,7 @@ JPEG_QUALITY = 95
 def decode_image(
     data: bytes, *, colour: bool = False, at_least: int = 0, upright: bool = False
 ) -> "NDArray[np.uint8] | None":
-    """Decode an image file's bytes; return None if they are not an image or if it exceeds MOST_PIXELS.
+    """Decode an image file's bytes; return None if they are not an image or if it exceeds MAX_PIXELS.
 
     A small file can claim a huge size, so the size in the header is checked first. `colour`: return height x
     width x BGR of 8 bits, whatever the file contains; with `at_least`, decode at a half, a quarter or an
@@ -25,7 +25,7 @@ def decode_image(
     rotated by the EXIF orientation; otherwise the orientation is ignored.
     """
     told = size_of(data)
-    if told is not None and told[0] * told[1] > MOST_PIXELS:
+    if told is not None and told[0] * told[1] > MAX_PIXELS:
         return None
     import cv2  # heavy: imported only when an image is decoded
     import numpy as np

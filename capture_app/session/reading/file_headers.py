@@ -7,10 +7,10 @@ from pathlib import Path
 
 _EXIF_IFD, _DATE, _PART, _FOCAL_35MM = 0x8769, 0x9003, 0x9291, 0xA405
 _WIDTH, _HEIGHT, _ORIENTATION = 0x0100, 0x0101, 0x0112
-MOST_ENTRIES = 4096
+MAX_ENTRIES = 4096
 UPRIGHT = 1
 
-MOST_BYTES = 1 << 28
+MAX_BYTES = 1 << 28
 """Number of bytes read from a file; large because a TIFF may store its size at the end."""
 MAX_HEADER_BYTES = 1 << 20
 """Limit on the profiles and thumbnails before a JPEG's first frame header, bytes."""
@@ -63,7 +63,7 @@ def _entries(tiff: bytes, order: str, place: int, *, big: bool = False) -> dict[
     """Return a TIFF directory by tag: value type, value count, and the values' bytes or their offset."""
     number, entry = ("Q", struct.Struct(f"{order}HHQ8s")) if big else ("H", struct.Struct(f"{order}HHI4s"))
     begin = place + struct.calcsize(number)
-    count = min(struct.unpack_from(f"{order}{number}", tiff, place)[0], MOST_ENTRIES)
+    count = min(struct.unpack_from(f"{order}{number}", tiff, place)[0], MAX_ENTRIES)
     entries = (entry.unpack_from(tiff, begin + n * entry.size) for n in range(count))
     return {tag: (kind, length, value) for tag, kind, length, value in entries}
 
@@ -88,7 +88,7 @@ def picture_size(path: Path) -> Size | None:
         OSError: the file cannot be read.
     """
     with path.open("rb") as file:
-        return size_of(file.read(MOST_BYTES))
+        return size_of(file.read(MAX_BYTES))
 
 
 def size_of(data: bytes) -> Size | None:

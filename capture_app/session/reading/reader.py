@@ -11,7 +11,7 @@ import msgspec
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.common.names import is_name
 from capture_app.common.text import UNREADABLE
-from capture_app.session.files.strangers import read_arrays, read_regular, read_struct
+from capture_app.session.files.untrusted_files import read_arrays, read_regular, read_struct
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.ground_truth import TIMES, TrueTime, TrueTimes, ground_truth_path
 from capture_app.session.format.journal import frame_of_line, frames_path

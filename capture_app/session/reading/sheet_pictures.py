@@ -16,7 +16,7 @@ if TYPE_CHECKING:
 GAP, HEAD, GUTTER = 6, 26, 84
 GROUND, INK, MUTED, WARNING = (31, 23, 22), (232, 208, 200), (150, 130, 120), (104, 175, 224)
 """Colours, BGR."""
-MOST_PIXELS = 100_000_000
+MAX_PIXELS = 100_000_000
 
 
 def contact_sheet(
@@ -32,7 +32,7 @@ def contact_sheet(
     height = round(width * sheet.aspect)
     across, down = len(sheet.cameras), sheet.instants
     size = HEAD + down * (height + GAP), GUTTER + across * (width + GAP)
-    if size[0] * size[1] > MOST_PIXELS:
+    if size[0] * size[1] > MAX_PIXELS:
         raise BadInputError(
             f"a sheet of {across} x {down} pictures would have {size[1]} x {size[0]} pixels",
             hint="choose a smaller --width",

@@ -11,7 +11,7 @@ import msgspec
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.durable import PART
-from capture_app.session.files.strangers import read_regular
+from capture_app.session.files.untrusted_files import read_regular
 from capture_app.session.format.ground_truth import ground_truth_path
 from capture_app.session.format.journal import frames_path, lines_of_file, record_of_line
 from capture_app.session.format.manifest import (
@@ -154,9 +154,9 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
     tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
     stamp = camera.facts.stamp
     counts = stamp is not None and camera.clock is not None and burst.common_times is None
-    least_ns = 0 if stamp is None else stamp.uncertainty_ns
+    min_ns = 0 if stamp is None else stamp.uncertainty_ns
     stated_ns = record.uncertainty_ns
-    error_ns, allowed_ns = _clock_error(session, record, camera, least_ns)
+    error_ns, allowed_ns = _clock_error(session, record, camera, min_ns)
     checks = (
         (
             record.residual_ns != residual_ns,
@@ -167,8 +167,8 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
             f"exposure_start_ns is {record.exposure_start_ns}; by leader_ns it is {start_ns}",
         ),
         (
-            counts and stated_ns is not None and stated_ns < least_ns,
-            f"uncertainty_ns is {stated_ns}; its camera's stamps alone have {least_ns}",
+            counts and stated_ns is not None and stated_ns < min_ns,
+            f"uncertainty_ns is {stated_ns}; its camera's stamps alone have {min_ns}",
         ),
         (
             counts and record.hard_bound_ns is not None and stamp is not None and not stamp.is_exact,

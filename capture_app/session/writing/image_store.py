@@ -18,7 +18,7 @@ from capture_app.session.files.durable import (
     sync_all,
     write_unsynced,
 )
-from capture_app.session.files.strangers import encode_checked, indented
+from capture_app.session.files.untrusted_files import encode_checked, indented
 from capture_app.session.format.ground_truth import (
     TIMES,
     TRUE_TIMES_JOURNAL,

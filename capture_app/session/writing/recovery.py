@@ -9,7 +9,7 @@ import msgspec
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.durable import PART, free_name, make_folders, sync_folder, write_atomic
-from capture_app.session.files.strangers import read_regular, read_struct
+from capture_app.session.files.untrusted_files import read_regular, read_struct
 from capture_app.session.format.ground_truth import TRUE_TIMES_JOURNAL, TrueTime, ground_truth_path
 from capture_app.session.format.journal import lines_of_file, record_of_line
 from capture_app.session.format.manifest import (

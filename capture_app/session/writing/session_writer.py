@@ -24,7 +24,7 @@ from capture_app.session.files.durable import (
     write_atomic,
 )
 from capture_app.session.files.locks import lock_folder
-from capture_app.session.files.strangers import encode_checked, indented
+from capture_app.session.files.untrusted_files import encode_checked, indented
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, read_plan
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import (
@@ -52,7 +52,7 @@ from capture_app.session.writing.video_store import VideoStore
 RESERVED_BYTES = 1 << 16
 RESERVED_BYTES_PER_IMAGE = 1500
 """Disk space reserved for the manifest and the checksums."""
-RESERVED_BYTES_PER_INSTANT, MOST_RESERVED_INSTANTS = 60, 400_000
+RESERVED_BYTES_PER_INSTANT, MAX_RESERVED_INSTANTS = 60, 400_000
 """Reserved for a recording, whose length is unknown in advance."""
 
 
@@ -60,7 +60,7 @@ def reserve_room(folder: Path, plan: BurstPlan) -> None:
     """Reserve disk space for the manifest of a burst. Raises OSError if there is not enough."""
     instants = len(plan.instants_ns)
     if plan.streamed is not None and plan.streamed.video:
-        needed = RESERVED_BYTES_PER_INSTANT * min(instants, MOST_RESERVED_INSTANTS)
+        needed = RESERVED_BYTES_PER_INSTANT * min(instants, MAX_RESERVED_INSTANTS)
     else:
         needed = RESERVED_BYTES_PER_IMAGE * len(plan.cameras) * instants
     reserve(folder / RESERVE, RESERVED_BYTES + needed)

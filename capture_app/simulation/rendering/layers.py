@@ -19,7 +19,7 @@ from capture_app.simulation.scenes.moving_bodies import Poses
 SUBPIXELS = ((-0.25, -0.25), (0.25, 0.25), (0.25, -0.25), (-0.25, 0.25))
 """Offsets of a pixel's four samples from its centre, right and down, in px."""
 _SKY_RAYS = 16
-_SKY_REACH_M = 1.7
+_SKY_DISTANCE_M = 1.7
 """Max distance in m at which objects shade each other from the sky: the room is open to the light."""
 _BOUNCE = np.array([0.085, 0.105, 0.125], np.float32)
 """Warm light reflected by whatever hides the sky."""
@@ -146,7 +146,7 @@ def _sky_light(room: Body, points: Floats, normals: Floats, number: int) -> Floa
     for direction, share in zip(directions, facing, strict=True):
         lit = np.flatnonzero(share > 0.02)
         rays = bundle_rays(points[lit], direction)
-        share[lit[room.occludes(rays, near=0.0, far=_SKY_REACH_M)]] = 0
+        share[lit[room.occludes(rays, near=0.0, far=_SKY_DISTANCE_M)]] = 0
     # Radiance of the open directions, and the bounce from all others.
     light = facing.T @ (lighting.sky_radiance(directions) - _BOUNCE) + total[:, None] * _BOUNCE
     return np.asarray(light / np.maximum(total, 1e-3)[:, None], np.float32)
@@ -161,13 +161,13 @@ def _sphere(count: int, turn: float) -> Floats:
 
 
 def _sun_light(room: Body, points: Floats, normals: Floats, number: int) -> Floats:
-    facing = np.maximum(normals @ lighting.TO_SUN, 0) * lighting.window_share(points)
+    facing = np.maximum(normals @ lighting.TO_SUN, 0) * lighting.window_fraction(points)
     lit = np.flatnonzero(facing > 0)
-    open_share = np.zeros(len(lit), np.float32)
+    open_fraction = np.zeros(len(lit), np.float32)
     for half in (0, 1):
         rays = bundle_rays(points[lit], lighting.sun_direction(2 * number + half, 2 * len(SUBPIXELS)))
-        open_share += 0.5 * ~room.occludes(rays, near=0.0, far=20.0)
-    facing[lit] *= open_share
+        open_fraction += 0.5 * ~room.occludes(rays, near=0.0, far=20.0)
+    facing[lit] *= open_fraction
     return np.asarray(facing[:, None] * lighting.SUN, np.float32)
 
 
@@ -287,7 +287,7 @@ def _shade(
     to_sun: Floats,
 ) -> Floats:
     light = sky.irradiance(normals) * 0.9
-    facing = np.maximum(normals @ lighting.TO_SUN, 0) * lighting.window_share(points)
+    facing = np.maximum(normals @ lighting.TO_SUN, 0) * lighting.window_fraction(points)
     lit = np.flatnonzero(facing > 0)
     start = points[lit] + normals[lit] * 0.004
     hidden = room.occludes(bundle_rays(start, to_sun), near=0.0, far=20.0)

@@ -10,7 +10,7 @@ from capture_app.simulation.scenes.definition import Floats
 _TO_SUN = np.array([-0.60, -0.44, -0.66])
 TO_SUN: Floats = (_TO_SUN / np.linalg.norm(_TO_SUN)).astype(np.float32)
 SUN = np.array([0.62, 0.84, 1.0], np.float32) * 2.7
-SUN_SPREAD = 0.012
+SUN_HALF_WIDTH_RAD = 0.012
 """Half width of the sun with its haze, in radians; it sets how shadows soften with distance."""
 
 _TO_WINDOW = np.array([-0.70, -0.42, -0.58], np.float32)
@@ -43,7 +43,7 @@ def sky_radiance(directions: Floats) -> Floats:
     )
 
 
-def window_share(points: Floats) -> Floats:
+def window_fraction(points: Floats) -> Floats:
     """Return the fraction (N) of the sun's disc that the window lets through to points (N, 3) in m."""
     a, b = SUN_PLANE @ points.T
     left, right, top, bottom = WINDOW
@@ -104,7 +104,7 @@ def tangents(normals: Floats) -> tuple[Floats, Floats]:
 
 def sun_direction(number: int, count: int) -> Floats:
     """Return the direction (3) to one of `count` points distributed over the sun's disc."""
-    radius = SUN_SPREAD * np.sqrt((number + 0.5) / count)
+    radius = SUN_HALF_WIDTH_RAD * np.sqrt((number + 0.5) / count)
     angle = 2 * np.pi * 0.618034 * number
     towards = TO_SUN + radius * (np.cos(angle) * ACROSS + np.sin(angle) * ALONG)
     return np.asarray(towards / np.linalg.norm(towards), np.float32)

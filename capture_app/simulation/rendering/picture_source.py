@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
 TEST_CARD = "bars"
 LED_PANEL = "led-panel"
-MOST_BYTES = 1 << 28
+MAX_BYTES = 1 << 28
 _END, _START = b"\xff\xd9", b"\xff\xd8"
 
 
@@ -214,9 +214,9 @@ class Replay(PictureSource):
         """
         with reading(path):
             size = path.stat().st_size
-            data = b"" if size > MOST_BYTES else path.read_bytes()
-        if size > MOST_BYTES:
-            raise BadInputError(f"{path} is larger than {MOST_BYTES >> 20} MB", hint="replay a part of it")
+            data = b"" if size > MAX_BYTES else path.read_bytes()
+        if size > MAX_BYTES:
+            raise BadInputError(f"{path} is larger than {MAX_BYTES >> 20} MB", hint="replay a part of it")
         parts = data.split(_END + _START)
         starts = [b"", *[_START] * (len(parts) - 1)]
         ends = [*[_END] * (len(parts) - 1), b""]

@@ -42,7 +42,7 @@ LAP_S = 6.5
 GAIT_S = 0.65
 WALK_CENTRE = (0.0, 2.75)
 """x and z in m of the middle of the path."""
-WALK_REACH_M = (1.55, 0.42)
+WALK_AXES_M = (1.55, 0.42)
 """Half axes of the path along x and z: 1.5 m/s where the children pass each other, in the middle."""
 
 
@@ -87,11 +87,11 @@ class LimbTurns(NamedTuple):
 
 
 def child_poses(
-    hips: Poses, torso_turn: Series, head_turn: Series, left: LimbTurns, right: LimbTurns
+    hips: Poses, torso_angle: Series, head_angle: Series, left: LimbTurns, right: LimbTurns
 ) -> dict[str, Poses]:
     """Return poses of a child's parts by name, from the pose of its hips and its joints' rotations."""
-    torso = joint(hips, (0.0, 0.02, 0.0), torso_turn)
-    parts = {"hips": hips, "torso": torso, "head": joint(torso, (0.0, NECK_Y, -0.005), head_turn)}
+    torso = joint(hips, (0.0, 0.02, 0.0), torso_angle)
+    parts = {"hips": hips, "torso": torso, "head": joint(torso, (0.0, NECK_Y, -0.005), head_angle)}
     for side, name, turns in ((-1.0, "left", left), (1.0, "right", right)):
         thigh = joint(hips, (side * HIP_HALF_M, HIP_Y, 0.0), turns.thigh)
         shin = joint(thigh, (0.0, THIGH_M, 0.0), turns.shin)
@@ -166,14 +166,14 @@ def walking_child(time_s: Series, *, ahead: float, prefix: str) -> dict[str, Pos
     """Return poses by part name of a child that is `ahead` laps further on; names begin with `prefix`."""
     round_ = 2 * np.pi * (time_s / LAP_S + ahead)
     gait = 2 * np.pi * (time_s / GAIT_S + 2 * ahead)
-    speed = np.stack([-WALK_REACH_M[0] * np.sin(round_), WALK_REACH_M[1] * np.cos(round_)])
+    speed = np.stack([-WALK_AXES_M[0] * np.sin(round_), WALK_AXES_M[1] * np.cos(round_)])
     yaw = np.arctan2(-speed[0], -speed[1])
 
     swing = {side: 0.52 * np.sin(gait + (np.pi if side > 0 else 0.0)) for side in (-1.0, 1.0)}
     knee = {side: 0.16 + 0.38 * (1 + np.cos(gait + (np.pi if side > 0 else 0.0))) for side in (-1.0, 1.0)}
     leg = np.maximum(*(_height(swing[side], knee[side]) for side in (-1.0, 1.0)))
-    x = WALK_CENTRE[0] + WALK_REACH_M[0] * np.cos(round_)
-    z = WALK_CENTRE[1] + WALK_REACH_M[1] * np.sin(round_)
+    x = WALK_CENTRE[0] + WALK_AXES_M[0] * np.cos(round_)
+    z = WALK_CENTRE[1] + WALK_AXES_M[1] * np.sin(round_)
     place = np.stack([x, FLOOR_Y - ANKLE_M - HIP_Y - leg, z], axis=1)
     hips = Poses(turn(1, yaw) @ turn(2, 0.04 * np.sin(gait)), place)
 

@@ -16,11 +16,11 @@ from capture_app.sync.clock.likely_line import DRIFT, STAMP_NS
 
 GROUP = 8
 """Samples in a group; the tightest bound of each direction represents them."""
-LEAST_GROUPS, COUNTS = 12, (1, 2, 4, 8, 16, 32)
+MIN_GROUPS, COUNTS = 12, (1, 2, 4, 8, 16, 32)
 """Minimum number of earlier groups for a test, and the numbers of newest groups that are tested."""
 
 
-SIGMAS, TIMES_USUAL = 5.0, 1.5
+SIGMAS, TIMES_TYPICAL = 5.0, 1.5
 """A significant change exceeds this many sigma and this multiple of the largest earlier deviation."""
 HIDDEN_SIGMAS = 2.0
 """Deviations up to this many sigma count as chance; the rest of larger ones is a possible error."""
@@ -39,13 +39,13 @@ class Newest(NamedTuple):
     """One sigma of `moved`."""
     usual: float
     """Largest deviation of any equally long run of earlier groups."""
-    least_skew: float
+    min_skew: float
     """Lower bound of the clocks' relative rate, at SIGMAS sigma, from the earlier groups; dimensionless."""
 
     @property
     def is_beyond_chance(self) -> bool:
         """Whether the deviation is significant: a clock or a path has changed."""
-        return abs(self.moved) > max(SIGMAS * self.doubt, TIMES_USUAL * self.usual)
+        return abs(self.moved) > max(SIGMAS * self.doubt, TIMES_TYPICAL * self.usual)
 
     @property
     def hidden(self) -> float:
@@ -111,7 +111,7 @@ class AnswerGroups:
         return [
             self._compare(sums, count)
             for count in COUNTS
-            if count <= most // 2 and most - count >= LEAST_GROUPS
+            if count <= most // 2 and most - count >= MIN_GROUPS
         ]
 
     def _compare(self, sums: Sequence[Sequence[float]], count: int) -> Newest:
@@ -137,6 +137,6 @@ class AnswerGroups:
             moved=(sloped[-1] - sloped[many]) / count - intercept,
             grown=(gaps[-1] - gaps[many]) / count - gap,
             doubt=hypot(sqrt(chance), DRIFT * ahead**2 / 2.0, 2.0 * STAMP_NS),
-            least_skew=abs(slope) - SIGMAS * sqrt(variance / spread),
+            min_skew=abs(slope) - SIGMAS * sqrt(variance / spread),
             usual=max(max(earlier) / count - intercept, intercept - min(earlier) / count),
         )

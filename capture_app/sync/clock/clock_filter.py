@@ -25,7 +25,7 @@ PACES, LONGEST_NS = 1200, 90_000_000_000
 maximum. Over longer times a crystal's drift is not a straight line."""
 STEP_SAMPLES = 3
 """Consecutive samples that must agree on a step of a clock."""
-SLEW_SAMPLES, MOST_SLEW = 8, 0.1
+SLEW_SAMPLES, MAX_SLEW = 8, 0.1
 """Consecutive rejected samples that are taken as a clock slewed beyond MAX_SKEW, if a skew up to the second
 value explains them. chrony slews by at most a twelfth."""
 SETTLED_SAMPLES = 150
@@ -60,7 +60,7 @@ class ClockSample:
 
 
 @dataclass(frozen=True, slots=True)
-class KnownWay:
+class PathAsymmetry:
     """Path asymmetry of a link, measured from images; in ns."""
 
     late_ns: float
@@ -93,10 +93,10 @@ class ClockFilter:
 
     def __init__(self, *, window_ns: int = 30_000_000_000, longest_ns: int = LONGEST_NS) -> None:
         """Set the window to `window_ns`, or up to `longest_ns` if the leader asks for rare requests."""
-        self._least_window_ns, self._longest_ns = window_ns, longest_ns
+        self._min_window_ns, self._longest_ns = window_ns, longest_ns
         self._not_before_ns = LONG_AGO_NS
         self._groups = AnswerGroups(window_ns)
-        self.way: KnownWay | None = None
+        self.way: PathAsymmetry | None = None
         """Path asymmetry of the link, measured from images; None if unknown."""
         self.late_ns = 0.0
         """Asymmetry correction applied in the newest map, in ns."""
@@ -104,12 +104,12 @@ class ClockFilter:
         """Number of suspected steps that later samples did not confirm."""
         self.reset()
 
-    def look_back(self, pace_ns: int) -> None:
+    def look_back(self, poll_interval_ns: int) -> None:
         """Set the window to fit a request interval in ns, so that it holds the typical number of samples.
 
         Samples with little delay are rare, so fewer samples would give a worse line.
         """
-        self._groups.window_ns = max(self._least_window_ns, min(PACES * pace_ns, self._longest_ns))
+        self._groups.window_ns = max(self._min_window_ns, min(PACES * poll_interval_ns, self._longest_ns))
 
     def reset(self) -> None:
         """Remove all samples."""
@@ -123,7 +123,7 @@ class ClockFilter:
         self._suspects: list[ClockSample] = []
         """Newest samples, if they contradict the earlier ones and are consistent with one clock."""
         self._groups.clear()
-        self._least_gap = float(-LONG_AGO_NS)
+        self._min_gap = float(-LONG_AGO_NS)
         self.hidden_ns = 0.0
         """Possible error of the line in ns that its uncertainty does not include."""
         self.longer_ns = 0.0
@@ -174,7 +174,7 @@ class ClockFilter:
         self._newest_ns = max(self._newest_ns, sample.t3_ns)
         self._blocks.setdefault(sample.t0_ns // BLOCK_NS, (set(), set()))[0].add(upper)
         self._blocks.setdefault(sample.t3_ns // BLOCK_NS, (set(), set()))[1].add(lower)
-        if sample.round_trip_ns - self._least_gap < self.longer_ns / 2.0:
+        if sample.round_trip_ns - self._min_gap < self.longer_ns / 2.0:
             # No message is faster than its path's minimum delay, so the path is no longer slow.
             self.longer_ns = 0.0
         if self._groups.add(upper, lower, 0.0 if self._fitted is None else self._fitted.skew):
@@ -197,8 +197,8 @@ class ClockFilter:
         unequal = ASYMMETRY * line.gap / 2.0 if sigma is None else sigma
         unseen = hypot(unequal, STAMP_NS, bend)
         # All growth of the round-trip delay may be in one direction.
-        self._least_gap = min(self._least_gap, line.gap)
-        longer = max(self.longer_ns / 2.0, (line.gap - self._least_gap) / 2.0 - sqrt(line.excess), 0.0)
+        self._min_gap = min(self._min_gap, line.gap)
+        longer = max(self.longer_ns / 2.0, (line.gap - self._min_gap) / 2.0 - sqrt(line.excess), 0.0)
         bound = max(highest - offset_ns, offset_ns - lowest) + ROUNDING_NS
         skew_bound = MAX_SKEW + abs(line.skew)
         return TimeMap(
@@ -218,7 +218,7 @@ class ClockFilter:
 
     def _suspect(self, sample: ClockSample) -> bool:
         """Record a sample that contradicts the earlier ones. Return as `add` does."""
-        self._suspects = [s for s in self._suspects if _can_both_be(s, sample, MOST_SLEW)] + [sample]
+        self._suspects = [s for s in self._suspects if _can_both_be(s, sample, MAX_SLEW)] + [sample]
         suspects = [s for s in self._suspects if _can_both_be(s, sample, MAX_SKEW)]
         if len(suspects) < STEP_SAMPLES and len(self._suspects) < SLEW_SAMPLES:
             return True
@@ -255,7 +255,7 @@ class ClockFilter:
         Return False if the rate is beyond MAX_SKEW: no line is possible then.
         """
         newest = self._groups.newest()
-        if newest and newest[0].least_skew > MAX_SKEW:
+        if newest and newest[0].min_skew > MAX_SKEW:
             self.reset()
             self._restarted = True
             return False
@@ -284,17 +284,17 @@ class ClockFilter:
         }
         self._blocks = {i: sides for i, sides in kept.items() if any(sides)}
         self._fitted, self._stale = None, True
-        self._least_gap = float(-LONG_AGO_NS)
+        self._min_gap = float(-LONG_AGO_NS)
 
 
 def _bound_at(bound: Bound, local_ns: int) -> float:
     return bound[1] + MAX_SKEW * abs(local_ns - bound[0])
 
 
-def _can_both_be(one: ClockSample, other: ClockSample, most_skew: float) -> bool:
-    """Whether two samples are consistent with the same two clocks at rates up to `most_skew` apart."""
+def _can_both_be(one: ClockSample, other: ClockSample, max_skew: float) -> bool:
+    """Whether two samples are consistent with the same two clocks at rates up to `max_skew` apart."""
     apart_ns = max(one.t3_ns, other.t3_ns) - min(one.t0_ns, other.t0_ns)
-    slack = most_skew * apart_ns + ROUNDING_NS
+    slack = max_skew * apart_ns + ROUNDING_NS
     return one.lower_ns <= other.upper_ns + slack and other.lower_ns <= one.upper_ns + slack
 
 

@@ -39,7 +39,7 @@ this fraction. Chosen on 28 delay distributions that no experiment uses.
 
 TIGHTEST = 8
 """Number of tightest bounds of each direction that show the distance of the tightest to the minimum delay."""
-NEAREST, NEAREST_SHARE = 4, 0.5
+NEAREST, NEAREST_FRACTION = 4, 0.5
 """The nearest of them are about half as far from it (Gamma 2: 0.52, exponential: 0.43).
 
 If a few messages are far faster than all others, the distance to the others is irrelevant for the likelihood.
@@ -47,7 +47,7 @@ If a few messages are far faster than all others, the distance to the others is 
 WIDTH = 0.55
 """Fraction of their mean distance to it that is one e-fold of likelihood."""
 _NEAR = [0.0, *(sign * 4e-9 * 2.0**k for k in range(18) for sign in (-1.0, 1.0))]
-_USUAL = [k * 12e-6 for k in range(-8, 9)]
+_PRIOR_SKEWS = [k * 12e-6 for k in range(-8, 9)]
 
 Point = tuple[float, float]
 """Time since the reference and bound, in ns; lower bounds are negated."""
@@ -109,11 +109,11 @@ def fit_line(uppers: Sequence[Point], lowers: Sequence[Point]) -> LikelyLine:
         sides = [v - best * t for t, v in uppers], [v + best * t for t, v in lowers]
         spread = [_mean_distance(side, TIGHTEST) for side in sides]
         near = [
-            min(_mean_distance(side, NEAREST) / NEAREST_SHARE, far)
+            min(_mean_distance(side, NEAREST) / NEAREST_FRACTION, far)
             for side, far in zip(sides, spread, strict=True)
         ]
     gap, width = room(best)[0], max(WIDTH * sum(near) / 2.0, 1.0)
-    grid = sorted({s for s in (*[best + step for step in _NEAR], *_USUAL) if abs(s) <= MAX_SKEW})
+    grid = sorted({s for s in (*[best + step for step in _NEAR], *_PRIOR_SKEWS) if abs(s) <= MAX_SKEW})
     votes: list[tuple[float, float, float]] = []
     for before, skew, after in zip(grid, grid[1:], grid[2:], strict=False):
         left, offset = room(skew)

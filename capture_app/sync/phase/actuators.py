@@ -33,10 +33,10 @@ UNSURE = 1.05
 
 @dataclass(frozen=True, slots=True)
 class Move:
-    """Request to shift the stream to `wanted_local_ns` modulo the period; in ns of local time."""
+    """Request to shift the stream to `target_local_ns` modulo the period; in ns of local time."""
 
     now_local_ns: int
-    wanted_local_ns: int
+    target_local_ns: int
     shift_ns: int
     """Delay by which the frames should be shifted, in [0, period)."""
     period_ns: float
@@ -92,10 +92,13 @@ class PhaseActuator:
         """Whether a stream can reach its grid between the order of a burst and its first instant."""
         return False
 
-    def setpoint(self, drift: Drift, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Setpoint | None:
+    def setpoint(
+        self, drift: Drift, *, hold_ns: int, aligned: bool, common_instant_ns: int
+    ) -> Setpoint | None:
         """Return the setpoint that keeps the stream on the grid for `hold_ns`; None if none is needed.
 
-        `meeting_ns` is the time until cameras that can only be restarted should meet the grid; 0 for none.
+        `common_instant_ns` is the time until cameras that can only be restarted should meet the grid; 0 for
+        none.
         """
         return None
 
@@ -138,10 +141,12 @@ class ResetActuator(PhaseActuator):
         self._start_ns: int | None = None
         self._period_ns = 1.0
 
-    def setpoint(self, drift: Drift, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Setpoint | None:
-        """Return the setpoint to meet the grid in `meeting_ns` or stay near it; None if none is needed."""
-        if meeting_ns > 0:
-            return setpoint_to_meet(drift, LEAD_NS, meeting_ns)
+    def setpoint(
+        self, drift: Drift, *, hold_ns: int, aligned: bool, common_instant_ns: int
+    ) -> Setpoint | None:
+        """Return the setpoint that meets the grid at `common_instant_ns`, or stays near it, or None."""
+        if common_instant_ns > 0:
+            return setpoint_to_meet(drift, LEAD_NS, common_instant_ns)
         return None if aligned else setpoint_to_stay(drift, LEAD_NS, hold_ns)
 
     def command(self, move: Move) -> RestartStream:
@@ -151,7 +156,7 @@ class ResetActuator(PhaseActuator):
         if latency is None:
             delay_ns = int(self._rng.random() * move.period_ns)
         else:
-            lead_ns = move.wanted_local_ns - move.now_local_ns - latency * move.period_ns
+            lead_ns = move.target_local_ns - move.now_local_ns - latency * move.period_ns
             delay_ns = int(lead_ns % move.period_ns)
         self._start_ns = move.now_local_ns + delay_ns
         return RestartStream(delay_ns)

@@ -23,7 +23,7 @@ SIGMAS = 4.0
 """Standard deviations of the averaged noise within a tolerance: two for the stream, two for its target."""
 EASED = 0.7
 """A tolerance window shrinks only by at least this factor, so that its limit does not flicker."""
-LANDING_SHARE = 0.5
+LANDING_FRACTION = 0.5
 """Fraction of the tolerance within which a stream first counts as aligned; it stays so up to the whole.
 
 Two streams that land by chance are up to twice as far from each other as from the grid.
@@ -84,7 +84,7 @@ class AlignmentWindow:
         """Whether they were within the effective tolerance, which coarse timestamps may widen."""
         self._moves = phase_control in (PhaseControl.INJECTION, PhaseControl.FRAME_DURATION)
         """Whether moves reach their target; if not, each phase is random and is taken as measured."""
-        self.landing_share = LANDING_SHARE if phase_control is PhaseControl.INJECTION else 1.0
+        self.landing_fraction = LANDING_FRACTION if phase_control is PhaseControl.INJECTION else 1.0
         """Fraction of the tolerance that counts as aligned; 1 after a first move, or if no move helps."""
         self._quantum_ns = self._hidden_ns = self._drift_ppm = 0.0
 
@@ -111,7 +111,7 @@ class AlignmentWindow:
         """Whether more frames may still show that the stream is within its window."""
         if not self._moves or self.within_window or now.frames >= PHASE_FRAMES:
             return False
-        return abs(now.error_ns) < self.landing_share * self.inner_ns + 2.0 * now.sigma_ns
+        return abs(now.error_ns) < self.landing_fraction * self.inner_ns + 2.0 * now.sigma_ns
 
     def judge(self, now: PhaseEstimate) -> None:
         """Update the verdict on a settled stream from its present error."""
@@ -128,7 +128,7 @@ class AlignmentWindow:
         if self._hidden_ns > doubt_ns:
             return inner_ns - doubt_ns
         if self._moves and not before:
-            return self.landing_share * inner_ns - doubt_ns
+            return self.landing_fraction * inner_ns - doubt_ns
         # Noise alone should not end the alignment of a stream that can only be restarted.
         return inner_ns + min(doubt_ns, inner_ns / 2) if before and not self._moves else inner_ns
 
@@ -150,7 +150,7 @@ class AlignmentWindow:
         self.stay_ns = 2e6 * self.tolerance_ns / max(abs(drift_ppm), 1e-3)
 
     @property
-    def coarseness(self) -> str:
+    def degradation(self) -> str:
         """Reason in plain words why the requested tolerance is not met; empty if it is."""
         if self.reachable_ns <= self.asked_ns:
             return ""
@@ -194,7 +194,7 @@ class Aligner:
         self._under_way: tuple[CameraCommand, int, int] | None = None
         """Command whose effect is awaited, the time it was issued, and the stream number at that time."""
         self._stream, self._first_frame_ns, self._start_learned = -1, 0, True
-        self._least_frames = SETTLED_FRAMES[0]
+        self._min_frames = SETTLED_FRAMES[0]
         self.problem = ""
         """Reason in plain words why this camera can never be aligned; empty if it can."""
 
@@ -233,7 +233,7 @@ class Aligner:
         if self.actuator.restarts and phase.run_frames == JUDGED_STARTS_FRAMES and phase.known:
             # Nine of ten restarts miss: if a start's first frame is as good as five, do not wait for five.
             steady = phase.first_off_ns() < self.window.tolerance_ns / 4
-            self._least_frames = 1 if steady else SETTLED_FRAMES[0]
+            self._min_frames = 1 if steady else SETTLED_FRAMES[0]
         return dropped
 
     def note_stream_start(self, local_ns: int) -> None:
@@ -241,7 +241,7 @@ class Aligner:
         self.window.clear()
         self.actuator.note_start(local_ns, self.phase.period_ns)
 
-    def settle_command(self, now_local_ns: int) -> None:
+    def complete_command(self, now_local_ns: int) -> None:
         """End the command under way once its effect shows or is overdue, and learn from the effect."""
         run_settled, phase = self._run_settled, self.phase
         if self._under_way is not None:
@@ -288,16 +288,16 @@ class Aligner:
         *,
         hold: bool = False,
         burst_leader_ns: tuple[int, int] | None = None,
-        meeting_leader_ns: int | None = None,
+        common_instant_leader_ns: int | None = None,
     ) -> CameraCommand | None:
         """Judge the stream now, and return the command to carry out at once, if one is needed.
 
         `hold=True` starts no correction that is visible in images. `burst_leader_ns` holds the first and
         last instants of a burst. Injections with a known effect bring the stream to its grid for that burst,
         but no visible correction starts from shortly before the burst on. A stream that can only be restarted
-        is judged by its phase at `meeting_leader_ns`, if that is in the future.
+        is judged by its phase at `common_instant_leader_ns`, if that is in the future.
         """
-        self.settle_command(now_local_ns)
+        self.complete_command(now_local_ns)
         now = self._judge(time_map, grid, now_local_ns)
         if now is None or (self.phase.as_expected and self._frames_may_mislead(now.frames)):
             return None
@@ -312,9 +312,12 @@ class Aligner:
         elif hold:
             setpoint = self.actuator.setpoint_on_hold(drift)
         else:
-            meeting_ns = max(0, (meeting_leader_ns or now.at_leader_ns) - now.at_leader_ns)
+            common_instant_ns = max(0, (common_instant_leader_ns or now.at_leader_ns) - now.at_leader_ns)
             setpoint = self.actuator.setpoint(
-                drift, hold_ns=self._hold_ns, aligned=self.window.within_window, meeting_ns=meeting_ns
+                drift,
+                hold_ns=self._hold_ns,
+                aligned=self.window.within_window,
+                common_instant_ns=common_instant_ns,
             )
         if setpoint is None:
             return None
@@ -342,7 +345,7 @@ class Aligner:
     def _drift(self, now: PhaseEstimate, now_local_ns: int) -> Drift:
         """Return the stream's error and drift, with the error limits below which no correction is made."""
         doubt_ns, inner_ns = 2.0 * now.sigma_ns, self.window.inner_ns
-        within_window, share = self.window.within_window, self.window.landing_share
+        within_window, share = self.window.within_window, self.window.landing_fraction
         still_coarse = now.quantum_error_ns > doubt_ns and now.frames < QUANTIZED_FRAMES
         return Drift(
             now.error_ns + self.phase.shift_to_come(now_local_ns),
@@ -364,16 +367,16 @@ class Aligner:
         error_ns = drift.error_after(setpoint.lead_ns)
         move = Move(
             now_local_ns=now_local_ns,
-            wanted_local_ns=instant_local_ns + round(setpoint.wanted_ns),
-            shift_ns=round((setpoint.wanted_ns - error_ns) % self.phase.period_ns),
+            target_local_ns=instant_local_ns + round(setpoint.target_ns),
+            shift_ns=round((setpoint.target_ns - error_ns) % self.phase.period_ns),
             period_ns=self.phase.period_ns,
-            tolerance_ns=round(drift.landing_share * self.window.inner_ns),
+            tolerance_ns=round(drift.landing_fraction * self.window.inner_ns),
             off_centre_ns=setpoint.off_centre_ns,
         )
         command = self.actuator.command(move)
         if command is None or self.corrections:
             # An unknown device's first injection may land anywhere; the row step may be too coarse for more.
-            self.window.landing_share = 1.0
+            self.window.landing_fraction = 1.0
         return command if command is not None and self._begin(command, now_local_ns) else None
 
     def _begin(self, command: CameraCommand, now_local_ns: int) -> bool:
@@ -400,7 +403,7 @@ class Aligner:
     @property
     def _frames_needed(self) -> int:
         """Frames since the last move needed to know the phase: one if it moved as expected."""
-        return 1 if self.phase.as_expected else self._least_frames
+        return 1 if self.phase.as_expected else self._min_frames
 
     @property
     def _run_settled(self) -> bool:

@@ -14,7 +14,7 @@ from capture_app.sync.phase.frame_line import MEDIAN_FACTOR, PHASE_FRAMES, Frame
 
 LATENCY_FRAMES = (2, 13)
 """Minimum and maximum number of frames from a command to its effect."""
-USUAL_LATENCY_FRAMES = 4
+TYPICAL_LATENCY_FRAMES = 4
 REMEMBERED_LATENCIES = 15
 REMEMBERED_FRAMES = 20_000
 """Frames whose effective shift is stored: as many as a ring buffer may hold."""
@@ -82,7 +82,7 @@ class PendingShifts:
     def __init__(self) -> None:
         self.done_ns = 0
         self._waiting: deque[tuple[int, int]] = deque()
-        self._latencies: deque[int] = deque([USUAL_LATENCY_FRAMES], maxlen=REMEMBERED_LATENCIES)
+        self._latencies: deque[int] = deque([TYPICAL_LATENCY_FRAMES], maxlen=REMEMBERED_LATENCIES)
         self._newest = -LATENCY_FRAMES[1]
         self._felt = 0
         """Number of pending shifts that the newest frame has shown to be in effect."""

@@ -9,7 +9,7 @@ from dataclasses import dataclass
 LARGEST_LEAD = 0.6
 """Maximum distance past the grid in anticipation of drift, as a fraction of the tolerance; a quarter of that
 if half the tolerance is to be met."""
-BURST_SHARE = 0.25
+BURST_FRACTION = 0.25
 """Fraction of the tolerance beyond which a burst's predicted error is corrected in advance."""
 
 
@@ -47,7 +47,7 @@ class Drift:
     """Frames from a small step's command to its effect."""
     left_ns: float = 0.0
     """Errors up to this are not corrected."""
-    landing_share: float = 1.0
+    landing_fraction: float = 1.0
     """Fraction of the tolerance within which a move should bring the stream."""
 
     def error_after(self, ns: float) -> float:
@@ -64,7 +64,7 @@ class Setpoint:
     """Target error of a move that takes effect `lead_ns` from now; times and errors in ns."""
 
     lead_ns: float
-    wanted_ns: float
+    target_ns: float
     """Target error at that time."""
     off_centre_ns: float = 0.0
     """Distance of the target itself from the grid, in anticipation of drift."""
@@ -72,9 +72,9 @@ class Setpoint:
 
 def setpoint_to_stay(drift: Drift, lead_ns: float, hold_ns: int) -> Setpoint:
     """Return the setpoint that keeps a stream within its tolerance longest: drift crosses the middle."""
-    furthest_ns = LARGEST_LEAD * drift.landing_share**2 * drift.tolerance_ns
-    wanted_ns = min(max(-drift.rate * hold_ns / 2, -furthest_ns), furthest_ns)
-    return Setpoint(lead_ns, wanted_ns, wanted_ns)
+    furthest_ns = LARGEST_LEAD * drift.landing_fraction**2 * drift.tolerance_ns
+    target_ns = min(max(-drift.rate * hold_ns / 2, -furthest_ns), furthest_ns)
+    return Setpoint(lead_ns, target_ns, target_ns)
 
 
 def setpoint_to_meet(drift: Drift, lead_ns: float, ahead_ns: float) -> Setpoint | None:
@@ -93,7 +93,7 @@ def setpoint_for_burst(
     error will be small, or no larger than `scatter_ns`, the scatter of moves.
     """
     middle_ns = begins_ns + lasts_ns / 2
-    small_ns = max(BURST_SHARE * drift.tolerance_ns, scatter_ns)
+    small_ns = max(BURST_FRACTION * drift.tolerance_ns, scatter_ns)
     if begins_ns < ready_ns or abs(drift.error_after(middle_ns)) <= small_ns:
         return None
     return Setpoint(lead_ns, -drift.rate * (middle_ns - lead_ns))

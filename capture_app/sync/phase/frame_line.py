@@ -17,14 +17,14 @@ ROUNDS = 4
 HUBER = 1.345
 """Residuals beyond this many sigma lose weight (Huber 1964; 95 % efficient for normal noise)."""
 REMEMBERED = 90
-LEAST_INTERVALS = 29
+MIN_INTERVALS = 29
 EVERY_FRAMES = 12
 """Number of frames between searches for the step."""
 ON_LATTICE = 0.15
 """Maximum distance from the lattice of an interval on it, as a fraction of a step."""
 JITTERS = 4.0
 """Maximum distance from the lattice as a multiple of the jitter of the most common interval."""
-SURE_SHARE = 0.9
+SURE_FRACTION = 0.9
 """Fraction of intervals that must be on the lattice: of the most common interval, and of the others."""
 OTHER_INTERVALS = 8
 """Minimum number of lattice intervals besides the most common one: a few late frames may form a lattice.
@@ -42,12 +42,12 @@ COARSEST = 0.25
 """Maximum step that is searched for, as a fraction of a period."""
 KNOWN_STEPS_NS = (1e6, 5e5, 2e5, 1e5, 5e4, 2e4, 1e9 / 90_000, 1e4, 5e3, 2e3, 1e3)
 """Clock steps that are searched for if the intervals hardly differ, coarsest first."""
-COARSE_NS, CLOCKS_APART = 1e5, 3e-4
+DEGRADED_NS, CLOCKS_APART = 1e5, 3e-4
 """Minimum step that is recognized although the stamping clock's rate is off, and the maximum rate error."""
 WINDOW_FRAMES = 300
 """Number of newest frames to which the line is fitted."""
 REFIT_FRAMES = 10
-REFIT_SHARE = 0.1
+REFIT_FRACTION = 0.1
 """The period is refitted after REFIT_FRAMES, or after this fraction of the fitted frames if that is more."""
 PHASE_FRAMES = 10
 MEDIAN_FACTOR = 1.25
@@ -117,7 +117,7 @@ class StampQuantum:
     def __init__(self) -> None:
         self.ns = 0.0
         self._intervals: deque[int] = deque(maxlen=REMEMBERED)
-        self._until_due = LEAST_INTERVALS
+        self._until_due = MIN_INTERVALS
 
     def add(self, interval_ns: int) -> None:
         """Add the interval in ns between two successive frames."""
@@ -132,7 +132,7 @@ class StampQuantum:
 
 def find_quantum(intervals_ns: Sequence[int]) -> float:
     """Return the coarsest step in ns of which the intervals are multiples; 0 if there is none."""
-    if len(intervals_ns) < LEAST_INTERVALS:
+    if len(intervals_ns) < MIN_INTERVALS:
         return 0.0
     offs = _deviations(intervals_ns)
     if sum(abs(off) <= EXACT_NS for off in offs) > len(offs) / 2:
@@ -166,7 +166,7 @@ def _skewed_step(interval_ns: float) -> float:
     """Return the coarse step of another clock that divides the interval, in ns of this clock; 0 if none."""
     for step_ns in KNOWN_STEPS_NS:
         count = round(interval_ns / step_ns)
-        if step_ns >= COARSE_NS and abs(interval_ns / (count * step_ns) - 1.0) <= CLOCKS_APART:
+        if step_ns >= DEGRADED_NS and abs(interval_ns / (count * step_ns) - 1.0) <= CLOCKS_APART:
             return interval_ns / count
     return 0.0
 
@@ -185,7 +185,7 @@ def _keep_to(step_ns: float, offs_ns: Sequence[int]) -> bool:
     near_ns = max(EXACT_NS, min(ON_LATTICE * step_ns, JITTERS * jitter_ns))
     others_ns = [away for away, count in away_ns if count]
     return all(
-        sum(away <= near_ns for away in some_ns) >= SURE_SHARE * len(some_ns)
+        sum(away <= near_ns for away in some_ns) >= SURE_FRACTION * len(some_ns)
         for some_ns in (usual_ns, others_ns)
     )
 
@@ -296,7 +296,7 @@ class FrameLine:
         self._frames += 1
         self._since_fit += 1
         self._trim()
-        if fit and (not self.known or self._since_fit >= max(REFIT_FRAMES, REFIT_SHARE * self._frames)):
+        if fit and (not self.known or self._since_fit >= max(REFIT_FRAMES, REFIT_FRACTION * self._frames)):
             self._fit()
         self.update_height()
 
@@ -319,9 +319,9 @@ class FrameLine:
     def _fit(self) -> None:
         self._since_fit = 0
         period_ns, spread_ns, self.noise_ns = fit_shared_slope(self.runs, self.period_ns)
-        least_ns = QUANTUM_NOISE * self.quantum_ns
-        if self.noise_ns < least_ns:
-            spread_ns *= least_ns / max(self.noise_ns, 1.0)
-            self.noise_ns = least_ns
+        min_ns = QUANTUM_NOISE * self.quantum_ns
+        if self.noise_ns < min_ns:
+            spread_ns *= min_ns / max(self.noise_ns, 1.0)
+            self.noise_ns = min_ns
         if spread_ns < 0.01 * self._nominal_ns:
             self.period_ns, self.period_sigma_ns = period_ns, spread_ns

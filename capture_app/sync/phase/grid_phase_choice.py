@@ -22,7 +22,7 @@ AHEAD_S = (0.0, 0.5, 1.0, 1.5, 2.0, 3.0, 4.0, 5.0, 6.0, 8.0, 10.0, 12.0, 15.0, 1
 """Times ahead at which a common instant is considered; further ahead, crystals drift unpredictably."""
 EARLY_COST = 0.1
 """Cost of an instant before all restarts are done, as a fraction of the missing time: some drift away."""
-MOST_OUTSIDE = 100
+MAX_OUTSIDE = 100
 """Maximum number of cameras outside their tolerance that is distinguished."""
 PATIENCE_NS = 3_000_000_000
 """Timeout before the first restart while the phase of some cameras is unknown."""
@@ -96,7 +96,7 @@ class GridPhaseChoice:
 
     def __init__(self, grid: FrameGrid) -> None:
         self.grid = grid
-        self.meeting_leader_ns: int | None = None
+        self.common_instant_leader_ns: int | None = None
         """Cameras that will be off the grid at this instant are restarted; if None, no camera is."""
         self._began_leader_ns: int | None = None
         self._patient = True
@@ -120,25 +120,25 @@ class GridPhaseChoice:
             weight_inside(drifts, ahead_ns, period_ns) == total_weight for ahead_ns in (0, KEEP_NS)
         )
         if suits_all or self._is_early(unknown, len(drifts), now_leader_ns):
-            self.meeting_leader_ns = None
+            self.common_instant_leader_ns = None
             return False
         chance = self._chance(cameras, now_leader_ns)
         candidates = [ahead_s * 1e9 for ahead_s in AHEAD_S]
-        if self.meeting_leader_ns is not None and self.meeting_leader_ns > now_leader_ns:
-            candidates.insert(0, self.meeting_leader_ns - now_leader_ns)
+        if self.common_instant_leader_ns is not None and self.common_instant_leader_ns > now_leader_ns:
+            candidates.insert(0, self.common_instant_leader_ns - now_leader_ns)
         least = float("inf")
         best_ahead_ns, best_move_ns = 0.0, 0
         for ahead_ns in candidates:
             shift_ns, weight = best_shift(drifts, ahead_ns, period_ns)
             if weight_inside(drifts, ahead_ns, period_ns) >= weight:
                 shift_ns = 0
-            outside = unknown + min(total_weight - weight, MOST_OUTSIDE)
+            outside = unknown + min(total_weight - weight, MAX_OUTSIDE)
             # Expected maximum of `outside` geometric tries: the harmonic number over the probability of one.
             needed_ns = ceil(sum(1.0 / n for n in range(1, outside + 1)) / chance * RESTART_NS)
             cost = max(ahead_ns, needed_ns) + EARLY_COST * max(0.0, needed_ns - ahead_ns)
             if cost < least:
                 least, best_ahead_ns, best_move_ns = cost, ahead_ns, shift_ns
-        self.meeting_leader_ns = now_leader_ns + round(best_ahead_ns)
+        self.common_instant_leader_ns = now_leader_ns + round(best_ahead_ns)
         if best_move_ns:
             self.grid = FrameGrid(self.grid.anchor_leader_ns + best_move_ns, period_ns)
         return best_move_ns != 0
@@ -155,7 +155,7 @@ class GridPhaseChoice:
 
     def _chance(self, cameras: Sequence[CameraPhase], now_leader_ns: int) -> float:
         """Return the probability that a restart lands in the window, from its size and past restarts."""
-        meeting_leader_ns = max(now_leader_ns, self.meeting_leader_ns or now_leader_ns)
+        common_instant_leader_ns = max(now_leader_ns, self.common_instant_leader_ns or now_leader_ns)
         uniform = 1.0
         for camera in cameras:
             if camera.phase_control != PhaseControl.RESET:
@@ -166,7 +166,7 @@ class GridPhaseChoice:
             elif camera.name in self._in_flight:
                 self._in_flight.discard(camera.name)
                 drift = self._drift(camera, now_leader_ns)
-                ahead_ns = meeting_leader_ns - now_leader_ns
+                ahead_ns = common_instant_leader_ns - now_leader_ns
                 self._landings += 1
                 self._hits += weight_inside([drift] if drift else [], ahead_ns, self.grid.period_ns)
         expected = max(1e-6, min(0.9, PRIOR_GAIN * uniform))

@@ -22,17 +22,17 @@ GAINS = (1.0, 2.0, 3.0)
 GAIN_LIMITS = (0.5, 4.0)
 REAL_GAIN = 1.2
 """Penalty in rows of mean residual on a gain that is not a whole number."""
-MISFIT_ROWS = 20.0
+MAX_RESIDUAL_ROWS = 20.0
 """Maximum residual in rows counted per injection: an outlier among the timestamps is not the gain's fault."""
 APART_ROWS = 10.0
 """Minimum difference in rows between two injections that determine a gain."""
-USUAL_ROW_NS = 12_000
+TYPICAL_ROW_NS = 12_000
 """Row time assumed if unknown."""
 FINEST_NS = 1_000
 """Step of exposures if the row time is unknown."""
-USUAL_OVERHEAD_NS = 250_000
+TYPICAL_OVERHEAD_NS = 250_000
 """Initial assumption of the time by which a frame is longer than its exposure."""
-OVERHEAD_SPREAD_NS = 1_000_000
+OVERHEAD_SCALE_NS = 1_000_000
 NO_OVERHEAD = 10.0
 """Penalty in rows on a profile by which an exposure longer than the frame does not stretch it."""
 REMEMBERED = 8
@@ -74,7 +74,7 @@ class InjectionHistory:
         self.row_ns = row_time_ns or FINEST_NS
         """Unit of exposures: the row time, or FINEST_NS if that is unknown."""
         self.row_known = row_time_ns is not None
-        self._grain = 1.0 if self.row_known else USUAL_ROW_NS / self.row_ns
+        self._grain = 1.0 if self.row_known else TYPICAL_ROW_NS / self.row_ns
         """Larger of the sensor's row and the timestamps' noise, in units of `row_ns`."""
         self._period_rows = period_ns / self.row_ns
         self._seen: deque[tuple[int, float]] = deque(maxlen=REMEMBERED)
@@ -116,7 +116,7 @@ class InjectionHistory:
 
         Candidates for a real gain come from pairs of injections, and from single ones at typical overhead.
         """
-        idle = (self._period_rows - USUAL_OVERHEAD_NS / self.row_ns, 0.0)
+        idle = (self._period_rows - TYPICAL_OVERHEAD_NS / self.row_ns, 0.0)
         gains = [
             (shift - other) / (rows - base)
             for (base, other), (rows, shift) in combinations([idle, *self._seen], 2)
@@ -133,9 +133,9 @@ class InjectionHistory:
             neutral = float(round(neutral))
         profile = InjectionProfile(self.row_ns, gain, neutral)
         misses = [self.miss_rows(profile, *one) for one in self._seen]
-        misfit = penalty + sum(min(miss, MISFIT_ROWS) for miss in misses) / len(misses)
+        misfit = penalty + sum(min(miss, MAX_RESIDUAL_ROWS) for miss in misses) / len(misses)
         overhead_ns = (self._period_rows - neutral) * self.row_ns
-        misfit += abs(overhead_ns - USUAL_OVERHEAD_NS) / OVERHEAD_SPREAD_NS
+        misfit += abs(overhead_ns - TYPICAL_OVERHEAD_NS) / OVERHEAD_SCALE_NS
         if overhead_ns < -2.0 * self._grain * self.row_ns:
             misfit += NO_OVERHEAD
         return misfit, profile
@@ -149,8 +149,8 @@ class InjectionActuator(PhaseActuator):
         self._row_ns = self._history.row_ns
         self._period_ns = camera.period_ns
         self._min_ns = max(camera.min_exposure_ns or 0, camera.exposure_ns or 0)
-        most_ns = camera.max_exposure_ns
-        self._max_ns = 10 * camera.period_ns if most_ns is None else most_ns
+        max_ns = camera.max_exposure_ns
+        self._max_ns = 10 * camera.period_ns if max_ns is None else max_ns
         self._asked: int | None = None
         self._latencies: deque[int] = deque([LEAD_FRAMES], maxlen=REMEMBERED_LATENCIES)
         self._confirmed = True
@@ -195,7 +195,9 @@ class InjectionActuator(PhaseActuator):
             return None
         return self.profile.shift_rows(self._asked) * self._row_ns
 
-    def setpoint(self, drift: Drift, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Setpoint | None:
+    def setpoint(
+        self, drift: Drift, *, hold_ns: int, aligned: bool, common_instant_ns: int
+    ) -> Setpoint | None:
         """Return the setpoint that keeps the stream within its tolerance longest; None if none is needed.
 
         The setpoint is the grid itself while the effect of an injection is uncertain.
@@ -225,13 +227,13 @@ class InjectionActuator(PhaseActuator):
         self._asked = None
         if self.profile is None:
             stretch_ns = max(move.shift_ns / FIRST_GAIN, FIRST_STRETCH_NS) + self._raised_ns
-            rows = floor((move.period_ns - USUAL_OVERHEAD_NS + stretch_ns) / self._row_ns)
+            rows = floor((move.period_ns - TYPICAL_OVERHEAD_NS + stretch_ns) / self._row_ns)
         else:
             chosen = self._rows_for(self.profile, move)
             if chosen is None:
                 return None
             rows = chosen + floor(self._raised_ns / self._row_ns)
-        rows = min(rows, self._most_rows())
+        rows = min(rows, self._max_rows())
         self._asked = rows
         return InjectFrame(max(self._min_ns, round((rows + INSIDE_ROW) * self._row_ns)))
 
@@ -261,7 +263,7 @@ class InjectionActuator(PhaseActuator):
         if not self._confirmed:
             self.profile = history.fit()
 
-    def _most_rows(self) -> int:
+    def _max_rows(self) -> int:
         return floor(self._max_ns / self._row_ns - INSIDE_ROW)
 
     def _rows_for(self, profile: InjectionProfile, move: Move) -> int | None:
@@ -271,7 +273,7 @@ class InjectionActuator(PhaseActuator):
         makes the rows between them reachable.
         """
         step_ns = profile.gain * self._row_ns
-        least_rows = max(profile.neutral_rows, self._history.idle_rows)
+        min_rows = max(profile.neutral_rows, self._history.idle_rows)
         best_rows, least = None, WORTHWHILE * min(move.shift_ns, move.period_ns - move.shift_ns)
         for turns in range(max(2, ceil(profile.gain))):
             shift_ns = move.shift_ns + turns * move.period_ns
@@ -281,9 +283,9 @@ class InjectionActuator(PhaseActuator):
                 # A landing outside the tolerance would need another injection, however close to the target.
                 beyond_ns = abs(move.off_centre_ns + late_ns) - INSIDE_TOLERANCE * move.tolerance_ns
                 cost = abs(late_ns) + max(0.0, beyond_ns)
-                if least_rows < rows <= self._most_rows() and cost < least:
+                if min_rows < rows <= self._max_rows() and cost < least:
                     best_rows, least = rows, cost
-        most = self._most_rows()
+        most = self._max_rows()
         if best_rows is None and profile.neutral_rows < most < move.shift_ns / step_ns + profile.neutral_rows:
             # Not possible with one exposure: use the longest one.
             return most
@@ -297,11 +299,11 @@ class FrameDurationActuator(PhaseActuator):
         """Without limits from the camera, a frame can only be made longer, up to four periods."""
         self._row_ns = camera.row_time_ns or FINEST_NS
         self._base_rows = round(camera.period_ns / self._row_ns)
-        least_ns, most_ns = camera.min_frame_duration_ns, camera.max_frame_duration_ns
-        least_ns = camera.period_ns if least_ns is None else least_ns
-        most_ns = 4 * camera.period_ns if most_ns is None else most_ns
-        self._least_rows = min(0, -((self._base_rows * self._row_ns - least_ns) // self._row_ns))
-        self._most_rows = max(0, most_ns // self._row_ns - self._base_rows)
+        min_ns, max_ns = camera.min_frame_duration_ns, camera.max_frame_duration_ns
+        min_ns = camera.period_ns if min_ns is None else min_ns
+        max_ns = 4 * camera.period_ns if max_ns is None else max_ns
+        self._min_rows = min(0, -((self._base_rows * self._row_ns - min_ns) // self._row_ns))
+        self._max_rows = max(0, max_ns // self._row_ns - self._base_rows)
         self._fine_ns = FINE_ROWS * self._row_ns
         self.shift_ns = 0
         """Effect of the last command on the phase, in ns."""
@@ -309,7 +311,7 @@ class FrameDurationActuator(PhaseActuator):
     @property
     def problem(self) -> str:
         """Reason why this camera can never be moved; empty if it can."""
-        if self._most_rows > 0:
+        if self._max_rows > 0:
             return ""
         return "none of its frames can be made longer than the usual ones"
 
@@ -318,7 +320,9 @@ class FrameDurationActuator(PhaseActuator):
         """Effect of the last command on the phase in ns; None if it is more than a small step."""
         return self.shift_ns if abs(self.shift_ns) <= self._fine_ns else None
 
-    def setpoint(self, drift: Drift, *, hold_ns: int, aligned: bool, meeting_ns: int) -> Setpoint | None:
+    def setpoint(
+        self, drift: Drift, *, hold_ns: int, aligned: bool, common_instant_ns: int
+    ) -> Setpoint | None:
         """Return the grid itself as the setpoint: a step of a row costs nothing."""
         lead_ns = drift.latency_frames * drift.period_ns
         return Setpoint(lead_ns, 0.0)
@@ -336,10 +340,10 @@ class FrameDurationActuator(PhaseActuator):
         if abs(later_ns) <= DEADBAND_ROWS * self._row_ns:
             return None
         rows = round(later_ns / self._row_ns)
-        if rows < self._least_rows == 0:
+        if rows < self._min_rows == 0:
             # Frames cannot be shortened: go forward by nearly a whole period.
             rows = round(move.shift_ns / self._row_ns)
-        rows = min(max(rows, self._least_rows), self._most_rows)
+        rows = min(max(rows, self._min_rows), self._max_rows)
         if rows == 0:
             return None
         self.shift_ns = rows * self._row_ns

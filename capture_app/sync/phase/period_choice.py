@@ -16,7 +16,7 @@ MAX_VIDEO_PERIOD_NS = 1_000_000_000
 
 def choose_period(present_ns: int, machines: Iterable[Sequence[int]]) -> int:
     """Return a rig's period in ns from the camera periods of each machine; in a tie, the present one."""
-    return _most_common(present_ns, [_most_common(present_ns, periods_ns) for periods_ns in machines])
+    return _max_common(present_ns, [_max_common(present_ns, periods_ns) for periods_ns in machines])
 
 
 def can_hold(period_ns: int, grid_period_ns: int) -> bool:
@@ -24,7 +24,7 @@ def can_hold(period_ns: int, grid_period_ns: int) -> bool:
     return abs(period_ns - grid_period_ns) <= _tolerance_ns(grid_period_ns)
 
 
-def _most_common(present_ns: int, periods_ns: Sequence[int]) -> int:
+def _max_common(present_ns: int, periods_ns: Sequence[int]) -> int:
     ordered = sorted(periods_ns)
 
     def support(period_ns: int) -> tuple[bool, int]:

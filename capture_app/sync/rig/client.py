@@ -13,20 +13,20 @@ from msgspec import structs
 
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.common.node_state import NodeState
-from capture_app.sync.clock.clock_filter import ClockSample, KnownWay
+from capture_app.sync.clock.clock_filter import ClockSample, PathAsymmetry
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimate
-from capture_app.sync.rig import node_message
+from capture_app.sync.rig import status_text
 from capture_app.sync.rig.events import (
     AlignmentFailed,
     BurstCancelled,
     ClientEvent,
+    ForeignTrigger,
     FramesDropped,
     Joined,
     PhaseCorrected,
-    StrangeTrigger,
 )
 from capture_app.sync.rig.frame_selection import (
     RING_BYTES,
@@ -96,7 +96,7 @@ class PhaseLoop:
 
     def waits_for_others(self, grid: CameraGrid) -> bool:
         """Whether the stream must not be moved yet: a restart waits for a time that suits all cameras."""
-        return self._restarts and not (self._answered and grid.meeting_leader_ns is not None)
+        return self._restarts and not (self._answered and grid.common_instant_leader_ns is not None)
 
     def phase(self, grid: CameraGrid, time_map: TimeMap, local_ns: int) -> PhaseEstimate | None:
         """Return the stream's phase error and drift at a local time in ns; None while unknown."""
@@ -147,7 +147,7 @@ class PhaseLoop:
         """
         was_ready, aligner = self.ready, self.aligner
         before, corrections = self.phase(grid, time_map, now_ns), aligner.corrections
-        aligner.settle_command(now_ns)
+        aligner.complete_command(now_ns)
         if not aligner.settled:
             self._reported = self._answered = False
         news = aligner.settled and not self._reported
@@ -157,7 +157,7 @@ class PhaseLoop:
             now_ns,
             hold=self.waits_for_others(grid),
             burst_leader_ns=burst_leader_ns,
-            meeting_leader_ns=grid.meeting_leader_ns,
+            common_instant_leader_ns=grid.common_instant_leader_ns,
         )
         if command is not None:
             self.commands.append(command)
@@ -208,10 +208,10 @@ class Client(Generic[F]):
         """Membership and clock of this client."""
         self.ring: RingBuffer[F] = RingBuffer(config.ring_ns, config.ring_bytes)
         self.failure = ""
-        self.strange_triggers = 0
+        self.foreign_triggers = 0
         """Number of triggers from a leader other than the one followed."""
         self._root: int | None = None
-        self._stranger: int | None = None
+        self._foreign_leader: int | None = None
         self._bursts: PendingBursts[F] = PendingBursts()
         self._events: deque[ClientEvent[F]] = deque()
 
@@ -220,11 +220,11 @@ class Client(Generic[F]):
         self.config = replace(self.config, camera=camera)
         self.time.introduce_again(camera)
 
-    def set_path_asymmetry(self, known: KnownWay | None) -> None:
+    def set_path_asymmetry(self, known: PathAsymmetry | None) -> None:
         """Set the known asymmetry of the path to the followed leader; None: unknown."""
         self.time.timekeeper.clock.way = known
 
-    def add_path_asymmetry(self, measured: KnownWay) -> KnownWay:
+    def add_path_asymmetry(self, measured: PathAsymmetry) -> PathAsymmetry:
         """Add a measured residual to the path's asymmetry; return the sum."""
         clock = self.time.timekeeper.clock
         clock.way = replace(measured, late_ns=measured.late_ns + clock.late_ns)
@@ -246,8 +246,8 @@ class Client(Generic[F]):
             return state
         if not self._phase_loop.ready:
             return NodeState.ALIGNING
-        fine = self.time.timekeeper.target.met and not self.aligner.window.coarseness
-        return state if fine else NodeState.COARSE
+        fine = self.time.timekeeper.target.met and not self.aligner.window.degradation
+        return state if fine else NodeState.DEGRADED
 
     @property
     def time_map(self) -> TimeMap | None:
@@ -279,7 +279,7 @@ class Client(Generic[F]):
         phase, why_no_centre = self.phase(now_ns), "" if grid is None else grid.why_no_centre
         holdover = "its relay has lost the leader and is in holdover" if self.leader_in_holdover else ""
         known = self.failure or self.aligner.problem or self.time.why_joining or holdover
-        state = node_message.of_state(
+        state = status_text.of_state(
             self.state,
             self.time.timekeeper,
             self.aligner,
@@ -300,7 +300,7 @@ class Client(Generic[F]):
     @property
     def can_change_leader(self) -> bool:
         """Whether the leader may be changed now: the client is ready and no burst is pending."""
-        return self.state in (NodeState.READY, NodeState.COARSE) and not self._bursts
+        return self.state in (NodeState.READY, NodeState.DEGRADED) and not self._bursts
 
     # In
 
@@ -318,7 +318,7 @@ class Client(Generic[F]):
                 if message.leader == self._root:
                     self._take_trigger(message)
                 else:
-                    self._note_strange_trigger(message)
+                    self._note_foreign_trigger(message)
             case _:
                 pass
 
@@ -416,12 +416,12 @@ class Client(Generic[F]):
         self._events.extend(self._phase_loop.events)
         self._phase_loop.events.clear()
 
-    def _note_strange_trigger(self, trigger: Trigger) -> None:
+    def _note_foreign_trigger(self, trigger: Trigger) -> None:
         """Ignore a trigger of a leader that is not followed, and report the first of each such leader."""
-        self.strange_triggers += 1
-        if trigger.leader != self._stranger:
-            self._stranger = trigger.leader
-            self._events.append(StrangeTrigger(trigger.leader, trigger.burst))
+        self.foreign_triggers += 1
+        if trigger.leader != self._foreign_leader:
+            self._foreign_leader = trigger.leader
+            self._events.append(ForeignTrigger(trigger.leader, trigger.burst))
 
     def _take_trigger(self, trigger: Trigger) -> None:
         refusal = ""

@@ -25,7 +25,7 @@ class Joined:
 
 
 @dataclass(frozen=True, slots=True)
-class LeaderNews:
+class LeaderNotice:
     """The leader refused this client, sent a message to its operator, or was lost.
 
     A lost leader fell silent, forgot this client or is no longer followed. The client keeps asking to join.
@@ -75,7 +75,7 @@ class BurstCancelled:
 
 
 @dataclass(frozen=True, slots=True)
-class StrangeTrigger:
+class ForeignTrigger:
     """A trigger was refused: it names a leader that is not followed."""
 
     leader: int
@@ -85,14 +85,14 @@ class StrangeTrigger:
 
 ClientEvent = (
     Joined
-    | LeaderNews
+    | LeaderNotice
     | ClockEvent
     | FramesDropped
     | PhaseCorrected
     | AlignmentFailed
     | FramesSelected[F]
     | BurstCancelled
-    | StrangeTrigger
+    | ForeignTrigger
 )
 
 

@@ -11,7 +11,7 @@ from capture_app.sync.wire.codec import Message, encode
 from capture_app.sync.wire.messages import PROBE_NUMBER, Heartbeat, Report, UnknownMember
 
 PROBE_EVERY_NS = 15_000_000_000
-LEAST_ANSWERS, MOST_ANSWERS = 4, 64
+MIN_ANSWERS, MAX_ANSWERS = 4, 64
 """Consecutive liveness probes that a preferred leader must answer before it is followed again. The number
 doubles, up to the maximum, each time it fails soon after."""
 SHORT_STAY = 4
@@ -41,7 +41,7 @@ class LeaderChoice:
         self._was_member = False
         self._found_by_probes = False
         """Whether the current leader was chosen by probes, not by asking each in turn."""
-        self._needed = dict.fromkeys(leaders, LEAST_ANSWERS)
+        self._needed = dict.fromkeys(leaders, MIN_ANSWERS)
         self._answers: dict[Address, int] = {}
         """Consecutive answers of each probed leader before its latest probe."""
         self._answered: set[Address] = set()
@@ -91,7 +91,7 @@ class LeaderChoice:
         if self._back_since_ns is not None:
             needed = self._needed[leader]
             soon = now_ns - self._back_since_ns < SHORT_STAY * needed * self._probe_every_ns
-            self._needed[leader] = min(2 * needed, MOST_ANSWERS) if soon else LEAST_ANSWERS
+            self._needed[leader] = min(2 * needed, MAX_ANSWERS) if soon else MIN_ANSWERS
         self._forget()
         self.due_ns = NEVER_NS
 

@@ -28,7 +28,7 @@ DROPPED = "the camera dropped the frame"
 """Reason of a gap when the frames before and after it arrived."""
 NO_FRAME_OF_ITS_OWN = "the camera's frames are further apart than the instants"
 """Reason of a gap when the nearest frame belongs to the previous instant."""
-PATIENCE_PERIODS = 30
+TIMEOUT_PERIODS = 30
 """Periods after an instant until which a frame is awaited if the camera delivers none."""
 PAUSE_NS = 5_000_000_000
 """Minimum time between two instants during which a stream may be moved."""
@@ -37,11 +37,11 @@ PAUSE_NS = 5_000_000_000
 class RingBuffer(Generic[F]):
     """Ring buffer of the frames of the last `span_ns`, with their timestamps in ns of the local clock.
 
-    They may use `most_bytes` of memory; the newest two are always stored.
+    They may use `max_bytes` of memory; the newest two are always stored.
     """
 
-    def __init__(self, span_ns: int = RING_NS, most_bytes: int = RING_BYTES) -> None:
-        self._span_ns, self._most_bytes = span_ns, most_bytes
+    def __init__(self, span_ns: int = RING_NS, max_bytes: int = RING_BYTES) -> None:
+        self._span_ns, self._max_bytes = span_ns, max_bytes
         self._entries: deque[tuple[int, F, int]] = deque()
         self._bytes = 0
 
@@ -54,7 +54,7 @@ class RingBuffer(Generic[F]):
         self._bytes += size_bytes
         # A clock that was set back leaves frames with future timestamps.
         while len(self._entries) > 2 and (
-            abs(local_ns - self._entries[0][0]) > self._span_ns or self._bytes > self._most_bytes
+            abs(local_ns - self._entries[0][0]) > self._span_ns or self._bytes > self._max_bytes
         ):
             self._bytes -= self._entries.popleft()[2]
 
@@ -165,8 +165,8 @@ class FramesSelected(Generic[F]):
 
 def is_possible_burst(frames: int, step_ns: int, *, streamed: bool = False) -> bool:
     """Whether a burst of that many frames, `step_ns` apart, is within the limits."""
-    most, most_ns = (MAX_STREAMED_FRAMES, MAX_STREAMED_NS) if streamed else (MAX_FRAMES, MAX_BURST_NS)
-    return 0 < frames <= most and step_ns > 0 and (frames - 1) * step_ns <= most_ns
+    most, max_ns = (MAX_STREAMED_FRAMES, MAX_STREAMED_NS) if streamed else (MAX_FRAMES, MAX_BURST_NS)
+    return 0 < frames <= most and step_ns > 0 and (frames - 1) * step_ns <= max_ns
 
 
 def burst_instants(grid: FrameGrid, at_leader_ns: int, frames: int, spacing: int) -> range:
@@ -187,7 +187,7 @@ class CameraGrid:
     """Uncertainty of this offset."""
     why_no_centre: str = ""
     """Reason why the middle of the exposure is not aligned although requested; empty if it is aligned."""
-    meeting_leader_ns: int | None = None
+    common_instant_leader_ns: int | None = None
     stream: PhaseEstimator | None = None
     """Estimator of the residual of a timestamp from its stream's line: a timestamp may be late though the
     frame is not."""
@@ -204,7 +204,7 @@ class CameraGrid:
             start_ns if known_ns is None else known_ns,
             camera.stamp_accuracy,
             "" if known_ns is not None else problem,
-            config.meeting_leader_ns,
+            config.common_instant_leader_ns,
             stream,
         )
 
@@ -213,7 +213,7 @@ class CameraGrid:
         """Grid that the frames' timestamps should match."""
         return FrameGrid(self.rig_grid.anchor_leader_ns - self.offset_ns, self.rig_grid.period_ns)
 
-    def wanted_ns(self, time_map: TimeMap, instant_ns: int) -> int:
+    def target_ns(self, time_map: TimeMap, instant_ns: int) -> int:
         """Return the target timestamp, in local time, of a frame for an instant of leader time."""
         return time_map.local_from_leader(instant_ns) - self.offset_ns
 
@@ -240,14 +240,14 @@ class CameraGrid:
         self, ring: RingBuffer[F], time_map: TimeMap, instant: int, at_ns: int
     ) -> SelectedFrame[F] | Gap:
         """Return the frame nearest to an instant, or a gap if none is within half a period."""
-        wanted_ns = self.wanted_ns(time_map, at_ns)
-        nearest = ring.nearest(wanted_ns)
+        target_ns = self.target_ns(time_map, at_ns)
+        nearest = ring.nearest(target_ns)
         if nearest is None:
             return Gap(instant, "the camera gave no frames")
         stamp_ns, frame = nearest
         pick = self.pick(time_map, frame, stamp_ns, instant, at_ns)
         if not is_same_instant(pick.residual_ns, self.rig_grid.period_ns):
-            late = stamp_ns == ring.oldest_local_ns and stamp_ns > wanted_ns
+            late = stamp_ns == ring.oldest_local_ns and stamp_ns > target_ns
             return Gap(instant, "it had left the ring buffer" if late else DROPPED)
         return pick
 
@@ -272,7 +272,7 @@ class _PendingBurst(Generic[F]):
         return self.told + len(self.picked)
 
     @property
-    def has_news(self) -> bool:
+    def has_events(self) -> bool:
         """Whether there is anything to report.
 
         Spare instants are reported one by one, the instants before them together. Each instant of a streamed
@@ -382,10 +382,10 @@ class PendingBursts(Generic[F]):
                 if not _is_over(instant_ns, ring, grid, time_map, now_ns):
                     break
                 burst.picked.append(burst.once(grid.select(ring, time_map, instant, instant_ns)))
-            if burst.has_news:
+            if burst.has_events:
                 newest = burst.trigger.streamed or burst.time_map is None
                 by = time_map if newest else burst.time_map or time_map
-                last_ns = grid.wanted_ns(by, burst.instant_ns(max(0, burst.over - 1)))
+                last_ns = grid.target_ns(by, burst.instant_ns(max(0, burst.over - 1)))
                 at_ns = time_map.leader_from_local(last_ns)
                 phase = aligner.estimate(time_map, grid.grid_of_stamps, at_ns) if is_member else None
                 picks = (
@@ -402,6 +402,6 @@ class PendingBursts(Generic[F]):
 def _is_over(at_ns: int, ring: RingBuffer[F], grid: CameraGrid, time_map: TimeMap, now_ns: int) -> bool:
     """Whether the frame of an instant of leader time has arrived or timed out."""
     newest_ns, period_ns = ring.newest_local_ns, grid.rig_grid.period_ns
-    wanted_ns = grid.wanted_ns(time_map, at_ns)
-    seen = newest_ns is not None and newest_ns > wanted_ns + period_ns // 2
-    return seen or now_ns >= wanted_ns + PATIENCE_PERIODS * period_ns
+    target_ns = grid.target_ns(time_map, at_ns)
+    seen = newest_ns is not None and newest_ns > target_ns + period_ns // 2
+    return seen or now_ns >= target_ns + TIMEOUT_PERIODS * period_ns

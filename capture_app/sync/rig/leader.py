@@ -18,10 +18,10 @@ from capture_app.sync.phase.grid_phase_choice import GridPhaseChoice
 from capture_app.sync.rig.events import LeaderEvent, NodeChanged
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.orders import BurstOrder, Orders
+from capture_app.sync.rig.relay_summary import Uplink
 from capture_app.sync.rig.rig_config import CurrentConfig, RigConfig
 from capture_app.sync.rig.roster import Member, Roster, camera_phases
-from capture_app.sync.rig.uplink import Uplink
-from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, FIRST_PACE_NS
+from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, FIRST_INTERVAL_NS
 from capture_app.sync.wire.codec import (
     FromClient,
     FromMember,
@@ -33,8 +33,8 @@ from capture_app.sync.wire.codec import (
     version_answer,
 )
 from capture_app.sync.wire.messages import (
-    MOST_OTHERS,
-    MOST_TEXT,
+    MAX_OTHERS,
+    MAX_TEXT,
     ControlMessage,
     Goodbye,
     Heartbeat,
@@ -55,15 +55,15 @@ from capture_app.sync.wire.principal import Principal
 FEW_CAMERAS, UPDATE_EVERY_NS = 20, 200_000
 """With more than FEW_CAMERAS cameras the grid is updated once per UPDATE_EVERY_NS and camera, not at each
 heartbeat."""
-TOLD_EVERY_NS, TOLD_AGAIN_NS, MOST_TOLD = 5_000_000_000, 600_000_000_000, 256
+MIN_REPORT_INTERVAL_NS, REPEAT_REPORT_NS, MAX_TOLD = 5_000_000_000, 600_000_000_000, 256
 """Interval between two reported refusals of one machine; interval for an unchanged reason; machines
 remembered."""
-SLOWEST_PACE_NS = 60_000_000_000
-WAITED_SHARE = 1.0 / 64.0
+MAX_POLL_INTERVAL_NS = 60_000_000_000
+WAITED_FRACTION = 1.0 / 64.0
 LOADED_NS = 2_000_000
 """Mean delay of time replies, from the kernel's timestamp of the request, above which the leader is
 overloaded."""
-LEAST_SHARE = 0.025
+MIN_FRACTION = 0.025
 RELIEF, RISE, ADAPT_EVERY_NS = 0.7, 1.05, 250_000_000
 """Factors of the accepted request rate when overloaded and when not, and the interval of this adaptation."""
 
@@ -129,11 +129,11 @@ class Leader:
         return self.current.grid
 
     @property
-    def pace_ns(self) -> int:
+    def poll_interval_ns(self) -> int:
         """Shortest mean interval of a client's time requests that this leader can serve, in ns; 0: any."""
         exchanges_per_s = self._share * self.config.exchanges_per_s
-        pace_ns = round(self.roster.pollers * 1e9 / exchanges_per_s)
-        return min(SLOWEST_PACE_NS, pace_ns) if pace_ns > FIRST_PACE_NS else 0
+        poll_interval_ns = round(self.roster.pollers * 1e9 / exchanges_per_s)
+        return min(MAX_POLL_INTERVAL_NS, poll_interval_ns) if poll_interval_ns > FIRST_INTERVAL_NS else 0
 
     # In
 
@@ -144,7 +144,7 @@ class Leader:
         try:
             message = decode(data)
         except WireError:
-            self.tell_version(data, address)
+            self.report_version(data, address)
             return
         if isinstance(message, FromClient):
             self.receive_message(message, address, now_ns, principal)
@@ -212,14 +212,14 @@ class Leader:
         datagrams = []
         for before, address, arrived_ns in self._times:
             datagrams.append((reply_at(before, now_ns), address))
-            self._waited_ns += WAITED_SHARE * (now_ns - arrived_ns - self._waited_ns)
+            self._waited_ns += WAITED_FRACTION * (now_ns - arrived_ns - self._waited_ns)
         self._times.clear()
         datagrams += self._outbox
         self._outbox.clear()
         if datagrams and now_ns >= self._adapt_due_ns:
             self._adapt_due_ns = now_ns + ADAPT_EVERY_NS
             change = RELIEF if self._waited_ns > LOADED_NS else RISE
-            self._share = min(max(change * self._share, LEAST_SHARE), 1.0)
+            self._share = min(max(change * self._share, MIN_FRACTION), 1.0)
         return datagrams
 
     def next_event(self) -> LeaderEvent | None:
@@ -245,12 +245,12 @@ class Leader:
             else:
                 below.setdefault(member.address, []).append(member.number)
         for address, numbers in below.items():
-            for i in range(0, len(numbers), MOST_OTHERS):
-                others = tuple(numbers[i + 1 : i + MOST_OTHERS])
+            for i in range(0, len(numbers), MAX_OTHERS):
+                others = tuple(numbers[i + 1 : i + MAX_OTHERS])
                 trigger = structs.replace(trigger, client=numbers[i], others=others)
                 self._outbox.append((encode(trigger), address))
 
-    def tell_version(self, data: bytes, address: Address) -> None:
+    def report_version(self, data: bytes, address: Address) -> None:
         """Answer a datagram of another protocol version with this leader's version."""
         answer = version_answer(data)
         if answer is not None:
@@ -262,7 +262,7 @@ class Leader:
 
     def acknowledge(self, member: Member) -> None:
         """Send a member the current configuration."""
-        self.send(member, HeartbeatAck(member.number, self.current.message(self.pace_ns)))
+        self.send(member, HeartbeatAck(member.number, self.current.message(self.poll_interval_ns)))
 
     def acknowledge_all(self) -> None:
         """Send every member that is not below a relay the current configuration."""
@@ -353,20 +353,20 @@ class Leader:
         self._update_due_ns = now_ns + immovable * UPDATE_EVERY_NS
         return shared.update(camera_phases(self.roster.immovable.values()), now_ns)
 
-    def put_away(self, member: Member) -> None:
+    def evict(self, member: Member) -> None:
         """Remove a member, present or lost, whose name belongs to another machine."""
         if not member.lost:
             self.drop_member(member, "its name is another machine's")
         self._events.append(self.roster.forget(member))
 
-    def _tell_refusal(self, hello: Hello, reason: str, address: Address, now_ns: int) -> None:
+    def _report_refusal(self, hello: Hello, reason: str, address: Address, now_ns: int) -> None:
         """Refuse a client; at intervals report it to the operator and to the name's present camera."""
         self.refuse(hello, reason, address)
         who = hello.pin or address[0]
-        told, told_ns = self._told.get(who, ("", now_ns - TOLD_AGAIN_NS))
-        if now_ns - told_ns < (TOLD_AGAIN_NS if told == reason else TOLD_EVERY_NS):
+        told, told_ns = self._told.get(who, ("", now_ns - REPEAT_REPORT_NS))
+        if now_ns - told_ns < (REPEAT_REPORT_NS if told == reason else MIN_REPORT_INTERVAL_NS):
             return
-        if len(self._told) >= MOST_TOLD:
+        if len(self._told) >= MAX_TOLD:
             del self._told[next(iter(self._told))]
         self._told[who] = reason, now_ns
         where = f"at {address[0]}" if hello.via is None else f"below {hello.via}"
@@ -374,7 +374,7 @@ class Leader:
         owner = self.roster.members.get(hello.name)
         if owner is not None and not owner.lost and owner.instance != hello.instance:
             text = f"another camera {where} wants to be {hello.name}, too: give one another --name"
-            self.send(owner, Notice(owner.number, text[:MOST_TEXT]))
+            self.send(owner, Notice(owner.number, text[:MAX_TEXT]))
 
     def _note_lost(self, event: NodeChanged) -> None:
         self._events.append(event)
@@ -394,7 +394,7 @@ class Leader:
             self._uplink.ask(hello)
         refusal = refusal or ("" if self._uplink is None else self._uplink.refusal(hello))
         if refusal:
-            self._tell_refusal(hello, refusal, address, now_ns)
+            self._report_refusal(hello, refusal, address, now_ns)
             return
         # The root decides the grid of a relay.
         if self._uplink is None and self.current.lay_grid(hello.camera, now_ns):
@@ -405,7 +405,7 @@ class Leader:
             self.roster.claim(hello)
         if event is not None:
             self._events.append(event)
-        config, current = self.config, self.current.message(self.pace_ns)
+        config, current = self.config, self.current.message(self.poll_interval_ns)
         welcome = Welcome(hello.instance, member.number, config.transfer_port, current, member.slot)
         self._outbox.append((encode(welcome), address))
         self._pass_up(member, hello, now_ns)

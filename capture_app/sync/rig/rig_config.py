@@ -88,8 +88,8 @@ class CurrentConfig:
         self.grid_choice = GridPhaseChoice(FrameGrid(now_ns, best_ns))
         return True
 
-    def message(self, pace_ns: int) -> RigConfigMessage:
-        """Return the message to clients; `pace_ns` is the mean interval between a client's time requests."""
+    def message(self, poll_interval_ns: int) -> RigConfigMessage:
+        """Return the message to clients, whose time requests are `poll_interval_ns` apart on average."""
         assert self.grid_choice is not None, "the first hello sets the grid"
         grid = self.grid_choice.grid
         return RigConfigMessage(
@@ -97,8 +97,8 @@ class CurrentConfig:
             anchor_leader_ns=grid.anchor_leader_ns,
             period_ns=grid.period_ns,
             align_row=self.config.align_row,
-            meeting_leader_ns=self.grid_choice.meeting_leader_ns,
-            pace_ns=pace_ns,
+            common_instant_leader_ns=self.grid_choice.common_instant_leader_ns,
+            poll_interval_ns=poll_interval_ns,
             upstream=self.upstream,
             in_holdover=self.in_holdover,
             continues=self.continues,

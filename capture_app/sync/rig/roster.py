@@ -17,8 +17,8 @@ from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.wire.messages import (
     MAX_DEPTH,
     MAX_PERIOD_NS,
+    MAX_TEXT,
     MIN_PERIOD_NS,
-    MOST_TEXT,
     PROBE_NUMBER,
     Hello,
     Report,
@@ -26,7 +26,7 @@ from capture_app.sync.wire.messages import (
 from capture_app.sync.wire.principal import Principal
 
 MAX_CLIENTS = 32_000
-MOST_OF_ONE = 100
+MAX_CAMERAS_PER_MACHINE = 100
 """Maximum number of names per machine, so that one machine cannot exhaust the roster."""
 
 
@@ -139,14 +139,14 @@ class Roster:
             return (
                 f"two machines are called {hello.name}: give this one another --name; or, when the other is"
                 f" off for good, on the leader: capture-app cameras remove {hello.name}"
-            )[:MOST_TEXT]
+            )[:MAX_TEXT]
         if known is not None and not known.lost and known.instance != hello.instance:
             return f"another camera named {hello.name} is here: give this one another --name"
         if not is_name(hello.name):
             return "its name is not a valid name"
-        if known is None and self._is_full(hello.pin) and self._least_needed(hello.pin) is None:
-            return f"its machine has {MOST_OF_ONE} cameras here already"
-        if known is None and len(self.members) >= MAX_CLIENTS and self._least_needed() is None:
+        if known is None and self._is_full(hello.pin) and self._first_to_drop(hello.pin) is None:
+            return f"its machine has {MAX_CAMERAS_PER_MACHINE} cameras here already"
+        if known is None and len(self.members) >= MAX_CLIENTS and self._first_to_drop() is None:
             return "the rig is full"
         if not MIN_PERIOD_NS <= hello.camera.period_ns <= MAX_PERIOD_NS:
             return f"a frame period of {hello.camera.period_ns} ns is not possible"
@@ -159,7 +159,7 @@ class Roster:
             gone = [
                 name for name, pin in self.owners.items() if pin == hello.pin and name not in self.members
             ]
-            for name in gone[:-MOST_OF_ONE]:
+            for name in gone[:-MAX_CAMERAS_PER_MACHINE]:
                 del self.owners[name]
 
     def confirm(self, member: Member) -> bool:
@@ -175,15 +175,18 @@ class Roster:
         forgotten: list[NodeChanged] = []
         for pin in (hello.pin, ""):
             full = self._is_full(pin) if pin else len(self.members) >= MAX_CLIENTS
-            member = self._least_needed(pin) if full else None
+            member = self._first_to_drop(pin) if full else None
             if member is not None:
                 forgotten.append(self.forget(member))
         return forgotten
 
     def _is_full(self, pin: str) -> bool:
-        return bool(pin) and sum(member.pin == pin for member in self.members.values()) >= MOST_OF_ONE
+        return (
+            bool(pin)
+            and sum(member.pin == pin for member in self.members.values()) >= MAX_CAMERAS_PER_MACHINE
+        )
 
-    def _least_needed(self, pin: str = "") -> Member | None:
+    def _first_to_drop(self, pin: str = "") -> Member | None:
         """Return a member that has sent only hellos, or else the member lost the longest.
 
         With `pin`, only members of that machine are considered.

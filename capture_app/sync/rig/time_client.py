@@ -10,7 +10,7 @@ from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.timeouts import LEADER_SILENT_NS
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.rig.events import Joined, LeaderNews
+from capture_app.sync.rig.events import Joined, LeaderNotice
 from capture_app.sync.timekeeping.clock_events import ClockEvent, ClockSynced
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
@@ -46,10 +46,10 @@ leader."""
 HELLOS = 3
 """Number of unanswered hellos after which another leader is asked, if there is one."""
 NO_ANSWER = "no leader answers: is it running, and does its firewall let UDP through?"
-MOST_EVENTS = 256
+MAX_EVENTS = 256
 """Maximum number of events stored for a node that does not read them."""
 
-TimeClientEvent = Joined | LeaderNews | ClockEvent
+TimeClientEvent = Joined | LeaderNotice | ClockEvent
 
 
 class TimeClient:
@@ -94,7 +94,7 @@ class TimeClient:
         self._heartbeat_due_ns, self._heard_ns = NEVER_NS, 0
         self._hello_due_ns = AT_ONCE_NS
         self._outbox: deque[ControlMessage] = deque()
-        self._events: deque[TimeClientEvent] = deque(maxlen=MOST_EVENTS)
+        self._events: deque[TimeClientEvent] = deque(maxlen=MAX_EVENTS)
 
     # What the outside sees
 
@@ -163,7 +163,7 @@ class TimeClient:
                 self.hellos = HELLOS if message.stops else self.hellos
             case HeartbeatAck() | Trigger() | Notice() if self.is_addressed(message):
                 self._heard_ns = now_ns
-                self._take_word(message, now_ns)
+                self._take_message(message, now_ns)
             case _:
                 pass
 
@@ -186,7 +186,7 @@ class TimeClient:
         self.timekeeper.stop()
         self.why_joining = reason
         self._hello_due_ns = now_ns
-        self._events.append(LeaderNews("lost", reason))
+        self._events.append(LeaderNotice("lost", reason))
 
     def leave(self) -> None:
         """Send goodbye, as this node is about to stop."""
@@ -201,7 +201,7 @@ class TimeClient:
         self.unanswered = 0
         if reason != self.why_joining:
             self.why_joining = reason
-            self._events.append(LeaderNews("refused", reason))
+            self._events.append(LeaderNotice("refused", reason))
 
     def report_at_once(self) -> None:
         """Send the next heartbeat at once."""
@@ -287,11 +287,11 @@ class TimeClient:
             return "the leader has another grid of instants"
         return "the relay follows another leader" if config.path[0] != self.followed.path[0] else ""
 
-    def _take_word(self, message: HeartbeatAck | Trigger | Notice, now_ns: int) -> None:
+    def _take_message(self, message: HeartbeatAck | Trigger | Notice, now_ns: int) -> None:
         if isinstance(message, HeartbeatAck):
             self._take_answer(message, now_ns)
         elif isinstance(message, Notice):
-            self._events.append(LeaderNews("said", message.text))
+            self._events.append(LeaderNotice("said", message.text))
 
     def _take_answer(self, answer: HeartbeatAck, now_ns: int) -> None:
         config = answer.config

@@ -32,7 +32,7 @@ class StepRefused:
 
 
 @dataclass(frozen=True, slots=True)
-class WayLonger:
+class PathDelayIncreased:
     """The delay of one direction increased, by load or by an attacker, or is back to its baseline."""
 
     longer_ns: float
@@ -47,4 +47,4 @@ class ClockRateUnusual:
     """Rate excess of this node's clock; None if the rate is ordinary again."""
 
 
-ClockEvent = ClockChanged | StepRefused | ClockSynced | WayLonger | ClockRateUnusual
+ClockEvent = ClockChanged | StepRefused | ClockSynced | PathDelayIncreased | ClockRateUnusual

@@ -11,9 +11,9 @@ AT_ONCE_NS, NEVER_NS = -(2**62), 2**62
 """Before and after any time of any clock: a local clock may be negative."""
 FIRST_SAMPLES = 300
 """K of the paper: minimum number of samples taken in quick succession."""
-FIRST_PACE_NS = 3_000_000
-PACE_NS = 25_000_000
-EASING_PACES_NS, EASING_SAMPLES = (6_000_000, 12_000_000), 200
+FIRST_INTERVAL_NS = 3_000_000
+POLL_INTERVAL_NS = 25_000_000
+EASING_INTERVALS_NS, EASING_SAMPLES = (6_000_000, 12_000_000), 200
 """Intermediate request intervals, and the samples taken at each of them.
 
 The error depends on the number of recent samples until a few seconds have shown the skew.
@@ -21,7 +21,7 @@ The error depends on the number of recent samples until a few seconds have shown
 NEAR_NS = 750_000
 """Round-trip delays below this are a cable's."""
 BACKLOG_NS = 100_000_000
-SPACING_NS, TREE_PACE_NS = 8_000_000, 50_000_000
+SPACING_NS, TREE_INTERVAL_NS = 8_000_000, 50_000_000
 """Request intervals of a relay: at first, and after it has kept the time for long."""
 EASING = 200
 """Ratio of the time since the start to the request interval, so that no rate rests on a short baseline."""
@@ -30,7 +30,7 @@ CALM_NS = 5_000_000_000
 
 Thousands of clients may have lost the first one, and a high initial rate would overload the second.
 """
-LEAST_EXCHANGES = 10
+MIN_EXCHANGES = 10
 ESTIMATE_EVERY_NS = 1_000_000_000
 LEAVE_AT = 1.5
 """Factor on the target error at which a good clock stops being good.
@@ -59,17 +59,17 @@ class Progress(NamedTuple):
 
 
 class SteadySchedule:
-    """Many requests in quick succession, then one per `pace_ns`, aligned to this node's slot."""
+    """Many requests in quick succession, then one per `poll_interval_ns`, aligned to this node's slot."""
 
-    least_samples, synced_samples = 1, FIRST_SAMPLES
+    min_samples, synced_samples = 1, FIRST_SAMPLES
     """Minimum samples for an estimate, and for a clock that counts as synchronized."""
 
     def __init__(
         self,
         *,
-        first_pace_ns: int = FIRST_PACE_NS,
-        easing_paces_ns: tuple[int, ...] = EASING_PACES_NS,
-        pace_ns: int = PACE_NS,
+        first_interval_ns: int = FIRST_INTERVAL_NS,
+        easing_intervals_ns: tuple[int, ...] = EASING_INTERVALS_NS,
+        poll_interval_ns: int = POLL_INTERVAL_NS,
         near_ns: int = NEAR_NS,
     ) -> None:
         """After a round-trip delay shorter than `near_ns` the next request is sent at once."""
@@ -77,19 +77,25 @@ class SteadySchedule:
         """When the next request and estimate are due, in ns of the node's own clock."""
         self.slot = 0.0
         """Position of this node's requests within the leader's request interval, from 0 to 1."""
-        self.leader_pace_ns = 0
+        self.leader_interval_ns = 0
         """Minimum mean interval between a node's requests that the leader accepts; 0 for any."""
         self.time_is_known = False
         """Whether the time was known before this leader was first asked, and no clock has stepped since."""
-        self._first_pace_ns, self._easing_paces_ns, self._pace_ns = first_pace_ns, easing_paces_ns, pace_ns
+        self._first_interval_ns, self._easing_paces_ns, self._poll_interval_ns = (
+            first_interval_ns,
+            easing_intervals_ns,
+            poll_interval_ns,
+        )
         self._near_ns = near_ns
         self._grid_ns = 0
         self._samples_when_synced: int | None = None
 
     def begin(self, now_ns: int) -> None:
         """Start requests and estimates in this node's slot, because many nodes may start together."""
-        pace_ns = max(self._first_pace_ns, self.leader_pace_ns)
-        self._grid_ns = self.request_due_ns = self.estimate_due_ns = now_ns + round(self.slot * pace_ns)
+        poll_interval_ns = max(self._first_interval_ns, self.leader_interval_ns)
+        self._grid_ns = self.request_due_ns = self.estimate_due_ns = now_ns + round(
+            self.slot * poll_interval_ns
+        )
 
     def restart(self, now_ns: int) -> None:
         """Return to the initial request rate after a clock has stepped."""
@@ -97,13 +103,13 @@ class SteadySchedule:
 
     def request_sent(self, now_ns: int, progress: Progress) -> None:
         """Schedule the next request. Time lost to a late timer is caught up gradually."""
-        pace_ns, time_map = self._pace(progress), progress.time_map
-        grid_ns = max(self._grid_ns + pace_ns, now_ns - BACKLOG_NS)
+        poll_interval_ns, time_map = self._interval(progress), progress.time_map
+        grid_ns = max(self._grid_ns + poll_interval_ns, now_ns - BACKLOG_NS)
         if time_map is not None:
-            past_ns = time_map.leader_from_local(grid_ns) - round(self.slot * pace_ns)
-            grid_ns += pace_ns // 2 - (past_ns + pace_ns // 2) % pace_ns
+            past_ns = time_map.leader_from_local(grid_ns) - round(self.slot * poll_interval_ns)
+            grid_ns += poll_interval_ns // 2 - (past_ns + poll_interval_ns // 2) % poll_interval_ns
         self._grid_ns = grid_ns
-        self.request_due_ns = max(grid_ns, now_ns + pace_ns // 2)
+        self.request_due_ns = max(grid_ns, now_ns + poll_interval_ns // 2)
 
     def reply_arrived(self, now_ns: int, round_trip_ns: int, progress: Progress) -> bool:
         """Return whether the link is so short that the next request, if it is near, goes out at once.
@@ -113,18 +119,20 @@ class SteadySchedule:
         """
         if not progress.synced and progress.samples == FIRST_SAMPLES - 1:
             self.estimate_due_ns = now_ns
-        return round_trip_ns < self._near_ns and self.request_due_ns <= now_ns + self._pace(progress)
+        return round_trip_ns < self._near_ns and self.request_due_ns <= now_ns + self._interval(progress)
 
     def estimated(self, now_ns: int) -> None:
         """Schedule the next estimate in a tenth of a second."""
         self.estimate_due_ns = now_ns + 100_000_000
 
-    def _pace(self, progress: Progress) -> int:
+    def _interval(self, progress: Progress) -> int:
         if not progress.synced:
             self._samples_when_synced = None
             # Thousands of clients may have lost one leader, and the time is known: there is no hurry.
-            is_calm = self.time_is_known and self.leader_pace_ns > 0
-            return max(self._pace_ns if is_calm else self._first_pace_ns, self.leader_pace_ns)
+            is_calm = self.time_is_known and self.leader_interval_ns > 0
+            return max(
+                self._poll_interval_ns if is_calm else self._first_interval_ns, self.leader_interval_ns
+            )
         if self._samples_when_synced is None:
             self._samples_when_synced = progress.samples
         easing_ns = self._easing_paces_ns
@@ -132,17 +140,21 @@ class SteadySchedule:
         if not progress.good_enough:
             # Slower than the initial rate: several such nodes on one radio channel would disturb each other.
             stage = min(stage, len(easing_ns) - 1)
-        easing = min(self._pace_ns, easing_ns[stage]) if 0 <= stage < len(easing_ns) else self._pace_ns
-        return max(easing, self.leader_pace_ns)
+        easing = (
+            min(self._poll_interval_ns, easing_ns[stage])
+            if 0 <= stage < len(easing_ns)
+            else self._poll_interval_ns
+        )
+        return max(easing, self.leader_interval_ns)
 
 
 class TreeSchedule(SteadySchedule):
     """Ever rarer requests, so that one leader serves many nodes and their requests arrive evenly."""
 
-    least_samples = synced_samples = LEAST_EXCHANGES
+    min_samples = synced_samples = MIN_EXCHANGES
 
     def __init__(self) -> None:
-        super().__init__(first_pace_ns=SPACING_NS, pace_ns=TREE_PACE_NS)
+        super().__init__(first_interval_ns=SPACING_NS, poll_interval_ns=TREE_INTERVAL_NS)
         self._began_ns = 0
 
     def begin(self, now_ns: int) -> None:
@@ -157,44 +169,44 @@ class TreeSchedule(SteadySchedule):
 
     def estimated(self, now_ns: int) -> None:
         """Schedule the next estimate some requests later."""
-        self.estimate_due_ns = now_ns + max(ESTIMATE_EVERY_NS, LEAST_EXCHANGES * self._pace())
+        self.estimate_due_ns = now_ns + max(ESTIMATE_EVERY_NS, MIN_EXCHANGES * self._interval())
 
-    def _pace(self, progress: Progress | None = None) -> int:
-        eased_ns = max(self._first_pace_ns, (self._grid_ns - self._began_ns) // EASING)
-        return min(eased_ns, max(self._pace_ns, self.leader_pace_ns))
+    def _interval(self, progress: Progress | None = None) -> int:
+        eased_ns = max(self._first_interval_ns, (self._grid_ns - self._began_ns) // EASING)
+        return min(eased_ns, max(self._poll_interval_ns, self.leader_interval_ns))
 
 
 class AccuracyTarget:
     """Target for the 95 % error of a clock; times in ns, `now_ns` is the node's own clock."""
 
-    def __init__(self, wanted_ns: float | None = None) -> None:
-        """Without `wanted_ns` every clock is good enough.
+    def __init__(self, target_ns: float | None = None) -> None:
+        """Without `target_ns` every clock is good enough.
 
         A camera's clock may use all of the camera's tolerance. The phase is held to that tolerance by this
         clock, so an image can be off by both; its record states each of them.
         """
-        self.wanted_ns = wanted_ns
-        self.met = wanted_ns is None
+        self.target_ns = target_ns
+        self.met = target_ns is None
         """Whether the clock is good enough."""
         self.error_ns: float | None = None
         """95 % error at the last check."""
-        self._least_ns: float | None = None
+        self._min_ns: float | None = None
         self._began_ns = self._gained_ns = 0
 
     def restart(self) -> None:
         """Start over: the leader is another one, or a clock has stepped."""
-        self.met = self.wanted_ns is None
-        self._least_ns = None
+        self.met = self.target_ns is None
+        self._min_ns = None
 
     def judge(self, time_map: TimeMap, now_ns: int) -> bool:
         """Update from the newest estimate; return whether it is good enough or will hardly improve."""
         error_ns = self.error_ns = time_map.uncertainty_at(now_ns + AHEAD_NS)
-        if self.wanted_ns is None:
+        if self.target_ns is None:
             return True
-        self.met = error_ns <= self.wanted_ns * (LEAVE_AT if self.met else 1.0)
-        if self._least_ns is None:
+        self.met = error_ns <= self.target_ns * (LEAVE_AT if self.met else 1.0)
+        if self._min_ns is None:
             self._began_ns = now_ns
-        if self._least_ns is None or error_ns < GAIN * self._least_ns:
-            self._least_ns, self._gained_ns = error_ns, now_ns
+        if self._min_ns is None or error_ns < GAIN * self._min_ns:
+            self._min_ns, self._gained_ns = error_ns, now_ns
         over = now_ns - self._gained_ns >= PATIENCE_NS or now_ns - self._began_ns >= LONGEST_TRY_NS
         return self.met or over

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.timekeeping.clock_events import ClockChanged, ClockRateUnusual
 
-USUAL_PPM = 100.0
+TYPICAL_PPM = 100.0
 """Maximum rate difference of two ordinary crystals."""
 STILL_UNUSUAL_PPM = 80.0
 """Threshold below which an unusual rate counts as ordinary again."""
@@ -34,8 +34,8 @@ class RateWatch:
         """Update from the newest estimate and the time of the last rate change; return the event, if any."""
         # The map is from this clock to the leader's: a positive skew means that the leader's is faster.
         fast_ppm, doubt_ppm = -time_map.skew * 1e6, time_map.skew_uncertainty * 1e6
-        least_ppm = USUAL_PPM + doubt_ppm if self.fast_ppm is None else STILL_UNUSUAL_PPM
-        before, self.fast_ppm = self.fast_ppm, fast_ppm if abs(fast_ppm) > least_ppm else None
+        min_ppm = TYPICAL_PPM + doubt_ppm if self.fast_ppm is None else STILL_UNUSUAL_PPM
+        before, self.fast_ppm = self.fast_ppm, fast_ppm if abs(fast_ppm) > min_ppm else None
         if changed_ns not in (None, self._changed_ns):
             self._changed_ns = changed_ns
             return ClockChanged(jumped=False)
@@ -77,7 +77,7 @@ class RateVote:
         rates: dict[str | None, float] = {LEADER: 0.0}
         rates.update(rates_ppm)
         friends = {
-            name: sum(abs(rate - other) <= USUAL_PPM / 2.0 for other in rates.values())
+            name: sum(abs(rate - other) <= TYPICAL_PPM / 2.0 for other in rates.values())
             for name, rate in rates.items()
         }
         most = max(friends.values())
@@ -88,7 +88,7 @@ class RateVote:
             fast_ppm, own_ppm = rate - usual_ppm, slewing_ppm.get(name, 0.0)
             if own_ppm:
                 off[name] = HostOffRate(name, own_ppm, certain=True)
-            elif abs(fast_ppm) > (STILL_UNUSUAL_PPM if name in self.off else USUAL_PPM):
+            elif abs(fast_ppm) > (STILL_UNUSUAL_PPM if name in self.off else TYPICAL_PPM):
                 off[name] = HostOffRate(name, fast_ppm, ambiguous=most == friends[name])
         before, self.off = self.off, off
         news = [off[name] for name in off if name not in before or before[name].certain != off[name].certain]

@@ -10,8 +10,8 @@ from capture_app.sync.timekeeping.clock_events import (
     ClockChanged,
     ClockEvent,
     ClockSynced,
+    PathDelayIncreased,
     StepRefused,
-    WayLonger,
 )
 from capture_app.sync.timekeeping.poll_schedule import (
     AT_ONCE_NS,
@@ -24,7 +24,7 @@ from capture_app.sync.wire.codec import request_at, request_before_t0
 from capture_app.sync.wire.messages import Report, RigConfigMessage, TimeReply
 
 OUTSTANDING = 512
-TELL_STEPS_EVERY_NS = 10_000_000_000
+STEP_REPORT_INTERVAL_NS = 10_000_000_000
 FURTHEST_NS = 2**62
 """Maximum offset between a clock and the root's; a relay could not send its clients a larger one."""
 
@@ -72,7 +72,7 @@ class Timekeeper:
         self._request: bytes | None = None
         self._stepped = False
         """Whether a clock has stepped or been slewed, and the time is not known again yet."""
-        self._told_steps, self._tell_steps_ns = 0, AT_ONCE_NS
+        self._reported_steps, self._report_steps_ns = 0, AT_ONCE_NS
         self.events: deque[ClockEvent] = deque()
         """Events for the caller to take."""
 
@@ -108,8 +108,8 @@ class Timekeeper:
     def update_config(self, config: RigConfigMessage) -> None:
         """Store the leader's present configuration."""
         self._asked = config
-        self.schedule.leader_pace_ns = config.pace_ns
-        self.clock.look_back(config.pace_ns)
+        self.schedule.leader_interval_ns = config.poll_interval_ns
+        self.clock.look_back(config.poll_interval_ns)
 
     def stop(self) -> None:
         """Stop sending requests: the leader is lost."""
@@ -140,15 +140,18 @@ class Timekeeper:
                 self.events.append(ClockChanged(jumped=True))
             self._stepped = True
         if bool(self.clock.longer_ns) != bool(longer_ns) and self.time_is_known:
-            self.events.append(WayLonger(self.clock.longer_ns))
+            self.events.append(PathDelayIncreased(self.clock.longer_ns))
         if self.clock.beyond_chance and not doubted:
             # Require the target itself again, without the hysteresis of a clock that was good enough.
-            self.target.met = self.target.wanted_ns is None
+            self.target.met = self.target.target_ns is None
         if self.clock.hidden_ns > hidden_ns:
             self.schedule.estimate_due_ns = now_ns
-        if self.clock.refused_steps > self._told_steps and now_ns >= self._tell_steps_ns:
-            self.events.append(StepRefused(self.clock.refused_steps - self._told_steps))
-            self._told_steps, self._tell_steps_ns = self.clock.refused_steps, now_ns + TELL_STEPS_EVERY_NS
+        if self.clock.refused_steps > self._reported_steps and now_ns >= self._report_steps_ns:
+            self.events.append(StepRefused(self.clock.refused_steps - self._reported_steps))
+            self._reported_steps, self._report_steps_ns = (
+                self.clock.refused_steps,
+                now_ns + STEP_REPORT_INTERVAL_NS,
+            )
         return True
 
     def handle_timer(self, now_ns: int) -> None:
@@ -213,7 +216,7 @@ class Timekeeper:
         in_holdover = self.time_is_known and self.path[-1] != asked.leader
         schedule = self.schedule
         wary = in_holdover or self._stepped
-        if self.clock.samples < (schedule.synced_samples if wary else schedule.least_samples):
+        if self.clock.samples < (schedule.synced_samples if wary else schedule.min_samples):
             return
         self._stepped = False
         if abs(own.offset_ns) > FURTHEST_NS or (in_holdover and self._is_worse(asked.root_map(own))):

@@ -15,8 +15,8 @@ from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_phase_choice import GridPhaseChoice
 from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.relay_summary import Uplink
 from capture_app.sync.rig.time_client import TimeClientEvent
-from capture_app.sync.rig.uplink import Uplink
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.wire.codec import FromClient, Message, WireError, decode
 from capture_app.sync.wire.messages import (
@@ -63,7 +63,7 @@ class Relay:
             if address in self.member.parents:
                 self.member.note_unreadable(error, address)
             else:
-                self.leader.tell_version(data, address)
+                self.leader.report_version(data, address)
             return
         # One address may be both a parent's and a client's: the kind of message distinguishes them.
         if not isinstance(message, FromClient):
@@ -128,7 +128,7 @@ class Relay:
                 usurper = uplink.note_welcome(message.instance, message.client, members)
                 if usurper is not None:
                     # The root decides who owns a name, and another member used it here.
-                    self.leader.put_away(usurper)
+                    self.leader.evict(usurper)
             case JoinRefusal() if message.instance != self.member.time.instance:
                 refused = uplink.note_refusal(message.instance, message.reason, members)
                 if refused is not None:
@@ -172,7 +172,9 @@ class Relay:
         if current.grid_choice is None or moved:
             current.grid_choice = GridPhaseChoice(grid)
         # Without a parent no stream is restarted, because the choice for the other cameras is unknown.
-        current.grid_choice.meeting_leader_ns = above.meeting_leader_ns if number is not None else None
+        current.grid_choice.common_instant_leader_ns = (
+            above.common_instant_leader_ns if number is not None else None
+        )
         current.config = replace(current.config, align_row=above.align_row)
         if moved:
             leader.acknowledge_all()

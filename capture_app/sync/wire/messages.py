@@ -14,8 +14,8 @@ MAX_DEPTH = 8
 """Maximum number of clocks between a node's and the root's."""
 Error = Annotated[float, Meta(ge=0.0, le=1e18)]
 SkewError = Annotated[float, Meta(ge=0.0, le=1.0)]
-MOST_TEXT = 200
-MOST_REPORTS, MOST_OTHERS = 10, 200
+MAX_TEXT = 200
+MAX_REPORTS, MAX_OTHERS = 10, 200
 """Maximum entries of a relay's message: as many as fit into a datagram."""
 CLOCK = CameraFacts(
     kind=CLOCK_ONLY,
@@ -72,10 +72,10 @@ def upstream_map(path: tuple[int, ...], time_map: TimeMap) -> UpstreamMap:
     return UpstreamMap(path, *(getattr(time_map, name) for name in _SHARED_FIELDS))
 
 
-Text = Annotated[str, Meta(max_length=MOST_TEXT)]
+Text = Annotated[str, Meta(max_length=MAX_TEXT)]
 Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
 """Number of a client, as time messages carry it."""
-Others = Annotated[tuple[Number, ...], Meta(max_length=MOST_OTHERS)]
+Others = Annotated[tuple[Number, ...], Meta(max_length=MAX_OTHERS)]
 Pin = Annotated[str, Meta(pattern="^[a-z2-7-]{0,39}$")]
 """Identifier of a machine; empty in a rig that does not authenticate machines."""
 
@@ -120,9 +120,9 @@ class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
     period_ns: int
     align_row: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
     """Row aligned by its mid-exposure, as a fraction of the height; None: the first row's start."""
-    meeting_leader_ns: int | None = None
+    common_instant_leader_ns: int | None = None
     """Instant at which restartable streams must meet the grid, or be restarted; None: none is restarted."""
-    pace_ns: Annotated[int, Meta(ge=0, le=60_000_000_000)] = 0
+    poll_interval_ns: Annotated[int, Meta(ge=0, le=60_000_000_000)] = 0
     """Minimum mean interval between one client's time requests that this leader accepts; 0 for any."""
     upstream: UpstreamMap | None = None
     """A relay's map from its clock to the root's."""
@@ -212,7 +212,7 @@ class MemberReports(Struct, frozen=True, tag="member-reports"):
     acknowledged.
     """
 
-    reports: Annotated[tuple[tuple[Number, Report], ...], Meta(max_length=MOST_REPORTS)]
+    reports: Annotated[tuple[tuple[Number, Report], ...], Meta(max_length=MAX_REPORTS)]
     """Reports with the members' numbers."""
 
 

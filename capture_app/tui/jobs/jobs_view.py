@@ -14,7 +14,7 @@ from capture_app.tui.jobs.result_screen import open_report, show_result
 from capture_app.tui.jobs.run import SIGNS, Run, RunState, progress_words, rough_time
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.mode import ModeView
-from capture_app.tui.rig_record import Told, telling
+from capture_app.tui.rig_record import RecordChanged, telling
 from capture_app.tui.widgets.lines import Lines, chosen_line, filled_cells, justified
 from capture_app.tui.widgets.row_list import RowList
 
@@ -26,7 +26,7 @@ EMPTY = (
     "No job yet.",
     "In Sessions (key 3), c compares a take, e exports it, and a offers all that can be done with it.",
 )
-_WORD, _INDENT = 9, 4
+_WORD_CHARACTERS, _INDENT = 9, 4
 
 
 def draw_run(run: Run, width: int, chosen: bool) -> Sequence[Content | Strip]:
@@ -34,7 +34,7 @@ def draw_run(run: Run, width: int, chosen: bool) -> Sequence[Content | Strip]:
     sign = SIGNS[run.state]
     when = "" if run.ended is None else run.ended.astimezone().strftime("%d %b %H:%M")
     left = Content.assemble(
-        (f" {sign.glyph} {sign.word:<{_WORD}} ", f"bold {sign.style}"),
+        (f" {sign.glyph} {sign.word:<{_WORD_CHARACTERS}} ", f"bold {sign.style}"),
         (f"{run.command.title}  ", "bold"),
         (printable(run.session.name), "$foreground"),
     )
@@ -96,7 +96,7 @@ class JobsView(ModeView):
         """Wrap the log to the new width."""
         self.call_after_refresh(self._show_log)
 
-    def on_told(self, message: Told) -> None:
+    def on_record_changed(self, message: RecordChanged) -> None:
         """Update the runs after a change of state."""
         if message.what is self._runs:
             self._show()

@@ -19,7 +19,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.text import printable
 from capture_app.tui.jobs.results import ResultPicture, ResultTable, StudyResult, read_result
 from capture_app.tui.jobs.run import Run
-from capture_app.tui.rig_record import Mishap, telling
+from capture_app.tui.rig_record import ActionFailed, telling
 from capture_app.tui.widgets.cells import Image
 from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import Picture, Source
@@ -139,8 +139,8 @@ class ResultScreen(WholeScreen[None]):
         """Offer only what this result contains."""
         seen = not self._figures or self._is_wide
         return {
-            "switch": seen and self._has_two_sides,
-            "blink": seen and self._has_two_sides,
+            "switch": seen and self._has_two_conditions,
+            "blink": seen and self._has_two_conditions,
             "move": seen and len(self._result.pictures) > 1,
             "figures": bool(self._result.pictures) and not self._is_wide,
             "report": self._run.report is not None,
@@ -163,7 +163,7 @@ class ResultScreen(WholeScreen[None]):
 
     def on_click(self, event: events.Click) -> None:
         """Switch the condition after a click on the picture or on the labels above it."""
-        if event.widget in (self._picture, self._sides) and self._has_two_sides:
+        if event.widget in (self._picture, self._sides) and self._has_two_conditions:
             self.action_switch()
 
     def action_figures(self) -> None:
@@ -178,7 +178,7 @@ class ResultScreen(WholeScreen[None]):
     # Drawing
 
     @property
-    def _has_two_sides(self) -> bool:
+    def _has_two_conditions(self) -> bool:
         return self.picture is not None and self.picture.offset is not None
 
     @property
@@ -250,7 +250,7 @@ def open_report(widget: Widget, report: Path | None) -> None:
     """Open a report in the browser; over SSH, show its path instead."""
     if report is None or not report.is_file():
         error = BadInputError("the report is gone", hint="run the job again")
-        widget.post_message(Mishap(error))
+        widget.post_message(ActionFailed(error))
         return
     path = report.resolve()
     if "SSH_CONNECTION" in os.environ or "SSH_TTY" in os.environ:

@@ -206,7 +206,7 @@ def _dose(found: Mapping[str, Any], folder: Path, verdict: str) -> StudyResult:
     still = measure.replace("mover_", "static_")
     rows = tuple(
         (
-            _lateness(point["offsets_ms"][second]),
+            _delay_text(point["offsets_ms"][second]),
             percent(_value(point, measure)),
             filled_cells(_value(point, measure) or 0.0, BAR),
             percent(_value(point, still)),
@@ -248,7 +248,7 @@ _READERS = {
 }
 
 
-def _lateness(offset_ms: float) -> str:
+def _delay_text(offset_ms: float) -> str:
     if not offset_ms:
         return "same instant"
     return f"{abs(offset_ms):.0f} ms {'early' if offset_ms < 0 else 'late'}"

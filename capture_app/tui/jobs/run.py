@@ -21,7 +21,7 @@ CAPTURE, RECONSTRUCT = "capture_app.cli", "reconstruction.cli"
 _PROGRAMS = {CAPTURE: "capture-app", RECONSTRUCT: "reconstruct"}
 REPORT = "report.html"
 """Report in a run's folder, for commands that write one."""
-MEASURED_SHARE = 1 / 3
+MEASURED_FRACTION = 1 / 3
 """Fraction of a run's steps after which the remaining time is estimated."""
 
 
@@ -239,7 +239,7 @@ class Run(Struct, eq=False, kw_only=True, omit_defaults=True):
     def seconds_left(self) -> float | None:
         """Estimated remaining time in seconds, for equal steps; None before a third of them is done."""
         # The first steps are the shortest: extrapolating them turns a quarter of an hour into seconds.
-        if self.share is None or self.share < MEASURED_SHARE:
+        if self.share is None or self.share < MEASURED_FRACTION:
             return None
         return self.seconds * (1 - self.share) / self.share
 

@@ -22,7 +22,7 @@ from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.text import UNREADABLE, ProgressStep, pretty_json, printable
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import clear_leftovers
-from capture_app.session.files.strangers import read_regular
+from capture_app.session.files.untrusted_files import read_regular
 from capture_app.session.library.changes import RESULTS, results_folder
 from capture_app.tui.jobs.run import COMMANDS, IMPORT, Command, Run, RunState
 

@@ -139,7 +139,7 @@ class SessionRows(RowList[Entry]):
         if card.state != "complete":
             sign = STATES[card.state]
             return Content.styled(f"{sign}: {printable(card.problem)}", sign.style)
-        spread = spread_of(card)
+        spread = scatter_of(card)
         tags = fitting(map(run_tag, self._runs.of(card.folder)), "  ", room - spread.cell_length - 2)
         return justified(spread, Content("  ").join(tags), room)
 
@@ -182,7 +182,7 @@ def _remarks(card: SessionCard) -> Iterator[Content]:
         yield Content(printable(card.note))
 
 
-def spread_of(card: SessionCard) -> Content:
+def scatter_of(card: SessionCard) -> Content:
     """Return the grade and the total time difference that it rates, including uncertainty."""
     if card.unsynchronized:
         return Content.styled(f"{GRADES['unknown'].glyph} not synchronized", "$foreground-muted")

@@ -33,7 +33,7 @@ from capture_app.tui.library.forms import (
 from capture_app.tui.library.session_rows import ORDERS, Entry, Order, SessionRows, arrange
 from capture_app.tui.library.take import TakePane
 from capture_app.tui.mode import ModeView
-from capture_app.tui.rig_record import Mishap, Told, telling
+from capture_app.tui.rig_record import ActionFailed, RecordChanged, telling
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.lines import Lines
 
@@ -104,13 +104,13 @@ class SessionsView(ModeView):
     def on_resize(self) -> None:
         """Show the selected session beside the list if there is space."""
         self.set_class(self.size.width >= WIDE, "-wide")
-        self._settle()
+        self._complete()
 
     def focus_first(self) -> None:
         """Focus the list, or the session shown in full."""
         (self._pane.sheet if self.has_class("-whole") else self._rows).focus()
 
-    def on_told(self, message: Told) -> None:
+    def on_record_changed(self, message: RecordChanged) -> None:
         """Update the runs shown on the sessions."""
         if message.what is self._runs:
             self._rows.show_all_again()
@@ -203,7 +203,7 @@ class SessionsView(ModeView):
 
     def on_row_list_chosen(self, message: SessionRows.Chosen) -> None:
         """Show the selected session and its actions, or open it."""
-        self._settle()
+        self._complete()
         self.refresh_bindings()
         if message.opens:
             self.action_look()
@@ -212,7 +212,7 @@ class SessionsView(ModeView):
         """Return to the list of matches."""
         self._rows.focus()
 
-    def _settle(self) -> None:
+    def _complete(self) -> None:
         if self._settling is not None:
             self._settling.stop()
         self._settling = self.set_timer(SETTLED_S, self._show_pane) if self.has_class("-wide") else None
@@ -233,7 +233,7 @@ class SessionsView(ModeView):
         try:
             return await asyncio.to_thread(do, folder)
         except SimulshotError as error:
-            self.post_message(Mishap(error))
+            self.post_message(ActionFailed(error))
             return None
 
     # Viewing
@@ -402,7 +402,9 @@ class SessionsView(ModeView):
         if entry is None:
             return
         if any(not run.state.is_over for run in self._runs.of(entry.card.folder)):
-            self.post_message(Mishap(SimulshotError("a job works on it", hint="cancel it first: key 4")))
+            self.post_message(
+                ActionFailed(SimulshotError("a job works on it", hint="cancel it first: key 4"))
+            )
             return
         if await self._try(trash_session, entry.card.folder) is not None:
             self.app.notify(f"{printable(entry.card.name)} is in the trash: u brings it back", markup=False)

@@ -258,7 +258,7 @@ class CameraList(Vertical, can_focus=True):
         return next((node for node in self._members if node.name == self._chosen), None)
 
     @staticmethod
-    def rows_wanted(cameras: int, room: int) -> int:
+    def rows_needed(cameras: int, room: int) -> int:
         """Return the rows that the list needs including its border, at most `room`."""
         height = _height_for(cameras, room - BORDER)
         return min(room, BORDER + (cameras * height if height > 1 else cameras + 1))

@@ -19,13 +19,13 @@ from capture_app.protocol.status import NodeDetail, NodeStatus, Preview
 from capture_app.rig.link import RigLink
 from capture_app.session.reading.stamp_words import describe_stamp
 from capture_app.tui.question import Dialog
-from capture_app.tui.rig_record import RigRecord, Told, telling
+from capture_app.tui.rig_record import RecordChanged, RigRecord, telling
 from capture_app.tui.signs import SIGNS
 from capture_app.tui.widgets.footer import KeyFooter
-from capture_app.tui.widgets.lines import Lines, fitting, news_lines
+from capture_app.tui.widgets.lines import Lines, fitting, log_lines
 from capture_app.tui.widgets.picture import Picture
 from capture_app.tui.widgets.plots import (
-    USUAL_TOLERANCE_NS,
+    TYPICAL_TOLERANCE_NS,
     histogram_rows,
     histogram_title,
     wedge_rows,
@@ -86,7 +86,7 @@ class CameraScreen(Dialog[None]):
         """Redraw for the new size."""
         self.call_after_refresh(self._draw)
 
-    def on_told(self, message: Told) -> None:
+    def on_record_changed(self, message: RecordChanged) -> None:
         """Update the camera's facts and preview."""
         if not isinstance(message.what, Preview):
             self._draw_facts()
@@ -156,7 +156,7 @@ class CameraScreen(Dialog[None]):
     def _draw(self) -> None:
         self._draw_facts()
         node, detail = self._node, self._detail
-        tolerance = (node and node.tolerance_ns) or USUAL_TOLERANCE_NS
+        tolerance = (node and node.tolerance_ns) or TYPICAL_TOLERANCE_NS
         wedge, _, histogram, log = self._panels
         titles = (
             (wedge, wedge_title(detail.samples)),
@@ -168,7 +168,7 @@ class CameraScreen(Dialog[None]):
                 panel.border_title = title
         self._wedge.show(wedge_rows(detail.samples, *wedge.size))
         self._histogram.show(histogram_rows(detail.phase_errors_ns, tolerance, *histogram.size))
-        lines = news_lines(detail.log, log.size.width)[-max(log.size.height, 1) :]
+        lines = log_lines(detail.log, log.size.width)[-max(log.size.height, 1) :]
         if self._problem:
             lines = [
                 Content.styled(line, "$warning") for line in textwrap.wrap(self._problem, log.size.width or 1)

@@ -21,18 +21,18 @@ from capture_app.protocol.orders import (
     PhoneInvited,
 )
 from capture_app.protocol.pairing import Invite, Invited
-from capture_app.protocol.status import NewsLine
+from capture_app.protocol.status import LogLine
 from capture_app.rig.link import RigLink
 from capture_app.tui.question import BoxDialog
-from capture_app.tui.rig_record import Told
-from capture_app.tui.widgets.lines import Lines, news_lines
+from capture_app.tui.rig_record import RecordChanged
+from capture_app.tui.widgets.lines import Lines, log_lines
 
 DEVICE = "v4l2:/dev/video0"
 QUIET = 2
 """Light margin around the code, in modules; scanning from a screen needs only two."""
 _HALF = {(True, True): "█", (True, False): "▀", (False, True): "▄", (False, False): " "}
 LOOK_EVERY_S = 1.0
-MOST_NEWS = 2
+MAX_NEWS = 2
 
 
 def large(code: str) -> list[str]:
@@ -74,7 +74,7 @@ class GuideScreen(BoxDialog[None]):
         """Content of the QR code."""
         self._words = Lines(id=f"{name}-words", classes="words")
         self._code = Lines(id=f"{name}-code", classes="code")
-        self._news, self._came = deque[NewsLine](maxlen=MOST_NEWS), Lines(id=f"{name}-news")
+        self._event_log, self._came = deque[LogLine](maxlen=MAX_NEWS), Lines(id=f"{name}-news")
         super().__init__(title, Horizontal(self._words, self._code), self._came, subtitle="esc closes")
         self.id = f"{name}-guide"
 
@@ -82,11 +82,11 @@ class GuideScreen(BoxDialog[None]):
         """Start the guide."""
         self.run_worker(self._guide(self), exclusive=True, group="guide")
 
-    def on_told(self, message: Told) -> None:
+    def on_record_changed(self, message: RecordChanged) -> None:
         """Show new log lines."""
-        if isinstance(message.what, NewsLine):
-            self._news.append(message.what)
-            self._came.show(news_lines(self._news, self._came.size.width))
+        if isinstance(message.what, LogLine):
+            self._event_log.append(message.what)
+            self._came.show(log_lines(self._event_log, self._came.size.width))
 
     def show(self, url: str, *paragraphs: tuple[str, str]) -> None:
         """Show a QR code (empty: none) and paragraphs with their styles; numbered ones are indented."""

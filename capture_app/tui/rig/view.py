@@ -16,7 +16,7 @@ from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import printable
 from capture_app.protocol.orders import RemoveCamera
-from capture_app.protocol.status import NewsLine, RigStatus
+from capture_app.protocol.status import LogLine, RigStatus
 from capture_app.rig.link import LinkLost, RigLink
 from capture_app.rig.process import start_rig
 from capture_app.tui.mode import ModeView
@@ -24,10 +24,10 @@ from capture_app.tui.question import Answer, Question
 from capture_app.tui.rig.camera_list import CameraList
 from capture_app.tui.rig.panel_screen import panel_screen
 from capture_app.tui.rig.start import StartPanel
-from capture_app.tui.rig_record import Mishap, RigRecord, Told, telling
+from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, telling
 from capture_app.tui.settings import Settings
 from capture_app.tui.signs import MISSING, NO_LEADER, is_settled, rig_sign
-from capture_app.tui.widgets.lines import Lines, news_lines
+from capture_app.tui.widgets.lines import Lines, log_lines
 
 SCROLLBAR = 1
 ADVICE_LINES = 2
@@ -40,7 +40,7 @@ REDRAW_S = 0.5
 """Redraw interval of changing numbers in seconds; a change of state is drawn at once."""
 
 
-class NewsPane(VerticalScroll, can_focus=True):
+class LogPane(VerticalScroll, can_focus=True):
     """Log with the newest line at the bottom; follows it unless the user has scrolled back."""
 
     def __init__(self, record: RigRecord) -> None:
@@ -51,7 +51,7 @@ class NewsPane(VerticalScroll, can_focus=True):
     def draw(self) -> None:
         """Draw the log."""
         following = self.scroll_y >= self.max_scroll_y
-        self._lines.show(news_lines(self._record.news, self.size.width - SCROLLBAR))
+        self._lines.show(log_lines(self._record.news, self.size.width - SCROLLBAR))
         if following:
             self.call_after_refresh(self.scroll_end, animate=False)
 
@@ -93,7 +93,7 @@ class RigView(ModeView):
         self._record = record
         self._advice = Lines(id="advice")
         self._cameras = CameraList(source, record)
-        self._news = NewsPane(record)
+        self._event_log = LogPane(record)
         self._start = StartPanel(source, settings, sessions, samples, local=local)
         self._adding: int | None = None
         """Number of cameras when the user chose to add more; None otherwise."""
@@ -101,7 +101,7 @@ class RigView(ModeView):
         """Message about the leader being started."""
         self._drawn: tuple[object, ...] = ()
         self._next_draw_s = 0.0
-        super().__init__(self._advice, self._start, self._cameras, self._news)
+        super().__init__(self._advice, self._start, self._cameras, self._event_log)
 
     def on_mount(self) -> None:
         """Start the periodic redraws."""
@@ -118,17 +118,17 @@ class RigView(ModeView):
         """Draw what happened while hidden."""
         super().on_mode_shown()
         self._draw()
-        self._news.draw()
+        self._event_log.draw()
 
     def on_resize(self) -> None:
         """Divide the space again."""
         self.call_after_refresh(self.on_mode_shown)
 
-    def on_told(self, message: Told) -> None:
+    def on_record_changed(self, message: RecordChanged) -> None:
         """Draw changes at once, unless only numbers differ."""
         match message.what:
-            case NewsLine():
-                self._news.draw()
+            case LogLine():
+                self._event_log.draw()
             case LinkLost():
                 self._drawn = ()
                 self._draw()
@@ -167,7 +167,7 @@ class RigView(ModeView):
         small = self.size.height < SMALL
         self.set_class(small, "-small")
         room = self.size.height - len(advice) - (3 if small else 8)
-        wanted = CameraList.rows_wanted(len(status.nodes), room)
+        wanted = CameraList.rows_needed(len(status.nodes), room)
         if self._cameras.styles.height is None or self._cameras.styles.height.value != wanted:
             self._cameras.styles.height = wanted
         self._cameras.draw(room)
@@ -196,7 +196,7 @@ class RigView(ModeView):
         starting = not status.nodes or self._adding is not None
         if self._start.display != starting or self._cameras.display == starting:
             self._start.display = starting
-            self._cameras.display = self._news.display = not starting
+            self._cameras.display = self._event_log.display = not starting
             self.focus_first()
             self.refresh_bindings()
             self.call_after_refresh(self._draw)  # a widget has no size before it is displayed
@@ -237,9 +237,9 @@ class RigView(ModeView):
             await start_rig(sessions=self._sessions, host=host, port=leader.port)
         self._starting = ""
 
-    def action_news(self) -> None:
+    def action_log(self) -> None:
         """Move the focus to the log for scrolling, or back."""
-        (self._cameras if self._news.has_focus else self._news).focus()
+        (self._cameras if self._event_log.has_focus else self._event_log).focus()
 
     def action_panel(self) -> None:
         """Show how to check the rig with a panel."""
@@ -260,7 +260,7 @@ class RigView(ModeView):
         if node is not None and node.state is not NodeState.LOST:
             if not node.on_leader and node.camera.kind != PHONE:
                 words = f"{node.name} runs on another machine ({node.address})"
-                self.post_message(Mishap(SimulshotError(words, hint="stop it there")))
+                self.post_message(ActionFailed(SimulshotError(words, hint="stop it there")))
                 return
             answers = [Answer("keep", "k", "Keep it"), Answer("end", "e", "End it")]
             question = Question(f"{node.name} is running. End it, and take it off the rig?", answers)

@@ -15,7 +15,7 @@ from capture_app.common.text import duration, printable
 from capture_app.protocol.status import NodeStatus, Preview
 from capture_app.rig.link import RigLink
 from capture_app.session.reading.decoding import decode_image
-from capture_app.tui.rig_record import RigRecord, Told
+from capture_app.tui.rig_record import RecordChanged, RigRecord
 from capture_app.tui.signs import SIGNS, cameras_of
 from capture_app.tui.widgets.cells import Image
 from capture_app.tui.widgets.focus_aids import (
@@ -38,7 +38,7 @@ NUMBERS = 200
 KEPT = 12
 """Stored previews per camera, a few seconds' worth."""
 FULL_FPS, PAIR_FPS = 8.0, 4.0
-LEAST_PX, MOST_PX = 640, 1280
+MIN_PX, MAX_PX = 640, 1280
 """Min and max width of the previews: focus needs more pixels than a terminal shows."""
 BLINK_S = 0.5
 HISTOGRAM_ROWS = 3
@@ -134,7 +134,7 @@ class FullView(WholeScreen[str]):
         self._blinks = not self._blinks and len(self._cameras) > 1
         self._begin()
 
-    def on_told(self, message: Told) -> None:
+    def on_record_changed(self, message: RecordChanged) -> None:
         """Show the camera's state and its preview."""
         if not isinstance(message.what, Preview):
             self._show_title()
@@ -206,7 +206,7 @@ class FullView(WholeScreen[str]):
 
     async def _ask(self, fps: float) -> None:
         cameras = (self.camera, self._partner) if self._blinks else (self.camera,)
-        width = min(max(2 * self.app.size.width, LEAST_PX), MOST_PX)
+        width = min(max(2 * self.app.size.width, MIN_PX), MAX_PX)
         await self._rig.want_previews(cameras=cameras, width=width, fps=fps)
 
 

@@ -17,10 +17,10 @@ from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.lines import Lines
 
 V = TypeVar("V")
-MOST_BEFORE = 60
+MAX_BEFORE = 60
 """Max frames before the key press: a node stores frames of 3 s, and the order needs time to reach it."""
-MOST_FRAMES = 300
-MOST_NOTE = 1000
+MAX_FRAMES = 300
+MAX_NOTE = 1000
 COUNTDOWNS_S = (0.0, 3.0, 5.0, 10.0, 20.0)
 INTERVALS_S = (2.0, 5.0, 10.0, 30.0, 60.0, 300.0)
 LENGTHS_S = (0.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)
@@ -73,9 +73,9 @@ class TakeSettings:
 
     def __post_init__(self) -> None:
         """Clamp the numbers to their limits."""
-        frames = min(max(self.frames, 1), MOST_FRAMES)
+        frames = min(max(self.frames, 1), MAX_FRAMES)
         object.__setattr__(self, "frames", frames)
-        object.__setattr__(self, "before", min(max(self.before, 0), MOST_BEFORE, frames))
+        object.__setattr__(self, "before", min(max(self.before, 0), MAX_BEFORE, frames))
 
     @classmethod
     def recall(cls, settings: Settings) -> Self:
@@ -101,7 +101,7 @@ class TakeSettings:
 
     def with_before(self, before: int) -> Self:
         """Return the settings with this many frames before the key press, and unchanged frames after it."""
-        before = min(max(before, 0), MOST_BEFORE)
+        before = min(max(before, 0), MAX_BEFORE)
         return replace(self, frames=max(before + self.after, 1), before=before)
 
     def with_after(self, after: int) -> Self:
@@ -273,7 +273,7 @@ class PlanPanel(Lines, can_focus=True):
             question = TextQuestion(
                 text,
                 self.settings.note,
-                check=lambda note: f"at most {MOST_NOTE} characters" if len(note) > MOST_NOTE else "",
+                check=lambda note: f"at most {MAX_NOTE} characters" if len(note) > MAX_NOTE else "",
                 title="Notes",
             )
         else:

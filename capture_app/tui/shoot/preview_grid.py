@@ -22,7 +22,7 @@ ASPECT = 0.75
 GRID_FPS, MANY_FPS = 2.0, 1.0
 MANY = 8
 """Number of cameras above which the preview rate is lower."""
-LEAST_PX, MOST_PX = 64, 640
+MIN_PX, MAX_PX = 64, 640
 
 
 def grid_columns(cameras: int, width: int, height: int) -> int:
@@ -105,7 +105,7 @@ class PreviewGrid(Container, can_focus=True):
         pixels = 2 * self.size.width // max(self._columns, 1)
         fps = MANY_FPS if len(self._tiles) > MANY else GRID_FPS
         # Rounded up to 64 pixels, so that resizing a window does not send a new request for each column.
-        return min(max(pixels + -pixels % 64, LEAST_PX), MOST_PX), fps
+        return min(max(pixels + -pixels % 64, MIN_PX), MAX_PX), fps
 
     def go_to(self, camera: str) -> None:
         """Move the cursor to a camera."""

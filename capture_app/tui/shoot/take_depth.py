@@ -36,8 +36,8 @@ async def begin(runs: Runs | None, sheet: TakeSheet) -> None:
 
 def _is_slow(runs: Runs) -> bool:
     # Wall time would include waiting for other jobs.
-    most_s = SLOW_S * (os.cpu_count() or 1)
-    return any(run.processor_s > most_s for run in runs.all if run.kind == MOMENT.name)
+    max_s = SLOW_S * (os.cpu_count() or 1)
+    return any(run.processor_s > max_s for run in runs.all if run.kind == MOMENT.name)
 
 
 def run_of(runs: Runs | None, sheet: TakeSheet | None) -> Run | None:

@@ -33,7 +33,7 @@ from capture_app.tui.jobs.result_screen import open_report
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import CANCEL, Answer, Question
-from capture_app.tui.rig_record import Mishap, RigRecord, Told, telling
+from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, telling
 from capture_app.tui.settings import Settings
 from capture_app.tui.shoot import take_depth
 from capture_app.tui.shoot.plan import PlanPanel
@@ -42,9 +42,9 @@ from capture_app.tui.shoot.takes import Take, TakePanel, open_take, progress_wor
 from capture_app.tui.signs import cameras_of, is_settled
 from capture_app.tui.widgets.lines import Lines
 
-MOST_ANSWERS = 9
+MAX_ANSWERS = 9
 """Maximum bursts offered for cancellation, one per digit key."""
-MOST_TAKES = 100
+MAX_TAKES = 100
 NARROW = 110
 """Columns below which a window is narrow; the plan then leaves more space to the pictures."""
 AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
@@ -120,7 +120,7 @@ class ShootView(ModeView):
         """Focus the sheet or the plan, whichever the arrow keys should drive."""
         (self.stage.sheet if self.stage.is_sheet else self.plan_panel).focus()
 
-    def on_told(self, message: Told) -> None:
+    def on_record_changed(self, message: RecordChanged) -> None:
         """Show cameras, previews, and takes ordered elsewhere."""
         match message.what:
             case Preview() as preview:
@@ -215,7 +215,7 @@ class ShootView(ModeView):
             return
         answers = [
             Answer(str(burst), str(key), words)
-            for key, (burst, words) in enumerate(list(offers.items())[:MOST_ANSWERS], 1)
+            for key, (burst, words) in enumerate(list(offers.items())[:MAX_ANSWERS], 1)
         ]
         question = Question(
             "What has come of it already is saved.", [*answers, CANCEL], title="Cancel a burst"
@@ -263,7 +263,7 @@ class ShootView(ModeView):
             case Failed(error=error, status=status) if status is None or not status.done:
                 self._end_course()
                 self._failure = error.what
-                self.post_message(Mishap(error))
+                self.post_message(ActionFailed(error))
                 for take in self.takes:
                     if status is not None and take.name == status.name:
                         take.problem = error.what
@@ -286,7 +286,7 @@ class ShootView(ModeView):
         if take is None:
             is_new = not status.done or plan is not None
             take = Take(status, is_new=is_new, begun_s=self._record.clock())
-            self.takes = [*self.takes, take][-MOST_TAKES:]
+            self.takes = [*self.takes, take][-MAX_TAKES:]
         take.plan, take.retake_of = plan or take.plan, retake_of or take.retake_of
         if not was_done:
             take.status, take.problem = status, ""

@@ -143,7 +143,7 @@ def draw_fitted(
     )
 
 
-def keep_what_looks_alike(shown: CellPicture, new: CellPicture, threshold: int) -> CellPicture:
+def keep_equal_cells(shown: CellPicture, new: CellPicture, threshold: int) -> CellPicture:
     """Return the new picture, with the shown cell wherever its pixels differ by at most `threshold`.
 
     Otherwise sensor noise would cause every cell to be sent to the terminal again.

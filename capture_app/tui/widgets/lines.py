@@ -13,7 +13,7 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from capture_app.common.text import printable
-from capture_app.protocol.status import NewsLine
+from capture_app.protocol.status import LogLine
 
 MARKS = {"info": ("·", "$foreground-muted"), "warning": ("!", "$warning"), "error": ("✖", "$error")}
 TIME = "%H:%M:%S"
@@ -158,7 +158,7 @@ def _cells(strip: Strip) -> list[tuple[str, object]]:
     return cells if len(cells) == strip.cell_length else [(strip.text, tuple(strip))]
 
 
-def news_lines(news: Iterable[NewsLine], width: int) -> list[Content]:
+def log_lines(news: Iterable[LogLine], width: int) -> list[Content]:
     """Return the lines of log entries, long ones wrapped."""
     lines: list[Content] = []
     for each in news:

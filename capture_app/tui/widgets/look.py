@@ -105,7 +105,7 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         self._rate = _MOVING[motion][1] if motion in _MOVING else 0.0
         self._start()
 
-    def action_pace(self, factor: float) -> None:
+    def action_speed(self, factor: float) -> None:
         """Change the speed of the motion."""
         if self.motion != "still":
             self._rate = min(max(self._rate * factor, SLOWEST), FASTEST)

@@ -33,13 +33,13 @@ from capture_app.tui.widgets.cells import (
     changed_spans,
     draw_cells,
     fitted_cells,
-    keep_what_looks_alike,
+    keep_equal_cells,
     palette_of,
     resample,
 )
 from capture_app.tui.widgets.focus_aids import Aid, paint_marks
 
-MOST_CELLS = 297
+MAX_CELLS = 297
 """Max columns or rows that a placeholder can address."""
 NOISE = 12
 """Max colour difference (8-bit levels) at which a cell of a live picture is not sent again.
@@ -60,12 +60,12 @@ class SharpTerminal:
 
     def width_px(self, columns: int) -> int:
         """Return the width of `columns` cells in pixels."""
-        return min(columns, MOST_CELLS) * self._cell[0]
+        return min(columns, MAX_CELLS) * self._cell[0]
 
     def send(self, image: Image, columns: int, rows: int) -> "SharpPicture":
         """Send an image fitted into this space. Takes a second; call in a thread."""
         height, width = image.shape[:2]
-        across, down = fitted_cells(width, height, min(columns, MOST_CELLS), min(rows, MOST_CELLS))
+        across, down = fitted_cells(width, height, min(columns, MAX_CELLS), min(rows, MAX_CELLS))
         scaled = resample(np.ascontiguousarray(image), across * self._cell[0], down * self._cell[1])
         rgb = cv2.cvtColor(scaled, cv2.COLOR_GRAY2RGB if scaled.ndim == 2 else cv2.COLOR_BGR2RGB)
         pixels = importlib.import_module("PIL.Image").fromarray(rgb)
@@ -252,7 +252,7 @@ class Picture(Widget):
         was_sharp = self._put_sharp(None)
         shown = None if was_sharp else self.cells
         if shown is not None and new is not None:
-            new = keep_what_looks_alike(shown, new, self._noise)
+            new = keep_equal_cells(shown, new, self._noise)
         self.cells = new
         spans = None if shown is None or new is None else changed_spans(shown, new)
         if spans is None or new is None:

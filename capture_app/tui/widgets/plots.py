@@ -16,17 +16,17 @@ QUARTERS = 2, 2, " ▘▝▀▖▌▞▛▗▚▐▜▄▙▟█"
 """Dots per cell across and down, and the glyph of each combination of four dots."""
 LEVELS = 1, 3, " ▔─│▁│││"
 """Thin line at one of three heights, or a stroke through several."""
-SHOWN_SHARE = 0.98
+SHOWN_FRACTION = 0.98
 """Fraction of the frames that the axis spans; larger errors are counted at its ends."""
 LABEL_WIDTH = 8
-SHOWN_TRIPS_SHARE = 0.95
+SHOWN_TRIPS_FRACTION = 0.95
 """Fraction of exchanges shown, shortest first: a few long ones would compress the rest into a line."""
 MEASURABLE_NS = 1000
 """Round trips below this are labelled 0: they measure clock reads, not the network."""
 EDGE = "$foreground 30%"
 SPAN_S = 30.0
-USUAL_TOLERANCE_NS = 100_000
-USUAL_PERIOD_NS = 33_333_333
+TYPICAL_TOLERANCE_NS = 100_000
+TYPICAL_PERIOD_NS = 33_333_333
 EMPTY = " ┈"
 """Cells without a trace: blank, and a line in the middle of the band."""
 AXIS_WIDTH = 7
@@ -59,7 +59,7 @@ def histogram_rows(errors_ns: Sequence[int], tolerance_ns: int, width: int, heig
     if not errors_ns or width < 12 or height < 3:
         return [Content.styled("No frame on the grid yet.", "$foreground-muted")]
     sizes = sorted(abs(error) for error in errors_ns)
-    reach = max(1.25 * tolerance_ns, sizes[int(SHOWN_SHARE * (len(sizes) - 1))], 1.0)
+    reach = max(1.25 * tolerance_ns, sizes[int(SHOWN_FRACTION * (len(sizes) - 1))], 1.0)
     bins = [0] * width
     for error in errors_ns:
         bins[max(0, min(int((error / reach + 1) / 2 * width), width - 1))] += 1
@@ -95,7 +95,7 @@ def wedge_rows(samples_ns: Sequence[tuple[int, int]], width: int, height: int) -
     if len(samples_ns) < 2 or width <= LABEL_WIDTH + 4 or height < 3:
         return [Content.styled("No exchanges with the leader yet.", "$foreground-muted")]
     by_trip = sorted(samples_ns, key=lambda sample: sample[1])
-    shown = by_trip[: max(2, round(SHOWN_TRIPS_SHARE * len(by_trip)))]
+    shown = by_trip[: max(2, round(SHOWN_TRIPS_FRACTION * len(by_trip)))]
     shortest, longest = shown[0][1], max(shown[-1][1], shown[0][1] + 1)
     best = sorted(offset for offset, _ in by_trip[: max(1, len(by_trip) // 20)])
     middle = best[len(best) // 2]
@@ -141,8 +141,8 @@ class PhaseAxis:
     @classmethod
     def of(cls, tolerances_ns: Sequence[int], period_ns: int | None) -> "PhaseAxis":
         """Return a rig's axis: the widest tolerance is the band, half a period the end."""
-        tolerance = max((ns for ns in tolerances_ns if ns > 0), default=USUAL_TOLERANCE_NS)
-        return cls(tolerance, max((period_ns or USUAL_PERIOD_NS) // 2, 2 * tolerance))
+        tolerance = max((ns for ns in tolerances_ns if ns > 0), default=TYPICAL_TOLERANCE_NS)
+        return cls(tolerance, max((period_ns or TYPICAL_PERIOD_NS) // 2, 2 * tolerance))
 
     def __str__(self) -> str:
         """Return the values of the band and of the ends."""
@@ -173,7 +173,7 @@ def band_rows(height: int) -> int:
     return 3 if height >= 7 else 1
 
 
-def band_share(height: int) -> float:
+def band_fraction(height: int) -> float:
     """Return the band's fraction of a strip: whole rows, or the middle third of a single row."""
     return band_rows(height) / height if height > 1 else 1 / 3
 
@@ -189,7 +189,7 @@ def strip_rows(
     errors_ns: Sequence[int | None], axis: PhaseAxis, *, width: int, height: int, dimmed: bool
 ) -> list[Content]:
     """Draw the errors, one per cell across; `dimmed` for a lost camera."""
-    trace, band = Canvas(width, height, LEVELS), band_share(height)
+    trace, band = Canvas(width, height, LEVELS), band_fraction(height)
     levels = trace.dots[1]
     before: int | None = None
     for x, error in enumerate(errors_ns):

@@ -24,7 +24,7 @@ from capture_app.session.reading.reader import Session
 from tests.net.machines import Machine, machines_on_cables
 
 FOLDER = Path(__file__).parent
-PATIENCE_S = 300.0
+TIMEOUT_S = 300.0
 PICTURES = "width=64,height=48,exposure_us=5000"
 """So small that a frame is of 5 packets: the fake camera sends none again that was lost, as real ones do."""
 MATCH_NS = 5_000_000
@@ -107,7 +107,7 @@ class GigeRig:
 
     def wait(self, what: str, holds: Callable[[dict[str, dict[str, Any]]], object]) -> None:
         """Wait until something holds of the nodes by name."""
-        end_s = time.monotonic() + PATIENCE_S
+        end_s = time.monotonic() + TIMEOUT_S
         while True:
             nodes = {node["name"]: node for node in self.status()["nodes"]}
             if holds(nodes):
@@ -151,7 +151,7 @@ class GigeRig:
         for process in self._running:
             process.terminate()
         for process in self._running:
-            process.wait(PATIENCE_S)
+            process.wait(TIMEOUT_S)
 
     def _start(self, *words: str) -> None:
         log = (self._folder / f"{len(self._running)}.log").open("w")

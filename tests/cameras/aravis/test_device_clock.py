@@ -30,16 +30,16 @@ def test_a_counter_that_can_be_read_is_known_to_microseconds() -> None:
 
 
 def test_the_quickest_frames_tell_the_line_of_one_that_cannot() -> None:
-    rng, clock, least_ns = random.Random(2), ArrivalClock(), 9_000_000
+    rng, clock, min_ns = random.Random(2), ArrivalClock(), 9_000_000
     assert clock.host_ns(0) is None
     errors = []
     for frame in range(3600):
         begun_ns = ORIGIN_NS + round(frame * S / 30)
-        delay_ns = least_ns + round(rng.expovariate(1 / 300_000)) + (20_000_000 if rng.random() < 0.1 else 0)
+        delay_ns = min_ns + round(rng.expovariate(1 / 300_000)) + (20_000_000 if rng.random() < 0.1 else 0)
         clock.add_arrival(counter_at(begun_ns), begun_ns + delay_ns)
         found_ns = clock.host_ns(counter_at(begun_ns))
         assert found_ns is not None
-        errors.append(found_ns - begun_ns - least_ns)
+        errors.append(found_ns - begun_ns - min_ns)
     settled = errors[300:]
     assert max(map(abs, settled)) < 60_000, "late by the least delay, and by nothing else"
 

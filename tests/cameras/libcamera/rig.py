@@ -19,7 +19,7 @@ from capture_app.cameras.specs import CameraRequest
 from capture_app.common.node_state import NodeState
 from capture_app.net.udp import Pump
 from capture_app.node.camera.supervisor import CameraStream, CameraSupervisor, NodeOptions
-from capture_app.protocol.news import Log
+from capture_app.protocol.log import Log
 from capture_app.simulation.links import Link
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.leader import Leader, LeaderConfig

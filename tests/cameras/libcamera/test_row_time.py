@@ -6,7 +6,7 @@ from math import floor
 import pytest
 
 from capture_app.cameras.libcamera.camera import durations_to_ask_us, find_row_time_us
-from capture_app.cameras.libcamera.configuration import usual_period_ns
+from capture_app.cameras.libcamera.configuration import typical_period_ns
 
 
 def told_us(row_us: float, asked_us: list[int], *, cut: bool = True) -> list[int]:
@@ -47,4 +47,4 @@ def test_asked_for_are_durations_that_the_camera_has() -> None:
     [(33_334_400, 33_333_333), (33_366_000, 33_366_667), (66_666_000, 66_666_667), (33_712_345, 33_710_000)],
 )
 def test_a_measured_period_is_taken_for_a_usual_one_near_it(measured_ns: int, meant_ns: int) -> None:
-    assert usual_period_ns(measured_ns) == meant_ns
+    assert typical_period_ns(measured_ns) == meant_ns

@@ -25,7 +25,7 @@ FPS, WIDTH, HEIGHT = 25, 160, 96
 GOP = 5
 PAYLOAD_TYPE = 96
 NTP_UNIX_S = 2_208_988_800
-MOST_BYTES = 300
+MAX_BYTES = 300
 """Small packets, so that pictures come in fragments."""
 
 
@@ -212,10 +212,10 @@ class IpCamera:
                 writer.write(struct.pack(">cBH", b"$", 0, len(packet)) + packet)
 
     def _payloads(self, unit: bytes) -> list[bytes]:
-        if len(unit) <= MOST_BYTES:
+        if len(unit) <= MAX_BYTES:
             return [unit]
         head = 1 if self.codec == "H264" else 2
-        parts = [unit[at : at + MOST_BYTES] for at in range(head, len(unit), MOST_BYTES)]
+        parts = [unit[at : at + MAX_BYTES] for at in range(head, len(unit), MAX_BYTES)]
         found = []
         for index, part in enumerate(parts):
             marks = (0x80 if index == 0 else 0) | (0x40 if index == len(parts) - 1 else 0)

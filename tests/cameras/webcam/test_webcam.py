@@ -18,7 +18,7 @@ from capture_app.common.clock import HostClock
 from capture_app.common.errors import BadInputError, CameraError
 from capture_app.rig.cameras import list_cameras
 from capture_app.sync.wire.camera_commands import RestartStream, SetFrameDuration
-from tests.waiting import PATIENCE_S, patience, until
+from tests.waiting import TIMEOUT_S, time_limit, until
 
 
 class FakeWebcam(Webcam):
@@ -40,7 +40,7 @@ class FakeWebcam(Webcam):
         return time.monotonic_ns(), np.full((48, 64, 3), 90, np.uint8)
 
     def close(self) -> None:
-        assert self.may_close.wait(PATIENCE_S)
+        assert self.may_close.wait(TIMEOUT_S)
         self.closed = True
 
 
@@ -111,7 +111,7 @@ async def test_one_that_goes_away_is_told(streaming: Streaming) -> None:
     webcam.unplugged = True
     await until(lambda: streaming.failures)
     assert "webcam 3 gives no pictures" in str(streaming.failures[0])
-    async with patience("a refusal while it is being closed"):
+    async with time_limit("a refusal while it is being closed"):
         with pytest.raises(CameraError, match="does not stream"):
             await streaming.camera.apply(RestartStream(0))
     webcam.may_close.set()

@@ -24,7 +24,7 @@ from tests.net.machines import Machine, machines_on_cables
 
 ROOT = Path(__file__).resolve().parents[3]
 LEADER = "127.0.0.1:47010"
-PATIENCE_S = 400.0
+TIMEOUT_S = 400.0
 MATCH_NS = 100_000_000
 BROWSER = (
     "--use-fake-device-for-media-stream=fps=30",
@@ -59,7 +59,7 @@ class MixedRig:
 
     def invitation(self) -> str:
         """The address in the QR code that the leader shows."""
-        end_s = time.monotonic() + PATIENCE_S
+        end_s = time.monotonic() + TIMEOUT_S
         while not self._urls:
             assert time.monotonic() < end_s, f"no invitation: {self.said()}"
             time.sleep(0.1)
@@ -71,7 +71,7 @@ class MixedRig:
 
     def wait_until_ready(self, count: int) -> None:
         """Wait until so many cameras are ready."""
-        end_s = time.monotonic() + PATIENCE_S
+        end_s = time.monotonic() + TIMEOUT_S
         while True:
             done = self.run("status", "--leader", LEADER, "--json")
             nodes = json.loads(done.stdout)["nodes"] if done.returncode == 0 else []
@@ -116,7 +116,7 @@ class MixedRig:
         for process in reversed(self._running):
             process.terminate()
         for process in self._running:
-            process.wait(PATIENCE_S)
+            process.wait(TIMEOUT_S)
             if process.stdout is not None:
                 process.stdout.close()
 

@@ -14,7 +14,7 @@ from typing import Self
 
 import pytest
 
-from tests.end_to_end.conftest import PATIENCE_S
+from tests.end_to_end.conftest import TIMEOUT_S
 
 LOOK_EVERY_S = 0.2
 
@@ -76,7 +76,7 @@ class Terminal:
         """Wait until all these texts are on the screen, and return it."""
         screen = ""
         try:
-            async with asyncio.timeout(PATIENCE_S):
+            async with asyncio.timeout(TIMEOUT_S):
                 while True:
                     screen = self.screen
                     if all(text in screen for text in texts):
@@ -88,7 +88,7 @@ class Terminal:
     async def ends(self) -> int:
         """Wait until the screen is closed, and return its exit code, over 128 where a signal ended it."""
         try:
-            async with asyncio.timeout(PATIENCE_S):
+            async with asyncio.timeout(TIMEOUT_S):
                 while True:
                     if self._code.exists() and (code := self._code.read_text().strip()):
                         return int(code)

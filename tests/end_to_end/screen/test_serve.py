@@ -7,7 +7,7 @@ from pathlib import Path
 import aiohttp
 import pytest
 
-from tests.end_to_end.conftest import PATIENCE_S, Start
+from tests.end_to_end.conftest import TIMEOUT_S, Start
 
 
 async def test_the_screen_opens_for_its_own_page_only(start: Start, tmp_path: Path) -> None:
@@ -17,7 +17,7 @@ async def test_the_screen_opens_for_its_own_page_only(start: Start, tmp_path: Pa
     at = (await leader.next_json())["leader"]
     serving = await start("serve", "--leader", at, "--port", "0", "--json")
     assert serving.process.stdout is not None
-    async with asyncio.timeout(PATIENCE_S):
+    async with asyncio.timeout(TIMEOUT_S):
         printed = await serving.process.stdout.readuntil(b"\n}\n")
     told = json.loads(printed)
     assert (told["leader"], told["sessions"]) == (at, str(tmp_path))
@@ -34,7 +34,7 @@ async def test_the_screen_opens_for_its_own_page_only(start: Start, tmp_path: Pa
         with pytest.raises(aiohttp.WSServerHandshakeError, match="403"):
             await browser.ws_connect(f"{url}/ws", headers={"Origin": "http://evil.example"})
         async with (
-            asyncio.timeout(PATIENCE_S),
+            asyncio.timeout(TIMEOUT_S),
             browser.ws_connect(f"{url}/ws", headers={"Origin": f"http://{page}"}) as terminal,
         ):
             shown = ""

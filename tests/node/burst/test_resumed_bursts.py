@@ -14,8 +14,8 @@ from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts, interrupted_folders
 from capture_app.node.camera.burst_upload import Spool
 from capture_app.node.leader.readiness import check_room
+from capture_app.protocol.log import Log
 from capture_app.protocol.messages import SpoolSpace
-from capture_app.protocol.news import Log
 from capture_app.rig.repair import repair
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify

@@ -14,11 +14,11 @@ from tests.node.camera.uploading import Picture, burst_upload, further, uploadin
 from tests.waiting import until
 
 
-def streamed(burst: int, *pictures: Picture, most_bytes: int = 1 << 20) -> BurstUpload:
+def streamed(burst: int, *pictures: Picture, max_bytes: int = 1 << 20) -> BurstUpload:
     """A burst that is being picked, with these frames so far."""
     whole = burst_upload(*pictures)
     report = replace(whole.report, burst=burst).with_plan(instants=(), picking=True)
-    upload = BurstUpload(report, deque(), streamed=True, most_bytes=most_bytes)
+    upload = BurstUpload(report, deque(), streamed=True, max_bytes=max_bytes)
     upload.extend(further(*whole.frames, over=len(pictures)))
     return upload
 
@@ -42,7 +42,7 @@ def test_what_is_missing_is_told_in_runs_at_the_end() -> None:
 
 
 def test_frames_beyond_the_memory_for_them_are_missing_with_the_reason() -> None:
-    upload = streamed(1, *(Picture(b"x" * 100) for _ in range(5)), most_bytes=250)
+    upload = streamed(1, *(Picture(b"x" * 100) for _ in range(5)), max_bytes=250)
     assert [frame.instant for frame in upload.frames] == [0, 1]
     upload.extend(further(over=5, ended=True))
     assert upload.report_now().plan.missing_runs == (MissingRun(first=2, count=3, reason=TOO_SLOW),)

@@ -15,6 +15,7 @@ from capture_app.common.camera_facts import PhaseControl
 from capture_app.net.channel import Channel
 from capture_app.node.camera.burst_upload import BurstUpload, Spool
 from capture_app.node.camera.uploader import Uploader
+from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
     CameraReport,
     ImageAck,
@@ -24,7 +25,6 @@ from capture_app.protocol.messages import (
     ReportAck,
     ToLeader,
 )
-from capture_app.protocol.news import Log
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.sync.clock.time_map import TimeMap

@@ -15,7 +15,7 @@ from msgspec.structs import replace
 from capture_app.common.errors import BadInputError, CancelledBurstError, IncompleteError
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
-from capture_app.node.burst.plans import usual_spare
+from capture_app.node.burst.plans import default_spare
 from capture_app.node.leader.bursts import MAX_BURSTS_AHEAD, ActiveBursts
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.session.reading.reader import Session
@@ -59,7 +59,7 @@ async def bursts_of(root: Path, engine: Leader) -> AsyncIterator[ActiveBursts]:
 
 
 async def order(bursts: ActiveBursts, frames: int = 2) -> BurstSession:
-    return await bursts.order(BurstOrder(frames=frames, spare=usual_spare(frames)))
+    return await bursts.order(BurstOrder(frames=frames, spare=default_spare(frames)))
 
 
 def triggers_sent(engine: Leader) -> list[Trigger]:

@@ -13,8 +13,8 @@ from capture_app.common.errors import BadInputError, NetworkError, NotAvailableE
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.protocol import news
-from capture_app.protocol.news import Log
+from capture_app.protocol import log as log_module
+from capture_app.protocol.log import Log
 from capture_app.protocol.orders import (
     AddCamera,
     AddSimulated,
@@ -22,12 +22,12 @@ from capture_app.protocol.orders import (
     RemoveCamera,
     StopRig,
 )
-from capture_app.protocol.status import BurstStatus, NewsLine, RigStatus
+from capture_app.protocol.status import BurstStatus, LogLine, RigStatus
 from capture_app.rig.link import LinkLost, RigLink, Update, ask_status, give_order
 from capture_app.sync.rig.events import BurstAnswered, NodeChanged
 from capture_app.sync.timekeeping.rates import HostOffRate
 
-PATIENCE_S = 60.0
+TIMEOUT_S = 60.0
 
 
 async def leader_at(sessions: Path, port: int = 0, spool: Path | None = None) -> LeaderNode:
@@ -41,7 +41,7 @@ async def leader(tmp_path: Path) -> AsyncIterator[LeaderNode]:
 
 
 async def next_of(updates: AsyncIterator[Update], wanted: Callable[[Update], bool]) -> Update:
-    async with asyncio.timeout(PATIENCE_S):
+    async with asyncio.timeout(TIMEOUT_S):
         async for update in updates:
             if wanted(update):
                 return update
@@ -56,14 +56,14 @@ async def test_a_link_begins_with_the_status_and_the_news_so_far(leader: LeaderN
     assert isinstance(first, RigStatus)
     assert first.sessions_folder == str(leader.options.sessions)
     assert first.disk_free_bytes
-    lines = [await next_of(updates, lambda update: isinstance(update, NewsLine)) for _ in range(2)]
-    assert [(line.text, line.level) for line in lines if isinstance(line, NewsLine)] == [
+    lines = [await next_of(updates, lambda update: isinstance(update, LogLine)) for _ in range(2)]
+    assert [(line.text, line.level) for line in lines if isinstance(line, LogLine)] == [
         ("a joined", "info"),
         ("lost a: it left", "warning"),
     ]
     leader.news.add("a is back", camera="a")
-    line = await next_of(updates, lambda update: isinstance(update, NewsLine))
-    assert isinstance(line, NewsLine)
+    line = await next_of(updates, lambda update: isinstance(update, LogLine))
+    assert isinstance(line, LogLine)
     assert line.text == "a is back"
     await updates.aclose()
 
@@ -75,7 +75,7 @@ async def test_a_lost_leader_is_told_and_its_successor_is_shown_without_telling_
     first.news.add("of the first run")
     link = RigLink(first.own_address)
     updates = link.updates()
-    await next_of(updates, lambda update: isinstance(update, NewsLine))
+    await next_of(updates, lambda update: isinstance(update, LogLine))
     await first.stop()
     lost = await next_of(updates, lambda update: isinstance(update, LinkLost))
     assert isinstance(lost, LinkLost)
@@ -85,8 +85,8 @@ async def test_a_lost_leader_is_told_and_its_successor_is_shown_without_telling_
     async with await leader_at(tmp_path / "sessions", first.own_address.port) as second:
         await next_of(updates, lambda update: isinstance(update, RigStatus))
         second.news.add("of the second run")
-        line = await next_of(updates, lambda update: isinstance(update, NewsLine))
-        assert isinstance(line, NewsLine)
+        line = await next_of(updates, lambda update: isinstance(update, LogLine))
+        assert isinstance(line, LogLine)
         assert line.text == "of the second run"
         await updates.aclose()
 
@@ -177,8 +177,8 @@ async def test_a_scene_has_so_many_views(tmp_path: Path) -> None:
 
 async def test_an_operator_ends_the_leader(leader: LeaderNode) -> None:
     await RigLink(leader.own_address).order(StopRig())
-    async with asyncio.timeout(PATIENCE_S):
-        await leader.service.stop_wanted.wait()
+    async with asyncio.timeout(TIMEOUT_S):
+        await leader.service.stop_requested.wait()
 
 
 async def test_orders_about_what_is_not_there_say_so(leader: LeaderNode) -> None:
@@ -191,7 +191,7 @@ async def test_orders_about_what_is_not_there_say_so(leader: LeaderNode) -> None
 
 def test_the_news_keep_the_last_lines_in_the_order_of_their_times(monkeypatch: pytest.MonkeyPatch) -> None:
     clock = iter((5, 3, 9, 9))
-    monkeypatch.setattr(news, "KEPT", 3)
+    monkeypatch.setattr(log_module, "MAX_LOG_LINES", 3)
     monkeypatch.setattr(time, "time_ns", lambda: next(clock))
     log = Log()
     log.note(NodeChanged("a", "joined"))

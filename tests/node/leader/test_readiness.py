@@ -9,13 +9,13 @@ import pytest
 from capture_app.common.clock import HostClock
 from capture_app.common.errors import IncompleteError
 from capture_app.common.node_state import NodeState
-from capture_app.node.leader.readiness import coarse_nodes, reasons_until_ready, why_not_ready
+from capture_app.node.leader.readiness import degraded_nodes, reasons_until_ready, why_not_ready
 from capture_app.sync.rig.leader import Leader
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.messages import Report
 from tests.facts import make_facts
 
-COARSE = "clock sure to ±1.7 ms only, asked for ±100 µs: bursty link; nearer the access point"
+DEGRADED = "clock sure to ±1.7 ms only, asked for ±100 µs: bursty link; nearer the access point"
 
 
 def view(name: str, state: NodeState = NodeState.READY, message: str = "") -> Member:
@@ -23,7 +23,7 @@ def view(name: str, state: NodeState = NodeState.READY, message: str = "") -> Me
     return Member(name, 1, 1, ("10.0.0.2", 5), make_facts(), report, 0, 0.0)
 
 
-READY, ROUGH = view("cam01"), view("cam03", NodeState.COARSE, COARSE)
+READY, ROUGH = view("cam01"), view("cam03", NodeState.DEGRADED, DEGRADED)
 
 
 @dataclass
@@ -52,13 +52,13 @@ def waited_for(*views: Member, timeout_s: float = 0.0) -> list[str]:
 
 def test_a_rig_is_waited_for_until_no_node_is_less_accurate_than_asked_for() -> None:
     assert why_not_ready([READY], 1) == ""
-    assert why_not_ready([READY, ROUGH], 1) == f"cam03: {COARSE}"
-    assert why_not_ready([READY, ROUGH], 1, coarse_will_do=True) == ""
-    assert coarse_nodes([READY, ROUGH]) == f"cam03: {COARSE}"
+    assert why_not_ready([READY, ROUGH], 1) == f"cam03: {DEGRADED}"
+    assert why_not_ready([READY, ROUGH], 1, accept_degraded=True) == ""
+    assert degraded_nodes([READY, ROUGH]) == f"cam03: {DEGRADED}"
 
 
 def test_a_node_that_cannot_do_better_is_waited_for_but_stops_no_burst() -> None:
-    assert waited_for(READY, ROUGH, timeout_s=0.01) == [f"cam03: {COARSE}"]
+    assert waited_for(READY, ROUGH, timeout_s=0.01) == [f"cam03: {DEGRADED}"]
 
 
 def test_a_node_that_is_not_aligned_does() -> None:

@@ -30,7 +30,7 @@ from capture_app.protocol.messages import (
     SpoolSpace,
     ToLeader,
 )
-from capture_app.protocol.pairing import EnrolRequest, PairingProof, PairingWord
+from capture_app.protocol.pairing import EnrolRequest, PairingMessage, PairingProof
 from capture_app.session.format.journal import record_of_line
 from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingImage
 from capture_app.session.reading.reader import Session
@@ -41,7 +41,7 @@ from tests.waiting import until
 
 pytestmark = pytest.mark.usefixtures("open_rig")
 
-CAM0, STRANGER = 1234567, 666
+CAM0, UNKNOWN_PEER = 1234567, 666
 FORGED = b"another picture"
 
 
@@ -65,7 +65,7 @@ def of_burst(leader: LeaderNode, burst: int, told: Any) -> Any:
 async def test_nobody_speaks_for_another_camera(tmp_path: Path) -> None:
     async with (
         await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as leader,
-        joined(leader.own_address, ("cam0", CAM0), ("stranger", STRANGER)),
+        joined(leader.own_address, ("cam0", CAM0), ("stranger", UNKNOWN_PEER)),
     ):
         taking = leader.bursts.take(BurstRequest(frames=1, spare=0))
         burst = (await anext(taking)).burst
@@ -75,18 +75,18 @@ async def test_nobody_speaks_for_another_camera(tmp_path: Path) -> None:
         record = replace(forged.record, bytes=len(FORGED), sha256=sha256)
         forged = of_burst(leader, burst, replace(forged, record=record))
 
-        async with stream(leader, "cam0", STRANGER) as channel:
+        async with stream(leader, "cam0", UNKNOWN_PEER) as channel:
             refusal = await answer(channel)
             assert isinstance(refusal, Refusal)
             assert refusal.retry, "a node may be on its way to join"
-        async with stream(leader, "stranger", STRANGER) as channel:
+        async with stream(leader, "stranger", UNKNOWN_PEER) as channel:
             assert isinstance(await answer(channel), ReportAck)
             for message in (report, SpoolSpace(camera="cam0", free_bytes=0, spool="/")):
                 await channel.send(message)
                 assert "does not speak for" in (await answer(channel)).what
             await channel.send(forged, FORGED)
             assert "does not speak for" in (await answer(channel)).what
-            await channel.send(NodeStream(camera="cam0", instance=STRANGER, shows=True))
+            await channel.send(NodeStream(camera="cam0", instance=UNKNOWN_PEER, shows=True))
             assert isinstance(await answer(channel), Refusal)
         async with await connect(leader.own_address, FromLeader) as channel:
             await channel.send(report)
@@ -98,7 +98,7 @@ async def test_nobody_speaks_for_another_camera(tmp_path: Path) -> None:
             assert (await answer(channel)).receipts == (), "nothing has been put in its place"
             await channel.send(of_burst(leader, burst, bursts.upload("cam0", 0)), bursts.IMAGE)
             assert isinstance(await answer(channel), ImageAck)
-        async with stream(leader, "stranger", STRANGER) as channel:
+        async with stream(leader, "stranger", UNKNOWN_PEER) as channel:
             assert isinstance(await answer(channel), ReportAck)
             gap = MissingImage(camera="stranger", instant=0, reason="it has no camera")
             await channel.send(of_burst(leader, burst, bursts.report("stranger", missing=(gap,))))
@@ -114,8 +114,8 @@ async def test_nobody_speaks_for_another_camera(tmp_path: Path) -> None:
 async def test_a_node_that_has_joined_keeps_one_stream_and_not_all_room(tmp_path: Path) -> None:
     async with (
         await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as leader,
-        joined(leader.own_address, ("cam0", CAM0), ("cam1", STRANGER)),
-        stream(leader, "cam1", STRANGER) as other,
+        joined(leader.own_address, ("cam0", CAM0), ("cam1", UNKNOWN_PEER)),
+        stream(leader, "cam1", UNKNOWN_PEER) as other,
         stream(leader, "cam0", CAM0) as left,
     ):
         for channel in (other, left):
@@ -237,7 +237,7 @@ def test_a_line_that_is_nested_too_deeply_is_a_damaged_one(tmp_path: Path) -> No
 async def test_nobody_is_made_known_to_an_open_rig_and_is_told_so(tmp_path: Path) -> None:
     async with await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as leader:
         for message in (
-            PairingWord(certificate=b"x", name="x", share=b"x"),
+            PairingMessage(certificate=b"x", name="x", share=b"x"),
             PairingProof(proof=b"x"),
             EnrolRequest(certificate=b"x"),
         ):

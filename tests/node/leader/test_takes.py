@@ -17,15 +17,15 @@ from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.protocol.messages import BurstRequest
-from capture_app.protocol.orders import KeepStamp, StampKept
+from capture_app.protocol.orders import SaveStamp, StampSaved
 from capture_app.protocol.status import BurstStatus
 from capture_app.rig.link import RigLink, ask_leader
 from capture_app.session.format.manifest import ClockRecord, Manifest
 from capture_app.session.reading.reader import Session
-from capture_app.sync.clock.clock_filter import KnownWay
+from capture_app.sync.clock.clock_filter import PathAsymmetry
 from tests.waiting import until
 
-PATIENCE_S = 60.0
+TIMEOUT_S = 60.0
 
 
 @pytest.fixture
@@ -52,7 +52,7 @@ async def link(tmp_path: Path) -> AsyncIterator[RigLink]:
 
 
 async def take(link: RigLink, request: BurstRequest) -> BurstStatus:
-    async with asyncio.timeout(PATIENCE_S):
+    async with asyncio.timeout(TIMEOUT_S):
         statuses = [status async for status in link.burst(request)]
     assert statuses[-1].done
     return statuses[-1]
@@ -104,9 +104,9 @@ async def test_a_node_goes_by_what_was_measured_of_its_link_and_keeps_it(
 ) -> None:
     """Both run on one clock: what the node adds to it is what it was told."""
     round_trip_ns = (await clock_of(link)).round_trip_ns
-    measured = KeepStamp(camera="a", way=KnownWay(round_trip_ns // 3, 1_000, round_trip_ns))
-    assert (await ask_leader(link.leader, measured, StampKept)).kept
-    async with asyncio.timeout(PATIENCE_S):
+    measured = SaveStamp(camera="a", way=PathAsymmetry(round_trip_ns // 3, 1_000, round_trip_ns))
+    assert (await ask_leader(link.leader, measured, StampSaved)).kept
+    async with asyncio.timeout(TIMEOUT_S):
         while (clock := await clock_of(link)).offset_ns < round_trip_ns // 6:
             pass
     assert clock.offset_ns <= clock.hard_bound_ns

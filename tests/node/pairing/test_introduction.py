@@ -119,7 +119,7 @@ OTHERS = [
     NodeStream(camera="cam0", instance=1),
     orders.WatchRequest(),
     orders.DetailRequest(camera="cam0"),
-    orders.KeepStamp(camera="cam0", stamp=EXACT_STAMPS),
+    orders.SaveStamp(camera="cam0", stamp=EXACT_STAMPS),
     NodeStream(camera="cam0", instance=1, shows=True),
     orders.AddCamera(spec="sim"),
     orders.AddSimulated(cameras=1),
@@ -135,7 +135,7 @@ OTHERS = [
 async def test_a_stranger_is_answered_with_a_sentence_and_nothing_else(
     leader: LeaderNode, home: Trust, machine: Trust, message: Any
 ) -> None:
-    async with await connect(leader.own_address, FromLeader, trust=machine, as_stranger=True) as channel:
+    async with await connect(leader.own_address, FromLeader, trust=machine, as_unknown=True) as channel:
         refusal = await ask_on(channel, message)
         assert isinstance(refusal, Refusal)
         assert isinstance(refusal.as_error(), SimulshotError)

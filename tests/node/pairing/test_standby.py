@@ -12,7 +12,7 @@ from capture_app.net.channel import connect
 from capture_app.net.server import bind_port
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.leader.standby import lead_in_turn
+from capture_app.node.leader.standby import lead_by_rank
 from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest
 from capture_app.trust.camera_names import CameraNames
 from capture_app.trust.trust import Trust
@@ -51,7 +51,7 @@ async def standing_by(tmp_path: Path, trust: Trust, leader: Address) -> AsyncIte
     def make_options() -> LeaderOptions:
         return LeaderOptions(sessions=tmp_path / "s2", host="127.0.0.1", port=port, trust=trust)
 
-    task = asyncio.create_task(lead_in_turn(make_options, [leader, led.address], lead))
+    task = asyncio.create_task(lead_by_rank(make_options, [leader, led.address], lead))
     try:
         yield led
     finally:

@@ -11,7 +11,7 @@ import pytest
 
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.consistency import upside_down
-from reconstruction.calibration.kept import settle_calibration
+from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.geometry import View
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.calibration.test_kept_calibration import RIG, ROOM, calibration, turned
@@ -92,7 +92,7 @@ def test_every_command_asks_before_it_makes_anything(
 
 @pytest.mark.parametrize("off", [{}, {"c": turned(RIG["c"], pitch_px=2.0)}])
 def test_what_fits_or_is_a_little_off_is_taken(calibrated: Callable[[Rig], Path], off: Rig) -> None:
-    settle_calibration(Dataset.open(calibrated({**RIG, **off})))
+    choose_calibration(Dataset.open(calibrated({**RIG, **off})))
 
 
 def test_of_two_cameras_either_may_be_upside_down(tmp_path: Path, reconstruct: Reconstruct) -> None:

@@ -15,7 +15,7 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import Manifest
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.consistency import check_rig
-from reconstruction.calibration.kept import find_calibration, keep_calibration, settle_calibration, shelf
+from reconstruction.calibration.stored import choose_calibration, find_calibration, keep_calibration, shelf
 from reconstruction.common.geometry import View
 from reconstruction.pairs import Features, detect_features
 from reconstruction.session.dataset import Dataset
@@ -123,7 +123,7 @@ def test_a_camera_that_moved_keeps_the_calibration_from_being_used(
 ) -> None:
     keep_calibration(Dataset(bare), calibration({**RIG, "c": turned(RIG["c"], pitch_px=9.0)}))
     dataset = Dataset(bare)
-    settle_calibration(dataset)
+    choose_calibration(dataset)
     assert dataset.calibration() is None
     said = capsys.readouterr().err
     assert "kept from boards is not used: c moved: " in said

@@ -6,7 +6,7 @@ from pathlib import Path
 from capture_app.common.errors import ExitCode
 from tests.reconstruction.commands.server import Run
 
-MOST_BYTES = 4_000_000_000
+MAX_BYTES = 4_000_000_000
 COMMANDS: dict[str, tuple[str, ...]] = {
     "stereo": ("stereo", "SESSION", "--out", "OUT"),
     "stereo of a pair": ("stereo", "SESSION", "--pair", "left,right", "--out", "OUT"),
@@ -47,7 +47,7 @@ def faults(run: Run) -> list[str]:
             json.loads(run.out)
         except ValueError:
             found.append("no JSON on stdout")
-    if run.peak_bytes > MOST_BYTES:
+    if run.peak_bytes > MAX_BYTES:
         found.append(f"{run.peak_bytes / 1e9:.1f} GB of memory")
     return found
 

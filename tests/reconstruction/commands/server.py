@@ -15,7 +15,7 @@ from pathlib import Path
 
 LIMIT_BYTES = 12 << 30
 """Address space of a run, which is several times what it uses: it saves the machine, and decides nothing."""
-PATIENCE_S = 900
+TIMEOUT_S = 900
 
 
 @dataclass(frozen=True)
@@ -81,7 +81,7 @@ def _child(arguments: list[str], out: Path, err: Path) -> None:
         os.dup2(nothing, 0)
         resource.setrlimit(resource.RLIMIT_AS, (LIMIT_BYTES, LIMIT_BYTES))
         resource.setrlimit(resource.RLIMIT_CORE, (0, 0))
-        resource.setrlimit(resource.RLIMIT_CPU, (PATIENCE_S, PATIENCE_S))
+        resource.setrlimit(resource.RLIMIT_CPU, (TIMEOUT_S, TIMEOUT_S))
         from reconstruction import cli
 
         sys.argv = ["reconstruct", *arguments]

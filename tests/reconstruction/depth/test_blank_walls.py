@@ -15,7 +15,7 @@ from reconstruction.depth.blank_walls import (
     find_scene_planes,
 )
 from reconstruction.depth.calibrated_image import CalibratedImage
-from reconstruction.depth.coarse_scene import find_coarse_scene
+from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.depth.view_choice import choose_source_views
 from reconstruction.multiview.input_images import undistort_image
@@ -95,7 +95,7 @@ def test_most_of_a_room_with_nearly_blank_walls_is_found() -> None:
         picture = scene.render(name, 620_000_000, 4_000_000, 0, seed=number)
         images[name] = undistort_image(name, 0, picture, view).calibrated
         truth[name], _, movers[name] = scene.ground_truth(name, 620_000_000, 4_000_000, 0)
-    coarse = find_coarse_scene(images)
+    coarse = find_rough_scene(images)
     found = match_all_views(images, choose_source_views(views, coarse.points), coarse.depth_ranges)
     right = {name: right_depth(view.depth, truth[name]) for name, view in found.items()}
     given = np.concatenate([right[name][view.depth > 0] for name, view in found.items()])

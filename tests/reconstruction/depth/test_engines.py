@@ -14,7 +14,6 @@ from capture_app.common.errors import NotAvailableError
 from reconstruction.common.geometry import Array
 from reconstruction.depth import gpu
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
-from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.compiled import CPU, CompiledEngine, load_engine
 from reconstruction.depth.compiling import compile_kernels
 from reconstruction.depth.cost_volume import BETTER_OF_TWO, cost_volume
@@ -26,6 +25,7 @@ from reconstruction.depth.engine import (
 )
 from reconstruction.depth.gpu import GpuEngine, GpuVolume, find_engine, use_gpu
 from reconstruction.depth.plane_sweep import SweepOptions, sweep_view
+from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_matcher import match_all_views
 from tests.reconstruction.depth.cuda_stand_in import COMPILER, StandIn
 from tests.reconstruction.depth.small_views import PLACES, choose_by_depth, photo_of, view_at
@@ -173,7 +173,7 @@ def test_sums_of_the_scan_are_those_of_the_array_version(depths: int, engine: Sw
 def test_the_whole_sweep_finds_the_same_on_either_way(engine: SweepEngine) -> None:
     images = {name: photo_of(view_at(*at), seed=i)[0] for i, (name, at) in enumerate(PLACES.items())}
     sources = choose_by_depth({name: image.view for name, image in images.items()})
-    depth_ranges = find_coarse_scene(images).depth_ranges
+    depth_ranges = find_rough_scene(images).depth_ranges
     numpy = match_all_views(images, sources, depth_ranges, engine=NUMPY)
     found = match_all_views(images, sources, depth_ranges, engine=engine)
     for name in images:

@@ -9,9 +9,9 @@ import pytest
 from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import Array, resize_view
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
-from reconstruction.depth.coarse_scene import find_coarse_scene
 from reconstruction.depth.cost_volume import cost_volume
 from reconstruction.depth.plane_sweep import Surface, SweepOptions, adopt_proposals, sweep_view
+from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from tests.reconstruction.depth.small_views import (
     FOCAL,
@@ -48,7 +48,7 @@ def between(photos: dict[str, CalibratedImage], nearest: float, farthest: float)
 
 @pytest.fixture(scope="module")
 def matched(photos: dict[str, CalibratedImage]) -> dict[str, ViewDepth]:
-    return match_all_views(photos, sources_of(photos), find_coarse_scene(photos).depth_ranges)
+    return match_all_views(photos, sources_of(photos), find_rough_scene(photos).depth_ranges)
 
 
 def test_slanted_plane_is_found_to_a_fraction_of_a_percent(
@@ -90,7 +90,7 @@ def test_blank_views_are_empty_though_their_depths_agree(photos: dict[str, Calib
     found = match_all_views(blank, sources, between(photos, 1.4, 4.0))
     assert all(not view.depth.any() for view in found.values())
     with pytest.raises(BadInputError, match="nothing in common"):
-        find_coarse_scene(blank)
+        find_rough_scene(blank)
 
 
 def test_brightness_may_differ_between_cameras(photos: dict[str, CalibratedImage]) -> None:
@@ -103,7 +103,7 @@ def test_brightness_may_differ_between_cameras(photos: dict[str, CalibratedImage
 def test_two_views_are_enough_and_the_range_is_found(photos: dict[str, CalibratedImage]) -> None:
     pair = {name: photos[name] for name in ("left", "right")}
     sources = sources_of(pair)
-    depth_ranges = find_coarse_scene(pair).depth_ranges
+    depth_ranges = find_rough_scene(pair).depth_ranges
     nearest, farthest = depth_ranges["left"]
     truth = photo_of(view_at(*PLACES["left"]))[1]
     assert nearest < np.percentile(truth, 10) < np.percentile(truth, 80) < farthest

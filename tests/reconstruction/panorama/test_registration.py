@@ -8,7 +8,7 @@ import pytest
 from reconstruction.common.geometry import Array, View
 from reconstruction.pairs import choose_panorama_pair, choose_stereo_pair, detect_features
 from reconstruction.panorama.composition import Projection
-from reconstruction.panorama.overlap import known, measure_misfit, overlap_of
+from reconstruction.panorama.overlap import known, measure_misalignment, overlap_of
 from reconstruction.panorama.stitcher import PanoramaStitcher
 from tests.reconstruction.conftest import HEIGHT, VIEWS, WIDTH, Scene, make_view
 
@@ -44,7 +44,7 @@ def test_the_overlap_fits_when_synchronized_and_what_moves_does_not_when_offset(
         overlap = overlap_of(layers["a"], layers["b"])
         assert overlap is not None
         mask = overlap.crop(stitcher.layer_mask("a", moving), layers["a"].box)
-        found = measure_misfit(overlap.with_brightness_matched(~mask))
+        found = measure_misalignment(overlap.with_brightness_matched(~mask))
         on_movers = known(found.of(mask))
         misfit[time] = float(np.median(known(found.length)))
         if time == 2:
@@ -67,7 +67,7 @@ def test_a_lens_is_undone_where_it_is_known(scene: Scene) -> None:
         layers = stitched(scene, *bent, calibrated=calibrated).layers(image)
         overlap = overlap_of(layers["a"], layers["b"])
         assert overlap is not None
-        misfit[calibrated] = float(np.percentile(known(measure_misfit(overlap).length), 75))
+        misfit[calibrated] = float(np.percentile(known(measure_misalignment(overlap).length), 75))
     assert misfit[True] < 0.7
     assert misfit[True] < 0.7 * misfit[False]
 
@@ -89,7 +89,7 @@ def test_a_blank_overlap_has_no_misfit(scene: Scene) -> None:
     )
     overlap = overlap_of(layers["a"], layers["b"])
     assert overlap is not None
-    assert len(measure_misfit(overlap).at) == 0
+    assert len(measure_misalignment(overlap).at) == 0
 
 
 def test_pairs_are_chosen_by_what_they_see(scene: Scene) -> None:

@@ -149,7 +149,7 @@ def with_pictures(result: CompareResult, *pictures: Picture) -> CompareResult:
     return with_studies(result, msgspec.structs.replace(found(result, "stereo"), pictures=pictures))
 
 
-SIDES = ("synced", "offset")
+CONDITIONS = ("synced", "offset")
 CAMERAS = ("cam_left", "cam_middle", "cam_right")
 LATE_MS = (0.0, 66.666, -33.333)
 SHAPES = {"depth": (480, 640), "pano": (200, 2400), "upright": (900, 300)}
@@ -167,7 +167,7 @@ def grey(out: Path, name: str, shape: tuple[int, int], level: int) -> str:
 
 def greys(out: Path, key: str, title: str, shape: tuple[int, int], *levels: int) -> Picture:
     """A picture of two greys, synchronized and offset."""
-    paths = [grey(out, f"{key}_{side}", shape, level) for side, level in zip(SIDES, levels, strict=True)]
+    paths = [grey(out, f"{key}_{side}", shape, level) for side, level in zip(CONDITIONS, levels, strict=True)]
     return Picture(key=key, title=title, synced=paths[0], offset=paths[1], caption="Bright is near.")
 
 
@@ -252,7 +252,7 @@ def whole_result(out: Path) -> CompareResult:
     panorama = study("panorama", CAMERAS[::2], misfit, misfit)
     sweep = {
         side: tuple(grey(out, f"sweep_{c}_{side}", (96, 128), 60 + 40 * k) for k, c in enumerate(CAMERAS))
-        for side in SIDES
+        for side in CONDITIONS
     }
     grid = BurstGrid(
         cameras=CAMERAS,

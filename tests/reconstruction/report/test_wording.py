@@ -29,8 +29,8 @@ def test_shares_never_round_up_to_all_or_down_to_nothing(value: float | None, wo
     [
         (wording.milliseconds(66.0), "66 ms"),
         (wording.milliseconds(66.64), "66.6 ms"),
-        (wording.lateness(-33.3), "33 ms early"),
-        (wording.lateness(0.54), "0.5 ms late"),
+        (wording.offset_text(-33.3), "33 ms early"),
+        (wording.offset_text(0.54), "0.5 ms late"),
         (wording.microseconds(None), "n/a"),
         (wording.microseconds(999.4), "999 µs"),
         (wording.microseconds(1912), "1.9 ms"),

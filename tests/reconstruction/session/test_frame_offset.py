@@ -3,7 +3,7 @@
 import pytest
 
 from capture_app.common.errors import BadInputError
-from reconstruction.session.conditions import evenly_spread, nearest_frame_offset
+from reconstruction.session.conditions import evenly_spaced, nearest_frame_offset
 
 T30, T60 = 33_333_333, 16_666_667
 
@@ -42,9 +42,9 @@ def test_a_burst_too_short_says_what_is_possible() -> None:
 
 def test_thinning_keeps_both_ends() -> None:
     pairs = [(k, k + 2) for k in range(30)]
-    kept = evenly_spread(pairs, 5)
+    kept = evenly_spaced(pairs, 5)
     assert len(kept) == 5
     assert kept[0] == pairs[0]
     assert kept[-1] == pairs[-1]
-    assert evenly_spread(pairs, 100) == pairs
-    assert evenly_spread(pairs, 1) == [(15, 17)]
+    assert evenly_spaced(pairs, 100) == pairs
+    assert evenly_spaced(pairs, 1) == [(15, 17)]

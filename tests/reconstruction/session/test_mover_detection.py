@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from reconstruction.session.motion import detect_movers, median_background
+from reconstruction.session.motion import detect_moving, median_background
 from tests.reconstruction.conftest import Scene, make_view, texture
 
 
@@ -10,7 +10,7 @@ def test_a_moving_board_is_found_where_it_is_now(scene: Scene) -> None:
     view = make_view((0, 0, 0))
     shots = [scene.look(view, k) for k in range(7)]
     images = [image for image, _, _ in shots]
-    found = detect_movers(images[3], [images[1], images[5]], median_background(images))
+    found = detect_moving(images[3], [images[1], images[5]], median_background(images))
     true = shots[3][2]
     assert (found & true).sum() > 0.6 * true.sum()
     assert (found & ~true).sum() < 0.25 * true.sum()
@@ -23,7 +23,7 @@ def test_noise_and_flicker_do_not_move() -> None:
         np.clip(still + rng.normal(0, 3, still.shape) + 10 * (k % 2), 0, 255).astype(np.uint8)
         for k in range(6)
     ]
-    assert not detect_movers(images[2], [images[1], images[4]], median_background(images)).any()
+    assert not detect_moving(images[2], [images[1], images[4]], median_background(images)).any()
 
 
 def test_a_trembling_camera_does_not_move_its_edges() -> None:
@@ -32,4 +32,4 @@ def test_a_trembling_camera_does_not_move_its_edges() -> None:
     trembling = bars.astype(float)
     trembling[:, 40] = 150
     images = [bars, trembling.astype(np.uint8), bars, bars]
-    assert not detect_movers(images[1], [images[0], images[2]], median_background(images)).any()
+    assert not detect_moving(images[1], [images[0], images[2]], median_background(images)).any()

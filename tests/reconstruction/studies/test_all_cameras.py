@@ -16,7 +16,7 @@ from reconstruction.depth.colmap import ENVIRONMENT
 from reconstruction.multiview.cloud_accuracy import (
     PointIndex,
     points_on_masks,
-    points_on_movers,
+    points_on_moving,
     true_surfaces,
 )
 from reconstruction.multiview.input_images import InputImage
@@ -306,6 +306,6 @@ def test_a_point_is_on_a_mover_where_most_that_saw_it_show_one() -> None:
     yes, no = np.ones((240, 320), bool), np.zeros((240, 320), bool)
     points = np.array([[0.0, 0.0, 2.0]] * 3)
     seen = np.array([[True, True, True], [True, False, True], [False, True, True]])
-    on_movers = points_on_movers(points, seen, views, {"a": yes, "b": yes, "c": no})
+    on_movers = points_on_moving(points, seen, views, {"a": yes, "b": yes, "c": no})
     assert on_movers.tolist() == [True, False, False]
-    assert points_on_movers(points[:0], seen[:0], views, {"a": yes, "b": no, "c": no}).tolist() == []
+    assert points_on_moving(points[:0], seen[:0], views, {"a": yes, "b": no, "c": no}).tolist() == []

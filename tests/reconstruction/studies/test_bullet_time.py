@@ -193,10 +193,10 @@ class Still:
 
     dataset = Odd()
 
-    def detected_movers(self, camera: str, instant: int) -> np.ndarray:
+    def detected_moving(self, camera: str, instant: int) -> np.ndarray:
         return np.zeros(self.dataset.image(camera, instant).shape[:2], bool)
 
-    moving = detected_movers
+    moving = detected_moving
 
 
 def test_cameras_of_other_shapes_and_lost_pictures_still_make_a_sweep(tmp_path: Path) -> None:

@@ -6,7 +6,7 @@ import pytest
 
 from capture_app.common.address import Address
 from capture_app.net.firewall import Firewall, active_firewalls
-from capture_app.net.wifi import told_power_save, wifi_interfaces
+from capture_app.net.wifi import parse_power_save, wifi_interfaces
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.rig import doctor
@@ -112,7 +112,7 @@ def test_a_port_is_a_whole_number_in_the_rules() -> None:
     ("told", "saves"), [("Power save: on\n", True), ("Power save: off", False), ("", None), ("nl80211", None)]
 )
 def test_iw_is_understood(told: str, saves: bool | None) -> None:
-    assert told_power_save(told) is saves
+    assert parse_power_save(told) is saves
 
 
 def test_wifi_interfaces_are_told_from_others(tmp_path: Path) -> None:

@@ -29,7 +29,7 @@ from pathlib import Path
 from typing import Any
 
 from capture_app.common.address import Address
-from capture_app.protocol.news import Log
+from capture_app.protocol.log import Log
 from capture_app.rig.repair import repair
 from capture_app.session.format.burst_plan import PLAN, BurstPlan, CameraPlan
 from capture_app.session.format.manifest import (

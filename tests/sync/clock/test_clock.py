@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from capture_app.sync.clock.clock_filter import STEP_SAMPLES, ClockFilter, ClockSample, KnownWay
+from capture_app.sync.clock.clock_filter import STEP_SAMPLES, ClockFilter, ClockSample, PathAsymmetry
 from capture_app.sync.clock.time_map import TimeMap
 
 MS, HOUR_NS = 1_000_000, 3_600_000_000_000
@@ -327,7 +327,7 @@ def test_a_warming_crystal_stays_within_what_holdover_states() -> None:
     assert held >= 9
 
 
-def unequal_clock(way: KnownWay | None, *, shorter_ns: int = 0) -> tuple[float, TimeMap]:
+def unequal_clock(way: PathAsymmetry | None, *, shorter_ns: int = 0) -> tuple[float, TimeMap]:
     """A second on a link whose least delays are 400 us there and 800 us back; the error, and the map."""
     link, rng, clock = Link(offset_ns=HOUR_NS, skew_ppm=8.0, epoch_ns=0), random.Random(4), ClockFilter()
     clock.way = way
@@ -343,21 +343,21 @@ def test_a_link_that_was_measured_keeps_what_messages_cannot_show() -> None:
     error, unknown = unequal_clock(None)
     assert error == pytest.approx(-200_000, abs=30_000), "half of what the way back is longer"
     assert abs(error) > unknown.uncertainty_ns
-    error, known = unequal_clock(KnownWay(200_000, 20_000, 1_210_000))
+    error, known = unequal_clock(PathAsymmetry(200_000, 20_000, 1_210_000))
     assert abs(error) < known.uncertainty_ns < unknown.uncertainty_ns
     assert abs(error) <= known.hard_bound_ns < unknown.hard_bound_ns + 201_000
-    error, unsure = unequal_clock(KnownWay(200_000, 110_000, 1_210_000))
+    error, unsure = unequal_clock(PathAsymmetry(200_000, 110_000, 1_210_000))
     assert abs(error) < 60_000 < unsure.uncertainty_ns, "three and a half sigma from a usual link"
 
 
 def test_a_measurement_that_tells_less_than_is_usual_or_is_of_another_link_changes_nothing() -> None:
-    assert unequal_clock(KnownWay(200_000, 400_000, 1_210_000)) == unequal_clock(None)
+    assert unequal_clock(PathAsymmetry(200_000, 400_000, 1_210_000)) == unequal_clock(None)
     # The leader moved: the round trip is now another one, and so may be what the two ways differ by.
-    measured = KnownWay(200_000, 20_000, 1_210_000)
+    measured = PathAsymmetry(200_000, 20_000, 1_210_000)
     assert unequal_clock(measured, shorter_ns=400_000) == unequal_clock(None, shorter_ns=400_000)
 
 
 def test_what_was_measured_moves_no_clock_out_of_its_bounds() -> None:
     for late_ns in (10**9, -1e300):
-        error, time_map = unequal_clock(KnownWay(late_ns, 1, 1_210_000))
+        error, time_map = unequal_clock(PathAsymmetry(late_ns, 1, 1_210_000))
         assert abs(error) <= time_map.hard_bound_ns

@@ -28,7 +28,7 @@ def test_a_stream_that_was_not_moved_is_aligned_within_half_its_tolerance_and_st
 
 def test_for_one_that_was_moved_all_of_its_tolerance_is_enough() -> None:
     window = AlignmentWindow(TOLERANCE_NS, PhaseControl.INJECTION)
-    window.landing_share = 1.0
+    window.landing_fraction = 1.0
     assert not judged(window, 19_000), "it may be 21 us off"
     assert judged(window, 17_900)
     assert not judged(window, 20_100)

@@ -16,13 +16,13 @@ ROW = 20_000
 PERIOD = 1667 * ROW
 
 
-def controller(least_rows: int = 800, most_rows: int = 6000) -> FrameDurationActuator:
+def controller(min_rows: int = 800, most_rows: int = 6000) -> FrameDurationActuator:
     camera = replace_facts(
         CLOCK,
         phase_control=PhaseControl.FRAME_DURATION,
         period_ns=PERIOD,
         row_time_ns=ROW,
-        min_frame_duration_ns=least_rows * ROW,
+        min_frame_duration_ns=min_rows * ROW,
         max_frame_duration_ns=most_rows * ROW,
     )
     return FrameDurationActuator(camera)
@@ -48,14 +48,14 @@ def test_whole_rows_and_nothing_within_half_of_one(later_ns: int, rows: int) -> 
 
 
 def test_a_step_too_long_is_done_in_part() -> None:
-    made = controller(least_rows=1600)
+    made = controller(min_rows=1600)
     command = made.command(move(-200 * ROW))
     assert command is not None
     assert command.duration_ns // ROW == 1600
 
 
 def test_frames_that_cannot_be_shorter_go_round() -> None:
-    made = controller(least_rows=1667)
+    made = controller(min_rows=1667)
     assert made.command(move(-200 * ROW)) is not None
     assert made.shift_ns == (1667 - 200) * ROW
 

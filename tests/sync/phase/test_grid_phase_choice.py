@@ -13,7 +13,7 @@ from capture_app.sync.phase.grid_phase_choice import (
     WeightedDrift,
     best_shift,
 )
-from capture_app.sync.rig.orders import instant_of_least_spread, spread_ns
+from capture_app.sync.rig.orders import instant_of_min_scatter, spread_ns
 
 PERIOD = 33_000_000
 MS = 1_000_000
@@ -33,14 +33,14 @@ def test_the_goal_moves_to_most_of_the_cameras_and_to_their_middle(grid_choice: 
     cameras = [webcam("a", 10 * MS), webcam("b", PERIOD + 11 * MS), webcam("c", 25 * MS)]
     assert grid_choice.update(cameras, 0)
     assert grid_choice.grid == FrameGrid(10 * MS + MS // 2, PERIOD)
-    assert grid_choice.meeting_leader_ns is not None, "one of them is to be restarted"
+    assert grid_choice.common_instant_leader_ns is not None, "one of them is to be restarted"
 
 
 def test_a_camera_alone_is_never_restarted(grid_choice: GridPhaseChoice) -> None:
     assert grid_choice.update([webcam("a", 14 * MS)], 0)
     assert grid_choice.grid.anchor_leader_ns == 14 * MS
     assert not grid_choice.update([webcam("a", 14 * MS)], S)
-    assert grid_choice.meeting_leader_ns is None
+    assert grid_choice.common_instant_leader_ns is None
 
 
 def test_a_camera_that_cannot_move_at_all_outweighs_all_others(grid_choice: GridPhaseChoice) -> None:
@@ -57,18 +57,18 @@ def test_cameras_that_inject_do_not_move_the_goal(grid_choice: GridPhaseChoice) 
 def test_nobody_is_restarted_before_all_have_told_their_phase(grid_choice: GridPhaseChoice) -> None:
     cameras = [webcam("a", 5 * MS), webcam("b", 20 * MS), webcam("c", None)]
     assert not grid_choice.update(cameras, 0)
-    assert grid_choice.meeting_leader_ns is None
+    assert grid_choice.common_instant_leader_ns is None
     grid_choice.update(cameras, PATIENCE_NS + 1)
-    assert grid_choice.meeting_leader_ns is not None, "but not for ever"
+    assert grid_choice.common_instant_leader_ns is not None, "but not for ever"
 
 
 def test_cameras_that_will_meet_are_not_restarted(grid_choice: GridPhaseChoice) -> None:
     cameras = [webcam("a", 0, ppm=100.0), webcam("b", 2500_000, ppm=-100.0)]
     grid_choice.update(cameras, 0)
-    assert grid_choice.meeting_leader_ns is not None
+    assert grid_choice.common_instant_leader_ns is not None
     for camera in cameras:
         assert camera.frame_leader_ns is not None
-        later_ns = camera.drift_ppm * 1e-6 * grid_choice.meeting_leader_ns
+        later_ns = camera.drift_ppm * 1e-6 * grid_choice.common_instant_leader_ns
         assert abs(grid_choice.grid.phase_error(camera.frame_leader_ns) + later_ns) <= MS
 
 
@@ -102,7 +102,7 @@ def test_no_goal_on_a_fine_grid_suits_more_than_the_best(errors: list[float]) ->
 def test_a_burst_is_put_where_the_frames_meet() -> None:
     grid = FrameGrid(0, PERIOD)
     forecasts = [webcam("a", 0, 20.0), webcam("b", 40_000, -20.0)]
-    at_ns = instant_of_least_spread(grid, forecasts, 0, 3 * S)
+    at_ns = instant_of_min_scatter(grid, forecasts, 0, 3 * S)
     assert at_ns == pytest.approx(S, abs=PERIOD)
     assert spread_ns(grid, forecasts, at_ns) < 2_000
-    assert instant_of_least_spread(grid, forecasts, 0, 0) == 0
+    assert instant_of_min_scatter(grid, forecasts, 0, 0) == 0

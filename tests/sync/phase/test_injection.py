@@ -61,15 +61,15 @@ def exposure_for(inject: InjectionActuator, wanted: Move) -> int:
 @pytest.mark.parametrize("row_known", [True, False])
 @pytest.mark.parametrize("gain", [1, 2, 3])
 @pytest.mark.parametrize("overhead_ns", [20_000, 250_000, 700_000])
-@pytest.mark.parametrize("wanted_ns", [300_000, 9_000_000, 33_000_000])
-def test_the_second_injection_hits(row_known: bool, gain: int, overhead_ns: int, wanted_ns: int) -> None:
+@pytest.mark.parametrize("target_ns", [300_000, 9_000_000, 33_000_000])
+def test_the_second_injection_hits(row_known: bool, gain: int, overhead_ns: int, target_ns: int) -> None:
     inject = controller(row_known=row_known)
-    done_ns = shift_of(exposure_for(inject, move(wanted_ns)), gain, overhead_ns)
+    done_ns = shift_of(exposure_for(inject, move(target_ns)), gain, overhead_ns)
     assert done_ns > 0
     inject.learn(done_ns, 3000.0, None)
     assert inject.profile is not None
     assert inject.profile.gain == gain
-    left_ns = (wanted_ns - done_ns) % PERIOD_NS
+    left_ns = (target_ns - done_ns) % PERIOD_NS
     second = inject.command(move(left_ns))
     if second is not None:
         left_ns -= shift_of(second.exposure_ns, gain, overhead_ns)
@@ -186,8 +186,8 @@ def test_a_small_error_that_no_rows_can_mend_is_not_made_a_large_one() -> None:
 
 def test_one_bad_observation_is_outvoted() -> None:
     inject = controller()
-    for wanted_ns, wrong_ns in ((9_000_000, 0), (5_000_000, 0), (7_000_000, 900_000), (3_000_000, 0)):
-        shift_ns = shift_of(exposure_for(inject, move(wanted_ns)), 2, 250_000)
+    for target_ns, wrong_ns in ((9_000_000, 0), (5_000_000, 0), (7_000_000, 900_000), (3_000_000, 0)):
+        shift_ns = shift_of(exposure_for(inject, move(target_ns)), 2, 250_000)
         inject.learn(shift_ns + wrong_ns, 3000.0, None)
     assert inject.profile is not None
     assert inject.profile.gain == 2

@@ -17,16 +17,16 @@ def tries(latency: Callable[[random.Random], float], tolerance_ns: int, *, aimed
     reset = ResetActuator(rng=rng, aimed=aimed)
     now_ns = total = 0
     for n in range(rounds):
-        wanted_ns = now_ns + 10**9 + rng.randrange(PERIOD_NS)
+        target_ns = now_ns + 10**9 + rng.randrange(PERIOD_NS)
         for _ in range(2000):
-            move = Move(now_ns, wanted_ns, 0, PERIOD_NS, tolerance_ns)
+            move = Move(now_ns, target_ns, 0, PERIOD_NS, tolerance_ns)
             command = reset.command(move)
             assert 0 <= command.delay_ns < PERIOD_NS
             first_ns = now_ns + command.delay_ns + round(latency(rng))
             reset.learn_start(first_ns)
             total += n >= 20
             now_ns = first_ns + 5 * PERIOD_NS
-            error_ns = (first_ns - wanted_ns + PERIOD_NS // 2) % PERIOD_NS - PERIOD_NS // 2
+            error_ns = (first_ns - target_ns + PERIOD_NS // 2) % PERIOD_NS - PERIOD_NS // 2
             if abs(error_ns) <= tolerance_ns:
                 break
     return total / (rounds - 20)

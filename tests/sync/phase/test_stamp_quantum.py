@@ -111,11 +111,11 @@ def test_steps_that_are_coarser_than_the_tolerance_are_told() -> None:
     assert bench.aligner.window.within_window
     assert bench.aligner.phase.quantum_ns == pytest.approx(1e6)
     assert 400_000 < bench.aligner.window.tolerance_ns < 1_100_000
-    assert "steps of 1.0 ms" in bench.aligner.window.coarseness
+    assert "steps of 1.0 ms" in bench.aligner.window.degradation
     fine = coarse_bench(1, 1e3, 20_000, cut=True)
     fine.run(20 * S)
     assert fine.aligner.window.tolerance_ns == 20_000
-    assert not fine.aligner.window.coarseness
+    assert not fine.aligner.window.degradation
 
 
 def test_a_drift_that_injections_cannot_hold_is_told_and_met_at_a_burst() -> None:

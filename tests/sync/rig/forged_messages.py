@@ -29,7 +29,7 @@ from capture_app.sync.wire.messages import (
 S = 1_000_000_000
 INSTANCE, HONEST = 77, 99
 PARENTS: tuple[Address, ...] = (("a", 1), ("b", 1), ("c", 1))
-STRANGER: Address = ("stranger", 1)
+UNKNOWN_PEER: Address = ("stranger", 1)
 OFFSET_NS = 123_456_789_012
 ONE_WAY_NS = 700_000
 RECOVERED_NS = 400 * S
@@ -50,7 +50,7 @@ config = st.builds(
     leader=numbers,
     anchor_leader_ns=i64,
     period_ns=periods,
-    pace_ns=paces,
+    poll_interval_ns=paces,
     upstream=upstreams,
     in_holdover=st.booleans(),
 )
@@ -84,7 +84,7 @@ from_clients: st.SearchStrategy[Message] = st.one_of(
     st.builds(TriggerAck, numbers, numbers, i64, others=st.lists(u32, max_size=3).map(tuple)),
     st.builds(Goodbye, numbers),
 )
-addresses = st.sampled_from([*PARENTS, STRANGER])
+addresses = st.sampled_from([*PARENTS, UNKNOWN_PEER])
 
 
 def welcome(leader: int, number: int, upstream: UpstreamMap | None = None) -> Welcome:

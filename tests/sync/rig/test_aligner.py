@@ -64,7 +64,7 @@ def test_a_phone_without_drift_is_aligned_once_and_left_alone() -> None:
 
 
 def test_two_late_timestamps_among_the_first_frames_move_nothing() -> None:
-    profile = replace(PROFILES["phone-a"], outlier_share=0.0, drop_share=0.0)
+    profile = replace(PROFILES["phone-a"], outlier_fraction=0.0, drop_fraction=0.0)
     bench = Bench(profile, 3, 20_000, ppm=0.0, known=known_profile(profile))
     until_aligned(bench)
     commands = []

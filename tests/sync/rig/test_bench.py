@@ -30,8 +30,8 @@ def test_frame_durations_hold_a_phase_to_half_a_row(ppm: float) -> None:
         frame_length_rows=1667,
         min_frame_rows=800,
         timestamp_noise_ns=3_000,
-        outlier_share=0.01,
-        drop_share=0.01,
+        outlier_fraction=0.01,
+        drop_fraction=0.01,
     )
     bench = Bench(profile, 3, 50_000, ppm=ppm)
     looks = [look for look in bench.run(30 * S) if look.now_ns > 6 * S]

@@ -31,12 +31,12 @@ def ask(leader: Leader, client: int, from_ns: int, *, waits_ns: int) -> int:
 
 def test_the_pace_follows_how_long_requests_wait() -> None:
     leader, client = leader_of_many()
-    free_ns = leader.pace_ns
+    free_ns = leader.poll_interval_ns
     assert free_ns == CLIENTS * S // 20_000
     at_ns = ask(leader, client, S, waits_ns=MS // 10)
-    assert leader.pace_ns == free_ns
+    assert leader.poll_interval_ns == free_ns
     at_ns = ask(leader, client, at_ns, waits_ns=10 * MS)
-    assert leader.pace_ns > 10 * free_ns
+    assert leader.poll_interval_ns > 10 * free_ns
     ask(leader, client, ask(leader, client, ask(leader, client, at_ns, waits_ns=0), waits_ns=0), waits_ns=0)
     ask(leader, client, at_ns + 15 * S, waits_ns=0)
-    assert leader.pace_ns == free_ns
+    assert leader.poll_interval_ns == free_ns

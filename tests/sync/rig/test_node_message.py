@@ -2,7 +2,7 @@
 
 import pytest
 
-from capture_app.sync.rig.node_message import coarse, syncing
+from capture_app.sync.rig.status_text import coarse, syncing
 
 WIRELESS_NS, LOOPBACK_NS = 3_000_000, 60_000
 

@@ -17,8 +17,8 @@ from capture_app.sync.wire.messages import Report
 from tests.sync.rig.rigs import LAN, MS, S
 
 BURSTY = WirelessLink(
-    LognormalDelay(MS // 5, 9 * MS, 0.7, outlier_share=0.05),
-    LognormalDelay(MS // 5, 5 * MS, 0.7, outlier_share=0.05),
+    LognormalDelay(MS // 5, 9 * MS, 0.7, outlier_fraction=0.05),
+    LognormalDelay(MS // 5, 5 * MS, 0.7, outlier_fraction=0.05),
     spells=TroubleSpells(calm_ns=S, trouble_ns=S),
 )
 """WiFi in a crowded hall: half of the time nothing but stragglers and losses comes through."""
@@ -41,10 +41,10 @@ def test_on_a_bursty_link_a_node_asks_on_and_says_that_the_tolerance_is_not_met(
     assert rig.run_until(lambda: in_state(rig, "near", NodeState.READY), limit_ns=4 * S)
     assert in_state(rig, "far", NodeState.SYNCING)
     assert re.fullmatch(r"measuring clock \d+/300|clock sure .* so far, .*", report(rig, "far").message)
-    assert rig.run_until(lambda: in_state(rig, "far", NodeState.COARSE), limit_ns=30 * S)
+    assert rig.run_until(lambda: in_state(rig, "far", NodeState.DEGRADED), limit_ns=30 * S)
     synced = next(event for event in rig.nodes["far"].events if isinstance(event, ClockSynced))
     assert synced.time_map.samples > 1.5 * FIRST_SAMPLES, "it was worth while to ask on"
-    coarse = lambda: report(rig, "far").state is NodeState.COARSE  # noqa: E731
+    coarse = lambda: report(rig, "far").state is NodeState.DEGRADED  # noqa: E731
     assert rig.run_until(coarse, limit_ns=5 * S)
     told = report(rig, "far")
     assert told.uncertainty_ns is not None
@@ -83,7 +83,7 @@ def test_a_clock_coarser_than_the_tolerance_stays_the_reason_while_frames_are_mo
 
 def test_a_coarse_node_takes_part_in_a_burst_with_honest_error_bars() -> None:
     rig = VirtualRig([spec("far", BURSTY, 100_000), spec("near", LAN, 100_000)], seed=3)
-    assert rig.run_until(lambda: in_state(rig, "far", NodeState.COARSE), limit_ns=40 * S)
+    assert rig.run_until(lambda: in_state(rig, "far", NodeState.DEGRADED), limit_ns=40 * S)
     burst = rig.trigger(frames=3)
     rig.run_for(3 * S)
     for node in rig.nodes.values():

@@ -20,7 +20,7 @@ from capture_app.common.node_state import NodeState
 from capture_app.sync.engine import Address
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
-from capture_app.sync.rig.time_client import MOST_EVENTS
+from capture_app.sync.rig.time_client import MAX_EVENTS
 from capture_app.sync.timekeeping.timekeeper import OUTSTANDING
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay import OF_CAMERAS, Relay
@@ -33,7 +33,7 @@ from tests.sync.rig.forged_messages import (
     ONE_WAY_NS,
     PARENTS,
     RECOVERED_NS,
-    STRANGER,
+    UNKNOWN_PEER,
     S,
     addresses,
     from_clients,
@@ -136,7 +136,7 @@ class FollowerAmongLiars(RuleBasedStateMachine):
     def teardown(self) -> None:
         if hasattr(self, "node"):
             events = list(iter(self.member.time.next_event, None))
-            assert len(events) <= MOST_EVENTS
+            assert len(events) <= MAX_EVENTS
             honest = PARENTS[self.seed % len(PARENTS)]
             peers: dict[Address, TreeMember | Relay | Leader] = {("me", 1): self.node}
             peers[honest] = Leader(
@@ -181,7 +181,7 @@ def run(
     heap: list[tuple[int, int, bytes, Address, Address]] = []
     sent = 0
 
-    def act(address: Address, data: bytes | None = None, sender: Address = STRANGER) -> None:
+    def act(address: Address, data: bytes | None = None, sender: Address = UNKNOWN_PEER) -> None:
         nonlocal sent
         peer, local_ns = peers[address], now_ns + (OFFSET_NS if address == honest else 0)
         if data is None:

@@ -15,7 +15,7 @@ from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.common.node_state import NodeState
 from capture_app.simulation.links import Link
 from capture_app.simulation.profiles import PROFILES
-from capture_app.sync.rig.events import BurstAnswered, LeaderNews, NodeChanged
+from capture_app.sync.rig.events import BurstAnswered, LeaderNotice, NodeChanged
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.wire.codec import encode
 from capture_app.sync.wire.messages import (
@@ -33,13 +33,13 @@ from tests.sync.rig.rigs import LAN, S, ready_rig
 
 
 def specs(
-    count: int, *profiles: str, seed: int = 1, link: Link = LAN, drop_share: float = 0.0
+    count: int, *profiles: str, seed: int = 1, link: Link = LAN, drop_fraction: float = 0.0
 ) -> list[NodeSpec]:
     rng = random.Random(seed)
     return [
         NodeSpec(
             f"cam{n:02d}",
-            replace(PROFILES[profiles[n % len(profiles)]], drop_share=drop_share),
+            replace(PROFILES[profiles[n % len(profiles)]], drop_fraction=drop_fraction),
             SimulatedClock(rng.randrange(-9 * 3600 * S, 9 * 3600 * S), rng.uniform(-50, 50)),
             link,
         )
@@ -129,7 +129,7 @@ def test_clients_find_a_restarted_leader_and_serve_its_first_burst() -> None:
     rig.run_for(2 * S)
     rig.restart_leader()
     assert rig.run_until(rig.all_ready, limit_ns=30 * S)
-    assert any(isinstance(e, LeaderNews) and e.what == "lost" for e in rig.nodes["cam00"].events)
+    assert any(isinstance(e, LeaderNotice) and e.what == "lost" for e in rig.nodes["cam00"].events)
     for node in rig.nodes.values():
         node.bursts.clear()
     burst = rig.trigger(frames=2)
@@ -162,7 +162,7 @@ def test_a_burst_that_nobody_can_take_is_refused() -> None:
 
 
 def test_dropped_frames_leave_gaps_that_say_so() -> None:
-    rig = ready_rig(specs(3, "phone-a", drop_share=0.1), seed=8, limit_s=60)
+    rig = ready_rig(specs(3, "phone-a", drop_fraction=0.1), seed=8, limit_s=60)
     burst = rig.trigger(frames=30)
     rig.run_for(5 * S)
     for node in rig.nodes.values():
@@ -176,7 +176,7 @@ def test_dropped_frames_leave_gaps_that_say_so() -> None:
 
 def test_one_late_stamp_is_not_a_late_picture() -> None:
     camera_specs = [
-        replace(spec, profile=replace(spec.profile, outlier_share=0.15))
+        replace(spec, profile=replace(spec.profile, outlier_fraction=0.15))
         for spec in specs(2, "phone-a", seed=9)
     ]
     rig = ready_rig(camera_specs, seed=5, limit_s=60)
@@ -209,7 +209,7 @@ def forged_config(anchor_leader_ns: int, period_ns: int) -> RigConfigMessage:
     return RigConfigMessage(leader=7, anchor_leader_ns=anchor_leader_ns, period_ns=period_ns)
 
 
-law = st.just(GammaDelay(50_000, 400_000, outlier_share=0.05))
+law = st.just(GammaDelay(50_000, 400_000, outlier_fraction=0.05))
 shares = st.floats(0, 0.3)
 
 

@@ -18,8 +18,8 @@ from capture_app.sync.rig.frame_selection import Burst, FramesSelected
 from tests.sync.rig.rigs import LAN, S, ready_rig
 
 
-def dropping_rig(cameras: int, drop_share: float, seed: int = 1) -> VirtualRig:
-    profile = replace(PROFILES["perfect"], drop_share=drop_share)
+def dropping_rig(cameras: int, drop_fraction: float, seed: int = 1) -> VirtualRig:
+    profile = replace(PROFILES["perfect"], drop_fraction=drop_fraction)
     return ready_rig(
         [NodeSpec(f"cam{n}", profile, SimulatedClock(n * S), LAN) for n in range(cameras)], seed=seed
     )

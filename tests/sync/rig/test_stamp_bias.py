@@ -17,10 +17,10 @@ def picks(rig: VirtualRig, name: str) -> tuple[SelectedFrame[SensorFrame], ...]:
 
 
 def shot(bias_ns: int | None) -> VirtualRig:
-    late = replace(PROFILES["phone-a"], stamp_bias_ns=bias_ns, drop_share=0.0)
+    late = replace(PROFILES["phone-a"], stamp_bias_ns=bias_ns, drop_fraction=0.0)
     specs = [
         NodeSpec("late", late, SimulatedClock(5 * MS, 8.0), LAN),
-        NodeSpec("true", replace(PROFILES["phone-b"], drop_share=0.0), SimulatedClock(-3 * MS, -9.0), LAN),
+        NodeSpec("true", replace(PROFILES["phone-b"], drop_fraction=0.0), SimulatedClock(-3 * MS, -9.0), LAN),
     ]
     rig = ready_rig(specs, seed=5)
     rig.trigger(frames=3)

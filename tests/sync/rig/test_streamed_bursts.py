@@ -12,8 +12,8 @@ FRAMES = 300
 """Five times what the ring buffer holds."""
 
 
-def rig_of_two(drop_share: float = 0.0) -> VirtualRig:
-    profile = replace(PROFILES["perfect"], drop_share=drop_share)
+def rig_of_two(drop_fraction: float = 0.0) -> VirtualRig:
+    profile = replace(PROFILES["perfect"], drop_fraction=drop_fraction)
     return ready_rig([NodeSpec(f"cam{n}", profile, SimulatedClock(n * S), LAN) for n in range(2)], seed=3)
 
 
@@ -39,7 +39,7 @@ def test_every_frame_of_a_long_burst_is_told_as_it_comes() -> None:
 
 
 def test_what_a_camera_drops_is_told_with_the_rest() -> None:
-    rig = rig_of_two(drop_share=0.05)
+    rig = rig_of_two(drop_fraction=0.05)
     burst = rig.trigger(frames=FRAMES, streamed=True)
     assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=20 * S)
     for node in rig.nodes.values():
@@ -74,7 +74,7 @@ def test_a_burst_ends_with_its_leader() -> None:
 
 
 def test_a_time_lapse_is_aligned_between_its_instants() -> None:
-    profile = replace(PROFILES["phone-a"], drop_share=0.0, outlier_share=0.0)
+    profile = replace(PROFILES["phone-a"], drop_fraction=0.0, outlier_fraction=0.0)
     rig = ready_rig([NodeSpec("cam0", profile, SimulatedClock(S), LAN)], seed=4)
     node = rig.nodes["cam0"]
     burst = rig.trigger(frames=4, spacing=450, streamed=True)

@@ -13,7 +13,7 @@ from capture_app.simulation.links import Channel, Direction, Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.rig.roster import van_der_corput
 from capture_app.sync.timekeeping.clock_events import ClockChanged, ClockSynced
-from capture_app.sync.timekeeping.poll_schedule import FIRST_PACE_NS, PACE_NS, SteadySchedule
+from capture_app.sync.timekeeping.poll_schedule import FIRST_INTERVAL_NS, POLL_INTERVAL_NS, SteadySchedule
 from tests.sync.rig.rigs import LAN, MS, S, checked_error_ns
 
 
@@ -38,11 +38,16 @@ def test_slots_are_far_from_each_other() -> None:
             assert min(gaps) >= 0.25 / count
 
 
-@pytest.mark.parametrize(("pace_ns", "reached_s"), [(PACE_NS, 5.0), (FIRST_PACE_NS, 1.5)])
-def test_clients_that_join_together_do_not_send_together(pace_ns: int, reached_s: float) -> None:
+@pytest.mark.parametrize(
+    ("poll_interval_ns", "reached_s"), [(POLL_INTERVAL_NS, 5.0), (FIRST_INTERVAL_NS, 1.5)]
+)
+def test_clients_that_join_together_do_not_send_together(poll_interval_ns: int, reached_s: float) -> None:
     rng = random.Random(3)
     clocks = [SimulatedClock(rng.randrange(10**13), rng.gauss(0, 20)) for _ in range(8)]
-    schedule, phone = partial(SteadySchedule, pace_ns=pace_ns, near_ns=0), PROFILES["phone-a"]
+    schedule, phone = (
+        partial(SteadySchedule, poll_interval_ns=poll_interval_ns, near_ns=0),
+        PROFILES["phone-a"],
+    )
     specs = [NodeSpec(f"cam{i}", phone, clock, LAN, schedule=schedule) for i, clock in enumerate(clocks)]
     rig = VirtualRig(specs, seed=4)
     rig.run_for(int(reached_s * S))
@@ -54,7 +59,7 @@ def test_clients_that_join_together_do_not_send_together(pace_ns: int, reached_s
     phases = []
     for recorder in recorders:
         # Heartbeats go out of turn: the middle one is a time request's.
-        turns = sorted((t % pace_ns) / pace_ns for t in recorder.sent_true_ns)
+        turns = sorted((t % poll_interval_ns) / poll_interval_ns for t in recorder.sent_true_ns)
         phases.append(turns[len(turns) // 2])
     phases.sort()
     gaps = [b - a for a, b in zip(phases, [*phases[1:], phases[0] + 1.0], strict=True)]
@@ -72,7 +77,7 @@ def test_a_jump_is_noticed_by_the_next_exchange_and_learned(link: Link, step_ns:
     stepped_true_ns = rig.now_true_ns
     assert rig.run_until(lambda: ClockChanged(jumped=True) in node.events, limit_ns=2 * S)
     # A request may just have left, and the next is a pace away; then one round trip.
-    assert rig.now_true_ns - stepped_true_ns < 2 * PACE_NS + 30 * MS
+    assert rig.now_true_ns - stepped_true_ns < 2 * POLL_INTERVAL_NS + 30 * MS
     events = len(node.events)
     assert rig.run_until(
         lambda: any(isinstance(event, ClockSynced) for event in node.events[events:]), limit_ns=16 * S

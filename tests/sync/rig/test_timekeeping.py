@@ -9,16 +9,16 @@ import pytest
 from capture_app.common.node_state import NodeState
 from capture_app.common.timeouts import LEADER_SILENT_NS
 from capture_app.sync.clock.clock_filter import ClockSample
-from capture_app.sync.rig.events import Joined, LeaderNews
+from capture_app.sync.rig.events import Joined, LeaderNotice
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import NO_ANSWER, TimeClient
 from capture_app.sync.timekeeping.clock_events import ClockSynced
 from capture_app.sync.timekeeping.poll_schedule import (
-    EASING_PACES_NS,
+    EASING_INTERVALS_NS,
     EASING_SAMPLES,
-    FIRST_PACE_NS,
+    FIRST_INTERVAL_NS,
     FIRST_SAMPLES,
-    PACE_NS,
+    POLL_INTERVAL_NS,
     SteadySchedule,
 )
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
@@ -32,7 +32,7 @@ DELAY_NS = 1_000_000
 def asked_ns(seconds: float, *, told_pace_ns: int = 0, lose_each: int = 0) -> list[int]:
     """Let a client ask a leader a millisecond away; return when its requests went out."""
     keeper = Timekeeper(7)
-    told = RigConfigMessage(leader=2, anchor_leader_ns=0, period_ns=33_333_333, pace_ns=told_pace_ns)
+    told = RigConfigMessage(leader=2, anchor_leader_ns=0, period_ns=33_333_333, poll_interval_ns=told_pace_ns)
     assert told.is_possible
     keeper.follow(told, 3, 0.25, 0)
     sent_ns: list[int] = []
@@ -66,19 +66,19 @@ def test_it_asks_in_quick_succession_then_less_and_less_often(lose_each: int) ->
     sent_ns = asked_ns(12.0, lose_each=lose_each)
     more = lose_each / (lose_each - 1) if lose_each else 1.0
     begin_s = 0.0
-    for pace_ns, count in (
-        (FIRST_PACE_NS, FIRST_SAMPLES),
-        *((pace_ns, EASING_SAMPLES) for pace_ns in EASING_PACES_NS),
+    for poll_interval_ns, count in (
+        (FIRST_INTERVAL_NS, FIRST_SAMPLES),
+        *((poll_interval_ns, EASING_SAMPLES) for poll_interval_ns in EASING_INTERVALS_NS),
     ):
-        end_s = begin_s + count * pace_ns * more / S
-        assert pace_at(sent_ns, begin_s + 0.1, end_s - 0.1) == pytest.approx(pace_ns, rel=0.03)
+        end_s = begin_s + count * poll_interval_ns * more / S
+        assert pace_at(sent_ns, begin_s + 0.1, end_s - 0.1) == pytest.approx(poll_interval_ns, rel=0.03)
         begin_s = end_s
-    assert pace_at(sent_ns, begin_s + 0.2, 12.0) == pytest.approx(PACE_NS, rel=0.03)
+    assert pace_at(sent_ns, begin_s + 0.2, 12.0) == pytest.approx(POLL_INTERVAL_NS, rel=0.03)
 
 
 def test_a_leader_of_many_is_asked_no_more_often_than_it_says() -> None:
     sent_ns = asked_ns(12.0, told_pace_ns=100_000_000)
-    synced_s = FIRST_SAMPLES * FIRST_PACE_NS / S
+    synced_s = FIRST_SAMPLES * FIRST_INTERVAL_NS / S
     assert pace_at(sent_ns, synced_s + 0.2, 12.0) == pytest.approx(100_000_000, rel=0.03)
 
 
@@ -111,7 +111,7 @@ def talk(client: TimeClient, leader: Leader, seconds: float) -> None:
 
 def test_it_joins_keeps_the_time_at_its_pace_and_tells_every_sample() -> None:
     samples: list[ClockSample] = []
-    schedule = SteadySchedule(first_pace_ns=STEADY_NS, easing_paces_ns=(), pace_ns=STEADY_NS)
+    schedule = SteadySchedule(first_interval_ns=STEADY_NS, easing_intervals_ns=(), poll_interval_ns=STEADY_NS)
     timekeeper = Timekeeper(5, schedule, samples=samples)
     client = TimeClient("probe", 9, timekeeper)
     leader = Leader(LeaderConfig(1, 47), random.Random(2))
@@ -136,7 +136,7 @@ def test_it_notices_that_the_leader_is_gone_and_keeps_what_it_knows() -> None:
     assert client.state is NodeState.JOINING
     assert client.time_map is not None
     *_, last = iter(client.next_event, None)
-    assert last == LeaderNews("lost", "the leader is silent")
+    assert last == LeaderNotice("lost", "the leader is silent")
 
 
 def test_it_says_why_it_waits_where_no_leader_answers_and_no_more_once_one_does() -> None:

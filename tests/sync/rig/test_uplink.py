@@ -6,11 +6,11 @@ import pytest
 from msgspec import structs
 
 from capture_app.common.node_state import CLOCK_ONLY, NodeState
+from capture_app.sync.rig.relay_summary import ACKS_WAIT_NS, SUM_EVERY_NS, TOO_LONG, Uplink
 from capture_app.sync.rig.roster import Member, Roster
-from capture_app.sync.rig.uplink import ACKS_WAIT_NS, SUM_EVERY_NS, TOO_LONG, Uplink
 from capture_app.sync.wire.codec import MAX_DATAGRAM, decode, encode
 from capture_app.sync.wire.messages import (
-    MOST_TEXT,
+    MAX_TEXT,
     Goodbye,
     Heartbeat,
     Hello,
@@ -24,7 +24,7 @@ CAMERA = make_facts()
 REPORT = Report(state=NodeState.READY)
 S = 1_000_000_000
 LONGEST = structs.replace(
-    Report(state=NodeState.READY, message="\U0001f4f7" * MOST_TEXT),
+    Report(state=NodeState.READY, message="\U0001f4f7" * MAX_TEXT),
     **dict.fromkeys(Report.__struct_fields__[2:], 2**63 - 1),
 )
 """Takes the most bytes."""
@@ -217,7 +217,7 @@ def test_a_description_that_would_not_fit_with_the_relays_name_is_refused() -> N
 
 
 def test_names_that_are_made_up_fill_no_memory(roster: Roster) -> None:
-    uplink = Uplink("hall", most_members=3)
+    uplink = Uplink("hall", max_members=3)
     uplink.restart(has_parent=True)
     for instance in range(20):
         uplink.pass_up(

@@ -8,7 +8,7 @@ from msgspec import structs
 from benchmarks.simulated.clock_tree import ROOT
 from capture_app.common.node_state import NodeState
 from capture_app.sync.rig.client import Client, ClientConfig
-from capture_app.sync.rig.events import BurstAnswered, LeaderNews, NodeChanged
+from capture_app.sync.rig.events import BurstAnswered, LeaderNotice, NodeChanged
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.wire.codec import decode
 from capture_app.sync.wire.messages import Hello
@@ -36,7 +36,7 @@ def test_a_burst_reaches_cameras_below_relays_of_relays_in_the_roots_time() -> N
     bounds = [views[name].report.hard_bound_ns or 0 for name in ("upper", "lower", "far")]
     assert bounds == sorted(bounds), "each clock on the way adds its own error"
     assert bounds[0] > 0
-    assert rig.tree.root.pace_ns == 0
+    assert rig.tree.root.poll_interval_ns == 0
 
 
 def test_a_camera_that_can_only_restart_is_weighed_by_the_root_wherever_it_is() -> None:
@@ -58,11 +58,11 @@ def test_two_cameras_of_one_name_are_told_apart_anywhere_in_the_tree() -> None:
     second = rig.camera("cam", two, at="other")
     rig.run(4.0)
     assert first.client.time.is_member
-    (said,) = (event for event in first.events if isinstance(event, LeaderNews) and event.what == "said")
+    (said,) = (event for event in first.events if isinstance(event, LeaderNotice) and event.what == "said")
     assert "another camera below two wants to be cam" in said.text
     assert second.client.state is NodeState.JOINING
     refusal = "another camera named cam is here: give this one another --name"
-    assert LeaderNews("refused", refusal) in second.events
+    assert LeaderNotice("refused", refusal) in second.events
     rig.kill("cam")
     rig.run_until(lambda: second.client.state is NodeState.READY)
     assert rig.views()["cam"].via == "two"
@@ -159,7 +159,7 @@ def test_a_relay_without_its_root_holds_the_time_over_even_for_new_clients() -> 
     assert rig.relays["relay"].member.time.number is None
     new = rig.camera("new", relay)
     # The longer the holdover, the coarser.
-    rig.run_until(lambda: new.client.state in (NodeState.READY, NodeState.COARSE))
+    rig.run_until(lambda: new.client.state in (NodeState.READY, NodeState.DEGRADED))
     for camera in (old, new):
         error_ns = checked_error_ns(camera.client.time_map, camera.clock, rig.tree.now_true_ns)
         assert abs(error_ns) < 1_000_000

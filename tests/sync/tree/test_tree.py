@@ -17,7 +17,7 @@ from capture_app.common.timeouts import CLIENT_SILENT_NS, FORGET_LOST_NS
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.engine import Address
 from capture_app.sync.rig.client import Client, ClientConfig
-from capture_app.sync.rig.failover import LEAST_ANSWERS, PROBE_EVERY_NS, LeaderChoice
+from capture_app.sync.rig.failover import MIN_ANSWERS, PROBE_EVERY_NS, LeaderChoice
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.roster import van_der_corput
 from capture_app.sync.rig.time_client import HELLOS, TimeClient
@@ -167,7 +167,7 @@ def test_clients_go_back_to_their_own_relay_once_it_has_been_there_for_a_while()
     at_first = parents[9]
     assert sorted(set(at_first)) == ["relay0", "relay1", "relay2"]
     # It is trusted no sooner than after a minute; then all go back, and stay.
-    a_minute_later = back_s + LEAST_ANSWERS * PROBE_EVERY_NS // S
+    a_minute_later = back_s + MIN_ANSWERS * PROBE_EVERY_NS // S
     assert all("relay0" not in now for now in parents[20 : a_minute_later - PROBE_EVERY_NS // S])
     assert parents[-1] == at_first
     changes = [sum(a != b for a, b in pairwise(one)) for one in zip(*parents[9:], strict=True)]
@@ -198,7 +198,7 @@ def test_nobody_goes_back_and_forth_with_a_parent_that_comes_and_goes(ups: list[
             now_ns = end_ns
     # Each time that it fails soon, it is waited for twice as long.
     total_s = now_ns / S
-    assert back * LEAST_ANSWERS * PROBE_EVERY_NS / S <= total_s
+    assert back * MIN_ANSWERS * PROBE_EVERY_NS / S <= total_s
     assert back <= 1 + max(3.0, math.log2(1.0 + total_s / 60.0) + total_s / 960.0)
 
 
@@ -274,7 +274,7 @@ def test_a_leader_of_many_asks_for_a_slower_pace_until_they_are_silent() -> None
         (data, _), *_ = leader.datagrams_to_send(i)
         welcome = decode(data)
         assert isinstance(welcome, Welcome)
-        paces.append(welcome.config.pace_ns)
+        paces.append(welcome.config.poll_interval_ns)
         leader.receive_message(TimeRequest(welcome.client, 0, i), (f"n{i}", 0), i)
         leader.datagrams_to_send(i)
     assert paces[0] == 0, "one may begin as quickly as it likes"

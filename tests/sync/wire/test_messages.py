@@ -12,7 +12,7 @@ from capture_app.common.camera_facts import CameraFacts, PhaseControl, Timestamp
 from capture_app.common.node_state import NodeState
 from capture_app.sync.wire.codec import MAGIC, MAX_DATAGRAM, VERSION, Message, WireError, decode, encode
 from capture_app.sync.wire.messages import (
-    MOST_OTHERS,
+    MAX_OTHERS,
     ControlMessage,
     Goodbye,
     Heartbeat,
@@ -51,7 +51,7 @@ reports = st.builds(
     Report, state=st.sampled_from(NodeState), message=text, offset_ns=st.none() | i64, skew_ppm=floats
 )
 config = st.builds(RigConfigMessage, leader=u32, anchor_leader_ns=i64, period_ns=i64)
-others = st.lists(st.integers(0, 2**32 - 1), max_size=MOST_OTHERS).map(tuple)
+others = st.lists(st.integers(0, 2**32 - 1), max_size=MAX_OTHERS).map(tuple)
 control: st.SearchStrategy[ControlMessage] = st.one_of(
     st.builds(Welcome, u32, u32, u32, config),
     st.builds(JoinRefusal, u32, text),

@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.sync.rig.events import LeaderNews
+from capture_app.sync.rig.events import LeaderNotice
 from capture_app.sync.rig.leader import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
@@ -67,7 +67,7 @@ def test_a_client_of_an_older_version_says_what_to_do() -> None:
     told = of_version(version, version_answer(of_version(version + 1, hello)) or b"")
     client.receive_datagram(told, 1)
     assert client.report(1).message == version_mismatch(version)
-    assert client.next_event() == LeaderNews("refused", version_mismatch(version))
+    assert client.next_event() == LeaderNotice("refused", version_mismatch(version))
     client.receive_datagram(told, 2)
     assert client.next_event() is None
 
@@ -83,7 +83,7 @@ def test_a_member_of_a_relay_hears_of_another_version_too() -> None:
     relay.handle_timer(0)
     relay.receive_datagram(of_version(VERSION + 1, version_answer(version_question(TOKEN)) or b""), PARENT, 1)
     event = relay.next_event()
-    assert event == LeaderNews("refused", version_mismatch(VERSION + 1))
+    assert event == LeaderNotice("refused", version_mismatch(VERSION + 1))
 
 
 @given(st.binary(max_size=40), st.integers(0, 255), st.integers(0, 255))

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 
 from capture_app.common.camera_facts import MICROSECONDS, CameraControls, Control, ControlState
 from capture_app.common.errors import NetworkError
-from capture_app.protocol.status import NewsLine, NodeDetail
+from capture_app.protocol.status import LogLine, NodeDetail
 from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.widgets.plots import histogram_rows, histogram_title, wedge_rows, wedge_title
 from tests.tui.driving import make_app, screen_of, settle, text, toasts
@@ -18,7 +18,7 @@ DETAIL = NodeDetail(
     camera="cam00",
     samples=SAMPLES,
     phase_errors_ns=(*range(-50_000, 50_000, 1000), 900_000),
-    log=(NewsLine(unix_ns=UNIX_NS, text="ready"),),
+    log=(LogLine(unix_ns=UNIX_NS, text="ready"),),
     spool="/var/spool",
 )
 

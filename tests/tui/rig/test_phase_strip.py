@@ -4,7 +4,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.tui.rig_record import phases_at
-from capture_app.tui.widgets.plots import PhaseAxis, band_share, strip_rows, times_of
+from capture_app.tui.widgets.plots import PhaseAxis, band_fraction, strip_rows, times_of
 
 AXIS = PhaseAxis.of([100_000, 0], 33_333_333)
 
@@ -32,7 +32,7 @@ def test_a_phase_that_goes_around_is_not_drawn_through_the_middle() -> None:
 
 @given(st.floats(-2e7, 2e7), st.floats(-2e7, 2e7), st.sampled_from([1, 3, 5, 7, 9]))
 def test_a_later_phase_is_never_drawn_lower(one: float, other: float, height: int) -> None:
-    band = band_share(height)
+    band = band_fraction(height)
     low, high = sorted((one, other))
     assert 0 <= AXIS.place(low, band) <= AXIS.place(high, band) <= 1
     inside = abs(one) <= AXIS.tolerance_ns

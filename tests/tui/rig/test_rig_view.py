@@ -11,7 +11,7 @@ from capture_app.protocol.orders import RemoveCamera
 from capture_app.protocol.pairing import Invite
 from capture_app.tui.rig.camera_list import CameraList
 from capture_app.tui.rig.joining import large
-from capture_app.tui.rig.view import NewsPane
+from capture_app.tui.rig.view import LogPane
 from capture_app.tui.rig_record import RigRecord
 from tests.tui.driving import lines, make_app, settle, text, toasts
 from tests.tui.fake_rig import FakeRig, make_node
@@ -136,7 +136,7 @@ async def test_news_have_times_and_keep_their_words(utc: None) -> None:
         await settle(pilot)
         assert lines(app, "#news Lines") == ("22:13:21 · cam00 joined", "22:13:22 ! [red]lost cam04")
         await pilot.press("n")
-        assert isinstance(app.focused, NewsPane)
+        assert isinstance(app.focused, LogPane)
         await pilot.press("n")
         assert isinstance(app.focused, CameraList)
 

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 
 from capture_app.rig.taking import TakePlan
 from capture_app.tui.settings import Settings
-from capture_app.tui.shoot.plan import MOST_BEFORE, MOST_FRAMES, TakeMode, TakeSettings, stepped
+from capture_app.tui.shoot.plan import MAX_BEFORE, MAX_FRAMES, TakeMode, TakeSettings, stepped
 
 
 @given(st.integers(-5, 500), st.integers(-5, 500), st.integers(-9, 9), st.integers(-9, 9))
@@ -16,8 +16,8 @@ def test_a_plan_stays_within_what_a_leader_takes(frames: int, before: int, more:
     settings = TakeSettings(frames=frames, before=before)
     settings = settings.with_before(settings.before + more).with_after(settings.after + further)
     plan = settings.plan()
-    assert 1 <= plan.frames <= MOST_FRAMES
-    assert 0 <= plan.before <= min(MOST_BEFORE, plan.frames)
+    assert 1 <= plan.frames <= MAX_FRAMES
+    assert 0 <= plan.before <= min(MAX_BEFORE, plan.frames)
     assert settings.after == plan.frames - plan.before
 
 

@@ -14,7 +14,7 @@ from capture_app.tui.widgets.cells import (
     changed_spans,
     draw_cells,
     fitted_cells,
-    keep_what_looks_alike,
+    keep_equal_cells,
 )
 
 
@@ -110,7 +110,7 @@ def test_noise_is_not_sent_again_and_a_change_is() -> None:
     noisy[20:24, 10:14] = 255 - noisy[20:24, 10:14]
     new = draw_cells(noisy, Palette.TRUECOLOR)
     assert len(changed_spans(shown, new) or ()) == 24
-    kept = keep_what_looks_alike(shown, new, 12)
+    kept = keep_equal_cells(shown, new, 12)
     spans = changed_spans(shown, kept)
     assert spans is not None
     assert [span for span in spans if span[2] - span[1] >= 2] == [(10, 5, 7), (11, 5, 7)]
@@ -122,5 +122,5 @@ def test_noise_is_not_sent_again_and_a_change_is() -> None:
 def test_pictures_of_other_sizes_are_new(palette: Palette) -> None:
     small, large = draw_cells(scene(40, 24), palette), draw_cells(scene(80, 48), palette)
     assert changed_spans(small, large) is None
-    assert keep_what_looks_alike(small, large, 255) is large
+    assert keep_equal_cells(small, large, 255) is large
     assert changed_spans(large, draw_cells(scene(80, 48), palette)) == []

@@ -35,28 +35,28 @@ def of_state(
 
     `can_move`: its stream can be moved at all; `waits`: it must not be moved yet, because of other cameras.
     """
-    wanted_ns, time_map = keeper.target.wanted_ns, keeper.time_map
+    target_ns, time_map = keeper.target.target_ns, keeper.time_map
     error_ns = keeper.target.error_ns
     match state:
         case NodeState.JOINING:
             return "asks to join"
         case NodeState.SYNCING:
-            return syncing(keeper.clock.samples, keeper.schedule.synced_samples, error_ns, wanted_ns)
-        case NodeState.ALIGNING | NodeState.COARSE | NodeState.READY if odd := rate(keeper.rate, now_ns):
+            return syncing(keeper.clock.samples, keeper.schedule.synced_samples, error_ns, target_ns)
+        case NodeState.ALIGNING | NodeState.DEGRADED | NodeState.READY if odd := rate(keeper.rate, now_ns):
             return odd
         case NodeState.ALIGNING if keeper.target.met or time_map is None:
             return aligning(phase, settled=aligner.settled, corrections=aligner.corrections, waits=waits)
-        case NodeState.COARSE if keeper.target.met:
-            return aligner.window.coarseness
-        case NodeState.ALIGNING | NodeState.COARSE if (
-            time_map is not None and error_ns is not None and wanted_ns is not None
+        case NodeState.DEGRADED if keeper.target.met:
+            return aligner.window.degradation
+        case NodeState.ALIGNING | NodeState.DEGRADED if (
+            time_map is not None and error_ns is not None and target_ns is not None
         ):
             # With such a clock frames are aligned repeatedly: the clock is the cause in both states.
             own = keeper.map_to_leader
-            by_relay = own is not None and own.uncertainty_at(now_ns) <= wanted_ns
+            by_relay = own is not None and own.uncertainty_at(now_ns) <= target_ns
             if keeper.clock.longer_ns and not by_relay:
-                return f"{_sure_to(error_ns, wanted_ns)}: {way_longer(keeper.clock.longer_ns)}"
-            return coarse(error_ns, wanted_ns, time_map.round_trip_ns, by_relay=by_relay)
+                return f"{_sure_to(error_ns, target_ns)}: {path_delay_increased(keeper.clock.longer_ns)}"
+            return coarse(error_ns, target_ns, time_map.round_trip_ns, by_relay=by_relay)
         case NodeState.READY if not can_move:
             return off_grid(phase, aligner.window.asked_ns)
         case NodeState.READY:
@@ -64,14 +64,14 @@ def of_state(
     return ""
 
 
-def syncing(samples: int, needed: int, error_ns: float | None, wanted_ns: float | None) -> str:
+def syncing(samples: int, needed: int, error_ns: float | None, target_ns: float | None) -> str:
     """Describe the progress of the clock: samples counted, or its 95 % error and the requested one, in ns."""
-    if samples < needed or error_ns is None or wanted_ns is None:
+    if samples < needed or error_ns is None or target_ns is None:
         return f"measuring clock {samples}/{needed}"
-    return f"clock sure to ±{duration(error_ns)} so far, asked for ±{duration(wanted_ns)}"
+    return f"clock sure to ±{duration(error_ns)} so far, asked for ±{duration(target_ns)}"
 
 
-def coarse(error_ns: float, wanted_ns: float, round_trip_ns: int, *, by_relay: bool) -> str:
+def coarse(error_ns: float, target_ns: float, round_trip_ns: int, *, by_relay: bool) -> str:
     """Describe why a clock's 95 % error exceeds the requested one, and the remedy; times in ns.
 
     `by_relay`: the followed relay's own clock is no more accurate.
@@ -81,7 +81,7 @@ def coarse(error_ns: float, wanted_ns: float, round_trip_ns: int, *, by_relay: b
     remedy = "nearer the access point, a cable, or "
     if by_relay:
         why, remedy = "its relay knows the time no better", "bring the relay nearer to the leader, or "
-    elif wanted_ns < unseen_ns and error_ns < 2.0 * unseen_ns:
+    elif target_ns < unseen_ns and error_ns < 2.0 * unseen_ns:
         why = (
             f"even its quickest messages take {duration(round_trip_ns)} there and back,"
             " and none shows how unequal the two ways are"
@@ -92,11 +92,11 @@ def coarse(error_ns: float, wanted_ns: float, round_trip_ns: int, *, by_relay: b
     if round_trip_ns < NETWORK_NS and not by_relay:
         why, remedy = f"messages of {duration(round_trip_ns)} there and back are held up at times", "use "
     enough = f"--tolerance-us {_rounded_up(REMEDY_MARGIN * error_ns / 1000.0)}"
-    return f"{_sure_to(error_ns, wanted_ns)}: {why}; {remedy}{enough}"
+    return f"{_sure_to(error_ns, target_ns)}: {why}; {remedy}{enough}"
 
 
-def _sure_to(error_ns: float, wanted_ns: float) -> str:
-    return f"clock sure to ±{duration(error_ns)} only, asked for ±{duration(wanted_ns)}"
+def _sure_to(error_ns: float, target_ns: float) -> str:
+    return f"clock sure to ±{duration(error_ns)} only, asked for ±{duration(target_ns)}"
 
 
 def of_event(event: object) -> str:
@@ -106,8 +106,8 @@ def of_event(event: object) -> str:
             return "a clock was changed: synchronizing again"
         case clock_events.StepRefused():
             return step_refused(event.times)
-        case clock_events.WayLonger():
-            return way_longer(event.longer_ns)
+        case clock_events.PathDelayIncreased():
+            return path_delay_increased(event.longer_ns)
         case clock_events.ClockRateUnusual(fast_ppm) if fast_ppm is not None:
             return fast_clock(fast_ppm)
         case clock_events.ClockChanged():
@@ -115,7 +115,7 @@ def of_event(event: object) -> str:
     return ""
 
 
-def way_longer(longer_ns: float) -> str:
+def path_delay_increased(longer_ns: float) -> str:
     """Describe a path delay that has increased in one direction, or is back at its baseline (0)."""
     if not longer_ns:
         return "the way to the leader is again as long as before"

@@ -75,43 +75,43 @@ _OF_ERRNO = {
 
 
 async def find_obstacle(
-    leader: Address, patience_s: float = PROBE_TIMEOUT_S, *, trust: Trust | None = None
+    leader: Address, silence_s: float = PROBE_TIMEOUT_S, *, trust: Trust | None = None
 ) -> Obstacle | None:
     """Return what prevents a connection; None if the leader answers and both machines know each other.
 
-    Each of the two steps takes at most `patience_s`. `trust` is this end's, by default its user's.
+    Each of the two steps takes at most `silence_s`. `trust` is this end's, by default its user's.
     """
     try:
         family, address = await resolve(leader)
-        return await _find_obstacle(leader, family, address, patience_s, trust or Trust.of_user())
+        return await _find_obstacle(leader, family, address, silence_s, trust or Trust.of_user())
     except SimulshotError as error:
         return Obstacle(error.what, error.hint)
 
 
 async def _find_obstacle(
-    leader: Address, family: socket.AddressFamily, address: Address, patience_s: float, trust: Trust
+    leader: Address, family: socket.AddressFamily, address: Address, silence_s: float, trust: Trust
 ) -> Obstacle | None:
     datagrams, streams = asyncio.create_task(_ask(family, address)), asyncio.create_task(_open(address))
     try:
         # Only an answer is conclusive: after a refused stream, the reply datagram may still arrive.
-        await asyncio.wait((datagrams,), timeout=patience_s - LAST_S)
+        await asyncio.wait((datagrams,), timeout=silence_s - LAST_S)
         by_udp, version = datagrams.result() if datagrams.done() else (Answer.SILENCE, None)
         if by_udp is Answer.CAME and version != VERSION:
             what, _, remedy = version_mismatch(version or 0).partition(": ")
             return Obstacle(what, remedy)
-        await asyncio.wait((streams,), timeout=patience_s if by_udp is Answer.CAME else LAST_S)
+        await asyncio.wait((streams,), timeout=silence_s if by_udp is Answer.CAME else LAST_S)
         by_tcp = streams.result() if streams.done() else Answer.SILENCE
     finally:
         await end(datagrams, streams)
     if by_tcp is Answer.CAME and by_udp in (Answer.CAME, Answer.SILENCE):
         # A hung leader accepts streams, because its kernel does so, and sends nothing on them.
-        found = await _why_unknown(leader, address, trust, patience_s)
+        found = await _why_unknown(leader, address, trust, silence_s)
         if by_udp is Answer.CAME or (found is not None and SAYS_NOTHING in found.what):
             return found
     return obstacle(leader, by_udp, by_tcp, is_there=_is_neighbour_there(address.host))
 
 
-async def first_to_answer(leaders: Sequence[Address], patience_s: float = PROBE_TIMEOUT_S) -> Address | None:
+async def first_to_answer(leaders: Sequence[Address], silence_s: float = PROBE_TIMEOUT_S) -> Address | None:
     """Return the leader that answers first, whatever version it speaks; None if none does in time."""
 
     async def if_it_answers(leader: Address) -> Address | None:
@@ -122,7 +122,7 @@ async def first_to_answer(leaders: Sequence[Address], patience_s: float = PROBE_
 
     asked = [asyncio.create_task(if_it_answers(leader)) for leader in leaders]
     try:
-        for next_one in asyncio.as_completed(asked, timeout=patience_s):
+        for next_one in asyncio.as_completed(asked, timeout=silence_s):
             if (leader := await next_one) is not None:
                 return leader
     except TimeoutError:
@@ -183,7 +183,7 @@ def obstacle(leader: Address, by_udp: Answer, by_tcp: Answer, *, is_there: bool 
     )
 
 
-async def _why_unknown(leader: Address, address: Address, trust: Trust, patience_s: float) -> Obstacle | None:
+async def _why_unknown(leader: Address, address: Address, trust: Trust, silence_s: float) -> Obstacle | None:
     """Return an obstacle if the two machines are not paired, or the leader says nothing; else None.
 
     It is also None where pairing is not required.
@@ -191,8 +191,8 @@ async def _why_unknown(leader: Address, address: Address, trust: Trust, patience
     if trust.is_open:
         return None
     try:
-        async with asyncio.timeout(patience_s):
-            _, writer, _ = await open_identified(address, trust, as_stranger=False)
+        async with asyncio.timeout(silence_s):
+            _, writer, _ = await open_identified(address, trust, as_unknown=False)
     except TimeoutError:
         return Obstacle(f"the port of {leader} is open, but {SAYS_NOTHING}", WHAT_HANGS)
     except UnknownMachineError as error:

@@ -15,7 +15,7 @@ from capture_app.session.files.locks import lock_file
 T = TypeVar("T")
 
 
-class KeptFile(Generic[T]):
+class StateFile(Generic[T]):
     """Persistent value of type `T`; `empty` if the file does not exist."""
 
     def __init__(self, path: Path, kind: type[T], empty: T, if_damaged: str) -> None:

@@ -12,7 +12,7 @@ from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import connect
-from capture_app.net.reach import Answer, find_obstacle, first_to_answer, obstacle
+from capture_app.net.reachability import Answer, find_obstacle, first_to_answer, obstacle
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.sync.wire.codec import VERSION, version_mismatch
 from capture_app.trust.trust import Trust
@@ -40,12 +40,12 @@ async def a_leader(trust: Trust, *, first: int = 1) -> AsyncIterator[Address]:
 @pytest.mark.parametrize("first", [1, 3])
 async def test_nothing_is_in_the_way_to_a_leader_that_answers_even_if_not_at_once(first: int) -> None:
     async with a_leader(Trust.open(), first=first) as leader:
-        assert await find_obstacle(leader, patience_s=60.0) is None
+        assert await find_obstacle(leader, silence_s=60.0) is None
 
 
 async def test_a_leader_whose_streams_are_shut_out_is_told_from_one_that_is_reached() -> None:
     async with answering() as leader:
-        found = await find_obstacle(leader, patience_s=60.0)
+        found = await find_obstacle(leader, silence_s=60.0)
     assert found is not None
     assert "takes no stream" in found.what
     assert f"ufw allow {leader.port}/tcp" in found.remedy
@@ -53,25 +53,25 @@ async def test_a_leader_whose_streams_are_shut_out_is_told_from_one_that_is_reac
 
 async def test_a_stream_that_does_not_show_who_it_is_is_said_and_ends_nothing(tmp_path: Path) -> None:
     async with a_leader(Trust.open()) as open_leader:
-        found = await find_obstacle(open_leader, patience_s=60.0, trust=Trust(tmp_path))
+        found = await find_obstacle(open_leader, silence_s=60.0, trust=Trust(tmp_path))
     assert found is not None
     assert "does not show who it is" in found.what
 
 
 async def test_a_leader_of_another_version_is_told_from_none() -> None:
     async with answering(VERSION + 1) as leader:
-        found = await find_obstacle(leader, patience_s=60.0)
+        found = await find_obstacle(leader, silence_s=60.0)
     assert str(found) == version_mismatch(VERSION + 1)
 
 
 async def test_a_leader_and_a_machine_that_do_not_know_each_other_are_to_be_paired(tmp_path: Path) -> None:
     leader, node = Trust(tmp_path / "leader"), Trust(tmp_path / "node")
     async with a_leader(leader) as address:
-        neither = await find_obstacle(address, patience_s=60.0, trust=node)
+        neither = await find_obstacle(address, silence_s=60.0, trust=node)
         node.known.add(leader.identity.pin, Role.LEADER, name="leader")
-        not_the_node = await find_obstacle(address, patience_s=60.0, trust=node)
+        not_the_node = await find_obstacle(address, silence_s=60.0, trust=node)
         leader.known.add(node.identity.pin, Role.CAMERA, name="node", certificate=node.identity.certificate)
-        nothing = await find_obstacle(address, patience_s=60.0, trust=node)
+        nothing = await find_obstacle(address, silence_s=60.0, trust=node)
     assert neither is not None
     assert neither.what == f"this machine does not know the leader at {address}"
     assert not_the_node is not None
@@ -81,7 +81,7 @@ async def test_a_leader_and_a_machine_that_do_not_know_each_other_are_to_be_pair
 
 
 async def test_a_machine_without_a_leader_is_told_at_once() -> None:
-    found = await find_obstacle(closed_port(), patience_s=60.0)
+    found = await find_obstacle(closed_port(), silence_s=60.0)
     assert found is not None
     assert "127.0.0.1 is there, but no leader listens" in found.what
     assert "start it there with: capture-app" in found.remedy
@@ -95,12 +95,12 @@ async def test_a_name_that_no_machine_has_is_an_obstacle_too() -> None:
 
 async def test_of_several_leaders_the_one_that_answers_is_found() -> None:
     async with answering() as leader:
-        assert await first_to_answer([closed_port(), leader], patience_s=60.0) == leader
+        assert await first_to_answer([closed_port(), leader], silence_s=60.0) == leader
 
 
 async def test_where_no_leader_answers_none_is_found() -> None:
-    assert await first_to_answer([closed_port()], patience_s=0.05) is None
-    assert await first_to_answer([], patience_s=0.05) is None
+    assert await first_to_answer([closed_port()], silence_s=0.05) is None
+    assert await first_to_answer([], silence_s=0.05) is None
 
 
 @pytest.mark.parametrize(
@@ -158,7 +158,7 @@ async def test_a_port_that_is_open_and_silent_is_told_from_a_firewall(tmp_path: 
     datagrams, listening = bind_port("127.0.0.1", 0)
     address = Address("127.0.0.1", listening.getsockname()[1])
     try:
-        found = await find_obstacle(address, patience_s=1.5, trust=node)
+        found = await find_obstacle(address, silence_s=1.5, trust=node)
         with pytest.raises(NetworkError, match="is open, but nothing there says a word") as error:
             await connect(address, Ping, trust=node, timeout_s=0.5)
     finally:

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 _T = TypeVar("_T")
-MOST_BYTES = 1 << 30
+MAX_BYTES = 1 << 30
 """Maximum unpacked size of all arrays of a file, bytes."""
 
 
@@ -53,8 +53,8 @@ def read_arrays(path: Path) -> "dict[str, NDArray[np.generic]]":
         data = io.BytesIO(read_regular(path))
         with zipfile.ZipFile(data) as archive:
             size = sum(member.file_size for member in archive.infolist())
-        if size > MOST_BYTES:
-            raise ValueError(f"its arrays have {size} bytes, and {MOST_BYTES} at most are read")
+        if size > MAX_BYTES:
+            raise ValueError(f"its arrays have {size} bytes, and {MAX_BYTES} at most are read")
         with np.load(data, allow_pickle=False) as file:
             return {name: np.asarray(file[name]) for name in file.files}
     except OSError as error:

@@ -14,8 +14,8 @@ from capture_app.sync.rig.roster import MAX_CLIENTS, Member
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
 from capture_app.sync.wire.codec import WireError, encode
 from capture_app.sync.wire.messages import (
-    MOST_OTHERS,
-    MOST_REPORTS,
+    MAX_OTHERS,
+    MAX_REPORTS,
     ControlMessage,
     Goodbye,
     Heartbeat,
@@ -35,9 +35,9 @@ TOO_LONG = "what it tells of its camera is too long for a relay to pass on"
 class Uplink:
     """Members of a relay by the numbers that its parent assigned; clock-only nodes are left out."""
 
-    def __init__(self, relay: str, most_members: int = MAX_CLIENTS) -> None:
+    def __init__(self, relay: str, max_members: int = MAX_CLIENTS) -> None:
         """`relay` is the name of the relay."""
-        self._relay, self._most_members = relay, most_members
+        self._relay, self._max_members = relay, max_members
         self._has_parent = False
         self._numbers: dict[str, tuple[Member, int]] = {}
         self._members: dict[int, Member] = {}
@@ -47,7 +47,7 @@ class Uplink:
         rig."""
         self._reports: dict[int, Report] = {}
         """Newest unsent report of each member, by its number at the parent; longest waiting first."""
-        self._gone: dict[int, Report] = {}
+        self._lost: dict[int, Report] = {}
         """Last report of each earlier instance of a member, until the parent confirms that it no longer knows
         it."""
         self._told: dict[int, tuple[str, bool]] = {}
@@ -63,7 +63,7 @@ class Uplink:
         self._sum_due_ns, self._acks_due_ns = AT_ONCE_NS if has_parent else NEVER_NS, NEVER_NS
         for known in (self._numbers, self._members, self._introduced, self._refused, self._outbox):
             known.clear()
-        for told in (self._reports, self._gone, self._told, self._acks):
+        for told in (self._reports, self._lost, self._told, self._acks):
             told.clear()
 
     @property
@@ -93,7 +93,7 @@ class Uplink:
             if known is not member:
                 self.note_unknown(number)
             if known is not None and known.instance != member.instance:
-                self._gone[number] = known.report
+                self._lost[number] = known.report
             self.ask(Hello(member.name, member.instance, member.camera, member.via, member.pin))
         elif isinstance(message, Goodbye):
             self._send(Goodbye(number))
@@ -114,7 +114,7 @@ class Uplink:
         if now_ns >= self._acks_due_ns:
             self._acks_due_ns = NEVER_NS
             for (leader, burst, refusal), numbers in self._acks.items():
-                most = MOST_OTHERS // 4 if refusal else MOST_OTHERS
+                most = MAX_OTHERS // 4 if refusal else MAX_OTHERS
                 for i in range(0, len(numbers), most):
                     others = tuple(numbers[i + 1 : i + most])
                     self._send(TriggerAck(numbers[i], leader, burst, refusal, others))
@@ -127,11 +127,11 @@ class Uplink:
         """Send all changed states, and as many of the other reports as fit into one datagram."""
         # The parent confirms a lost or replaced member by answering that it is unknown.
         lost = {number: member.report for member, number in self._numbers.values() if member.lost}
-        gone = self._gone | lost
+        gone = self._lost | lost
         reports = self._reports | gone
         news = {n: r for n, r in reports.items() if n in gone or self._told.get(n) != _stage(r)}
         due = list((news | reports).items())
-        first, most = 0, MOST_REPORTS
+        first, most = 0, MAX_REPORTS
         while first < min(len(due), max(1, len(news))):
             while not self._send(MemberReports(tuple(due[first : first + most]))):
                 most //= 2
@@ -175,7 +175,7 @@ class Uplink:
         hello = self._introduced.pop(instance, None)
         if hello is None:
             return None
-        if len(self._refused) >= self._most_members:
+        if len(self._refused) >= self._max_members:
             self._refused.clear()
         self._refused[_who(hello)] = reason
         member = members.get(hello.name)
@@ -186,7 +186,7 @@ class Uplink:
 
     def note_unknown(self, number: int) -> None:
         """Note that the parent no longer knows a number: the member is announced again."""
-        for known in (self._reports, self._gone, self._told):
+        for known in (self._reports, self._lost, self._told):
             known.pop(number, None)
         member = self._members.pop(number, None)
         if member is not None and self._numbers.get(member.name) == (member, number):
@@ -194,7 +194,7 @@ class Uplink:
 
     def ask(self, hello: Hello) -> None:
         """Ask the parent whether a client may join; its answer overrides the owner of the name here."""
-        if len(self._introduced) >= self._most_members:
+        if len(self._introduced) >= self._max_members:
             # No answers, or made-up names: real clients send further hellos.
             self._introduced.clear()
         self._introduced[hello.instance] = hello

@@ -28,7 +28,7 @@ RELATIVE_DEPTH = 0.06
 
 
 @dataclass(frozen=True, eq=False)
-class CoarseScene:
+class RoughScene:
     """Points (n, 3) of the scene in the rig's frame, and nearest and farthest depth in its unit, by camera.
 
     A camera's points are those that it sees and its neighbours confirm, and its neighbours' in its image.
@@ -38,7 +38,7 @@ class CoarseScene:
     depth_ranges: Mapping[str, tuple[float, float]]
 
 
-def find_coarse_scene(images: Mapping[str, CalibratedImage]) -> CoarseScene:
+def find_rough_scene(images: Mapping[str, CalibratedImage]) -> RoughScene:
     """Match all cameras' small images with their neighbours', and return the confirmed points.
 
     Raises:
@@ -66,13 +66,13 @@ def find_coarse_scene(images: Mapping[str, CalibratedImage]) -> CoarseScene:
     if not points:
         raise _nothing_in_common(views, neighbours)
     depth_ranges = {name: _depth_range(views[name], found) for name, found in points.items()}
-    return CoarseScene(points, depth_ranges)
+    return RoughScene(points, depth_ranges)
 
 
 def choose_neighbours(overlaps: Mapping[str, ViewOverlap]) -> tuple[str, ...]:
     """Return the views with the most overlap with one over all depths, best first."""
     fit = [other for other, overlap in overlaps.items() if overlap.score >= MIN_SCORE and overlap.span[1] > 0]
-    return tuple(sorted(fit, key=lambda other: (-overlaps[other].usual_score, other))[:MAX_NEIGHBOURS])
+    return tuple(sorted(fit, key=lambda other: (-overlaps[other].typical_score, other))[:MAX_NEIGHBOURS])
 
 
 def _levels(source_views: Sequence[SourceView], spans: Sequence[tuple[float, float]]) -> Array:

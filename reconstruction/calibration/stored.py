@@ -35,7 +35,7 @@ class CameraMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     height: int
 
 
-class KeptCalibration(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+class StoredCalibration(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A stored calibration with its cameras' modes and the session it was made for."""
 
     modes: dict[str, CameraMode]
@@ -72,13 +72,13 @@ def keep_calibration(dataset: Dataset, calibration: Calibration) -> None:
             hint="--mark and --distance-m set it, or --scale-by-board",
         )
     manifest = dataset.session.manifest
-    kept = KeptCalibration(
+    kept = StoredCalibration(
         modes=modes, session=manifest.name, created=manifest.created, calibration=calibration
     )
     write_calibration(path, kept)
 
 
-def find_calibration(dataset: Dataset) -> KeptCalibration | None:
+def find_calibration(dataset: Dataset) -> StoredCalibration | None:
     """Return the newest stored calibration with the most of a session's cameras in their modes; at least two.
 
     Files that cannot be read are ignored.
@@ -105,7 +105,7 @@ def _path(modes: dict[str, CameraMode]) -> Path:
     return shelf() / f"{len(modes)}-cameras-{key}.json"
 
 
-def write_calibration(path: Path, calibration: Calibration | KeptCalibration) -> None:
+def write_calibration(path: Path, calibration: Calibration | StoredCalibration) -> None:
     """Write a calibration's file, creating its folder if necessary.
 
     Raises:
@@ -127,14 +127,14 @@ def camera_modes(dataset: Dataset) -> dict[str, CameraMode]:
     }
 
 
-def _read(path: Path) -> KeptCalibration | None:
+def _read(path: Path) -> StoredCalibration | None:
     try:
-        return msgspec.json.decode(path.read_bytes(), type=KeptCalibration)
+        return msgspec.json.decode(path.read_bytes(), type=StoredCalibration)
     except (OSError, msgspec.DecodeError, UnicodeDecodeError):
         return None
 
 
-def settle_calibration(dataset: Dataset) -> None:
+def choose_calibration(dataset: Dataset) -> None:
     """Check a session's own calibration against its images, or adopt its rig's stored one and say so.
 
     Imported recordings do not identify a rig and adopt none.

@@ -10,8 +10,8 @@ import msgspec
 
 from capture_app.common.address import Address
 from capture_app.common.text import duration
-from capture_app.protocol.status import BurstStatus, Level, NewsLine
-from capture_app.sync.rig import events, node_message
+from capture_app.protocol.status import BurstStatus, Level, LogLine
+from capture_app.sync.rig import events, status_text
 from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.timekeeping import clock_events
 from capture_app.sync.timekeeping.rates import HostOffRate
@@ -24,11 +24,11 @@ _NODE_LINES = {
     "forgotten": "forgot {0.name}, which was lost",
     "refused": "refused {0.name} {0.where}: {0.reason}",
 }
-KEPT = 500
+MAX_LOG_LINES = 500
 
 
 @dataclass(frozen=True, slots=True)
-class FollowerNews:
+class FollowerEvent:
     """Event of one follower, or of all of them, as a line for people."""
 
     name: str | None
@@ -37,11 +37,11 @@ class FollowerNews:
     """Whether it needs attention."""
 
 
-News = events.LeaderEvent | HostOffRate | DatagramsRefused | BurstStatus | FollowerNews
+RigEvent = events.LeaderEvent | HostOffRate | DatagramsRefused | BurstStatus | FollowerEvent
 """Events that a leader logs: nodes and phones that come and go, clock problems, damaged seals, and bursts."""
 
 
-def news_line(news: News) -> str:
+def event_line(news: RigEvent) -> str:
     """Return a line for people about an event; empty if it is not worth a line."""
     match news:
         case events.NodeChanged(change="moved"):
@@ -52,7 +52,7 @@ def news_line(news: News) -> str:
             return f"burst {news.burst}: without {news.name}: {news.refusal}" if news.refusal else ""
         case HostOffRate():
             return off_rate_line(news)
-        case FollowerNews():
+        case FollowerEvent():
             return news.line
         case DatagramsRefused():
             return str(news)
@@ -65,11 +65,11 @@ def off_rate_line(off: HostOffRate) -> str:
     if not off.fast_ppm:
         return f"the clock of {off.name or 'the leader'} runs at its usual rate again"
     if off.certain:
-        return node_message.slewing(off.name or "the leader's host", off.fast_ppm)
+        return status_text.slewing(off.name or "the leader's host", off.fast_ppm)
     against = "the leader's" if off.ambiguous else "all others"
     perhaps = " (or so it is with the leader's)" if off.ambiguous else ""
     return (
-        f"the clock of {off.name or 'the leader'} runs {node_message.fast_or_slow(off.fast_ppm)} against"
+        f"the clock of {off.name or 'the leader'} runs {status_text.fast_or_slow(off.fast_ppm)} against"
         f" {against}: its NTP daemon is slewing it, or it is a virtual machine{perhaps}"
     )
 
@@ -79,15 +79,15 @@ def follower_line(event: TimeClientEvent, parent: Address) -> str:
     match event:
         case events.Joined():
             return f"joined {parent}"
-        case events.LeaderNews("lost"):
+        case events.LeaderNotice("lost"):
             return f"lost {parent} ({event.text}): in holdover"
-        case events.LeaderNews("said"):
+        case events.LeaderNotice("said"):
             return f"{parent} says: {event.text}"
-        case events.LeaderNews():
+        case events.LeaderNotice():
             return f"{parent} refused this relay: {event.text}"
         case clock_events.ClockSynced():
             return f"ready: clock error at most {duration(event.time_map.hard_bound_ns)}"
-    return node_message.of_event(event)
+    return status_text.of_event(event)
 
 
 def burst_line(burst: BurstStatus) -> str:
@@ -101,12 +101,12 @@ def burst_line(burst: BurstStatus) -> str:
     return so_far + where + (f"; {burst.message}" if burst.message else "")
 
 
-def _is_warning(news: News) -> bool:
+def _is_warning(news: RigEvent) -> bool:
     """Whether an event needs attention."""
     match news:
         case events.NodeChanged():
             return news.change in ("lost", "refused")
-        case FollowerNews():
+        case FollowerEvent():
             return news.is_warning
         case HostOffRate():
             return bool(news.fast_ppm)
@@ -115,7 +115,7 @@ def _is_warning(news: News) -> bool:
     return True
 
 
-def news_record(news: News) -> dict[str, object]:
+def event_record(news: RigEvent) -> dict[str, object]:
     """Return the fields of an event for its line of JSON."""
     match news:
         case events.NodeChanged(name, change, reason, where):
@@ -151,7 +151,7 @@ class Log:
         """
         self.show, self._record = show, record
         self.name = name
-        self._lines: deque[NewsLine] = deque(maxlen=KEPT)
+        self._lines: deque[LogLine] = deque(maxlen=MAX_LOG_LINES)
 
     def say(self, text: str, *, camera: str | None = None, level: Level = "info") -> None:
         """Add a line, about that camera or the log's node, and show it."""
@@ -165,9 +165,9 @@ class Log:
             return
         # The calendar clock may be set back.
         unix_ns = time.time_ns() if last is None else max(time.time_ns(), last.unix_ns + 1)
-        self._lines.append(NewsLine(unix_ns=unix_ns, text=text, camera=camera, level=level))
+        self._lines.append(LogLine(unix_ns=unix_ns, text=text, camera=camera, level=level))
 
-    def after(self, unix_ns: int) -> tuple[NewsLine, ...]:
+    def after(self, unix_ns: int) -> tuple[LogLine, ...]:
         """Return the lines later than a time, oldest first."""
         return tuple(line for line in self._lines if line.unix_ns > unix_ns)
 
@@ -176,12 +176,12 @@ class Log:
         text = f"{name or 'leader'}: {problem or 'its disk can be used again'}"
         self.say(text, camera=name, level="warning" if problem else "info")
 
-    def note(self, news: News) -> None:
+    def note(self, news: RigEvent) -> None:
         """Show an event and add it to the log, except a burst's progress, which is in every status."""
-        text, camera = news_line(news), None if isinstance(news, BurstStatus) else news.name
+        text, camera = event_line(news), None if isinstance(news, BurstStatus) else news.name
         if text and (not isinstance(news, BurstStatus) or news.done):
             self.add(text, camera=camera, level="warning" if _is_warning(news) else "info")
         if text:
             self.show(text)
         if self._record is not None:
-            self._record(news_record(news))
+            self._record(event_record(news))

@@ -24,7 +24,7 @@ ADVANCE_BYTES = 1 << 18
 
 
 @dataclass(slots=True)
-class CameraShare:
+class CameraDelivery:
     """One camera's part of a burst and its progress; times in ns of the leader's clock."""
 
     plan: CameraPlan

@@ -62,7 +62,7 @@ async def _watch(leader: Address, rig: "RigStatus", as_json: bool) -> None:
             # A new connection first receives older events.
             case LogLine() if update.unix_ns >= began_ns:
                 if as_json:
-                    print_json_line({"event": "news", **to_builtins(update)})
+                    print_json_line({"event": "log", **to_builtins(update)})
                 else:
                     print_line(f"{_clock_time(update.unix_ns)} {update.text}")
             case LinkLost():

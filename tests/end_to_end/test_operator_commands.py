@@ -59,7 +59,7 @@ async def test_a_camera_is_started_looked_at_and_removed(start: Start, tmp_path:
     events = [await watching.next_json()]
     while events[-1].get("text") != "desk joined":
         events.append(await watching.next_json())
-    assert (events[-1]["event"], events[-1]["camera"]) == ("news", "desk")
+    assert (events[-1]["event"], events[-1]["camera"]) == ("log", "desk")
     assert await watching.stop() == 130
     assert "burst 7 is not under way" in await refusal(ExitCode.BAD_INPUT, "burst", "--cancel", "7")
 

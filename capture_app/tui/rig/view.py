@@ -45,8 +45,8 @@ class LogPane(VerticalScroll, can_focus=True):
 
     def __init__(self, record: RigRecord) -> None:
         self._record, self._lines = record, Lines()
-        super().__init__(self._lines, id="news")
-        self.border_title = "news"
+        super().__init__(self._lines, id="log")
+        self.border_title = "log"
 
     def draw(self) -> None:
         """Draw the log."""
@@ -66,7 +66,7 @@ class RigView(ModeView):
             "delete,d", "remove", "Remove camera", id="rig.remove", tooltip="end it, or forget a lost one"
         ),
         Binding("a", "add", "Add cameras", id="rig.add", tooltip="start or invite more"),
-        Binding("n", "news", "News", id="rig.news", tooltip="scroll in what happened"),
+        Binding("n", "log", "Log", id="rig.log", tooltip="scroll through the log"),
         Binding(
             "p", "panel", "Panel", id="rig.panel", tooltip="check the rig by a clock that all cameras see"
         ),
@@ -207,7 +207,7 @@ class RigView(ModeView):
         """Return whether an action is available, given the visible panel and the focus."""
         if action == "remove":
             return self._cameras.has_focus
-        if action in ("add", "news", "panel", "phones", "invite"):
+        if action in ("add", "log", "panel", "phones", "invite"):
             return self._cameras.display
         if action == "start":
             return bool(self._record.lost) and self._local

@@ -76,14 +76,14 @@ async def test_keys_are_changed_in_a_file_that_help_writes(tmp_path: Path) -> No
         assert path.read_text() == keys_file_text()
         assert any("is there already" in toast for toast in toasts(app))
     lines = path.read_text().splitlines()
-    (line,) = (line for line in lines if "rig.news" in line)
+    (line,) = (line for line in lines if "rig.log" in line)
     path.write_text(line.replace("# ", "", 1).replace('"n"', '"z"') + '\n"rig.dance" = "y"\n')
     app = make_app(FakeRig(5), settings=Settings.load(tmp_path))
     async with app.run_test(size=(80, 24), notifications=True) as pilot:
         await settle(pilot)
         assert toasts(app) == ["keys.toml names actions that do not exist: rig.dance"]
         await pilot.press("z")
-        assert app.focused is app.screen.query_one("#news")
+        assert app.focused is app.screen.query_one("#log")
 
 
 @pytest.mark.parametrize(("key", "stopped"), [("l", False), ("s", True)])

@@ -24,7 +24,7 @@ async def test_from_the_first_screen_to_a_camera_and_its_end(tmp_path: Path) -> 
             await until(lambda: "○ no camera" in text(app, "#header"))
             await pilot.press("s")
             await until(lambda: "cam00" in text(app, "#cameras-rows"))
-            await until(lambda: "cam00 joined" in text(app, "#news Lines"))
+            await until(lambda: "cam00 joined" in text(app, "#log Lines"))
             await pilot.press("enter")
             await until(lambda: isinstance(app.screen, CameraScreen))
             await until(lambda: "exchange" in str(app.screen.query_one("#camera-wedge").border_title))

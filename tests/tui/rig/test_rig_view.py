@@ -120,7 +120,7 @@ async def test_a_lost_camera_is_removed_by_a_key_and_one_elsewhere_is_not() -> N
         await pilot.press("end", "delete")
         await settle(pilot)
         assert "cam03 is back" in toasts(app)
-        assert "✖ cam03 is back" in text(app, "#news Lines")
+        assert "✖ cam03 is back" in text(app, "#log Lines")
 
 
 async def test_news_have_times_and_keep_their_words(utc: None) -> None:
@@ -134,7 +134,7 @@ async def test_news_have_times_and_keep_their_words(utc: None) -> None:
         await settle(pilot)
         await pilot.press("1")
         await settle(pilot)
-        assert lines(app, "#news Lines") == ("22:13:21 · cam00 joined", "22:13:22 ! [red]lost cam04")
+        assert lines(app, "#log Lines") == ("22:13:21 · cam00 joined", "22:13:22 ! [red]lost cam04")
         await pilot.press("n")
         assert isinstance(app.focused, LogPane)
         await pilot.press("n")

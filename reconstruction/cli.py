@@ -47,7 +47,7 @@ class _Application(click.Group):
 )
 @click.version_option(__version__, prog_name="reconstruct")
 def app() -> None:
-    """Compute depth and panoramas from a session, and measure what synchronization does for them."""
+    """Compute depth and panoramas from a session, and measure the effect of synchronization on them."""
 
 
 for command in (

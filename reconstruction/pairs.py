@@ -47,12 +47,12 @@ class Features:
     descriptors: Array
     contrast: Array
 
-    def at_rest(self, movers: Array) -> "Features":
+    def at_rest(self, moving: Array) -> "Features":
         """Return the features of clear contrast outside a mask (bool) of the full image."""
-        last = movers.shape[1] - 1, movers.shape[0] - 1
+        last = moving.shape[1] - 1, moving.shape[0] - 1
         columns, rows = np.floor(self.positions + 0.5).astype(int).clip(0, last).T
-        kept = (self.contrast >= CLEAR_CONTRAST) & ~movers[rows, columns]
-        return Features(self.positions[kept], self.descriptors[kept], self.contrast[kept])
+        still = (self.contrast >= CLEAR_CONTRAST) & ~moving[rows, columns]
+        return Features(self.positions[still], self.descriptors[still], self.contrast[still])
 
 
 def size_above_features(width: int, height: int) -> float:
@@ -133,13 +133,13 @@ def fit_homography(
     """Fit the homography of two cameras to matched static points (n, 2); None if nothing fits."""
     if len(at_a) < MIN_MATCHES:
         return None
-    matrix, kept = cv2.findHomography(
+    matrix, inliers = cv2.findHomography(
         at_a.reshape(-1, 1, 2), at_b.reshape(-1, 1, 2), cv2.USAC_MAGSAC, 4.0, maxIters=5000, confidence=0.999
     )
-    if matrix is None or int(kept.sum()) < MIN_MATCHES or abs(np.linalg.det(matrix)) < 1e-9:
+    if matrix is None or int(inliers.sum()) < MIN_MATCHES or abs(np.linalg.det(matrix)) < 1e-9:
         return None
     overlap = _overlap(np.linalg.inv(matrix), size_b, size_a)
-    return Homography(np.asarray(matrix), overlap, int(kept.sum()), len(at_a))
+    return Homography(np.asarray(matrix), overlap, int(inliers.sum()), len(at_a))
 
 
 def _overlap(into: Array, size: tuple[int, int], frame: tuple[int, int]) -> float:
@@ -196,8 +196,8 @@ def canvas_bounds(reference: View, other: View) -> tuple[Array, Array]:
     Raises:
         ValueError: the pair cannot be rectified, or its canvas is too large; the message has sizes.
     """
-    turn, _, length, _ = rectifying_rotations(reference, other)
-    rays = reference.rays(reference.border()) @ turn.T
+    rotation, _, length, _ = rectifying_rotations(reference, other)
+    rays = reference.rays(reference.border()) @ rotation.T
     aside = (
         f"baseline {length:.3g}, viewing directions {angle_deg(reference.axis, other.axis):.0f} degrees apart"
     )
@@ -258,9 +258,9 @@ def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]
 
 def describe_left_out(left_out: Mapping[str, str]) -> str:
     """Describe why pairs are left out, naming at most `MAX_REPORTED` pairs."""
-    told = [f"{pair}: {why}" for pair, why in list(left_out.items())[:MAX_REPORTED]]
+    listed = [f"{pair}: {why}" for pair, why in list(left_out.items())[:MAX_REPORTED]]
     more = [f"and {len(left_out) - MAX_REPORTED} more pairs"] if len(left_out) > MAX_REPORTED else []
-    return "; ".join(told + more)
+    return "; ".join(listed + more)
 
 
 def _stereo_score(a: View, b: View, points_a: Features, points_b: Features) -> tuple[float, str] | None:
@@ -271,11 +271,11 @@ def _stereo_score(a: View, b: View, points_a: Features, points_b: Features) -> t
     rotation, translation = other_from_reference(a, b)
     normals = np.cross(translation, rays_a @ rotation.T)
     off = np.abs((rays_b * normals).sum(1)) / np.maximum(np.linalg.norm(normals[:, :2], axis=1), 1e-12)
-    kept = off * b.focal < EPIPOLAR_PX
-    if kept.sum() < MIN_MATCHES:
+    inliers = off * b.focal < EPIPOLAR_PX
+    if inliers.sum() < MIN_MATCHES:
         return None
-    parallax = float(np.median(angles_deg(rays_a[kept] @ rotation.T, rays_b[kept])))
-    shared = len(grid_cells(at_a[kept], a.width, a.height)) / CELLS
+    parallax = float(np.median(angles_deg(rays_a[inliers] @ rotation.T, rays_b[inliers])))
+    shared = len(grid_cells(at_a[inliers], a.width, a.height)) / CELLS
     ahead = abs(float(a.axis @ (b.centre - a.centre))) / float(np.linalg.norm(b.centre - a.centre))
     angle = angle_deg(a.axis, b.axis)
     score = shared * (1 - np.exp(-parallax / 1.5)) * np.exp(-((parallax / BEST_PARALLAX_DEG) ** 2))
@@ -306,7 +306,7 @@ def choose_panorama_pair(points: Mapping[str, Features], sizes: Mapping[str, tup
         if score > best:
             best, choice = score, PairChoice((a, b), f"{100 * found.overlap:.0f} % overlap")
     if overlaps and choice.cameras is None:
-        least = f"{100 * min(overlaps):.0f} % or more"
-        why = f"the cameras show too much of the same ({least}) for a panorama to show anything new"
+        smallest = f"{100 * min(overlaps):.0f} % or more"
+        why = f"the cameras show too much of the same ({smallest}) for a panorama to show anything new"
         return PairChoice(None, why)
     return choice

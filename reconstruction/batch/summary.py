@@ -131,7 +131,7 @@ def _unit(row: Row) -> report.Row:
 
 def _figures(row: Row | Group) -> list[report.Cell]:
     error = row.median_error_pct
-    words = [wording.share(getattr(row, name)) for name in SHARES]
+    words = [wording.percentage(getattr(row, name)) for name in SHARES]
     words.append(wording.NOT_AVAILABLE if error is None else f"{error:.2f}{wording.GAP}%")
     words.append(wording.number(row.fused_points))
     return [report.Cell(text) for text in words]

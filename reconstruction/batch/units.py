@@ -115,8 +115,8 @@ def remove_leftovers(root: Path) -> None:
         clear_leftovers(folder)
 
 
-def _require_free_bytes(root: Path, least: int) -> None:
-    if shutil.disk_usage(root).free < least:
+def _require_free_bytes(root: Path, required: int) -> None:
+    if shutil.disk_usage(root).free < required:
         raise DiskFullError(f"the disk of {root} is full", hint="free some space, then repeat the command")
 
 

@@ -258,10 +258,10 @@ def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:
         pixels = max(w * h * s**2 for (w, h), s in zip(sizes, shrunk, strict=True))
         return float(pixels * FEATURE_BYTES_PER_PIXEL)
 
-    scale = memory_budget().fit_scale("the features of a picture", bytes_at, share=FEATURE_FRACTION)
+    scale = memory_budget().fit_scale("the features of a picture", bytes_at, fraction=FEATURE_FRACTION)
     options.max_image_size = max(1, int(min(limit, max(map(max, sizes))) * scale)) if scale < 1 else limit
     cores = len(os.sched_getaffinity(0))
-    options.num_threads = memory_budget().fit_count(bytes_at(scale), cores, share=FEATURE_FRACTION)
+    options.num_threads = memory_budget().fit_count(bytes_at(scale), cores, fraction=FEATURE_FRACTION)
     return options
 
 

@@ -97,7 +97,7 @@ def batch(
     if code is not ExitCode.OK:
         failure = SimulshotError(
             f"{result.failed} of {len(result.units)} failed",
-            hint="mend what the lines above say and repeat the command: only those are computed again",
+            hint="fix what the lines above report, then repeat the command: it computes only what failed",
         )
         if not result.failed:
             reasons = dict.fromkeys(row.not_applicable for row in result.units)

@@ -25,12 +25,12 @@ def board(file: Path, page: str, board: CharucoBoard | Checkerboard, as_json: bo
     """Write a ChArUco board to FILE (.pdf or .svg) to print at true size and calibrate with.
 
     By default it is the board that `reconstruct calibrate` and `capture-app coverage` expect. A bar on the
-    page shows whether the printer kept the size. The whole way is in docs/calibration.md.
+    page shows whether the printer kept the size. docs/calibration.md shows all steps.
     """
     from capture_app.board.printing import board_page, calibrate_options, to_pdf, to_svg
 
     if not isinstance(board, CharucoBoard):
-        raise click.BadParameter("it prints boards with markers only", param_hint="--dictionary")
+        raise click.BadParameter("only boards with markers can be printed", param_hint="--dictionary")
     formats = {".pdf": to_pdf, ".svg": to_svg}
     write = formats.get(file.suffix.lower())
     if write is None:
@@ -41,7 +41,7 @@ def board(file: Path, page: str, board: CharucoBoard | Checkerboard, as_json: bo
     except OSError as error:
         raise SimulshotError(f"cannot write {file}: {error.strerror or error}") from error
     options = calibrate_options(board)
-    told = {
+    summary = {
         "file": str(file),
         "squares": board.shape,
         "square_mm": 1000 * board.square_m,
@@ -52,4 +52,4 @@ def board(file: Path, page: str, board: CharucoBoard | Checkerboard, as_json: bo
     lines = [str(file), "print it at 100 %, and measure the bar below the board: it is 100 mm long"]
     if options:
         lines.append(f"give these options to calibrate and coverage: {' '.join(options)}")
-    answer(as_json, told, lines)
+    answer(as_json, summary, lines)

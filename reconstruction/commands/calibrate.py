@@ -43,9 +43,9 @@ def _parse_mark(text: str) -> Mark:
     "source",
     default="sfm",
     metavar="sfm|board|kept|session|PATH",
-    help="sfm: from static features of the burst. board (or charuco): from a board. kept: the one kept of "
-    "the rig. session: check the one it has. PATH: that of another session of the same cameras, or any that "
-    "`capture-app sessions import --calibration` takes.",
+    help="sfm: from static features of the burst. board (or charuco): from a board. kept: the calibration "
+    "stored for this rig. session: check the session's own. PATH: from another session of these cameras, or "
+    "any file that `capture-app sessions import --calibration` takes.",
 )
 @click.option(
     "--recording",
@@ -73,7 +73,7 @@ def _parse_mark(text: str) -> Mark:
     type=FiniteRange(5.0, 175.0),
     metavar="DEG",
     show_default="from EXIF, else unknown",
-    help="For sfm: how wide the cameras see, from the left to the right edge.",
+    help="For sfm: the cameras' horizontal field of view.",
 )
 @click.option(
     "--mark",
@@ -81,36 +81,36 @@ def _parse_mark(text: str) -> Mark:
     type=_parse_mark,
     multiple=True,
     metavar="CAMERA=X1,Y1,X2,Y2",
-    help="Pixels of two points in a camera's picture, whose distance sets the scale. Give it for two cameras "
-    "or more.",
+    help="Pixels of two points in a camera's picture, whose distance sets the scale. At least two cameras "
+    "need it.",
 )
 @click.option(
     "--distance-m",
     type=FiniteRange(min=0, min_open=True, max=1e5),
     metavar="M",
-    help="How far apart the two points of --mark are, in metres.",
+    help="Distance between the two points of --mark, in metres.",
 )
 @click.option(
     "--vertical",
     is_flag=True,
     help="The two points of --mark are one above the other, the first on the ground: it becomes the origin, "
-    "z is up.",
+    "and z points up.",
 )
 @click.option(
     "--ground",
     type=click.Path(path_type=Path),
     metavar="SESSION",
-    help="Session, or SESSION itself, in which the board lies on the ground: that becomes z = 0, z is up, in "
-    "metres.",
+    help="Session, or SESSION itself, in which the board is flat on the ground. The ground becomes z = 0, z "
+    "points up, and the unit is the metre.",
 )
-@click.option("--scale-by-board", is_flag=True, help="Set the scale by the board, where SESSION shows it.")
+@click.option("--scale-by-board", is_flag=True, help="Set the scale by the board that SESSION shows.")
 @click.option("--coverage", is_flag=True, help="Only show what the board has covered, and what is missing.")
 @click.option("--replace", "force", is_flag=True, help="Replace an earlier calibration of the session.")
 @click.option(
     "--keep/--no-keep",
     default=None,
-    show_default="keep if --from is sfm or board, or the scale or ground is set",
-    help="Keep the calibration for later sessions of the same cameras in the same modes.",
+    show_default="store if --from is sfm or board, or the scale or ground is set",
+    help="Store the calibration for later sessions of the same cameras in the same modes.",
 )
 @memory_option
 @checksums_option
@@ -127,18 +127,16 @@ def calibrate(
 ) -> None:
     """Calibrate the cameras of SESSION, check the result and save it in the session.
 
-    docs/calibration.md shows the whole way, from the board to print (reconstruct board) on.
+    docs/calibration.md shows all steps, beginning with the board to print (reconstruct board).
     """
     from reconstruction.calibration.command import CalibrateOptions, cover
     from reconstruction.calibration.command import calibrate as run
     from reconstruction.calibration.sources import CalibrationSource
 
     if bool(marks) != (distance_m is not None or vertical):
-        raise click.UsageError(
-            "--mark belongs together with --distance-m or --vertical: two points and what is known of them"
-        )
+        raise click.UsageError("--mark needs --distance-m or --vertical, and both need --mark")
     if vertical and chosen["ground"] is not None:
-        raise click.UsageError("give either --vertical or --ground: both say where the ground is")
+        raise click.UsageError("give only one of --vertical and --ground: both define the ground")
     if source not in set(CalibrationSource) and not Path(source).exists():
         raise click.BadParameter(
             f"{source!r} is not one of {', '.join(CalibrationSource)}, and no such file or folder exists",
@@ -165,24 +163,24 @@ def _summary(result: "CalibrateResult") -> Iterator[str]:
     if result.missing:
         yield f"without calibration: {', '.join(result.missing)}"
     if quality.reprojection_error_px is None or quality.triangulation_angle_deg is None:
-        yield "the cameras share too little that stands still to judge it here"
+        yield "the cameras share too few static points to check it here"
     else:
         yield (
             f"reprojection error {quality.reprojection_error_px:.2f} px, triangulation angle "
             f"{quality.triangulation_angle_deg:.1f} degrees, {100 * quality.inlier_share:.0f} % inliers "
             f"of {quality.points} points"
         )
-    for name, share in quality.coverage.items():
-        yield f"{name}: points in {100 * share:.0f} % of the picture"
+    for name, fraction in quality.coverage.items():
+        yield f"{name}: points in {100 * fraction:.0f} % of the picture"
     if result.check is not None and result.check.error_px is not None:
         yield f"{result.check}: points at rest fit within {result.check.error_px:.1f} px"
     for line in result.board.missing if result.board else ():
-        yield f"would make it better: {line}"
+        yield f"to improve it: {line}"
     if result.unit == "arbitrary":
-        yield "its scale is unknown: --mark and --distance-m set it, --scale-by-board or --ground"
+        yield "its scale is unknown; --mark with --distance-m, --scale-by-board or --ground sets it"
     yield "saved in the session" if result.stored else "the session has this calibration already"
     if result.kept:
-        yield "kept for later sessions of these cameras"
+        yield "stored for later sessions of these cameras"
 
 
 def _coverage_lines(found: "BoardCoverage") -> Iterator[str]:

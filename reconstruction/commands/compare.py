@@ -33,7 +33,7 @@ class _CompareCommand(click.Command):
             type=click.Choice(plugin_names(GROUP)),
             multiple=True,
             show_default="all",
-            help="Make this study and those that it needs. Repeat for several.",
+            help="Make only this study and the studies it needs. Repeat for several.",
         )
         own = [one for study in installed_studies() for one in options.study_options(study.Options)]
         params = super().get_params(ctx)
@@ -51,7 +51,7 @@ class _CompareCommand(click.Command):
     type=FiniteRange(min=0, min_open=True, max=MAX_OFFSET_MS),
     metavar="MS",
     default=DEFAULT_OFFSET_MS,
-    help="How late the second camera of a pair is, rounded to whole frames.",
+    help="Delay of the second camera of a pair, rounded to whole frames.",
 )
 @options.max_instants_option
 @options.time_shift_option
@@ -62,20 +62,20 @@ class _CompareCommand(click.Command):
     metavar="CONDITION",
     multiple=True,
     callback=_refuse_synced,
-    help=f"Compare with this condition too. Repeat for several. {options.OFFSETS_HELP}",
+    help=f"Also compare with this condition. Repeat for several. {options.OFFSETS_HELP}",
 )
 @click.option(
     "--against",
     type=click.Path(path_type=Path),
     metavar="SESSION",
-    help="Compare with another session of the same cameras too, such as one without synchronization.",
+    help="Also compare with another session of the same cameras, such as one without synchronization.",
 )
 @options.out_option
 @options.memory_option
 @options.checksums_option
 @json_option
 def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
-    """Compare synchronized images of SESSION with images that are some time apart.
+    """Compare synchronized images of SESSION with images taken at different times.
 
     Writes metrics.json, pictures and a self-explanatory report.html to the --out folder.
     """

@@ -69,7 +69,7 @@ def _parse_all_or_some(text: str) -> tuple[int, ...]:
     "--instants",
     type=_parse_all_or_some,
     metavar="all|K-L,M,...",
-    help="A cloud of each of these instants instead of one; run again, it goes on where it was stopped.",
+    help="Compute a cloud of each of these instants instead of one. A stopped run can be resumed.",
 )
 @click.option(
     "--condition",
@@ -83,20 +83,16 @@ def _parse_all_or_some(text: str) -> tuple[int, ...]:
     "--mesh/--no-mesh",
     default=None,
     show_default="mesh; no mesh with --instants or --quick",
-    help="Also compute a mesh, and render that of a single instant.",
+    help="Also compute a mesh and, for a single instant, a picture of it.",
 )
-@click.option("--quick", is_flag=True, help="Half the time: thin parts and edges are less exact.")
+@click.option("--quick", is_flag=True, help="Take half the time; thin parts and edges are less accurate.")
 @click.option(
-    "--page", is_flag=True, help="Also write a page on which the cloud of one instant is turned by hand."
+    "--page", is_flag=True, help="Also write a page with an interactive 3D view of one instant's cloud."
 )
-@click.option(
-    "--calibrated", is_flag=True, help="Refuse where no calibration of the rig is known that holds."
-)
-@click.option("--depth", is_flag=True, help="With --instants, keep the depth maps, too.")
-@click.option(
-    "--whole", is_flag=True, help="With --instants, sweep what stands still again for every instant."
-)
-@click.option("--rrd", is_flag=True, help="With --instants, also write a recording that Rerun plays.")
+@click.option("--calibrated", is_flag=True, help="Refuse to run without a valid calibration of the rig.")
+@click.option("--depth", is_flag=True, help="With --instants, also save the depth maps.")
+@click.option("--whole", is_flag=True, help="With --instants, match the still scene again at every instant.")
+@click.option("--rrd", is_flag=True, help="With --instants, also write a recording for Rerun.")
 @options.time_shift_option
 @options.out_option
 @options.memory_option
@@ -124,11 +120,11 @@ def multiview(
     from reconstruction.session.dataset import Dataset
 
     if instants is not None and chosen["page"]:
-        raise click.UsageError("--page is for one instant")
+        raise click.UsageError("--page shows one instant: leave out --instants")
     if instants is None and (depth or whole or rrd):
-        raise click.UsageError("--depth, --whole and --rrd are for --instants")
+        raise click.UsageError("--depth, --whole and --rrd need --instants")
     if instants is not None and ctx.get_parameter_source("instant") is not click.core.ParameterSource.DEFAULT:
-        raise click.UsageError("--instant is one, --instants are many: leave one out")
+        raise click.UsageError("give either --instant or --instants")
     if chosen["mesh"] is None:
         chosen["mesh"] = instants is None and not chosen["quick"]
     dataset = Dataset.open(session, chosen["time_shifts_ms"])
@@ -136,7 +132,7 @@ def multiview(
     if instants is not None:
         from reconstruction.multiview.sequence import SequenceOptions, model_sequence
 
-        wanted = SequenceOptions(
+        sequence_options = SequenceOptions(
             instants=instants or None,
             condition=condition,
             each=MultiviewOptions(**chosen),
@@ -144,7 +140,7 @@ def multiview(
             whole=whole,
             recording=rrd,
         )
-        _show_sequence(model_sequence(session, out, wanted, Progress(1)), out, as_json)
+        _show_sequence(model_sequence(session, out, sequence_options, Progress(1)), out, as_json)
         return
     from reconstruction.multiview.instant_model import multiview as run
 
@@ -165,8 +161,10 @@ def _show_sequence(result: "SequenceResult", out: Path, as_json: bool) -> None:
     for one in result.instants:
         if one.reason:
             talk(f"instant {one.instant} has no cloud: {one.reason}")
-    kept = f", {result.kept} of them made before" if result.kept else ""
-    lines = [f"{count(result.clouds, 'cloud')}{kept} in {result.seconds:.1f} s"]
+    reused = f", {result.kept} of them reused" if result.kept else ""
+    lines = [f"{count(result.clouds, 'cloud')}{reused} in {result.seconds:.1f} s"]
     if result.mover_f_score_1cm is not None:
-        lines.append(f"movers: F {result.mover_f_score_1cm:.2f} at 1 cm, the middle of all instants")
+        lines.append(
+            f"moving objects: F-score {result.mover_f_score_1cm:.2f} at 1 cm, median of the instants"
+        )
     answer(as_json, result, [*lines, f"result: {out}"])

@@ -18,11 +18,13 @@ from reconstruction.commands.options import checksums_option, memory_option, out
 def movers(session: Path, out: Path, as_json: bool) -> None:
     """Write masks of what moves in SESSION's pictures: white in DIR/CAMERA/INSTANT.png.
 
-    What moves is seen by a still camera's pictures of other instants; the masks are a few pixels wider.
+    Motion is found by comparing a still camera's pictures of several instants; masks are a few pixels wider.
     """
     from reconstruction.session.dataset import Dataset
     from reconstruction.session.motion import SceneMotion, write_masks
 
     result = write_masks(SceneMotion(Dataset.open(session), step=1), out)
-    moving = (f"{camera}: {100 * share:.1f} % of its pixels move" for camera, share in result.moving.items())
+    moving = (
+        f"{camera}: {100 * fraction:.1f} % of its pixels move" for camera, fraction in result.moving.items()
+    )
     answer(as_json, result, [*moving, f"{result.masks} masks: {out}"])

@@ -22,9 +22,9 @@ MAX_INSTANTS = 1_000_000
 CONDITION = ParsedType("condition", Condition.parse)
 """Type of a condition: the delay of each camera's images; see `CONDITION_HELP`."""
 OFFSETS_HELP = (
-    "MS: every second camera is late by this much. MS,MS,...: each camera is late by this much, in the "
-    "session's order. CAMERA=MS,...: the named cameras are late. "
-    f"{DISTINCT}: each camera is late by a different one of {', '.join(f'{ms:g}' for ms in DISTINCT_MS)} ms, "
+    "MS: delay of every second camera. MS,MS,...: delay of each camera, in the session's order. "
+    "CAMERA=MS,...: delay of the named cameras. "
+    f"{DISTINCT}: a different delay for each camera out of {', '.join(f'{ms:g}' for ms in DISTINCT_MS)} ms, "
     "drawn for each instant."
 )
 CONDITION_HELP = f"{SYNCED}: images of the same instant. {OFFSETS_HELP}"
@@ -83,7 +83,7 @@ def memory_option(command: Callable[..., None]) -> Callable[..., None]:
         type=ParsedType("size", parse_size),
         metavar="SIZE",
         show_default="half of what is free, at most 3 GiB",
-        help="Memory for pictures and dense work, as in 800MB or 8GB; what takes more is made smaller.",
+        help="Memory for pictures and dense work, as in 800MB or 8GB. Larger work is reduced in size.",
     )
     @wraps(command)
     def limited(*arguments: Any, memory: int | None, **options: Any) -> None:
@@ -101,7 +101,7 @@ def checksums_option(command: Callable[..., None]) -> Callable[..., None]:
     @click.option(
         "--require-checksums",
         is_flag=True,
-        help="Refuse pictures whose bytes are not those that were saved, rather than name them.",
+        help="Refuse pictures that changed since they were saved, instead of only naming them.",
     )
     @wraps(command)
     def checked(*arguments: Any, require_checksums: bool, **options: Any) -> None:
@@ -146,8 +146,8 @@ def _parse_matcher(ctx: click.Context, param: click.Parameter, value: str) -> "M
 MATCHER: dict[str, Any] = {
     "type": click.Choice(["auto", "sweep", "patchmatch"]),
     "callback": _parse_matcher,
-    "help": "What finds depth from all cameras: sweep runs on the CPU, patchmatch is COLMAP's and needs an "
-    "NVIDIA GPU; auto is sweep, which finds more.",
+    "help": "Method for depth from all cameras. sweep runs on the CPU; patchmatch is COLMAP's and needs an "
+    "NVIDIA GPU. auto is sweep, which finds more.",
 }
 matcher_option = click.option("--matcher", default="auto", **MATCHER)
 max_instants_option = click.option(
@@ -155,7 +155,7 @@ max_instants_option = click.option(
     type=click.IntRange(min=1),
     metavar="N",
     default=16,
-    help="Use at most this many instants, of those at which something moves.",
+    help="Use at most this many of the instants at which something moves.",
 )
 
 
@@ -181,7 +181,7 @@ time_shift_option = click.option(
     metavar="CAMERA=MS",
     multiple=True,
     callback=_parse_time_shifts,
-    help="Add this to the times of a camera, and pair its images anew. Repeat for several.",
+    help="Add this to a camera's times, and pair its images again. Repeat for several.",
 )
 out_option = click.option(
     "--out", type=click.Path(path_type=Path), metavar="DIR", required=True, help="Folder for the results."

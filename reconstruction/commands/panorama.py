@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     "--offset-ms",
     type=FiniteRange(min=0, min_open=True, max=MAX_OFFSET_MS),
     metavar="MS",
-    help="Also make the panorama with every second camera late by this much.",
+    help="Also stitch with every second camera delayed by this much.",
 )
 @time_shift_option
 @out_option
@@ -52,15 +52,15 @@ def panorama(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any
 
     result = run(sources, out, PanoramaOptions(**options))
     made = result.synced
-    sides = [("" if result.offset is None else ", synchronized", made)]
+    conditions = [("" if result.offset is None else ", synchronized", made)]
     if result.offset is not None:
-        sides.append((f", {result.actual_offset_ms:.0f} ms late", result.offset))
+        conditions.append((f", {result.actual_offset_ms:.0f} ms late", result.offset))
     lines = [
         f"panorama of {count(len(result.used), 'image')}, {made.width}x{made.height} pixels",
         *(f"left out: {name}: {why}" for name, why in result.left_out.items()),
         *(
-            f"misfit where images overlap{which}: {_misalignment_text(one.misfit, one.mover_misfit)}"
-            for which, one in sides
+            f"residual where images overlap{which}: {_misalignment_text(one.misfit, one.mover_misfit)}"
+            for which, one in conditions
             if one.misfit.median_px is not None
         ),
         f"picture: {out / made.panorama}",
@@ -73,6 +73,6 @@ def _misalignment_text(misfit: "Misalignment", moving: "Misalignment | None") ->
     if moving is None or not moving.points + moving.lost:
         return text
     if moving.median_px is None:
-        return f"{text}; what moves is not found again at any of {moving.lost} points"
-    lost = f", and lost at {moving.lost}" if moving.lost else ""
-    return f"{text}; what moves, {moving.median_px:.1f} px at {moving.points} points{lost}"
+        return f"{text}; moving objects lost at all {moving.lost} points"
+    lost = f", lost at {moving.lost}" if moving.lost else ""
+    return f"{text}; moving objects {moving.median_px:.1f} px at {moving.points} points{lost}"

@@ -23,34 +23,34 @@ if TYPE_CHECKING:
     "--reference",
     metavar="CAMERA",
     show_default="chosen automatically",
-    help="The camera that the others are measured against.",
+    help="Camera against which the others are measured.",
 )
 @click.option(
     "--apply",
     is_flag=True,
-    help="Give a recording without common times those that were measured; its images are paired anew.",
+    help="Set the measured times of a recording without common times, and pair its images again.",
 )
 @memory_option
 @checksums_option
 @json_option
 def time_command(session: Path, reference: str | None, apply: bool, as_json: bool) -> None:
-    """Measure how late each camera of SESSION is, by a lamp that blinks, or by what moves in its pictures.
+    """Measure the time offset of each camera of SESSION, by a blinking lamp or by motion in its pictures.
 
-    An offset is what --time-shift-ms adds to the camera's times to mend it. Of a recording without common
-    times it is looked for however large it is, with the rate. A torch that blinks eight times before all
-    cameras also tells how long their rows take.
+    Pass an offset to --time-shift-ms of other commands to correct it. In a recording without common times,
+    offsets of any size and clock rates are measured. A torch that blinks eight times in front of all cameras
+    also gives the time between their rows.
     """
     from reconstruction.time_offsets.session_offsets import measure_times
 
     result = measure_times(session, reference, apply=apply)
-    aligned = f"{session}: aligned by what moves" if result.applied else ""
+    aligned = f"{session}: aligned by motion" if result.applied else ""
     answer(as_json, result, filter(None, (*_lines(result), aligned)))
 
 
 def _lines(result: "TimeResult") -> Iterator[str]:
     for name, found in result.cameras.items():
         if found.offset_ms is None or found.sd_ms is None:
-            yield f"{name}: cannot be told: {found.reason}"
+            yield f"{name}: unknown: {found.reason}"
         elif name == result.reference:
             yield f"{name}: the reference"
         else:

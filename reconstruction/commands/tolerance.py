@@ -29,7 +29,7 @@ if TYPE_CHECKING:
     type=FiniteRange(min=0, min_open=True, max=1e4),
     metavar="MS",
     default=DEFAULT_OFFSET_MS,
-    help="Largest offset to measure, in steps of one frame, as far as the burst allows.",
+    help="Largest delay to measure, in steps of one frame, as far as the burst allows.",
 )
 @pair_option("--pair", "stereo", use="depth")
 @max_instants_option
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
 @checksums_option
 @json_option
 def tolerance(session: Path, out: Path | None, as_json: bool, **options: Any) -> None:
-    """Measure how late one camera may be before the motion in SESSION spoils the depth."""
+    """Measure the delay of one camera at which the motion in SESSION spoils the depth."""
     from reconstruction.compare.tolerance import ToleranceOptions
     from reconstruction.compare.tolerance import measure_tolerance as run
 

@@ -44,8 +44,8 @@ def gain_and_bias_of_shades(a: Array, b: Array) -> tuple[float, float]:
     """
     if a.size < 700:
         return 1.0, 0.0
-    mine, wanted = (np.percentile(one[::7], (5, 25, 50, 75, 95)) for one in (b, a))
+    mine, target = (np.percentile(one[::7], (5, 25, 50, 75, 95)) for one in (b, a))
     if np.ptp(mine) < 4:
         return 1.0, 0.0
-    gain = float(np.clip(np.polyfit(mine, wanted, 1)[0], 0.5, 2.0))
-    return gain, float(np.mean(wanted - gain * mine))
+    gain = float(np.clip(np.polyfit(mine, target, 1)[0], 0.5, 2.0))
+    return gain, float(np.mean(target - gain * mine))

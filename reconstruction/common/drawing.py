@@ -65,20 +65,20 @@ def draw_rows(left: Array, right: Array, rows: list[int]) -> Array:
 
 
 def box_around(
-    mask: Array, *, spare: float = 0.4, aspect: float = 4 / 3, least: int = 64, most: float = 1.0
+    mask: Array, *, spare: float = 0.4, aspect: float = 4 / 3, min_px: int = 64, max_fraction: float = 1.0
 ) -> tuple[int, ...]:
     """Return left, top, right, bottom (px) of a box with margins around the largest region of a mask.
 
-    The box has a fixed aspect ratio. `spare` is the margin as a fraction of the region's size, `most` the
-    maximum fraction of the picture's width.
+    The box has a fixed aspect ratio. `spare` is the margin as a fraction of the region's size, `max_fraction`
+    the maximum fraction of the picture's width.
     """
     height, width = mask.shape
     count, _, stats, _ = cv2.connectedComponentsWithStats(mask.astype(np.uint8))
     if count < 2:
         return 0, 0, width, height
     x, y, w, h, _ = (int(v) for v in stats[1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))])
-    wide = max(w * (1 + 2 * spare), aspect * h * (1 + 2 * spare), least)
-    wide = min(wide, width * most, height * aspect)
+    wide = max(w * (1 + 2 * spare), aspect * h * (1 + 2 * spare), min_px)
+    wide = min(wide, width * max_fraction, height * aspect)
     tall = wide / aspect
     left = int(np.clip(x + w / 2 - wide / 2, 0, width - wide))
     top = int(np.clip(y + h / 2 - tall / 2, 0, height - tall))
@@ -94,10 +94,10 @@ def enlarge_crop(picture: Array, box: tuple[int, ...], *, smooth: bool = True) -
     return np.asarray(cv2.resize(part, None, fx=scale, fy=scale, interpolation=how))
 
 
-def box_of_max_weight(weight: Array, share: float, aspect: float = 4 / 3) -> tuple[int, ...]:
-    """Return left, top, right, bottom of the box with the most weight; `share`: its part of the width."""
+def box_of_max_weight(weight: Array, fraction: float, aspect: float = 4 / 3) -> tuple[int, ...]:
+    """Return left, top, right, bottom of the box with the most weight; `fraction`: its part of the width."""
     height, width = weight.shape
-    wide = int(min(width * share, height * aspect))
+    wide = int(min(width * fraction, height * aspect))
     tall = int(wide / aspect)
     sums = cv2.integral(weight.astype(np.float64))
     held = sums[tall:, wide:] - sums[:-tall, wide:] - sums[tall:, :-wide] + sums[:-tall, :-wide]

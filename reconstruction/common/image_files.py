@@ -35,8 +35,8 @@ def read_image(path: Path, size: tuple[int, int] | None = None, data: bytes | No
     found = image_size(path, data)
     reduction = 1
     if size is not None:
-        least = min(max(found) / max(size), min(found) / min(size))
-        reduction = max([1, *(factor for factor in REDUCTIONS if factor <= least)])
+        ratio = min(max(found) / max(size), min(found) / min(size))
+        reduction = max([1, *(factor for factor in REDUCTIONS if factor <= ratio)])
     # Only JPEG is decoded at a smaller size; other formats are decoded whole.
     is_jpeg = path.suffix.lower() in (".jpg", ".jpeg", ".mjpeg")
     decoded = 3 * found[0] * found[1] / (reduction**2 if is_jpeg else 1)

@@ -26,7 +26,7 @@ _UNLIMITED = 1 << 62
 DEFAULT_FRACTION = 0.5
 """Fraction of the free memory at the start of a command that is the default budget."""
 MAX_BY_DEFAULT = 3 << 30
-"""Maximum default budget, bytes; it keeps results from depending on how much memory is free."""
+"""Maximum default budget, bytes; results do not depend on the free memory above it."""
 MIN_BYTES = 128 << 20
 SCALE_STEP = 2**-0.25
 MIN_SCALE = 1 / 16
@@ -48,7 +48,7 @@ def _machine_memory() -> int:
 
 def _group_memory() -> int:
     """Return the control group's remaining memory, as in a container or SLURM job; cached files are free."""
-    least = _UNLIMITED
+    lowest = _UNLIMITED
     for limit, usage, root in (
         ("memory.max", "memory.current", Path("/sys/fs/cgroup")),
         ("memory.limit_in_bytes", "memory.usage_in_bytes", Path("/sys/fs/cgroup/memory")),
@@ -56,8 +56,8 @@ def _group_memory() -> int:
         for folder in _group_folders(root):
             with suppress(OSError, ValueError):
                 used = int((folder / usage).read_text()) - _cached_files(folder / "memory.stat")
-                least = min(least, int((folder / limit).read_text()) - used)
-    return least
+                lowest = min(lowest, int((folder / limit).read_text()) - used)
+    return lowest
 
 
 def _group_folders(root: Path) -> list[Path]:
@@ -108,21 +108,21 @@ class MemoryBudget:
         """Note a change due to the budget, for the user and the result."""
         self._notes[text] = None
 
-    def fit_scale(self, what: str, bytes_at: Callable[[float], float], *, share: float = 1.0) -> float:
-        """Return the largest scale, at most 1, at which `what` fits into `share` of the budget.
+    def fit_scale(self, what: str, bytes_at: Callable[[float], float], *, fraction: float = 1.0) -> float:
+        """Return the largest scale, at most 1, at which `what` fits into `fraction` of the budget.
 
         `bytes_at` returns the memory for a scale of the images' sides.
 
         Raises:
             BadInputError: even a sixteenth of its size takes more.
         """
-        limit, scale = share * self.limit_bytes, 1.0
+        limit, scale = fraction * self.limit_bytes, 1.0
         while bytes_at(scale) > limit:
             scale *= SCALE_STEP
             if scale < MIN_SCALE:
                 raise BadInputError(
                     f"{what} takes {gigabytes(bytes_at(1.0))} of memory, and {gigabytes(limit)} may be used",
-                    hint="--memory gives it more",
+                    hint="give it more with --memory",
                 )
         if scale < 1.0:
             self.note(
@@ -131,9 +131,9 @@ class MemoryBudget:
             )
         return scale
 
-    def fit_count(self, bytes_each: float, most: int, *, share: float = 1.0) -> int:
-        """Return how many items of this size fit into `share` of the budget at once: 1 to `most`."""
-        return max(1, min(most, int(share * self.limit_bytes // max(bytes_each, 1.0))))
+    def fit_count(self, bytes_each: float, max_count: int, *, fraction: float = 1.0) -> int:
+        """Return the number of such items that fit into `fraction` of the budget; 1 to `max_count`."""
+        return max(1, min(max_count, int(fraction * self.limit_bytes // max(bytes_each, 1.0))))
 
 
 def memory_budget() -> MemoryBudget:
@@ -189,22 +189,22 @@ class ByteCache:
         self._make = make
         self._limit_bytes = limit_bytes
         self._bytes = 0
-        self._kept: OrderedDict[tuple[Hashable, ...], Array] = OrderedDict()
+        self._cached: OrderedDict[tuple[Hashable, ...], Array] = OrderedDict()
         self._lock = threading.Lock()
 
     def __call__(self, *key: Hashable) -> "Array":
         """Return the array of a key, cached or computed."""
         with self._lock:
-            if key in self._kept:
-                self._kept.move_to_end(key)
-                return self._kept[key]
+            if key in self._cached:
+                self._cached.move_to_end(key)
+                return self._cached[key]
         made = self._make(*key)
         with self._lock:
-            if key not in self._kept:
-                self._kept[key] = made
+            if key not in self._cached:
+                self._cached[key] = made
                 self._bytes += made.nbytes
-            # The newest stays whatever its size, as it is requested again at once.
-            while self._bytes > self._limit_bytes and len(self._kept) > 1:
-                _, dropped = self._kept.popitem(last=False)
+            # The newest stays whatever its size: it is requested again at once.
+            while self._bytes > self._limit_bytes and len(self._cached) > 1:
+                _, dropped = self._cached.popitem(last=False)
                 self._bytes -= dropped.nbytes
         return made

@@ -70,7 +70,7 @@ def unexpected_error(error: Exception) -> SimulshotError:
     where = f"{Path(frames[-1].filename).name}:{frames[-1].lineno}" if frames else "an unknown place"
     return SimulshotError(
         f"unexpected {type(error).__name__} in {where}: {_first_words(error)}",
-        hint=f"this is a fault of the program; {TRACEBACK}=1 in the environment shows all of it",
+        hint=f"this is a bug; set {TRACEBACK}=1 in the environment to see the traceback",
     )
 
 
@@ -118,7 +118,7 @@ def _guarded(function: Any, library: str) -> Any:
 
 _lock = threading.Lock()
 _silenced = 0
-_kept: dict[int, int] = {}
+_originals: dict[int, int] = {}
 """While output is silenced: standard streams, and duplicates of their original targets."""
 
 
@@ -130,7 +130,7 @@ def silenced_output() -> Iterator[None]:
         _silenced += 1
         if _silenced == 1:
             _flush()
-            _kept.update(_silence(1, 2))
+            _originals.update(_silence(1, 2))
     try:
         yield
     finally:
@@ -150,22 +150,22 @@ def claim_stdout() -> None:
 
 
 def _silence(*streams: int) -> dict[int, int]:
-    kept = {}
+    original = {}
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in streams:
         # A closed stream stays closed.
         with suppress(OSError):
-            kept[stream] = os.dup(stream)
+            original[stream] = os.dup(stream)
             os.dup2(nowhere, stream)
     os.close(nowhere)
-    return kept
+    return original
 
 
 def _restore() -> None:
-    for stream, kept in _kept.items():
-        os.dup2(kept, stream)
-        os.close(kept)
-    _kept.clear()
+    for stream, original in _originals.items():
+        os.dup2(original, stream)
+        os.close(original)
+    _originals.clear()
 
 
 def _flush() -> None:

@@ -18,5 +18,5 @@ def track_there_and_back(
     window = (window_px, window_px)
     there, found, _ = cv2.calcOpticalFlowPyrLK(a, b, start, None, winSize=window, maxLevel=levels)
     back, returned, _ = cv2.calcOpticalFlowPyrLK(b, a, there, None, winSize=window, maxLevel=levels)
-    away = np.linalg.norm((back - start).reshape(-1, 2), axis=1)
-    return there.reshape(-1, 2), np.where((found.ravel() > 0) & (returned.ravel() > 0), away, np.inf)
+    drift = np.linalg.norm((back - start).reshape(-1, 2), axis=1)
+    return there.reshape(-1, 2), np.where((found.ravel() > 0) & (returned.ravel() > 0), drift, np.inf)

@@ -22,7 +22,7 @@ SWEEP_BYTES = 400 << 20
 def worker_count() -> int:
     """Return one worker per core, limited by half of the memory budget."""
     cores = len(os.sched_getaffinity(0))
-    return memory_budget().fit_count(SWEEP_BYTES, min(MAX_WORKERS, cores), share=0.5)
+    return memory_budget().fit_count(SWEEP_BYTES, min(MAX_WORKERS, cores), fraction=0.5)
 
 
 def _adopt(context: Context) -> None:

@@ -93,9 +93,11 @@ def extract_blank_part(image: CalibratedImage) -> BlankPart:
     small = resize_view(view, round(view.width * scale), round(view.height * scale))
     size = small.width, small.height
     weight = mask.astype(np.float32)
-    share = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
-    shade = cv2.resize(weight * image.grey, size, interpolation=cv2.INTER_AREA) / np.maximum(share, 1e-3)
-    there = share > MIN_BLANK
+    blank_fraction = cv2.resize(weight, size, interpolation=cv2.INTER_AREA)
+    shade = cv2.resize(weight * image.grey, size, interpolation=cv2.INTER_AREA) / np.maximum(
+        blank_fraction, 1e-3
+    )
+    there = blank_fraction > MIN_BLANK
     # The bilateral filter ignores values this far from every shade.
     outside = np.where(there, shade, np.float32(-1e4)).astype(np.float32)
     shades = SAME_SHADE * float(np.sqrt(image.noise)) / 3
@@ -123,8 +125,8 @@ class ScenePlane(NamedTuple):
     def inverse_depth_gradient(self, view: View) -> Array:
         """Return the vector (3,) whose product with a view's ray (x, y, 1) is the plane's inverse depth."""
         normal = view.rotation @ self.normal
-        away = self.distance + float(normal @ view.translation)
-        return np.asarray(normal / (away if abs(away) > 1e-9 else 1e-9), np.float32)
+        distance = self.distance + float(normal @ view.translation)
+        return np.asarray(normal / (distance if abs(distance) > 1e-9 else 1e-9), np.float32)
 
     def off(self, points: SurfacePoints) -> Array:
         """Return the relative depth errors (n,) of points to the plane, along the rays that saw them."""
@@ -133,9 +135,9 @@ class ScenePlane(NamedTuple):
 
 def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array) -> SurfacePoints:
     """Return points and normals of a view's surface where it is evident (bool height x width)."""
-    usual = float(np.median(inverse_depth))
+    typical = float(np.median(inverse_depth))
     known = np.where(evident, inverse_depth, np.float32(-1e6))
-    level, right, down = CPU.fit_planes(known, 3 * TOLERANCE * usual, radius=NORMAL_RADIUS_PX, rounds=3)
+    level, right, down = CPU.fit_planes(known, 3 * TOLERANCE * typical, radius=NORMAL_RADIUS_PX, rounds=3)
     facing = surface_normals(level, right, down, image.rays)
     rows, columns = np.nonzero(evident)
     pixels = np.column_stack([columns, rows]).astype(float)
@@ -145,14 +147,14 @@ def sample_surface(image: CalibratedImage, inverse_depth: Array, evident: Array)
     return SurfacePoints(*(part.astype(np.float32) for part in (places, normals, centres)))
 
 
-def find_scene_planes(samples: Iterable[SurfacePoints], least: int) -> list[ScenePlane]:
-    """Find planes that contain at least `least` of all points, largest first."""
+def find_scene_planes(samples: Iterable[SurfacePoints], min_points: int) -> list[ScenePlane]:
+    """Find planes that contain at least `min_points` of all points, largest first."""
     left = SurfacePoints(*(np.concatenate(part) for part in zip(*samples, strict=True)))
     found: list[ScenePlane] = []
-    while len(found) < MAX_PLANES and len(left.places) >= least:
+    while len(found) < MAX_PLANES and len(left.places) >= min_points:
         plane = _best_supported(left)
         off = plane.off(left)
-        if np.count_nonzero(off < TOLERANCE) < least:
+        if np.count_nonzero(off < TOLERANCE) < min_points:
             break
         found.append(plane)
         # Points just beside it would give the same plane again.
@@ -174,15 +176,15 @@ def _best_supported(points: SurfacePoints) -> ScenePlane:
 
 def _refined(plane: ScenePlane, points: SurfacePoints) -> ScenePlane:
     """Refine a plane by repeated least squares through the points on it."""
-    for reach in ROUNDS:
-        close = _selected(points, plane.off(points) < reach * TOLERANCE)
+    for factor in ROUNDS:
+        close = _selected(points, plane.off(points) < factor * TOLERANCE)
         on = SurfacePoints(*(part.astype(float) for part in close))
         if len(on.places) < 3:
             break
         weights = 1 / np.maximum(np.abs(plane.distance - on.centres @ plane.normal), 1e-9) ** 2
         middle = np.average(on.places, axis=0, weights=weights)
-        spread = on.places - middle
-        normal = np.linalg.eigh((spread * weights[:, None]).T @ spread)[1][:, 0]
+        deviations = on.places - middle
+        normal = np.linalg.eigh((deviations * weights[:, None]).T @ deviations)[1][:, 0]
         plane = ScenePlane(normal, float(normal @ middle))
     return plane
 
@@ -232,8 +234,8 @@ def choose_planes(
         seen &= (level > low) & (level < high)
         if number == AS_FOUND:
             there = there & seen
-        alike = [np.abs(level - other) < SAME_BRIGHTNESS * other for other in levels[1:number]]
-        cost = cost + np.float32(SAME_BRIGHTNESS_COST) * np.any(alike, axis=0) if alike else cost
+        same_shade = [np.abs(level - other) < SAME_BRIGHTNESS * other for other in levels[1:number]]
+        cost = cost + np.float32(SAME_BRIGHTNESS_COST) * np.any(same_shade, axis=0) if same_shade else cost
         cost = np.where(there, np.where(seen, np.minimum(cost, 1.0), 1.0), 0.5)
         np.multiply(cost, WORST_COST, out=volume[:, number, :], casting="unsafe")
     number = CPU.aggregate(volume, part.shade, CHANGE, CHANGE).argmin(1)
@@ -291,13 +293,13 @@ def _continue_to_edges(planes: tuple[Array, Array, Array], image: CalibratedImag
     """
     weight = mask.astype(np.float32)
     window = 2 * RIM_PX + 1, 2 * RIM_PX + 1
-    share = cv2.blur(weight, window)
-    shade = cv2.blur(weight * image.grey, window) / np.maximum(share, 1e-6)
-    alike = np.abs(image.grey - shade) < LIKE_SHADE * float(np.sqrt(image.noise)) / 3
-    away, nearest = cv2.distanceTransformWithLabels(
+    blank_fraction = cv2.blur(weight, window)
+    shade = cv2.blur(weight * image.grey, window) / np.maximum(blank_fraction, 1e-6)
+    same_shade = np.abs(image.grey - shade) < LIKE_SHADE * float(np.sqrt(image.noise)) / 3
+    distance, nearest = cv2.distanceTransformWithLabels(
         (~mask).astype(np.uint8), cv2.DIST_L2, 5, labelType=cv2.DIST_LABEL_PIXEL
     )
-    rows, columns = np.nonzero(~mask & alike & (away <= RIM_PX) & (share > 0))
+    rows, columns = np.nonzero(~mask & same_shade & (distance <= RIM_PX) & (blank_fraction > 0))
     places = np.zeros((int(nearest.max()) + 1, 2), int)
     places[nearest[mask]] = np.column_stack(np.nonzero(mask))
     from_row, from_column = places[nearest[rows, columns]].T
@@ -319,7 +321,7 @@ def fit_blank_walls(
 ) -> dict[str, Surface]:
     """Return the views' surfaces with planes in blank areas where wide windows prefer them.
 
-    The planes are those that contain many points of all views.
+    Candidates are the planes that contain many points of all views.
     """
     names = list(surfaces)
     parts = dict(zip(names, pool.map(extract_blank_part, (images[name] for name in names)), strict=True))
@@ -339,16 +341,16 @@ def fit_blank_walls(
         return [near, sample_surface(part.image, wide.inverse_depth, part.there & (wide.cost < EVIDENT_WIDE))]
 
     samples = [one for found in pool.map(sample, names) for one in found]
-    least = round(MIN_FRACTION * float(np.mean([part.there.size for part in parts.values()])))
-    planes = find_scene_planes(samples, least)
+    min_points = round(MIN_FRACTION * float(np.mean([part.there.size for part in parts.values()])))
+    planes = find_scene_planes(samples, min_points)
 
-    def settle(name: str) -> Surface:
+    def choose_surface(name: str) -> Surface:
         part = parts[name]
         found = _shrunk(surfaces[name].inverse_depth, part.image)
         choice = choose_planes(part, sources_of(name), found, planes, depth_ranges[name])
         return lay_planes(surfaces[name], images[name], part.mask, choice)
 
-    return dict(zip(names, pool.map(settle, names), strict=True))
+    return dict(zip(names, pool.map(choose_surface, names), strict=True))
 
 
 def _shrunk(part: Array, image: CalibratedImage) -> Array:

@@ -98,14 +98,14 @@ class SourceView:
         self.source = source
         rotation, translation = other_from_reference(reference.view, source.view)
         self.rotation, self.translation = rotation, translation
-        self._turn = source.view.matrix @ rotation
+        self._pixel_from_ray = source.view.matrix @ rotation
         self.shift = source.view.matrix @ translation
         """Change of a source pixel's homogeneous coordinates with inverse depth (3,)."""
 
     def plane_warp(self, inverse_depth: float) -> Array:
         """Return the homography (3x3) from reference to source pixels over a fronto-parallel plane."""
-        turn = self._turn + np.outer(self.shift, [0, 0, inverse_depth])
-        return np.asarray(turn @ np.linalg.inv(self.reference.view.matrix))
+        over_plane = self._pixel_from_ray + np.outer(self.shift, [0, 0, inverse_depth])
+        return np.asarray(over_plane @ np.linalg.inv(self.reference.view.matrix))
 
     @property
     def numbers(self) -> Array:
@@ -121,7 +121,9 @@ class SourceView:
         """
         few = every > 1
         xs, ys, zs = (
-            self._rotate_rays(self.reference.rays[:, ::every, ::every]) if few else self._turned[:, rows]
+            self._rotate_rays(self.reference.rays[:, ::every, ::every])
+            if few
+            else self._rays_in_source[:, rows]
         )
         shift = self.shift.astype(np.float32)
         z = zs + shift[2] * inverse_depth
@@ -133,8 +135,8 @@ class SourceView:
         back = -self.rotation.T @ self.translation
         inverse = np.linalg.inv(self.source.view.matrix)
         ray = np.stack([inverse[0, 0] * x + inverse[0, 2], inverse[1, 1] * y + inverse[1, 2]])
-        turn = self.rotation.T.astype(np.float32)
-        direction = [turn[i, 0] * ray[0] + turn[i, 1] * ray[1] + turn[i, 2] for i in range(3)]
+        rotation = self.rotation.T.astype(np.float32)
+        direction = [rotation[i, 0] * ray[0] + rotation[i, 1] * ray[1] + rotation[i, 2] for i in range(3)]
         far = np.maximum(np.abs(direction[2]), 1e-3)
         right = back[0] - direction[0] / far * back[2]
         down = back[1] - direction[1] / far * back[2]
@@ -150,8 +152,8 @@ class SourceView:
         return np.asarray((rays * to_source).sum(0) / np.maximum(lengths, 1e-9))
 
     @cached_property
-    def _turned(self) -> Array:
+    def _rays_in_source(self) -> Array:
         return self._rotate_rays(self.reference.rays)
 
     def _rotate_rays(self, rays: Array) -> Array:
-        return np.asarray(np.einsum("ij,jhw->ihw", self._turn.astype(np.float32), rays))
+        return np.asarray(np.einsum("ij,jhw->ihw", self._pixel_from_ray.astype(np.float32), rays))

@@ -58,8 +58,8 @@ def write_workspace(
 ) -> None:
     """Write a dense workspace in COLMAP's layout from undistorted images (uint8) of pinhole views.
 
-    With `depth_views` it contains depth and normal maps, named like those of COLMAP's geometric pass, and
-    points that views share. Without, it contains points between the two depths of `depth_range`, from which
+    With `depth_views` it contains depth and normal maps, named as by COLMAP's geometric pass, and points
+    that views share. Without, it contains points between the two depths of `depth_range`, from which
     COLMAP chooses what to match, and `patch-match.cfg` requests all cameras.
     """
     pycolmap = load_pycolmap("fusing depth maps")
@@ -207,8 +207,8 @@ def fuse_depth_maps(
     asked.num_threads = 1
     pycolmap.stereo_fusion(cloud, folder, "COLMAP", "option-all", "geometric", asked, output_type="ply")
     rows, lists, lengths = _read_fused(cloud)
-    kept = ~find_denied(rows["at"], rows["normal"], views, depth_views)
-    count = int(kept.sum())
+    accepted = ~find_denied(rows["at"], rows["normal"], views, depth_views)
+    count = int(accepted.sum())
     if count == 0:
         raise NotApplicableError(
             "no point of the scene is consistent in enough cameras",
@@ -217,8 +217,8 @@ def fuse_depth_maps(
         )
     header, end, _ = cloud.read_bytes().partition(END)
     header = header.replace(b"vertex %d" % len(rows), b"vertex %d" % count)
-    cloud.write_bytes(header + end + rows[kept].tobytes())
-    seen_by = lists[np.repeat(kept, lengths + 1)]
+    cloud.write_bytes(header + end + rows[accepted].tobytes())
+    seen_by = lists[np.repeat(accepted, lengths + 1)]
     _seen_file(cloud).write_bytes(np.uint64(count).tobytes() + seen_by.tobytes())
     return count
 
@@ -288,14 +288,14 @@ def find_gpu(environment: Mapping[str, str] = os.environ) -> CudaGpu:
     return names[0], python
 
 
-def run_patch_match(gpu: CudaGpu, workspace: Path, nearest: float, farthest: float) -> None:
+def run_patch_match(gpu: CudaGpu, workspace: Path, depth_min: float, depth_max: float) -> None:
     """Compute a workspace's depth and normal maps between two depths; messages go to stderr.
 
     Raises:
         SimulshotError: the other process failed or died.
     """
     name, python = gpu
-    command = [str(python), "-c", PROGRAM, str(workspace), repr(nearest), repr(farthest)]
+    command = [str(python), "-c", PROGRAM, str(workspace), repr(depth_min), repr(depth_max)]
     done = subprocess.run(command, stdout=STDERR, stderr=subprocess.PIPE, text=True)  # noqa: S603
     if done.returncode != 0:
         said = done.stderr.strip().splitlines()

@@ -104,12 +104,12 @@ class CompiledEngine(SweepEngine):
         """Compare surfaces as NumPy's `compare`, except for rounding."""
         same, able = (np.empty(inverse_depth.shape, bool) for _ in range(2))
         rays = [np.linalg.inv(one.view.matrix) for one in (source_view.source, source_view.reference)]
-        turn = source_view.rotation.T
+        rotation = source_view.rotation.T
         pair = np.concatenate(
             [
                 source_view.numbers,
-                turn.reshape(-1),
-                -turn @ source_view.translation,
+                rotation.reshape(-1),
+                -rotation @ source_view.translation,
                 *(inverse[row, [row, 2]] for inverse in rays for row in (0, 1)),
                 [source_view.reference.view.focal, *agreement],
             ]

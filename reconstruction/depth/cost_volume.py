@@ -51,17 +51,17 @@ def combine_likeness(likeness: Sequence[Array]) -> Array:
     total = likeness[0]
     if len(likeness) == 1:
         return total
-    least = np.minimum(likeness[0], likeness[1])
+    worst = np.minimum(likeness[0], likeness[1])
     for one in likeness[2:]:
-        np.minimum(least, one, out=least)
+        np.minimum(worst, one, out=worst)
     for one in likeness[1:]:
         total += one
     if len(likeness) == 2:
         total *= BETTER_OF_TWO
-        least *= 1 - 2 * BETTER_OF_TWO
-        total += least
+        worst *= 1 - 2 * BETTER_OF_TWO
+        total += worst
         return total
-    total -= least
+    total -= worst
     total *= 1 / (len(likeness) - 1)
     return total
 
@@ -91,13 +91,13 @@ def correlate_windows(source_view: SourceView, warped: Array, rows: slice = slic
     both = box_filter(warped * reference.grey[rows], window)
     both -= mean * own_mean
     np.multiply(warped, warped, out=warped)
-    spread = box_filter(warped, window)
-    spread -= mean * mean
-    np.maximum(spread, 0.0, out=spread)
-    spread += source_view.source.noise
-    np.sqrt(spread, out=spread)
-    spread *= reference.deviation[rows]
-    both /= spread
+    deviation = box_filter(warped, window)
+    deviation -= mean * mean
+    np.maximum(deviation, 0.0, out=deviation)
+    deviation += source_view.source.noise
+    np.sqrt(deviation, out=deviation)
+    deviation *= reference.deviation[rows]
+    both /= deviation
     # A window that touches areas outside the source.
     both[mean < 0] = 0.0
     return np.asarray(np.maximum(both, 0.0, out=both))

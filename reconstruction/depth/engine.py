@@ -28,8 +28,8 @@ def aggregate_costs(costs: Array, grey: Array, small: int, large: int) -> Array:
     height x width) changes between pixels. Slanted paths continue along the image's border.
     """
     total = np.zeros(costs.shape, np.int16)
-    for way in (1, -1):
-        _sweep(costs[::way], total[::way], grey[::way], small, large, (0, 1, -1))
+    for direction in (1, -1):
+        _sweep(costs[::direction], total[::direction], grey[::direction], small, large, (0, 1, -1))
     # Paths along rows are independent: a band of rows at a time keeps the transposed copies small.
     rows = max(1, BAND_CELLS // costs.shape[1])
     for top in range(0, len(costs), rows):
@@ -39,8 +39,8 @@ def aggregate_costs(costs: Array, grey: Array, small: int, large: int) -> Array:
             sideways[:, depth] = cv2.transpose(costs[band, depth])
         across = np.zeros(sideways.shape, np.int16)
         flipped = np.ascontiguousarray(grey[band].T)
-        for way in (1, -1):
-            _sweep(sideways[::way], across[::way], flipped[::way], small, large, (0,))
+        for direction in (1, -1):
+            _sweep(sideways[::direction], across[::direction], flipped[::direction], small, large, (0,))
         for depth in range(costs.shape[1]):
             total[band, depth] += cv2.transpose(across[:, depth])
     return total
@@ -55,7 +55,7 @@ def _sweep(costs: Array, total: Array, grey: Array, small: int, large: int, shif
     before = [costs[0].astype(np.int16) for _ in shifts]
     for path in before:
         total[0] += path
-    least, last = np.empty_like(before[0]), np.empty_like(before[0])
+    cheapest, last = np.empty_like(before[0]), np.empty_like(before[0])
     for row in range(1, len(costs)):
         cost = costs[row].astype(np.int16)
         for i, shift in enumerate(shifts):
@@ -67,13 +67,13 @@ def _sweep(costs: Array, total: Array, grey: Array, small: int, large: int, shif
             else:
                 path, last = last, path
             last -= last.min(0)
-            np.minimum(last, jumps[i][row - 1], out=least)
+            np.minimum(last, jumps[i][row - 1], out=cheapest)
             last += np.int16(small)
-            np.minimum(least[1:], last[:-1], out=least[1:])
-            np.minimum(least[:-1], last[1:], out=least[:-1])
-            least += cost
-            total[row] += least
-            before[i], least = least, path
+            np.minimum(cheapest[1:], last[:-1], out=cheapest[1:])
+            np.minimum(cheapest[:-1], last[1:], out=cheapest[:-1])
+            cheapest += cost
+            total[row] += cheapest
+            before[i], cheapest = cheapest, path
 
 
 def _jump_prices(here: Array, before: Array, small: int, large: int) -> Array:
@@ -97,13 +97,13 @@ def cheapest_depths(total: Array, costs: Array) -> tuple[Array, Array]:
         keyed = total[row].astype(np.int32)
         keyed <<= 9
         keyed |= numbers
-        least = keyed.min(0) & 511
-        inner = np.clip(least, 1, count - 2)
+        cheapest = keyed.min(0) & 511
+        inner = np.clip(cheapest, 1, count - 2)
         at = inner * width + columns
         before, here, after = (line[at + k * width].astype(np.float32) for k in (-1, 0, 1))
         part = 0.5 * (before - after) / np.maximum(before - 2 * here + after, 1.0)
         place[row] = inner + np.clip(part, -0.5, 0.5)
-        own[row] = costs[row].reshape(-1)[least * width + columns]
+        own[row] = costs[row].reshape(-1)[cheapest * width + columns]
     return place, own
 
 
@@ -134,8 +134,8 @@ def compare_surfaces(
     sure = off < agreement.sure * seen
     same = near & (sure | (off * source_view.pixels_per_inverse_depth(x, y) < agreement.pixels))
     able = inside & (seen <= expected * (1 + agreement.relative))
-    alike = source_view.cosine(inverse_depth) > agreement.cosine
-    return same & alike, able & alike
+    small_angle = source_view.cosine(inverse_depth) > agreement.cosine
+    return same & small_angle, able & small_angle
 
 
 class SweepEngine:

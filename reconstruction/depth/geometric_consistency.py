@@ -85,21 +85,21 @@ def consistent_pixels(surface: Surface, count: Array, able: Array, sources: int,
     because a moving object finds one view that agrees by chance. `blank` (bool): pixels without any detail,
     such as the dark behind an object.
     """
-    usual = min(MIN_VIEWS, max(1, sources - 1))
-    agreed = count >= usual
-    few = count >= np.clip(able.astype(np.int16) - 1, 1, usual)
+    required = min(MIN_VIEWS, max(1, sources - 1))
+    agreed = count >= required
+    few = count >= np.clip(able.astype(np.int16) - 1, 1, required)
     unsure = np.nonzero(few & ~agreed)
-    agreed[unsure] = _kept_fraction(few | agreed, surface, unsure) > SUPPORT_FRACTION
+    agreed[unsure] = _valid_fraction(few | agreed, surface, unsure) > SUPPORT_FRACTION
     evidence = agreed & (surface.cost < MAX_COST)
     # A single pixel of low cost may be chance: real evidence comes in patches.
     evidence = cv2.blur(evidence.astype(np.float32), (5, 5)) > 0.4
-    away = cv2.distanceTransform((~evidence).astype(np.uint8), cv2.DIST_L2, 5) / evidence.shape[1]
-    carried = (away <= MAX_RIM) | _between(evidence, round(MAX_CARRY * evidence.shape[1]))
-    carried |= ~blank & (away < MAX_CARRY)
+    distance = cv2.distanceTransform((~evidence).astype(np.uint8), cv2.DIST_L2, 5) / evidence.shape[1]
+    carried = (distance <= MAX_RIM) | _between(evidence, round(MAX_CARRY * evidence.shape[1]))
+    carried |= ~blank & (distance < MAX_CARRY)
     return remove_speckles(agreed & carried, surface.inverse_depth, MIN_ISLAND_PX)
 
 
-def _kept_fraction(kept: Array, surface: Surface, pixels: tuple[Array, ...]) -> Array:
+def _valid_fraction(valid: Array, surface: Surface, pixels: tuple[Array, ...]) -> Array:
     """Return the valid fraction of the surface around pixels at these rows and columns (n,).
 
     Pixels on other surfaces, such as the background beyond an edge, do not count.
@@ -111,7 +111,7 @@ def _kept_fraction(kept: Array, surface: Surface, pixels: tuple[Array, ...]) -> 
     around = cv2.copyMakeBorder(
         surface.inverse_depth, radius, radius, radius, radius, cv2.BORDER_CONSTANT, value=(-1e6,)
     )
-    beyond = np.pad(kept, radius)
+    beyond = np.pad(valid, radius)
     places, there = (np.zeros(len(rows), np.float32) for _ in range(2))
     for dy in range(-radius, radius + 1, 2):
         for dx in range(-radius, radius + 1, 2):

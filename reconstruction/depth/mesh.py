@@ -77,8 +77,8 @@ def _draw_points(points: Array, colours: Array, eye: Array, middle: Array, up: A
     ahead = (middle - eye) / np.linalg.norm(middle - eye)
     right = np.cross(ahead, up)
     right /= np.linalg.norm(right)
-    turn = np.stack([right, np.cross(ahead, right), ahead]).astype(np.float32)
-    seen = (points.astype(np.float32) - eye.astype(np.float32)) @ turn.T
+    rotation = np.stack([right, np.cross(ahead, right), ahead]).astype(np.float32)
+    seen = (points.astype(np.float32) - eye.astype(np.float32)) @ rotation.T
     nearer = np.argsort(-seen[:, 2])
     nearer = nearer[seen[nearer, 2] > 1e-9]
     flat = seen[nearer, :2] / seen[nearer, 2:] * (width / 2 / np.tan(np.radians(WIDE_DEG / 2)))
@@ -93,16 +93,16 @@ def _draw_points(points: Array, colours: Array, eye: Array, middle: Array, up: A
 
 def _places_around(middle: Array, views: Sequence[View]) -> tuple[list[Array], Array]:
     """Return six places (3,) on the cameras' side of a point, or all around it, and the up direction (3,)."""
-    away = np.array([view.centre for view in views]) - middle
-    distance = np.linalg.norm(away, axis=1, keepdims=True)
-    towards = np.mean(away / np.maximum(distance, 1e-9), axis=0)
-    turns = TURNS_DEG
+    offsets = np.array([view.centre for view in views]) - middle
+    distance = np.linalg.norm(offsets, axis=1, keepdims=True)
+    towards = np.mean(offsets / np.maximum(distance, 1e-9), axis=0)
+    angles_deg = TURNS_DEG
     if np.linalg.norm(towards) < AROUND:
         # The cameras' mean position is within the scene: start at one of them.
-        towards, turns = away[0], ALL_ROUND_DEG
+        towards, angles_deg = offsets[0], ALL_ROUND_DEG
     start = towards / np.linalg.norm(towards) * 1.15 * float(np.median(distance))
     up = up_direction([view.rotation for view in views])
-    return [middle + cv2.Rodrigues(up * np.radians(turn_deg))[0] @ start for turn_deg in turns], up
+    return [middle + cv2.Rodrigues(up * np.radians(angle_deg))[0] @ start for angle_deg in angles_deg], up
 
 
 def _drop_outliers(cloud: Any) -> Any:
@@ -122,9 +122,9 @@ def _poisson_mesh(o3d: Any, cloud: Any) -> Any:
     depth = int(np.clip(np.ceil(np.log2(side / max(2 * spacing, 1e-9))), 5, MAX_POISSON_DEPTH))
     mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=-1)
     vertices = o3d.geometry.PointCloud(mesh.vertices)
-    away = np.asarray(vertices.compute_point_cloud_distance(cloud))
+    distance = np.asarray(vertices.compute_point_cloud_distance(cloud))
     # Poisson closes every surface: parts without supporting points are invented.
-    mesh.remove_vertices_by_mask(away > MAX_DISTANCE_SPACINGS * max(spacing, side / 2**depth))
+    mesh.remove_vertices_by_mask(distance > MAX_DISTANCE_SPACINGS * max(spacing, side / 2**depth))
     mesh.remove_unreferenced_vertices()
     return mesh
 

@@ -55,21 +55,21 @@ def _weighed(around: Array, plane: Array, steps: Array, tolerance: float) -> Arr
     border = int(steps[-1])
     unit = 1.0 / border
     sums = np.zeros((9, height, width), np.float32)
-    gap, kept = (np.empty((height, width), np.float32) for _ in range(2))
+    gap, weight = (np.empty((height, width), np.float32) for _ in range(2))
     for dy in steps:
         for dx in steps:
             x, y = float(dx * unit), float(dy * unit)
             near = around[border + dy : border + dy + height, border + dx : border + dx + width]
             np.subtract(near, level, out=gap)
-            cv2.scaleAdd(right, -x, gap, dst=kept)
-            cv2.scaleAdd(down, -y, kept, dst=kept)
-            kept *= 1.0 / tolerance
-            np.multiply(kept, kept, out=kept)
-            np.subtract(1.0, kept, out=kept)
-            np.maximum(kept, 0.0, out=kept)
-            gap *= kept
+            cv2.scaleAdd(right, -x, gap, dst=weight)
+            cv2.scaleAdd(down, -y, weight, dst=weight)
+            weight *= 1.0 / tolerance
+            np.multiply(weight, weight, out=weight)
+            np.subtract(1.0, weight, out=weight)
+            np.maximum(weight, 0.0, out=weight)
+            gap *= weight
             for number, (value, factor) in enumerate(
-                ((kept, 1.0), (kept, x), (kept, y), (kept, x * x), (kept, x * y), (kept, y * y),
+                ((weight, 1.0), (weight, x), (weight, y), (weight, x * x), (weight, x * y), (weight, y * y),
                  (gap, 1.0), (gap, x), (gap, y))
             ):  # fmt: skip
                 if factor:

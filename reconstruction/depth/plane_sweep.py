@@ -180,16 +180,16 @@ def _refine_surface(
     engine: SweepEngine,
 ) -> Surface:
     """Refine the surface by sweeps along it; windows bend with it, so that slanted surfaces match."""
-    for share, steps, edges_fraction in plan:
+    for step_fraction, steps, edges_fraction in plan:
         planes = np.stack(surface[:3])
         if edges_fraction:
             # The reference may be a crop of its image.
             edges_px = max(1, round(edges_fraction * source_views[0].source.view.width))
             planes = move_edges(planes, source_views, edges_px, engine)
-        offsets = np.arange(-steps, steps + 1) * (step * share)
+        offsets = np.arange(-steps, steps + 1) * (step * step_fraction)
         volume = engine.cost_volume(source_views, planes[0], offsets)
         place, cost = engine.find_cheapest(volume, reference.grey, *FINE_PENALTIES)
-        found = planes[0] + (place - steps) * np.float32(step * share)
+        found = planes[0] + (place - steps) * np.float32(step * step_fraction)
         planes = engine.fit_planes(found, TOLERANCE * step, slopes=planes[1:], stride=2)
         surface = Surface._make((*planes, cost / WORST_COST))
     return surface

@@ -31,7 +31,7 @@ RELATIVE_DEPTH = 0.06
 class RoughScene:
     """Points (n, 3) of the scene in the rig's frame, and nearest and farthest depth in its unit, by camera.
 
-    A camera's points are those that it sees and its neighbours confirm, and its neighbours' in its image.
+    A camera's points: its own that neighbours confirm, and its neighbours' in its image.
     """
 
     points: Mapping[str, Array]
@@ -124,7 +124,7 @@ def _nothing_in_common(
 ) -> NotApplicableError:
     tried = ", ".join(f"{name} with {' and '.join(others)}" for name, others in neighbours.items() if others)
     return NotApplicableError(
-        f"the pictures of this instant have nothing in common that depth could be measured by: tried {tried}",
+        f"the pictures of this instant have no matching points to measure depth with: tried {tried}",
         hint="cameras must see the same things from different places, lit and in focus, "
         "and their calibration must be this rig's",
     )

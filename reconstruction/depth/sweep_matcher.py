@@ -91,7 +91,7 @@ def match_all_views(
     """
     still = still or StillScene()
     new = {name: still.new(name, image) for name, image in images.items()}
-    told = progress or Progress(0, silent=True)
+    steps = progress or Progress(0, silent=True)
     names = [name for name in images if sources.get(name)]
     paired = [name for name in names if [name] == [o for other in sources[name] for o in sources[other]]]
     fitting = int(CELLS_FRACTION * memory_budget().limit_bytes / (worker_count() * BYTES_PER_CELL))
@@ -104,7 +104,7 @@ def match_all_views(
         for box, mine in boxes_around(new[name]):
             swept = sweep_view(images[name].cropped(box), others, depth_ranges[name], options)
             found = renewed(found, swept, box, mine)
-        told.step(f"depth of {name}")
+        steps.step(f"depth of {name}")
         return found
 
     def propose(name: str) -> Surface:
@@ -116,13 +116,13 @@ def match_all_views(
             maps = zip(to_this, (depths[other] for other in sources[name]), strict=True)
             return propose_inverse_depth(maps, surfaces[name].inverse_depth.shape)
 
-        sure = from_others(kept)
+        sure = from_others(confirmed)
         proposed = sure
         if name in paired:
             # No other camera can confirm that camera's depths, unless this one finds them too.
-            matched = {o: _matched_depth(surfaces[o], kept[o]) for o in sources[name]}
+            matched = {o: _matched_depth(surfaces[o], confirmed[o]) for o in sources[name]}
             proposed = np.where(sure > 0, sure, from_others(matched))
-        proposed = np.where(kept[name] > 0, 0, proposed)
+        proposed = np.where(confirmed[name] > 0, 0, proposed)
         found = surfaces[name]
         for box, mine in boxes_around(new[name]):
             before = Surface(*(np.ascontiguousarray(part[box]) for part in surfaces[name]))
@@ -135,28 +135,30 @@ def match_all_views(
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
         laid = fit_blank_walls(images, sources, depth_ranges, surfaces, pool)
         surfaces = {name: renewed(surfaces[name], laid[name], WHOLE, new[name]) for name in names}
-        kept = _kept_depths(pool, images, sources, surfaces, engine)
+        confirmed = _confirmed_depths(pool, images, sources, surfaces, engine)
         surfaces = dict(zip(names, pool.map(propose, names), strict=True))
-        kept = _kept_depths(pool, images, sources, surfaces, engine)
+        confirmed = _confirmed_depths(pool, images, sources, surfaces, engine)
         if paired:
             # Depths that one of two adopted from the other may now be visible to the other.
             surfaces |= zip(paired, pool.map(propose, paired), strict=True)
-            kept = _kept_depths(pool, images, sources, surfaces, engine)
+            confirmed = _confirmed_depths(pool, images, sources, surfaces, engine)
         still.keep(images, sources, surfaces)
         facing = pool.map(lambda name: _view_normals(surfaces[name], images[name]), names)
         return {
-            name: ViewDepth(kept[name], np.where(kept[name][..., None] > 0, normals, 0), surfaces[name])
+            name: ViewDepth(
+                confirmed[name], np.where(confirmed[name][..., None] > 0, normals, 0), surfaces[name]
+            )
             for name, normals in zip(names, facing, strict=True)
         }
 
 
-def _matched_depth(surface: Surface, kept: Array) -> Array:
+def _matched_depth(surface: Surface, confirmed: Array) -> Array:
     """Return depth where a view's own windows match but others did not confirm it, elsewhere 0."""
-    found = (kept <= 0) & (surface.cost < MAX_PROPOSED_COST)
+    found = (confirmed <= 0) & (surface.cost < MAX_PROPOSED_COST)
     return np.where(found, 1 / np.maximum(surface.inverse_depth, 1e-12), 0).astype(np.float32)
 
 
-def _kept_depths(
+def _confirmed_depths(
     pool: Executor,
     images: Mapping[str, CalibratedImage],
     sources: Mapping[str, Sequence[str]],

@@ -1,4 +1,4 @@
-"""Choice of views for depth: those that see the same points from suitable angles."""
+"""Choice of source views for depth: views of the same points from suitable angles."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -33,7 +33,7 @@ class ViewOverlap:
 
     score: float
     """Fraction of the image that the other sees too, reduced for unsuitable angles; 0 to 1."""
-    share: float
+    fraction: float
     angle_deg: float
     typical_score: float
     """Mean score over all depths."""
@@ -79,17 +79,19 @@ def grid_points(view: View, depth: float) -> Array:
 def find_overlaps(views: Mapping[str, View], name: str) -> dict[str, ViewOverlap]:
     """Return a view's overlap with every other without knowledge of the scene, from their geometry."""
     view = views[name]
-    away = {
+    distances = {
         other: float(np.linalg.norm(seen.centre - view.centre))
         for other, seen in views.items()
         if other != name
     }
-    apart = [distance for distance in away.values() if distance > 1e-9]
+    apart = [distance for distance in distances.values() if distance > 1e-9]
     if not apart:
         return {}
     depths = np.geomspace(SPACINGS[0] * min(apart), SPACINGS[1] * max(apart), STEPS)
     points = [grid_points(view, float(depth)) for depth in depths]
-    return {other: _overlap(view, views[other], depths, points) for other in away if away[other] > 1e-9}
+    return {
+        other: _overlap(view, views[other], depths, points) for other in distances if distances[other] > 1e-9
+    }
 
 
 def _overlap(view: View, other: View, depths: Array, points: list[Array]) -> ViewOverlap:
@@ -97,9 +99,9 @@ def _overlap(view: View, other: View, depths: Array, points: list[Array]) -> Vie
         np.array(part) for part in zip(*(seen_points(view, other, p) for p in points), strict=True)
     )
     scores = (inside * angle_fitness(angle)).mean(1)
-    shares = (inside & (angle < MAX_ANGLE_DEG)).mean(1)
+    fractions = (inside & (angle < MAX_ANGLE_DEG)).mean(1)
     best = int(scores.argmax() if scores.any() else inside.mean(1).argmax())
-    enough = np.flatnonzero(shares >= SPAN_FRACTION)
+    enough = np.flatnonzero(fractions >= SPAN_FRACTION)
     span = (0.0, 0.0)
     if len(enough):
         far = 0.0 if enough[-1] == len(depths) - 1 else 1 / float(depths[enough[-1] + 1])
@@ -117,7 +119,7 @@ def refuse_views(views: Mapping[str, View], points: Mapping[str, Array] | None =
     """
     if points is None:
         pairs = {
-            (name, other): (overlap.score, overlap.share, overlap.angle_deg)
+            (name, other): (overlap.score, overlap.fraction, overlap.angle_deg)
             for name in views
             for other, overlap in find_overlaps(views, name).items()
         }
@@ -129,25 +131,25 @@ def refuse_views(views: Mapping[str, View], points: Mapping[str, Array] | None =
         }
     if not pairs:
         return NotApplicableError(
-            "all cameras are in one place: nothing tells near from far",
+            "all cameras are at one place, from which no depth can be measured",
             hint="move them apart, or check the calibration",
         )
     # If no two are suitable, take those with the most overlap, from the most similar directions.
     a, b = max(pairs, key=lambda pair: (pairs[pair][0], round(pairs[pair][1], 1), -pairs[pair][2]))
-    _, share, angle = pairs[a, b]
+    _, fraction, angle = pairs[a, b]
     written = f"{angle:.1f}" if angle < 10 else f"{angle:.0f}"
-    seen = f"{a} and {b} share {100 * share:.0f} % of the picture and see it {written} degrees apart"
+    seen = f"{a} and {b} share {100 * fraction:.0f} % of the picture and see it {written} degrees apart"
     low, high = BEST_ANGLES_DEG
     fit = f"{low:g} to {high:g} degrees apart as seen from there"
-    if angle > high and share > MIN_FRACTION:
+    if angle > high and fraction > MIN_FRACTION:
         return NotApplicableError(
             f"the cameras are too far apart: at best, {seen}",
             hint=f"put them, or others between them, {fit}; {MAX_ANGLE_DEG:g} is too much",
         )
-    if share < SPAN_FRACTION:
+    if fraction < SPAN_FRACTION:
         return NotApplicableError(
             f"no camera sees what another sees: at best, {seen}",
-            hint="turn the cameras to the same scene, or check the calibration",
+            hint="point the cameras at the same scene, or check the calibration",
         )
     return NotApplicableError(
         f"the cameras are too close together, or the scene is too far away: at best, {seen}",
@@ -189,8 +191,8 @@ def choose_reference_view(views: Mapping[str, View], points: Mapping[str, Array]
         shared[name] = float(np.mean(seen)) if seen else 0.0
     enough = 0.9 * max(shared.values())
     middle = np.mean([view.centre for view in views.values()], axis=0)
-    away = {name: round(float(np.linalg.norm(view.centre - middle)), 6) for name, view in views.items()}
-    return min((name for name in views if shared[name] >= enough), key=lambda name: (away[name], name))
+    distances = {name: round(float(np.linalg.norm(view.centre - middle)), 6) for name, view in views.items()}
+    return min((name for name in views if shared[name] >= enough), key=lambda name: (distances[name], name))
 
 
 def smallest_group(sources: Mapping[str, Sequence[str]]) -> int:

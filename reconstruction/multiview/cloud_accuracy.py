@@ -69,12 +69,12 @@ def known_surfaces(
     if len(known) < len(loaded):
         return None
     plain = {camera: replace(view, distortion=np.zeros(5)) for camera, view in views.items()}
-    depth, movers = ({camera: one[which] for camera, one in known.items()} for which in (0, 1))
-    return true_surfaces(plain, depth, movers)
+    depth, moving_masks = ({camera: one[which] for camera, one in known.items()} for which in (0, 1))
+    return true_surfaces(plain, depth, moving_masks)
 
 
 def true_surfaces(
-    views: Mapping[str, View], depth: Mapping[str, Array], movers: Mapping[str, Array]
+    views: Mapping[str, View], depth: Mapping[str, Array], moving_masks: Mapping[str, Array]
 ) -> dict[str, TrueSurface]:
     """Return the moving (`mover`) and still (`static`) surfaces from undistorted true depth and masks (bool).
 
@@ -85,7 +85,7 @@ def true_surfaces(
     for name, view in views.items():
         step = max(1, round(view.width / MAX_WIDTH_PX))
         rows, columns = (axis[::step, ::step].ravel() for axis in np.mgrid[0 : view.height, 0 : view.width])
-        z, moving = depth[name][rows, columns], movers[name][rows, columns]
+        z, moving = depth[name][rows, columns], moving_masks[name][rows, columns]
         points = _points(view, rows, columns, z)
         parts["mover"].append(points[(z > 0) & moving])
         parts["static"].append(points[(z > 0) & ~moving])
@@ -99,15 +99,15 @@ def true_surfaces(
 
 
 def points_on_moving(
-    points: Array, seen: Array, views: Mapping[str, View], movers: Mapping[str, Array]
+    points: Array, seen: Array, views: Mapping[str, View], moving_masks: Mapping[str, Array]
 ) -> Array:
     """Return the points (bool) that are on a moving object in most of the images they were fused from.
 
-    `seen` (n, views) is bool, in the order of the views. `movers` are the motion masks (bool) of the views.
+    `seen` (n, views) is bool, in the order of the views. `moving_masks`: each view's motion mask (bool).
     """
     votes = np.zeros(len(points), int)
     for place, (name, view) in enumerate(views.items()):
-        votes += seen[:, place] & _on_mask(view, movers[name], points)
+        votes += seen[:, place] & _on_mask(view, moving_masks[name], points)
     return np.asarray(2 * votes > seen.sum(1))
 
 
@@ -165,17 +165,17 @@ def score_moving(
     if unit != "m":
         return None
     shown = {c: undistorted_truth(dataset, image.view, c, image.instant) for c, image in images.items()}
-    movers = {camera: one[1] for camera, one in shown.items() if one is not None}
+    moving_masks = {camera: one[1] for camera, one in shown.items() if one is not None}
     try:
         known = known_surfaces(dataset, {c: image.view for c, image in images.items()}, instant)
     except NotAvailableError:
         return None
-    if known is None or len(movers) < len(images):
+    if known is None or len(moving_masks) < len(images):
         return None
     index, shared = known["mover"]
     views = {camera: image.calibrated.view for camera, image in images.items()}
     points, _, seen = read_fused_cloud(cloud, len(images))
-    points = points[points_on_moving(points, seen, views, movers)]
+    points = points[points_on_moving(points, seen, views, moving_masks)]
     precise, complete = index.count_near(points), PointIndex(points).count_near(shared)
     found = Measurements({"precision": precise, "recall": complete})
     precision, recall, f_score = (found.value(name) for name in ("precision", "recall", "f_score"))

@@ -96,7 +96,7 @@ def load_input_images(
         images=len(dataset.cameras),
         bytes_per_pixel=MAP_BYTES_PER_PIXEL + workers * SWEEP_BYTES_PER_PIXEL / len(dataset.cameras),
         fixed_bytes=min(workers * SWEEP_BYTES, 0.4 * memory_budget().limit_bytes),
-        share=0.9,
+        fraction=0.9,
     )
     calibration = dataset.calibration() or guess_calibration(motion)
     views = calibrated_views(dataset, calibration)

@@ -107,10 +107,10 @@ def _fuse_cloud(
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         cloud = Path(scratch) / "fused.ply"
         try:
-            kept = {camera: images[camera] for camera in fused}
+            used = {camera: images[camera] for camera in fused}
             maps = {camera: found[camera] for camera in fused}
-            views = image_views(kept)
-            write_workspace(Path(scratch), views, image_colours(kept), maps)
+            views = image_views(used)
+            write_workspace(Path(scratch), views, image_colours(used), maps)
             fuse_depth_maps(Path(scratch), cloud, views, maps, group)
             points, colours, of_fused = read_fused_cloud(cloud, len(fused))
         except NotAvailableError as error:

@@ -98,7 +98,7 @@ def model_instant(
     images, left_out, calibration, unit = load_input_images(dataset, instants, motion)
     progress = progress or Progress(0, silent=True)
     progress.total = len(images) + (3 if options.mesh or options.cloud else 2)
-    progress.step("how near and how far the scene is")
+    progress.step("the scene's range of depth")
     calibrated = {camera: image.calibrated for camera, image in images.items()}
     scene, sources = _find_sources(calibrated, still)
     left_out |= {c: _why_alone(c, calibrated, scene) for c in images if not sources.get(c)}
@@ -110,13 +110,15 @@ def model_instant(
     if matcher.gpu is None:
         write_workspace(workspace, image_views(images), image_colours(images), found)
     marks["matching"] = time.perf_counter()
-    progress.step("joining the maps to a cloud")
+    progress.step("fusing the maps into a cloud")
     fused = fuse_depth_maps(workspace, part / FUSED, image_views(images), found, smallest_group(sources))
     marks["fusion"] = time.perf_counter()
     (part / "depth").mkdir()
     views = tuple(write_view(dataset, images[c], found[c], sources[c], part) for c in found)
     # Open3D searches the cloud's neighbours, and takes longer to load than all the rest.
-    movers = None if options.quick else score_moving(dataset, images, unit, options.instant, part / FUSED)
+    moving_score = (
+        None if options.quick else score_moving(dataset, images, unit, options.instant, part / FUSED)
+    )
     marks["judging"] = time.perf_counter()
     points, triangles = fused, 0
     files: tuple[str, ...] = ()
@@ -138,7 +140,7 @@ def model_instant(
         unit=unit,
         reference=reference,
         **_figures(next(view for view in views if view.camera == reference)),
-        movers_1cm=movers,
+        movers_1cm=moving_score,
         moving_measured=measured_fraction(images[reference], depth, motion) if options.page else None,
         nearest=min(scene.depth_ranges[camera][0] for camera in images),
         farthest=max(scene.depth_ranges[camera][1] for camera in images),
@@ -191,7 +193,7 @@ def _stage_seconds(marks: Mapping[str, float]) -> dict[str, float]:
 def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: RoughScene) -> str:
     """Return why a camera has no sources."""
     if camera not in scene.points:
-        return "nothing in its picture could be matched in another camera's"
+        return "nothing in its picture could be matched in another camera's picture"
     inside = {
         other: seen_points(images[camera].view, images[other].view, scene.points[camera])
         for other in images
@@ -200,8 +202,8 @@ def _why_alone(camera: str, images: Mapping[str, CalibratedImage], scene: RoughS
     best = max(inside, key=lambda other: float(inside[other][0].mean()))
     there, angles = inside[best]
     return (
-        f"no other camera is fit to measure its depth with: {best} sees most of the same, "
-        f"{100 * there.mean():.0f} %, from {float(np.median(angles)):.1f} degrees aside"
+        f"no other camera suits its depth: {best} sees the most of its picture, {100 * there.mean():.0f} %, "
+        f"from an angle of {float(np.median(angles)):.1f} degrees"
     )
 
 
@@ -236,7 +238,7 @@ def multiview(
         BadInputError: the session, the instant or the offsets cannot be used, or nothing was found.
         NotAvailableError: the requested matcher, COLMAP or Open3D is not available.
     """
-    require_reconstruction("pycolmap", "joining the cameras' depth")
+    require_reconstruction("pycolmap", "fusing depth maps")
     if options.mesh:
         require_reconstruction("open3d", "making a mesh")
     elif options.quick or find_spec("open3d") is None:
@@ -246,7 +248,7 @@ def multiview(
     dataset = Dataset.open(session, options.time_shifts_ms)
     choose_calibration(dataset)
     if options.calibrated and dataset.calibration() is None:
-        what = "no calibration of this rig is known that still holds"
-        raise NotApplicableError(what, hint="calibrate it, as docs/calibration.md shows")
+        what = "no valid calibration of this rig is known"
+        raise NotApplicableError(what, hint="run reconstruct calibrate first; docs/calibration.md shows how")
     with output:
         return model_instant(dataset, matcher, options, output.folder, progress)

@@ -111,8 +111,8 @@ class InstantScorer:
         if str(found.no_cloud):
             return {}
         views = {camera: self.undistorted.views[camera] for camera in times}
-        movers = {camera: self.undistorted.moving(camera, instant) for camera, instant in times.items()}
-        moving = points_on_moving(found.points, found.seen, views, movers)
+        moving_masks = {camera: self.undistorted.moving(camera, instant) for camera, instant in times.items()}
+        moving = points_on_moving(found.points, found.seen, views, moving_masks)
         still = ~moving & ~points_on_masks(found.points, views, hidden)
         measured = {}
         for kind, mask, masks in (("mover", moving, {}), ("static", still, hidden)):

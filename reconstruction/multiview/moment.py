@@ -11,7 +11,7 @@ from reconstruction.multiview.input_images import InputImage, find_moving
 from reconstruction.multiview.result import MultiviewResult
 from reconstruction.report.embedding import view_clouds
 from reconstruction.report.page import REPORT, Section, render_page, write_page
-from reconstruction.report.wording import share
+from reconstruction.report.wording import percentage
 from reconstruction.scores.study_result import InstantClouds
 from reconstruction.session.motion import SceneMotion
 
@@ -42,7 +42,7 @@ def write_moment(result: MultiviewResult, image: InputImage, depth: Array, fused
         pivot=tuple(np.median(points, axis=0).tolist()),
     )
     measured = result.moving_measured
-    moving = "" if measured is None else f" {share(measured)} of what moves was measured."
+    moving = "" if measured is None else f" {percentage(measured)} of what moves was measured."
     page = {
         "title": f"{result.session}, instant {result.instant}",
         "kicker": "One instant in space",

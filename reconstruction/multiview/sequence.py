@@ -106,7 +106,7 @@ class SequencePlan(Struct, frozen=True, kw_only=True):
                 made = f"of {name.replace('_', ' ')} {was!r}, not {getattr(self, name)!r}"
                 if isinstance(was, bool):
                     made = f"made {'with' if was else 'without'} --{name}"
-                hint = "ask for the same, or choose a new folder for --out"
+                hint = "use the same options, or choose a new folder for --out"
                 raise BadInputError(f"{out} holds clouds {made}", hint=hint)
 
 
@@ -225,7 +225,7 @@ class SequenceFolder:
     def _explain(self, error: OSError) -> BadInputError | DiskFullError:
         if is_full(error, self.out):
             what = f"the disk of {self.out} is full"
-            return DiskFullError(what, hint="make room and run it again: it goes on where it was")
+            return DiskFullError(what, hint="free some space, then run the command again: it resumes")
         return BadInputError(f"cannot write to {self.out}: {error.strerror}", hint="choose another --out")
 
 
@@ -266,7 +266,7 @@ def model_sequence(
         TryAgainError: another run is writing to `out`.
     """
     began = time.perf_counter()
-    require_reconstruction("pycolmap", "joining the cameras' depth")
+    require_reconstruction("pycolmap", "fusing depth maps")
     if options.each.mesh:
         require_reconstruction("open3d", "making meshes")
     if options.recording:
@@ -290,9 +290,9 @@ def model_sequence(
         progress = progress or Progress(1)
         motion, still = SceneMotion(dataset, step=1), StillScene()
         masks = (out / MASKS).is_dir()
-        wanted = not masks and all(len(dataset.instants(camera)) > 1 for camera in dataset.cameras)
-        progress.total = len(dataset.cameras) * wanted + len(chosen) + options.recording
-        if wanted:
+        missing_masks = not masks and all(len(dataset.instants(camera)) > 1 for camera in dataset.cameras)
+        progress.total = len(dataset.cameras) * missing_masks + len(chosen) + options.recording
+        if missing_masks:
             write_masks(motion, folder.empty_work() / MASKS, progress)
             folder.take_over(MASKS)
             masks = True
@@ -361,8 +361,8 @@ def _make(
     leader_ns = dataset.instants_ns[instant]
     try:
         offsets_ms = options.condition.offsets_ms(dataset.cameras, instant)
-        wanted = replace(options.each, instant=instant, offsets_ms=offsets_ms, cloud=False)
-        found = model_instant(dataset, matcher, wanted, work, motion=motion, still=still)
+        each = replace(options.each, instant=instant, offsets_ms=offsets_ms, cloud=False)
+        found = model_instant(dataset, matcher, each, work, motion=motion, still=still)
     except BadInputError as error:
         done = SequenceInstant(instant=instant, leader_ns=leader_ns, reason=str(error))
     else:

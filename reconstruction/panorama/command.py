@@ -100,7 +100,7 @@ def panorama(sources: tuple[Path, ...], out: Path, options: PanoramaOptions) -> 
                 stitcher = PanoramaStitcher(*given.conditions["synced"], given.views)
             except ValueError as error:
                 hint = "take them from one place, with a third of overlap between neighbours"
-                raise BadInputError(f"the pictures make no panorama: {error}", hint=hint) from error
+                raise BadInputError(f"the pictures cannot be stitched: {error}", hint=hint) from error
             made = {
                 name: _save_panorama(stitcher, given.late, pictures, name, output.folder)
                 for name, pictures in given.conditions.items()
@@ -128,8 +128,8 @@ def _save_panorama(
 ) -> ConditionPanorama:
     images, moving = shown
     layers = stitcher.layers(images)
-    movers = {name: stitcher.layer_mask(name, moving[name]) for name in layers if name in moving}
-    overlaps = Overlaps(layers, movers, stitcher.projection.canvas, late)
+    moving_masks = {name: stitcher.layer_mask(name, moving[name]) for name in layers if name in moving}
+    overlaps = Overlaps(layers, moving_masks, stitcher.projection.canvas, late)
     picture = stitcher.compose(layers)
     return ConditionPanorama(
         panorama=save_picture(folder, f"panorama_{condition}.jpg", picture),

@@ -59,9 +59,9 @@ class Projection:
     @property
     def canvas(self) -> Box:
         """Bounding box of all images."""
-        sides = np.array(list(self.boxes.values()))
-        left, top = (int(v) for v in sides[:, :2].min(0))
-        right, bottom = (int(v) for v in sides[:, 2:].max(0))
+        corners = np.array(list(self.boxes.values()))
+        left, top = (int(v) for v in corners[:, :2].min(0))
+        right, bottom = (int(v) for v in corners[:, 2:].max(0))
         return left, top, right, bottom
 
     def warp(self, name: str, image: Array) -> Layer:
@@ -87,17 +87,17 @@ class Projection:
         if not view.distortion.any():
             return at
         inside = _inside(at, flat)
-        spread = (at[inside] - flat.matrix[:2, 2]) / (flat.matrix[0, 0], flat.matrix[1, 1])
+        normalized = (at[inside] - flat.matrix[:2, 2]) / (flat.matrix[0, 0], flat.matrix[1, 1])
         bent = np.full_like(at, -1e4)
-        bent[inside] = view.project(np.column_stack([spread, np.ones(len(spread))]))
+        bent[inside] = view.project(np.column_stack([normalized, np.ones(len(normalized))]))
         return bent
 
     def _refuse_misalignment(self) -> None:
         left, top, right, bottom = self.canvas
         width, height = right - left, bottom - top
-        least = min(min(view.width, view.height) for view in self._views.values()) // 2
+        min_side = min(min(view.width, view.height) for view in self._views.values()) // 2
         area = sum(view.width * view.height for view in self._views.values())
-        if min(width, height) < least or width * height > MAX_GROWTH * area:
+        if min(width, height) < min_side or width * height > MAX_GROWTH * area:
             raise ValueError(f"the pictures do not fit together: a panorama of {width}x{height} pixels")
 
 
@@ -184,15 +184,15 @@ def _cut_seams(layers: Sequence[Layer]) -> list[Array]:
         [_umat(_mask(layer.seen)) for layer in layers],
     )
     # Dilated by one pixel, so that rounding leaves no gap between two layers.
-    return [np.asarray(cv2.dilate(share.get(), None)) for share in found]
+    return [np.asarray(cv2.dilate(shown.get(), None)) for shown in found]
 
 
-def _blend(layers: Sequence[Layer], shares: Sequence[Array], canvas: Box) -> Array:
+def _blend(layers: Sequence[Layer], masks: Sequence[Array], canvas: Box) -> Array:
     left, top, right, bottom = canvas
     blender = cv2.detail.MultiBandBlender()
     blender.prepare((left, top, right - left, bottom - top))
-    for layer, share in zip(layers, shares, strict=True):
-        shown = cv2.resize(share, layer.seen.shape[::-1], interpolation=cv2.INTER_LINEAR) > 127
+    for layer, mask in zip(layers, masks, strict=True):
+        shown = cv2.resize(mask, layer.seen.shape[::-1], interpolation=cv2.INTER_LINEAR) > 127
         blender.feed(layer.picture.astype(np.int16), _mask(shown & layer.seen), layer.box[:2])
     blended, _ = blender.blend(None, None)
     return np.asarray(np.clip(blended, 0, 255), np.uint8)

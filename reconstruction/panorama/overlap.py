@@ -130,16 +130,16 @@ def _displacement(a: Array, b: Array, at: Array, both: Array) -> Array:
     """Return the displacement of points (n, 2) from a to b, px; NaN if it fails in either direction."""
     levels = int(np.clip(np.log2(min(a.shape) / (2 * WINDOW_PX)), 0, 4))
     there, drift = track_there_and_back(a, b, at, WINDOW_PX, levels)
-    kept = drift < MAX_RETURN_PX
-    kept &= _likeness(a, at, b, there) > MIN_LIKENESS
-    for lost in np.nonzero(~kept)[0]:
+    tracked = drift < MAX_RETURN_PX
+    tracked &= _likeness(a, at, b, there) > MIN_LIKENESS
+    for lost in np.nonzero(~tracked)[0]:
         found = _search(a, b, at[lost])
         if found is not None:
-            there[lost], kept[lost] = found, True
-    nearest = np.round(np.where(kept[:, None], there, 0)).astype(int)
+            there[lost], tracked[lost] = found, True
+    nearest = np.round(np.where(tracked[:, None], there, 0)).astype(int)
     inside = ((nearest >= 0) & (nearest < both.shape[::-1])).all(1)
-    kept &= inside & both[np.where(inside, nearest[:, 1], 0), np.where(inside, nearest[:, 0], 0)]
-    return np.where(kept, np.linalg.norm(there - at, axis=1), np.nan)
+    tracked &= inside & both[np.where(inside, nearest[:, 1], 0), np.where(inside, nearest[:, 0], 0)]
+    return np.where(tracked, np.linalg.norm(there - at, axis=1), np.nan)
 
 
 def _search(a: Array, b: Array, at: Array) -> Array | None:
@@ -157,8 +157,8 @@ def _best_match(picture: Array, at: Array, other: Array) -> Array | None:
     if patch.shape != (WINDOW_PX, WINDOW_PX):
         return None
     likeness = cv2.matchTemplate(other[low[1] : high[1], low[0] : high[0]], patch, cv2.TM_CCOEFF_NORMED)
-    _, most, _, (x, y) = cv2.minMaxLoc(likeness)
-    return low + np.array([x + half, y + half]) if most > MIN_LIKENESS else None
+    _, best, _, (x, y) = cv2.minMaxLoc(likeness)
+    return low + np.array([x + half, y + half]) if best > MIN_LIKENESS else None
 
 
 def _likeness(a: Array, at_a: Array, b: Array, at_b: Array) -> Array:
@@ -170,8 +170,8 @@ def _likeness(a: Array, at_a: Array, b: Array, at_b: Array) -> Array:
 
 def _patches(picture: Array, at: Array) -> Array:
     """Return zero-mean patches (n, PATCH_PX squared; float32) around points (n, 2)."""
-    reach = np.arange(PATCH_PX, dtype=np.float32) - PATCH_PX // 2
-    across, down = (grid.ravel() for grid in np.meshgrid(reach, reach))
+    offsets = np.arange(PATCH_PX, dtype=np.float32) - PATCH_PX // 2
+    across, down = (grid.ravel() for grid in np.meshgrid(offsets, offsets))
     xs, ys = ((at[:, i, None] + grid).astype(np.float32) for i, grid in enumerate((across, down)))
     grey = picture.astype(np.float32)
     # Remapping is limited to the number of rows that a short integer can count.
@@ -214,12 +214,12 @@ class OverlapScore(Struct, frozen=True, kw_only=True):
 
 
 class Overlaps:
-    """Residuals of all overlapping layers; `movers` are motion masks (bool) of the layers' sizes."""
+    """Residuals of all overlapping layers; `moving_masks` are motion masks (bool) of the layers' sizes."""
 
     def __init__(
         self,
         layers: Mapping[str, Layer],
-        movers: Mapping[str, Array],
+        moving_masks: Mapping[str, Array],
         canvas: Box,
         late: Collection[str] = (),
     ) -> None:
@@ -234,7 +234,7 @@ class Overlaps:
             overlap = overlap_of(layers[a], layers[b])
             if overlap is not None:
                 everywhere = np.ones_like(overlap.both)
-                self._judge(a, b, overlap.with_brightness_matched(everywhere), movers)
+                self._judge(a, b, overlap.with_brightness_matched(everywhere), moving_masks)
 
     @property
     def misfit(self) -> Misalignment:
@@ -255,15 +255,15 @@ class Overlaps:
         picture[cv2.GaussianBlur(self._worst, (0, 0), 2) > GHOST_GREY] = LOST
         return np.asarray(picture)
 
-    def _judge(self, a: str, b: str, overlap: Overlap, movers: Mapping[str, Array]) -> None:
-        moving = overlap.crop(movers[a], self._layers[a].box) if a in movers else None
+    def _judge(self, a: str, b: str, overlap: Overlap, moving_masks: Mapping[str, Array]) -> None:
+        moving = overlap.crop(moving_masks[a], self._layers[a].box) if a in moving_masks else None
         found = measure_misalignment(overlap)
         counts = not self._late or (a in self._late) != (b in self._late)
         if counts:
             self._lengths.append(found.length)
-        on_movers = None
+        moving_residual = None
         if moving is not None:
-            on_movers = Misalignment.at_points(found.of(moving))
+            moving_residual = Misalignment.at_points(found.of(moving))
             if counts:
                 self._moving_lengths.append(found.of(moving))
         difference = overlap.difference
@@ -274,7 +274,7 @@ class Overlaps:
                 first=a,
                 second=b,
                 misfit=Misalignment.at_points(found.length),
-                mover_misfit=on_movers,
+                mover_misfit=moving_residual,
                 mad=float(difference[overlap.both].mean()),
             )
         )

@@ -51,9 +51,9 @@ class PictureOverlap:
     @property
     def confidence(self) -> float:
         """Confidence of the overlap; above 1 both images show the same place."""
-        least, share = EXPECTED_MATCHES
+        min_matches, fraction = EXPECTED_MATCHES
         found = int(self.fits.sum())
-        return found / (least + share * len(self.fits)) if found >= MIN_MATCHES else 0.0
+        return found / (min_matches + fraction * len(self.fits)) if found >= MIN_MATCHES else 0.0
 
 
 def estimate_cameras(
@@ -68,19 +68,19 @@ def estimate_cameras(
     """
     used = {pair: one for pair, one in overlaps.items() if one.confidence > 1 and views.keys() >= set(pair)}
     turned = _adjust_by_rounds(views, used, calibrated)
-    if not calibrated and (turned is None or _misfit(turned, used) > GOOD_PX):
+    if not calibrated and (turned is None or _residual_px(turned, used) > GOOD_PX):
         longest = max(max(view.width, view.height) for view in views.values())
         tried = [turned] + [
             _adjust_by_rounds(
-                {name: _with_focal(view, sides * longest) for name, view in views.items()}, used, True
+                {name: _with_focal(view, lengths * longest) for name, view in views.items()}, used, True
             )
-            for sides in HELD_FOCALS
+            for lengths in HELD_FOCALS
         ]
         turned = min(
-            (one for one in tried if one is not None), key=lambda one: _misfit(one, used), default=None
+            (one for one in tried if one is not None), key=lambda one: _residual_px(one, used), default=None
         )
     if turned is None:
-        raise ValueError("no camera that only turns explains the pictures")
+        raise ValueError("no camera that only rotates explains the pictures")
     return _level(turned)
 
 
@@ -105,12 +105,12 @@ def _adjust_by_rounds(
     for _ in range(ROUNDS):
         if turned is None:
             return None
-        kept = {(a, b): _without_outliers(one, turned[a], turned[b]) for (a, b), one in overlaps.items()}
-        turned = _adjust(views, kept, held)
+        fitting = {(a, b): _without_outliers(one, turned[a], turned[b]) for (a, b), one in overlaps.items()}
+        turned = _adjust(views, fitting, held)
     return turned
 
 
-def _misfit(views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap]) -> float:
+def _residual_px(views: Mapping[str, View], overlaps: Mapping[tuple[str, str], PictureOverlap]) -> float:
     """Return the residual of the points, px: the mean over the overlaps of their medians."""
     medians = [np.median(_off(one, views[a], views[b])[one.fits]) for (a, b), one in overlaps.items()]
     return float(np.mean(medians))
@@ -118,13 +118,13 @@ def _misfit(views: Mapping[str, View], overlaps: Mapping[tuple[str, str], Pictur
 
 def _level(views: Mapping[str, View]) -> dict[str, View]:
     """Rotate all views together so that the panorama is level."""
-    turns: list[Any] = [np.ascontiguousarray(view.rotation.T, np.float32) for view in views.values()]
+    rotations: list[Any] = [np.ascontiguousarray(view.rotation.T, np.float32) for view in views.values()]
     first, *others = views.values()
     if max(angle_deg(first.axis, other.axis) for other in others) > LEVEL_DEG:
-        turns = list(cv2.detail.waveCorrect(turns, cv2.detail.WAVE_CORRECT_AUTO))
+        rotations = list(cv2.detail.waveCorrect(rotations, cv2.detail.WAVE_CORRECT_AUTO))
     return {
-        name: replace(view, rotation=np.asarray(turn, np.float64).T)
-        for (name, view), turn in zip(views.items(), turns, strict=True)
+        name: replace(view, rotation=np.asarray(rotation, np.float64).T)
+        for (name, view), rotation in zip(views.items(), rotations, strict=True)
     }
 
 
@@ -202,13 +202,13 @@ def _for_opencv(
         for which, at in zip((i, j), overlap.at, strict=True):
             keypoints[which] += [cv2.KeyPoint(float(x), float(y), 1.0) for x, y in at]
         back = np.linalg.inv(overlap.homography)
-        for one, other, homography, (own, theirs) in (
+        for one, other, homography, (own, target) in (
             (i, j, overlap.homography, begin),
             (j, i, back, begin[::-1]),
         ):
             info = matches[one * count + other]
             info.src_img_idx, info.dst_img_idx = one, other
-            info.matches = [cv2.DMatch(own + k, theirs + k, 0.0) for k in range(len(overlap.fits))]
+            info.matches = [cv2.DMatch(own + k, target + k, 0.0) for k in range(len(overlap.fits))]
             info.inliers_mask = overlap.fits.astype(np.uint8)
             info.num_inliers, info.confidence = int(overlap.fits.sum()), max(overlap.confidence, 1.0)
             info.H = homography
@@ -242,10 +242,10 @@ def register_pictures(
     }
     used = _largest_group(list(points), overlaps)
     if len(used) < 2:
-        most = max((len(one.fits) for one in overlaps.values()), default=0)
-        if most < MIN_MATCHES:
-            raise ValueError(f"no two pictures share more than {most} points")
-        raise ValueError("the points that the pictures share do not fit a camera that only turns")
+        most_shared = max((len(one.fits) for one in overlaps.values()), default=0)
+        if most_shared < MIN_MATCHES:
+            raise ValueError(f"no two pictures share more than {most_shared} points")
+        raise ValueError("the points that the pictures share do not fit a camera that only rotates")
     left_out = {name: _reason_left_out(name, points[name], overlaps) for name in points if name not in used}
     return estimate_cameras({name: views[name] for name in used}, overlaps, calibrated), left_out
 

@@ -26,10 +26,10 @@ class PanoramaStitcher:
     def __init__(
         self,
         images: Mapping[str, Array],
-        movers: Mapping[str, Array] | None = None,
+        moving: Mapping[str, Array] | None = None,
         known: Mapping[str, View] | None = None,
     ) -> None:
-        """Register BGR images by features outside of their `movers` (bool); `known` are calibrated views.
+        """Register BGR images by features outside of their `moving` (bool); `known` are calibrated views.
 
         Raises:
             ValueError: the images cannot be stitched.
@@ -40,7 +40,7 @@ class PanoramaStitcher:
         views = {name: resize_view(view, *self._sizes[name]) for name, view in (known or {}).items()}
         points = {
             name: self._features(
-                self._shrink(name, image), self._shrink_mask(name, movers[name]) if movers else None
+                self._shrink(name, image), self._shrink_mask(name, moving[name]) if moving else None
             )
             for name, image in images.items()
         }
@@ -83,6 +83,6 @@ class PanoramaStitcher:
         )
 
     @staticmethod
-    def _features(image: Array, movers: Array | None) -> Features:
+    def _features(image: Array, moving: Array | None) -> Features:
         found = detect_features(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY))
-        return found if movers is None else found.at_rest(movers)
+        return found if moving is None else found.at_rest(moving)

@@ -22,9 +22,9 @@ class Axes:
     below: str
     """Label of the horizontal axis."""
 
-    def y(self, share: float) -> float:
+    def y(self, fraction: float) -> float:
         """Return the vertical coordinate of a fraction."""
-        return round(self.height - self.bottom - (self.height - self.top - self.bottom) * share, 1)
+        return round(self.height - self.bottom - (self.height - self.top - self.bottom) * fraction, 1)
 
     @property
     def middle(self) -> float:
@@ -58,7 +58,7 @@ def tolerance_chart(tolerance: OffsetTolerance) -> dict[str, object]:
     what = "right within 2 %" if tolerance.measure.endswith("within_2pct") else "with a distance"
     words = "; ".join(
         f"{wording.milliseconds(round(ms, 1))}: "
-        f"{wording.share(point.value(tolerance.measure, 'offset'), decimals=0)}"
+        f"{wording.percentage(point.value(tolerance.measure, 'offset'), decimals=0)}"
         for ms, point in zip(offsets_ms, points, strict=True)
     )
     own_us, mark = tolerance.sync_residual_us, None
@@ -67,7 +67,7 @@ def tolerance_chart(tolerance: OffsetTolerance) -> dict[str, object]:
         mark = place, wording.microseconds(own_us)
     return {
         "axes": axes,
-        "label": f"Share of moving surface {what} by delay: {words}",
+        "label": f"Fraction of moving surface {what} by delay: {words}",
         "ticks": [(x, f"{ms:.0f}") for x, ms in zip(places, offsets_ms, strict=True)],
         "curves": curves,
         "mark": mark,

@@ -41,12 +41,12 @@ def write_report(result: CompareResult, out: Path) -> Path:
 
 def report_words(result: CompareResult) -> ReportWords:
     """Return the tables of measurements and the names of the conditions, without a page around them."""
-    sides = name_conditions(result)
+    names = name_conditions(result)
     made = [found for study, found in reported(result) if study.text.measures]
     tables = [study_table(found, name_conditions(result, found.cameras)) for found in made]
     return ReportWords(
-        synced=sides.first,
-        offset=sides.late,
+        synced=names.first,
+        offset=names.late,
         unsynchronized=UNSYNCHRONIZED,
         tables=tuple(
             TextTable(
@@ -62,7 +62,7 @@ def report_words(result: CompareResult) -> ReportWords:
 
 def _view(result: CompareResult, found: StudyResult[Any], out: Path) -> dict[str, Any]:
     """Return what the page shows of a study; a skipped study has no tables."""
-    study, sides, made = (
+    study, names, made = (
         study_reports()[found.name],
         name_conditions(result, found.cameras),
         not found.skipped,
@@ -72,22 +72,22 @@ def _view(result: CompareResult, found: StudyResult[Any], out: Path) -> dict[str
     view = {
         "found": found,
         "text": text,
-        "sides": sides,
+        "conditions": names,
         "delays": describe_delays(found) if made and text.measures else "",
         "engine": text.engine.format(**placeholders) if made else "",
         "details": text.details.format(**placeholders) if made else "",
         "files": study.files(found) if made else {},
-        "table": study_table(found, sides) if made else None,
-        "instants": instants_table(f"Moving things, {many}", found, sides) if made else None,
+        "table": study_table(found, names) if made else None,
+        "instants": instants_table(f"Moving things, {many}", found, names) if made else None,
     }
-    return view | (study.view(found, dict(sides.words), out) if made and text.section else {})
+    return view | (study.view(found, dict(names.words), out) if made and text.section else {})
 
 
 def _page(result: CompareResult, out: Path) -> str:
     name = Path(result.session).name or result.session
-    sides, made = name_conditions(result), reported(result)
+    names, made = name_conditions(result), reported(result)
     views = {study.name: _view(result, study, out) for study in result.studies}
-    word, words = ORIGINS.get(result.origin, ("", ""))
+    kind, meaning = ORIGINS.get(result.origin, ("", ""))
     size = f"{count(result.camera_count, 'camera')}, {count(result.instant_count, 'instant')}"
     two_claims, claims_note = claims(result)
     pictures = _pictures(views)
@@ -95,16 +95,16 @@ def _page(result: CompareResult, out: Path) -> str:
     texts = [study.text for study in (*(one for one, _ in made), *study_reports().values())]
     reason = next((text for text in texts if text.why), None)
     view = {
-        "title": f"{name}: {sides.first.lower()} against {sides.late}",
-        "kicker": f"{sides.first} against offset",
+        "title": f"{name}: {names.first.lower()} against {names.late}",
+        "kicker": f"{names.first} against offset",
         "name": name,
         "verdict": result.verdict,
         "opening": "opening.html",
-        "kind": word,
+        "kind": kind,
         "claims": two_claims,
         "claims_note": claims_note,
         "result": result,
-        "origin": f"{size}; {words}" if word else "",
+        "origin": f"{size}; {meaning}" if kind else "",
         "exactness": describe_exactness(result),
         "hero": hero,
         "why": as_template(reason.why if reason else ""),

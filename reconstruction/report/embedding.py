@@ -54,11 +54,11 @@ def embed_image(path: Path, panels: int = 1, max_px: int = MAX_PANEL_PX) -> dict
     return {"address": address, "width": shown.shape[1], "height": shown.shape[0]}
 
 
-def _shrink(image: Array, most: int) -> Array:
+def _shrink(image: Array, max_px: int) -> Array:
     height, width = image.shape[:2]
-    if width <= most:
+    if width <= max_px:
         return np.asarray(image)
-    size = (most, max(1, round(height * most / width)))
+    size = (max_px, max(1, round(height * max_px / width)))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
 
 
@@ -76,19 +76,19 @@ def view_clouds(clouds: InstantClouds, out: Path, reference: str, cameras: int) 
     """
     rotation = np.array(clouds.rotation).reshape(3, 3)
     centre = np.array(clouds.centre)
-    sides = {}
-    for side, name in (("synced", clouds.synced), ("offset", clouds.offset)):
+    shown = {}
+    for condition, name in (("synced", clouds.synced), ("offset", clouds.offset)):
         if name:
             cloud = read_ply(out / name)
-            sides[side] = ((cloud.points - centre) @ rotation.T, cloud.colours)
-    box = np.percentile(sides["synced"][0], [CROP, 100 - CROP], axis=0)
+            shown[condition] = ((cloud.points - centre) @ rotation.T, cloud.colours)
+    box = np.percentile(shown["synced"][0], [CROP, 100 - CROP], axis=0)
     pivot = (np.array(clouds.pivot) - centre) @ rotation.T
     return {
         "files": clouds,
         "reference": reference,
         "cameras": cameras,
-        "synced": _pack(*sides["synced"], box),
-        "offset": _pack(*sides["offset"], box) if "offset" in sides else None,
+        "synced": _pack(*shown["synced"], box),
+        "offset": _pack(*shown["offset"], box) if "offset" in shown else None,
         "pivot": pivot.tolist(),
         "focal": clouds.focal,
     }

@@ -30,43 +30,41 @@ def timing_sentences(timing: Timing) -> str:
         return _offset_sentences(timing, by)
     late = f"{timing.other} is {offset_text(timing)} against {timing.reference} ({by}; 95 %)"
     if timing.synchronized:
-        return f"{late}: the same instant, as far as these pictures can tell."
-    told = f"Whether these cameras were synchronized cannot be told from these pictures: {timing.reason}."
+        return f"{late}: the same instant, within what these pictures show."
+    text = f"These pictures do not show whether the cameras were synchronized: {timing.reason}."
     if timing.same_frame_ms is not None:
-        told = (
-            "These pictures are of the same frame. Finer than "
-            f"{timing.same_frame_ms:.0f} ms cannot be told: {timing.reason}."
+        text = (
+            "These pictures are of the same frame. Offsets below "
+            f"{timing.same_frame_ms:.0f} ms cannot be measured: {timing.reason}."
         )
-    return told if timing.late_ms is None else f"{told} {late}."
+    return text if timing.late_ms is None else f"{text} {late}."
 
 
 def _offset_sentences(timing: Timing, by: str) -> str:
-    told, late_ms = "These cameras were not synchronized:", timing.late_ms
+    found, late_ms = "These cameras were not synchronized:", timing.late_ms
     if late_ms is None:
         return (
-            f"{told} most of what moves is lost, and what is found of it lies "
-            f"{timing.out_of_place_px:.0f} pixels off its rows, unlike what stands still. How many ms that "
-            f"is could not be measured: {timing.reason}."
+            f"{found} most of what moves is lost, and the rest is found {timing.out_of_place_px:.0f} pixels "
+            f"off its rows, unlike things at rest. The offset in ms could not be measured: {timing.reason}."
         )
-    pairs = "No other pairing of their pictures is nearer; it takes cameras that fire together."
+    pairs = "No other pairing of their pictures is closer in time; it takes synchronized cameras."
     if timing.option:
         pairs = f"{timing.option} pairs the pictures that belong together."
     side = f"{'earlier' if late_ms < 0 else 'later'} than {timing.reference}'s"
     if timing.by_depth:
         return (
-            f"{told} {timing.other}'s pictures were taken about {abs(late_ms):.0f} ms {side}, as most depth "
-            "is found then. That is known to a frame only, because moving points do not tell: "
-            f"{timing.reason}. {pairs}"
+            f"{found} {timing.other}'s pictures were taken about {abs(late_ms):.0f} ms {side}, where most "
+            f"depth is found. This is accurate to one frame only: {timing.reason}. {pairs}"
         )
     size = offset_text(timing).rpartition(" ")[0]
     odd = f" But {timing.reason}." if timing.reason else ""
-    return f"{told} {timing.other}'s pictures were taken {size} {side} ({by}; 95 %).{odd} {pairs}"
+    return f"{found} {timing.other}'s pictures were taken {size} {side} ({by}; 95 %).{odd} {pairs}"
 
 
 def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
     """Return which cameras besides the `pair` are certainly offset, and the correction; empty if none is."""
-    told = () if pair is None else pair.cameras
-    late = [one for one in rig.cameras if one.offset and one.other not in told]
+    named = () if pair is None else pair.cameras
+    late = [one for one in rig.cameras if one.offset and one.other not in named]
     if not late:
         return ""
     shown = [f"{one.other} is {offset_text(one)}" for one in late[:MAX_NAMED]]
@@ -74,8 +72,8 @@ def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
     # Time shifts against two references cannot be combined.
     one_reference = pair is None or not pair.option or pair.reference == rig.reference
     options = " ".join(one.option for one in late if one.option and one_reference)
-    mends = f" {options} pairs the pictures that belong together." if options else ""
-    return f"Against {rig.reference}, {', '.join(shown)}{more} (by what moves; 95 %).{mends}"
+    remedy = f" {options} pairs the pictures that belong together." if options else ""
+    return f"Against {rig.reference}, {', '.join(shown)}{more} (by what moves; 95 %).{remedy}"
 
 
 def offset_text(timing: Timing) -> str:
@@ -90,10 +88,10 @@ def rig_judgement(timing: Timing) -> str:
     if timing.synchronized:
         return "the same instant"
     if timing.offset:
-        return timing.option or "not the same instant; no other pairing is nearer"
+        return timing.option or "not the same instant; no other pairing is closer in time"
     if timing.same_frame_ms is not None:
-        return f"the same frame; finer than {timing.same_frame_ms:.0f} ms cannot be told"
-    return f"cannot be told: {timing.reason}"
+        return f"the same frame; offsets below {timing.same_frame_ms:.0f} ms are unknown"
+    return f"unknown: {timing.reason}"
 
 
 def motion_sentence(timing: Timing) -> str:
@@ -102,11 +100,11 @@ def motion_sentence(timing: Timing) -> str:
     if not moving:
         return ""
     who = "The cameras" if len(moving) > 1 else next(iter(moving))
-    most = max(moving.values())
-    far = f"by {most:.1f} pixels from frame to frame" if most < 1e3 else "further than can be followed"
+    max_px = max(moving.values())
+    far = f"by {max_px:.1f} pixels from frame to frame" if max_px < 1e3 else "too far to be tracked"
     return (
-        f"{who} moved while recording: nearly all that should stand still moves too, {far}. So "
-        "nothing in these pictures is a control, and what is called moving is whatever changed most."
+        f"{who} moved while recording: nearly all points at rest move too, {far}. So these pictures "
+        "have no still control, and what is called moving is what changed most."
     )
 
 
@@ -188,7 +186,7 @@ def verdict(result: CompareResult) -> str:
     Images are said to show one instant only if their timing was found to.
     """
     timing, rig = result.timing, result.rig_timing
-    told = (
+    texts = (
         f"This recording is {result.unsynchronized}." if result.unsynchronized else "",
         motion_sentence(timing) if timing is not None else "",
         _what_was_found(result),
@@ -196,7 +194,7 @@ def verdict(result: CompareResult) -> str:
         _guess_sentence(result),
         _skipped_sentence(result),
     )
-    return " ".join(text for text in told if text)
+    return " ".join(text for text in texts if text)
 
 
 def _guess_sentence(result: CompareResult) -> str:
@@ -224,17 +222,17 @@ def _what_was_found(result: CompareResult) -> str:
             return f"{timing_sentences(timing)} {text}".strip()
     names = {found.name for _, found in made}
     clear = [study.verdict(result, found) for study, found in made if study.text.replaces not in names]
-    told = [text for text in clear if text]
-    if not told:
+    texts = [text for text in clear if text]
+    if not texts:
         if result.moving_share < 0.0005:
             return (
-                "Almost nothing moves in this burst, so synchronization makes no difference that can be "
-                "seen. Take a burst of something that moves."
+                "Almost nothing moves in this burst, so synchronization makes no visible "
+                "difference. Take a burst of something that moves."
             )
         if not any(found.measures for _, found in made):
             return "Nothing could be measured with these cameras, so nothing can be compared."
-        told = [_no_difference(timing, late_text(result))]
-    return " ".join([*told, *([timing_sentences(timing)] if timing is not None else [])])
+        texts = [_no_difference(timing, late_text(result))]
+    return " ".join([*texts, *([timing_sentences(timing)] if timing is not None else [])])
 
 
 def late_text(result: CompareResult) -> str:
@@ -242,9 +240,9 @@ def late_text(result: CompareResult) -> str:
     return f"{result.actual_offset_ms:.0f} ms late"
 
 
-def percent(share: float) -> str:
+def percent(fraction: float) -> str:
     """Return a fraction 0..1 as a percentage for a sentence."""
-    return f"{100 * share:.0f} %" if share >= 0.01 or share == 0 else "under 1 %"
+    return f"{100 * fraction:.0f} %" if fraction >= 0.01 or fraction == 0 else "under 1 %"
 
 
 def depth_sentence(depth: StudyResult[Any], when: str, late: str, agreed: str) -> str:
@@ -274,28 +272,28 @@ def _no_difference(timing: Timing | None, late: str) -> str:
 def claims(result: CompareResult) -> tuple[Sequence[dict[str, object]], str]:
     """Return each condition's number and a note on both; empty if nothing was measured.
 
-    `tone` is the condition; `value` is in words and `share` (0..1) is drawn. `what` says what the value
+    `tone` is the condition; `value` is in words and `fraction` (0..1) is drawn. `what` says what the value
     measures, and `when` names the condition's images.
     """
     known = ((found, claim) for study, found in reported(result) if (claim := study.claim(found)) is not None)
     shown, claim = next(known, (None, None))
     if shown is None or claim is None:
         return (), ""
-    is_fraction = claim.unit == wording.SHARE
-    shares = claim.values if is_fraction else [value / max(1e-9, *claim.values) for value in claim.values]
+    is_fraction = claim.unit == wording.PERCENT
+    fractions = claim.values if is_fraction else [value / max(1e-9, *claim.values) for value in claim.values]
     words = [
-        wording.share(value, decimals=0) if is_fraction else wording.quantity(value, claim.unit)
+        wording.percentage(value, decimals=0) if is_fraction else wording.quantity(value, claim.unit)
         for value in claim.values
     ]
-    sides = name_conditions(result, shown.cameras)
-    whens = (sides.when, f"when one picture is {sides.late}")
-    both = zip(("synced", "offset"), words, shares, whens, strict=True)
-    names = "tone", "value", "share", "when"
+    named = name_conditions(result, shown.cameras)
+    whens = (named.when, f"when one picture is {named.late}")
+    both = zip(("synced", "offset"), words, fractions, whens, strict=True)
+    names = "tone", "value", "fraction", "when"
     return [{**dict(zip(names, one, strict=True)), "what": claim.what} for one in both], claim.note
 
 
 def describe_exactness(result: CompareResult) -> dict[str, str]:
-    """Return this take's time `error` and the delay that its motion tolerates (`bears`), with a `conclusion`.
+    """Return this take's time `error` and the delay its motion tolerates (`tolerated`), with a `conclusion`.
 
     Both have a `*_source` that says how they were determined. Unknown values are stated as such.
     """
@@ -313,38 +311,41 @@ def describe_exactness(result: CompareResult) -> dict[str, str]:
         error, source = f"≤ {wording.microseconds(result.sync_residual_us)}", "by the session's own record"
         source += f"; {measured} by what moves" if measured else ""
     together = furthest is None and result.timing is not None and result.timing.synchronized
-    bears, bears_source, conclusion = _what_the_motion_bears(result, together=together)
+    tolerated, tolerated_source, conclusion = _tolerated_delay(result, together=together)
     return {
         "error": error,
         "error_source": source,
-        "bears": bears,
-        "bears_source": bears_source,
+        "tolerated": tolerated,
+        "tolerated_source": tolerated_source,
         "conclusion": conclusion,
     }
 
 
-def _what_the_motion_bears(result: CompareResult, *, together: bool) -> tuple[str, str, str]:
+def _tolerated_delay(result: CompareResult, *, together: bool) -> tuple[str, str, str]:
     """Return the tolerated delay, its source, and how the take's own error compares with it."""
     tolerance, error_us = result.tolerance, result.sync_residual_us
     if not together:
-        unmeasured = "whether the pictures are of one instant was not measured"
-        why = unmeasured if result.timing is None else "the pictures were not found to be of one instant"
+        unmeasured = "whether the pictures show one instant was not measured"
+        why = unmeasured if result.timing is None else "the pictures do not show one instant"
         return wording.NOT_AVAILABLE, why, ""
     if tolerance is None:
         return wording.NOT_AVAILABLE, "depth against delay was not measured", ""
     if tolerance.tolerable_offset_ms is None:
-        most = max(abs(point.late_ms or 0.0) for point in tolerance.points)
-        least = f"> {wording.milliseconds(round(most))}"
-        return least, "less than a tenth of the depth is lost by then", ""
-    bears_us = 1000 * tolerance.tolerable_offset_ms
+        max_ms = max(abs(point.late_ms or 0.0) for point in tolerance.points)
+        return (
+            f"> {wording.milliseconds(round(max_ms))}",
+            "less than a tenth of the depth is lost by then",
+            "",
+        )
+    tolerated_us = 1000 * tolerance.tolerable_offset_ms
     conclusion = ""
     if error_us is not None:
-        ratio = bears_us / max(error_us, 1e-3)
-        conclusion = f"{wording.times(ratio)} more exact than this motion needs."
+        ratio = tolerated_us / max(error_us, 1e-3)
+        conclusion = f"{wording.times(ratio)} more accurate than this motion needs."
         if ratio < 1:
-            conclusion = "This take is not exact enough for this motion."
-    why = "then a tenth of the depth is lost, or half of what moves is off by a pixel"
-    return wording.microseconds(bears_us), why, conclusion
+            conclusion = "This take is not accurate enough for this motion."
+    why = "at this delay a tenth of the depth is lost, or half of what moves is off by a pixel"
+    return wording.microseconds(tolerated_us), why, conclusion
 
 
 def describe_synchronization(result: CompareResult) -> str:

@@ -18,7 +18,7 @@ METRICS = "metrics.json"
 REPORT = "report.html"
 FILTERS = (
     count, wording.offset_text, wording.microseconds, wording.milliseconds, wording.number, wording.quantity,
-    wording.seconds, wording.share, wording.keep_units, wording.timeliness, wording.walking_distance,
+    wording.seconds, wording.percentage, wording.keep_units, wording.timeliness, wording.walking_distance,
 )  # fmt: skip
 
 

@@ -30,7 +30,7 @@ class MeasureText:
     key: str
     name: str
     text: str
-    unit: str = wording.SHARE
+    unit: str = wording.PERCENT
 
 
 @dataclass(frozen=True)
@@ -39,7 +39,7 @@ class Claim:
 
     values: tuple[float, float]
     what: str
-    unit: str = wording.SHARE
+    unit: str = wording.PERCENT
     note: str = ""
 
 

@@ -43,7 +43,7 @@ class Cell:
     """A value in words, a fraction (0..1) drawn as a bar, and small print."""
 
     text: str
-    share: float | None = None
+    fraction: float | None = None
     interval: str = ""
     note: str = ""
     control: bool = False
@@ -85,17 +85,17 @@ def interval_cell(found: Interval | None, unit: str, *, control: bool = False) -
     """Return a cell with a measure and its 95 % interval over the instants; a fraction also gets a bar."""
     if found is None:
         return Cell(wording.NOT_AVAILABLE, control=control)
-    is_fraction = unit == wording.SHARE
+    is_fraction = unit == wording.PERCENT
     ends = () if found.low is None else found.ends
     return Cell(
         wording.measured(found.value, unit),
-        share=min(max(found.value, 0.0), 1.0) if is_fraction else None,
+        fraction=min(max(found.value, 0.0), 1.0) if is_fraction else None,
         interval=" to ".join(f"{100 * end:.1f}" if is_fraction else wording.quantity(end) for end in ends),
         control=control,
     )
 
 
-def study_table(study: StudyResult[Any], sides: ConditionNames) -> Table:
+def study_table(study: StudyResult[Any], names: ConditionNames) -> Table:
     """Return both conditions side by side in each column group; measures without values are left out."""
     reported = study_reports()[study.name]
     text, placeholders = reported.text, reported.placeholders(study)
@@ -110,7 +110,7 @@ def study_table(study: StudyResult[Any], sides: ConditionNames) -> Table:
         if any(one for _, one in found):
             cells = [interval_cell(one, measure.unit, control=control) for control, one in found]
             rows.append(Row(measure.name, cells, details=measure.text.format(**placeholders)))
-    columns = [Column(head, group, tone) for _, group in groups for tone, head in sides.heads]
+    columns = [Column(head, group, tone) for _, group in groups for tone, head in names.heads]
     return Table(text.caption.format(**placeholders), columns, rows, kind="twin")
 
 
@@ -183,7 +183,7 @@ def _details(one: ConditionResult) -> str:
     return "; ".join(filter(None, (given, *late, other, *skipped)))
 
 
-def instants_table(caption: str, study: StudyResult[Any], sides: ConditionNames) -> Table:
+def instants_table(caption: str, study: StudyResult[Any], names: ConditionNames) -> Table:
     """Return every instant's numbers on moving things in both conditions; without rows if there are none."""
     text, per_instant = study_reports()[study.name].text, study.per_instant
     columns = [
@@ -202,7 +202,7 @@ def instants_table(caption: str, study: StudyResult[Any], sides: ConditionNames)
         ]
         rows.append(Row(f"{row['instant']}", cells))
     heads = [Column("Moving pixels")] if counted else []
-    heads += [Column(head, name, tone) for _, name in columns for tone, head in sides.heads]
+    heads += [Column(head, name, tone) for _, name in columns for tone, head in names.heads]
     return Table(caption, heads, rows, first="Instant", prefix="Instant ")
 
 
@@ -213,8 +213,8 @@ def timing_table(rig: RigTiming) -> Table:
         for one in rig.cameras
     ]
     return Table(
-        f"When the cameras took their pictures, against {rig.reference}, by what moves; 95 %",
-        [Column("Against it"), Column("Judged as")],
+        f"Time offset of each camera against {rig.reference}, by what moves; 95 %",
+        [Column("Time offset"), Column("Verdict")],
         rows,
         first="Camera",
     )

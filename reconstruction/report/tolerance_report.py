@@ -42,43 +42,49 @@ def tolerance_sentence(tolerance: OffsetTolerance) -> str:
     timing = tolerance.timing
     if timing is None:
         return f"As recorded, {_found_in_both_directions(tolerance)}"
-    told = [f"As recorded, {_found_in_both_directions(tolerance)}", timing_sentences(timing)]
+    texts = [f"As recorded, {_found_in_both_directions(tolerance)}", timing_sentences(timing)]
     if timing.synchronized:
         found = f"Synchronized, {_found_in_both_directions(tolerance)} {_tolerated(tolerance)}"
-        told = [found, timing_sentences(timing)]
+        texts = [found, timing_sentences(timing)]
     elif timing.offset:
-        told = [timing_sentences(timing), f"As recorded, {_found_at_best(tolerance)}"]
-    return " ".join(text for text in (motion_sentence(timing), *told) if text)
+        texts = [timing_sentences(timing), f"As recorded, {_found_at_best(tolerance)}"]
+    return " ".join(text for text in (motion_sentence(timing), *texts) if text)
 
 
 def tolerance_heading(tolerance: OffsetTolerance) -> str:
     """Return the heading; a tolerated delay is claimed only if the images without delay show one instant."""
     known = tolerance.timing is not None and tolerance.timing.synchronized
-    return "How much delay this motion tolerates" if known else "Depth against delay"
+    return "Delay that this motion tolerates" if known else "Depth against delay"
 
 
 def _found_in_both_directions(tolerance: OffsetTolerance) -> str:
     ends = {ms: point for point in (tolerance.points[0], tolerance.points[-1]) if (ms := point.late_ms)}
-    sides = [f"{wording.offset_text(ms)}, for {_share(tolerance, point)}" for ms, point in ends.items()]
-    first = f"{_what(tolerance)} for {_share(tolerance, tolerance.as_recorded)} of what moves"
-    return f"{first}; with the second picture {'; '.join(sides)}." if sides else f"{first}."
+    directions = [
+        f"{wording.offset_text(ms)}, for {_found_fraction(tolerance, point)}" for ms, point in ends.items()
+    ]
+    first = f"{_what(tolerance)} for {_found_fraction(tolerance, tolerance.as_recorded)} of what moves"
+    return f"{first}; with the second picture {'; '.join(directions)}." if directions else f"{first}."
 
 
 def _found_at_best(tolerance: OffsetTolerance) -> str:
-    text = f"{_what(tolerance)} for {_share(tolerance, tolerance.as_recorded)} of what moves"
+    text = f"{_what(tolerance)} for {_found_fraction(tolerance, tolerance.as_recorded)} of what moves"
     best = max(tolerance.points, key=lambda point: point.value(tolerance.measure, "offset") or 0.0)
     if not best.late_ms:
         return f"{text}."
     when = wording.offset_text(best.late_ms)
-    return f"{text}; best with the second picture {when}, for {_share(tolerance, best)}."
+    return f"{text}; best with the second picture {when}, for {_found_fraction(tolerance, best)}."
 
 
 def _tolerated(tolerance: OffsetTolerance) -> str:
-    most_ms = tolerance.tolerable_offset_ms
-    if most_ms is None:
+    tolerated_ms = tolerance.tolerable_offset_ms
+    if tolerated_ms is None:
         return "Up to that delay, less than a tenth of it is lost."
-    most = wording.milliseconds(round(most_ms, 1)) if most_ms >= 1 else wording.microseconds(1000 * most_ms)
-    return f"This motion tolerates a delay of about {most}."
+    tolerated = (
+        wording.milliseconds(round(tolerated_ms, 1))
+        if tolerated_ms >= 1
+        else wording.microseconds(1000 * tolerated_ms)
+    )
+    return f"This motion tolerates a delay of about {tolerated}."
 
 
 def _what(tolerance: OffsetTolerance) -> str:
@@ -90,8 +96,8 @@ def _text(tolerance: OffsetTolerance) -> StudyText:
     return study_reports()[tolerance.points[0].name].text
 
 
-def _share(tolerance: OffsetTolerance, point: StudyResult[DelayFacts]) -> str:
-    return wording.share(point.value(tolerance.measure, "offset"), decimals=0)
+def _found_fraction(tolerance: OffsetTolerance, point: StudyResult[DelayFacts]) -> str:
+    return wording.percentage(point.value(tolerance.measure, "offset"), decimals=0)
 
 
 def _table(tolerance: OffsetTolerance) -> Table:
@@ -110,24 +116,24 @@ def _table(tolerance: OffsetTolerance) -> Table:
 
 def _instants(tolerance: OffsetTolerance) -> Table:
     """Return a row for each instant: the second camera's time offset by motion, and the instant's curve."""
-    told = {one.instant: one for one in tolerance.timing.instants} if tolerance.timing is not None else {}
+    texts = {one.instant: one for one in tolerance.timing.instants} if tolerance.timing is not None else {}
     known = {one.instant: one for one in tolerance.per_instant}
     rows = []
-    for instant in sorted(told.keys() | known.keys()):
-        late, curve = told.get(instant), known.get(instant)
+    for instant in sorted(texts.keys() | known.keys()):
+        late, curve = texts.get(instant), known.get(instant)
         values = curve.values if curve is not None else (None,) * len(tolerance.points)
         cells = [
             Cell(wording.number(None if curve is None else curve.mover_pixels)),
             Cell(wording.NOT_AVAILABLE if late is None else instant_offset_text(late.late_ms, late.sd_ms)),
-            *(Cell(wording.share(value, decimals=0)) for value in values),
+            *(Cell(wording.percentage(value, decimals=0)) for value in values),
         ]
         rows.append(Row(f"{instant}", cells))
     right = tolerance.measure == "mover_within_2pct"
     heads = [wording.milliseconds(round(point.late_ms or 0.0)) for point in tolerance.points]
-    columns = [Column("Moving pixels"), Column("Lateness"), *(Column(head) for head in heads)]
+    columns = [Column("Moving pixels"), Column("Time offset"), *(Column(head) for head in heads)]
     return Table(
-        "Each instant: how late its moving points say the second picture is, and how much of what moves is "
-        f"{'right' if right else 'found'} with that picture so much later",
+        "Each instant: the second picture's time offset by moving points, and the part of what moves that is "
+        f"{'right' if right else 'found'} at each delay",
         columns,
         rows,
         first="Instant",

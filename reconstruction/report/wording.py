@@ -10,14 +10,14 @@ NOT_AVAILABLE = "n/a"
 GAP = "\u202f"
 """Narrow space that prevents a line break between a number and its unit."""
 WALKING_M_PER_S = 1.4
-SHARE, PIXELS, COUNT, DEGREES, PLAIN = "%", "px", "count", "°", ""
+PERCENT, PIXELS, COUNT, DEGREES, PLAIN = "%", "px", "count", "°", ""
 """Units of the measures."""
 
 
 def measured(value: float | None, unit: str) -> str:
     """Return a value in its unit."""
-    if unit == SHARE:
-        return share(value)
+    if unit == PERCENT:
+        return percentage(value)
     if unit == COUNT:
         return number(value)
     if unit != DEGREES or value is None:
@@ -25,7 +25,7 @@ def measured(value: float | None, unit: str) -> str:
     return f"{value:.3g}°" if value >= 1 else f"{value:.2g}°"
 
 
-def share(value: float | None, *, decimals: int = 1) -> str:
+def percentage(value: float | None, *, decimals: int = 1) -> str:
     """Return a fraction 0..1 as a percentage; it is never rounded up to 100 or down to 0."""
     if value is None or math.isnan(value):
         return NOT_AVAILABLE

@@ -125,9 +125,9 @@ class Dataset:
         images: int,
         bytes_per_pixel: float = WORK_BYTES_PER_PIXEL,
         fixed_bytes: float = 0.0,
-        share: float = WORK_FRACTION,
+        fraction: float = WORK_FRACTION,
     ) -> None:
-        """Reduce the dataset if work on `images` images at once would exceed `share` of the memory budget.
+        """Reduce the dataset if work on `images` images at once would exceed `fraction` of the memory budget.
 
         `fixed_bytes` is memory independent of the size. Images that were read before keep their size.
 
@@ -141,7 +141,7 @@ class Dataset:
         scale = memory_budget().fit_scale(
             f"{what} of {self.name} ({largest} pixels)",
             lambda scale: pixels * scale**2 * bytes_per_pixel + fixed_bytes,
-            share=share,
+            fraction=fraction,
         )
         if scale < 1.0:
             self._scale *= scale

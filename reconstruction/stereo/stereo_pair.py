@@ -264,7 +264,7 @@ class StereoPair:
         self.scale = memory_budget().fit_scale(
             f"depth of a pair ({bare.width}x{bare.height} pixels, {high - low:.0f} disparities)",
             lambda scale: matching_bytes(bare.width * scale, bare.height * scale, (high - low) * scale),
-            share=VOLUME_FRACTION,
+            fraction=VOLUME_FRACTION,
         )
         """Size of the rectified images relative to the reference's own resolution."""
         self.min_disparity = int(low * self.scale)

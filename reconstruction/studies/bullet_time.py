@@ -65,12 +65,12 @@ SECTION = """
 <h2 id="{{ section.anchor }}">{{ section.title }}</h2>
 <p>Time stands still while the view goes from camera to camera,
 {{ "in the order of their positions" if sweep.ordered_by_position else "by name" }}: the effect called bullet
-time. It takes cameras that fire together{{ "; these did not, so what moves jumps" if view.sides.apart }}.
+time. It takes synchronized cameras{{ "; these were not, so what moves jumps" if view.conditions.apart }}.
 Beside it, each camera is late or early by a different time, as without synchronization (its picture is from
 another instant of the burst): what stands still looks the same, what moves jumps.</p>
 <figure class="sweep" aria-label="{{ section.title }}">
 <div class="reels">
-{{ reel("synced", view.sides.first, sweep.synced, ()) }}
+{{ reel("synced", view.conditions.first, sweep.synced, ()) }}
 {{ reel("offset", "Unsynchronized", sweep.offset, sweep.offsets_ms|map("timeliness")|list) }}
 </div>
 <div class="controls">

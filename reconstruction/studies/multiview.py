@@ -60,7 +60,7 @@ them agree. {{ view.delays|keep_units }}</p>
 {% include "cloud.html" %}
 {% endif %}
 {% for picture in many.pictures %}
-{{ figure(picture, view.sides, view.engine if loop.first) }}
+{{ figure(picture, view.conditions, view.engine if loop.first) }}
 {% endfor %}
 {{ table(view.table) }}
 {% for camera, why in view.found.facts.left_out.items() %}

@@ -55,8 +55,8 @@ Enough of these pictures stands still to place the cameras equally well without 
 {% endfor %}
 {% endcall %}
 {% endif %}
-<div><p class="key"><span class="tag synced">{{ view.sides.first }}</span>
-<span class="tag offset">{{ view.sides.late_head }}</span></p>
+<div><p class="key"><span class="tag synced">{{ view.conditions.first }}</span>
+<span class="tag offset">{{ view.conditions.late_head }}</span></p>
 <p>{{ view.delays|keep_units }}</p>
 <p class="quiet">Compared with: {{ poses.facts.truth_source|keep_units }}.
 {%- if poses.reason %} Reason for this test: {{ poses.reason|keep_units }}.{% endif %}</p></div></div>
@@ -226,7 +226,7 @@ def pose_chart(poses: StudyResult[PoseFacts], heads: Mapping[str, str]) -> dict[
             # A fraction of 0 still gets a visible bar.
             top = min(axes.y(share), axes.y(0) - 2)
             bars.append((tone, round(middle + left * (width + 1), 1), top, round(axes.y(0) - top, 1)))
-            words.append(f"{name.lower()} {wording.share(share, decimals=0)}")
+            words.append(f"{name.lower()} {wording.percentage(share, decimals=0)}")
         ticks.append((round(middle, 1), f"{row['instant']}"))
         told.append(f"instant {row['instant']}: {', '.join(words)}")
     label = f"Share of camera pairs placed correctly; {'; '.join(told)}"
@@ -325,7 +325,7 @@ class PoseStudy(ConditionStudy):
     def unasked(self) -> str:
         """Return why poses are not estimated; empty if requested or if much of the image moves."""
         asked, moving = self.options.poses, self.known.moving_share
-        share = wording.share(moving, decimals=0)
+        share = wording.percentage(moving, decimals=0)
         self.reason = "asked for" if asked else f"{share} of the picture moves"
         if asked is None and moving < LARGE_MOVING_FRACTION:
             return (

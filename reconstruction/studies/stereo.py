@@ -123,7 +123,7 @@ def _texts(cameras: tuple[str, str], true: bool) -> dict[str, PictureText]:
 
 def _draw(one: StereoInstant, side: str, photo: Array, other: Array) -> dict[str, Array]:
     near, far = display_range(one.maps["synced"].depth, one.moving)
-    box = box_around(one.moving, most=0.65)
+    box = box_around(one.moving, max_fraction=0.65)
     depth = one.maps[side].depth
     coloured = colour_depth(depth, near, far)
     right = depth > 0
@@ -150,7 +150,7 @@ def _draw_pair(one: StereoInstant, photo: Array, other: Array) -> Array:
     a, b, on = a[part], b[part], on[part]
     if canvas.mirror:
         a, b, on = (np.ascontiguousarray(image[:, ::-1]) for image in (a, b, on))
-    _, top, _, bottom = box_around(on > 0, spare=0.0, least=8)
+    _, top, _, bottom = box_around(on > 0, spare=0.0, min_px=8)
     count = 3 if (on > 0).any() else 0
     lines = [int(y) for y in np.linspace(top, bottom, count)]
     return draw_rows(a, b, lines)
@@ -271,7 +271,7 @@ class StereoStudy(PairStudy):
         still = found.first_known("static_within_2pct", "static_coverage")
         if still is None:
             return ""
-        values = f"({wording.share(still[1])} and {wording.share(still[2])})"
+        values = f"({wording.percentage(still[1])} and {wording.percentage(still[2])})"
         if abs(still[1] - still[2]) >= 0.02:
             return (
                 f"Things at rest are the control, and here they differ too {values}: not all of the "

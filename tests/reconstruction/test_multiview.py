@@ -89,7 +89,7 @@ def test_a_rig_whose_calibration_nobody_knows_is_refused_where_that_is_asked_for
     session = tmp_path / "session"
     shutil.copytree(trio.folder, session)
     (session / "calibration.json").unlink()
-    with pytest.raises(NotApplicableError, match="no calibration of this rig is known that still holds"):
+    with pytest.raises(NotApplicableError, match="no valid calibration of this rig is known"):
         multiview(session, tmp_path / "out", MultiviewOptions(calibrated=True))
     assert not (tmp_path / "out").exists()
 

@@ -28,7 +28,7 @@ def test_without_common_times_nothing_is_called_synchronized() -> None:
     found = without_common_times(judged(0.4, 0.3), f"{NOT_SYNCHRONIZED}: each counts from its own beginning")
     assert not found.synchronized
     assert f"{NOT_SYNCHRONIZED}, and" in found.reason
-    assert "cannot be told" in timing_sentences(found)
+    assert "do not show whether" in timing_sentences(found)
 
 
 @pytest.mark.parametrize(
@@ -42,7 +42,7 @@ def test_another_offset_is_given_with_the_option_that_mends_it(offset_ms: float,
     text = timing_sentences(found)
     assert text.startswith("These cameras were not synchronized")
     assert f"{abs(offset_ms):.1f} ± 1.0 ms {'earlier' if offset_ms < 0 else 'later'}" in text
-    assert option in text if option else "it takes cameras that fire together" in text
+    assert option in text if option else "it takes synchronized cameras" in text
 
 
 def test_times_that_are_known_to_differ_are_no_one_instant() -> None:
@@ -65,7 +65,7 @@ def test_what_is_not_sure_certifies_nothing(found: Timing, why: str) -> None:
     assert not found.synchronized
     assert not found.offset
     text = timing_sentences(found)
-    assert text.startswith("Whether these cameras were synchronized cannot be told")
+    assert text.startswith("These pictures do not show whether the cameras were synchronized")
     assert why in text
 
 
@@ -78,7 +78,7 @@ def test_a_curve_that_is_highest_elsewhere_takes_the_certificate_away() -> None:
     assert by_depth.offset
     assert by_depth.late_ms == pytest.approx(FRAME_MS)
     assert (
-        "about 33 ms later than L's, as most depth is found then. That is known to a frame only"
+        "about 33 ms later than L's, where most depth is found. This is accurate to one frame only"
         in timing_sentences(by_depth)
     )
     assert "95 %" not in timing_sentences(by_depth)
@@ -99,7 +99,7 @@ def test_curves_that_are_highest_as_recorded_tell_the_frame() -> None:
     assert not found.offset
     text = timing_sentences(found)
     assert text.startswith("These pictures are of the same frame")
-    assert "Finer than 4 ms cannot be told: what was measured is neither" in text
+    assert "Offsets below 4 ms cannot be measured: what was measured is neither" in text
     assert "R is 2.4 ± 2.0 ms late" in text
     # A lateness that was measured is told, however depth is paired best.
     assert timing_sentences(with_curve_peak(late, [0.0] * 8, FRAME_MS)) == timing_sentences(late)
@@ -110,9 +110,12 @@ def test_curves_that_are_highest_as_recorded_tell_the_frame() -> None:
     [
         (
             judged(0.5, 3.0),
-            "Finer than 6 ms cannot be told: the error of what was measured is more than a tenth",
+            "Offsets below 6 ms cannot be measured: the error of what was measured is more than a tenth",
         ),
-        (judged(0.7, 0.3), "Finer than 1 ms cannot be told: what was measured is neither clearly zero"),
+        (
+            judged(0.7, 0.3),
+            "Offsets below 1 ms cannot be measured: what was measured is neither clearly zero",
+        ),
     ],
 )
 def test_the_frame_is_told_where_its_neighbours_are_far(found: Timing, text: str) -> None:

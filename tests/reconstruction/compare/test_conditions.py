@@ -106,7 +106,7 @@ def test_compare_judges_further_conditions_beside_the_synchronized_one(
     assert len(result["tolerance"]["points"]) == 5
     assert len(study(result, "burst")["facts"]["thumbnails"]) == 3
     page = (out / "report.html").read_text("utf-8")
-    for words in ("All conditions", "The burst", "How much delay this motion tolerates", "Every instant"):
+    for words in ("All conditions", "The burst", "Delay that this motion tolerates", "Every instant"):
         assert words in page
 
 

@@ -46,7 +46,7 @@ def test_planes_are_found_among_points_of_nothing() -> None:
     samples.append(
         SurfacePoints(stray, rng.permutation(NORMALS[rng.integers(0, 3, 1500)]), np.zeros_like(stray))
     )
-    found = find_scene_planes(samples, least=400)
+    found = find_scene_planes(samples, min_points=400)
     assert len(found) == len(true)
     for plane in true:
         same = [one for one in found if abs(float(one.normal @ plane.normal)) > 0.9999]
@@ -58,7 +58,7 @@ def test_a_wall_among_noise_is_not_tilted_as_its_first_candidate_is() -> None:
     wall = ScenePlane(NORMALS[0], float(DISTANCES[0]))
     for seed in range(8):
         points = seen_on(wall, 5000, np.random.default_rng(seed), off=0.005, tilt=0.2)
-        found = find_scene_planes([points], least=400)[0]
+        found = find_scene_planes([points], min_points=400)[0]
         assert np.degrees(np.arccos(abs(float(found.normal @ wall.normal)))) < 0.2
 
 

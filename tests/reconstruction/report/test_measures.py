@@ -65,13 +65,13 @@ def test_pictures_that_are_not_of_one_instant_are_not_called_synchronized(
     page = read_report(whole, stereo, timing=apart, rig_timing=None, verdict="They were not.")
     assert "As recorded against offset" in page.text
     assert "Synced" not in page.text
-    assert "fire together; these did not" in page.text
+    assert "synchronized cameras; these were not" in page.text
     assert "in the pictures as they were recorded" in page.text
     assert "comes from timing alone" not in page.text
     assert "they are measured equally well in both (67.3 % and 67.3 %)." in page.text
 
 
-def test_a_camera_that_is_late_takes_the_word_from_what_it_is_part_of(
+def test_a_camera_that_is_late_is_named_in_the_studies_it_is_part_of(
     read_report: ReadReport, whole: CompareResult
 ) -> None:
     right, late = "cam_right", {"synchronized": False, "offset": True, "late_ms": 33.0, "shift_ms": 33.0}
@@ -85,8 +85,8 @@ def test_a_camera_that_is_late_takes_the_word_from_what_it_is_part_of(
     pair, many = (page.text.rindex(part) for part in ("Depth from cameras", "Depth from 3 cameras"))
     assert "Synced" in page.text[pair : pair + 120]
     assert "Recorded" in page.text[many : many + 120]
-    assert "fire together; these did not" in page.text
-    table = page.text[page.text.rindex("When the cameras took their pictures, against cam_left") :]
+    assert "synchronized cameras; these were not" in page.text
+    table = page.text[page.text.rindex("Time offset of each camera against cam_left") :]
     assert re.match(
         r".*?cam_middle\s*0\.1 ± 0\.4 ms late\s*the same instant\s*"
         r"cam_right\s*33\.0 ± 0\.4 ms late\s*--time-shift-ms cam_right=33",

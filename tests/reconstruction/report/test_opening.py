@@ -1,4 +1,4 @@
-"""The first screen: what it is of, how exact the take was beside what its motion bears, one large picture."""
+"""The first screen: what it is of, its time error beside the tolerated delay, one large picture."""
 
 from pathlib import Path
 
@@ -26,23 +26,23 @@ def test_where_the_pictures_come_from_is_said_first(read_report: ReadReport, ori
     assert "5 cameras, 1 instant;" in page.text
 
 
-def test_the_error_stands_beside_what_the_motion_bears(tmp_path: Path) -> None:
+def test_the_error_stands_beside_the_tolerated_delay(tmp_path: Path) -> None:
     found = describe_exactness(whole_result(tmp_path))
-    assert (shown(found["error"]), shown(found["bears"])) == ("≤ 50 µs", "3.5 ms")
+    assert (shown(found["error"]), shown(found["tolerated"])) == ("≤ 50 µs", "3.5 ms")
     assert found["error_source"] == "by the session's own record; 0.1 ± 0.4 ms late by what moves"
-    assert shown(found["conclusion"]) == "70 times more exact than this motion needs."
+    assert shown(found["conclusion"]) == "70 times more accurate than this motion needs."
 
 
 def test_a_take_that_is_too_coarse_is_called_so(tmp_path: Path) -> None:
     result = msgspec.structs.replace(whole_result(tmp_path), sync_residual_us=9_000.0)
-    assert describe_exactness(result)["conclusion"] == "This take is not exact enough for this motion."
+    assert describe_exactness(result)["conclusion"] == "This take is not accurate enough for this motion."
 
 
 def test_no_record_hides_an_offset_that_was_measured(tmp_path: Path) -> None:
     late = msgspec.structs.replace(TIMING, synchronized=False, offset=True, late_ms=33.3, uncertainty_ms=0.5)
     found = describe_exactness(msgspec.structs.replace(whole_result(tmp_path), timing=late))
     assert found["error"] == "33.3 ± 0.5 ms late"
-    assert found["bears"] == wording.NOT_AVAILABLE
+    assert found["tolerated"] == wording.NOT_AVAILABLE
     assert found["conclusion"] == ""
 
 
@@ -57,8 +57,8 @@ def test_an_offset_of_any_camera_counts(tmp_path: Path) -> None:
 
 def test_what_was_not_measured_is_not_made_up() -> None:
     found = describe_exactness(msgspec.structs.replace(RESULT, timing=None, sync_residual_us=None))
-    assert (found["error"], found["bears"]) == (wording.NOT_AVAILABLE, wording.NOT_AVAILABLE)
-    assert "not measured" in found["error_source"] + found["bears_source"]
+    assert (found["error"], found["tolerated"]) == (wording.NOT_AVAILABLE, wording.NOT_AVAILABLE)
+    assert "not measured" in found["error_source"] + found["tolerated_source"]
     assert found["conclusion"] == ""
 
 
@@ -69,11 +69,11 @@ def test_unknown_offsets_stand_where_the_error_would(tmp_path: Path, read_report
     assert NOT_SYNCHRONIZED in read_report(unsynchronized=NOT_SYNCHRONIZED).text
 
 
-def test_a_motion_that_bears_all_that_was_tried_has_a_lower_bound_only(tmp_path: Path) -> None:
+def test_a_motion_that_tolerates_all_tried_delays_has_a_lower_bound_only(tmp_path: Path) -> None:
     whole = whole_result(tmp_path)
     tolerance = msgspec.structs.replace(whole.tolerance, tolerable_offset_ms=None)
     found = describe_exactness(msgspec.structs.replace(whole, tolerance=tolerance))
-    assert shown(found["bears"]) == "> 67 ms"
+    assert shown(found["tolerated"]) == "> 67 ms"
     assert found["conclusion"] == ""
 
 

@@ -118,7 +118,7 @@ def test_a_long_verdict_is_set_smaller(read_report: ReadReport) -> None:
 def test_how_it_was_made_names_what_decides_the_numbers(read_report: ReadReport) -> None:
     page = read_report()
     for words in (
-        "66 ms asked for; 66.6 ms given, which is 2 frames",
+        "66 ms requested; 66.6 ms applied, which is 2 frames",
         "the session's own (calibration.json)",
         "every picture within 85 µs of its instant",
         "the clocks agree to 1.9 ms in the worst case",

@@ -21,7 +21,7 @@ from reconstruction.report import wording
     ],
 )
 def test_shares_never_round_up_to_all_or_down_to_nothing(value: float | None, words: str) -> None:
-    assert wording.share(value, decimals=0).replace(wording.GAP, " ") == words
+    assert wording.percentage(value, decimals=0).replace(wording.GAP, " ") == words
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ how = Path(__file__).with_name("how")
 while how.read_text() == "wait":
     time.sleep(0.01)
 if how.read_text() == "refuse":
-    sys.exit("child: error: no calibration of this rig is known that still holds")
+    sys.exit("child: error: no valid calibration of this rig is known")
 out = Path(words[words.index("--out") + 1])
 (out / "depth").mkdir(parents=True)
 cv2.imwrite(str(out / "depth" / "cam01.png"), np.full((48, 64, 3), 90, np.uint8))

@@ -92,7 +92,7 @@ class StudyResult(Struct, Generic[Facts], frozen=True, kw_only=True):
     """Rows with `instant`, its facts, and each measure as `synced_*` and `offset_*`."""
     pictures: tuple[Picture, ...] = ()
     facts: Facts | None = None
-    """Results that only this study has, in a struct of its own: see docs/compare.md."""
+    """Results that only this study has, in a struct of its own: see docs/metrics.md."""
 
     @property
     def pair(self) -> tuple[str, str]:

@@ -6,12 +6,14 @@ import weakref
 from collections.abc import Callable
 from contextlib import ExitStack
 from dataclasses import dataclass
+from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from capture_app.common.errors import NotApplicableError
 from capture_app.console.usage import silence
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply
 from capture_app.session.files.untrusted_files import read_arrays
@@ -26,6 +28,8 @@ from reconstruction.multiview.instant_model import FUSED, MultiviewOptions, mult
 from reconstruction.multiview.result import MultiviewResult
 from reconstruction.panorama.command import PanoramaOptions, PanoramaResult, panorama
 from reconstruction.scores.comparison_results import CompareResult
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.motion import SceneMotion
 from reconstruction.stereo.command import StereoDepth, StereoOptions, stereo
 from reconstruction.time_offsets.session_offsets import TimeResult, measure_times
 
@@ -125,6 +129,16 @@ class ReconstructedSession(OpenSession):
         chosen = PanoramaOptions(**options)
         return _make(Made[PanoramaResult], out, lambda folder: panorama((self.folder,), folder, chosen))
 
+    def moving(self, camera: str, instant: int) -> Array:
+        """Return what moves in a camera's frame, bool height x width, seen by comparing its instants.
+
+        Raises as `frame` and `Frame.bgr` do, and NotApplicableError if the camera has one frame only.
+        """
+        self.frame(camera, instant).bgr()
+        if len(self._motion.dataset.instants(camera)) < 2:
+            raise NotApplicableError(f"{camera} has one frame: motion shows by comparing two")
+        return self._motion.detected_moving(camera, instant)
+
     def time(self, reference: str | None = None, *, apply: bool = False) -> TimeResult:
         """Measure each camera's time offset by a lamp or motion; `apply` corrects the recording's times."""
         with silence():
@@ -136,8 +150,13 @@ class ReconstructedSession(OpenSession):
             result = calibrate(
                 self.folder, CalibrateOptions(source=CalibrationSource.named(source), **options)
             )
-        self.__dict__.pop("cameras", None)
+        for stale in ("cameras", "_motion"):
+            self.__dict__.pop(stale, None)
         return result
+
+    @cached_property
+    def _motion(self) -> SceneMotion:
+        return SceneMotion(Dataset.open(self.folder), step=1)
 
 
 def open_session(session: str | PathLike[str] | Session) -> ReconstructedSession:

@@ -28,10 +28,19 @@ def test_error_bars_of_each_camera() -> None:
         assert residual < error < bound
 
 
-def test_a_point_is_as_far_away_as_the_truth_says() -> None:
-    x, y, *place = map(float, re.findall(r"-?\d+\.\d*", run("triangulate_point.py")))
-    depth_m, _ = open_session(ROOT / "sample_sessions" / "jumper").cameras["cam00"].frames[0].truth()
+def test_a_moving_point_is_right_only_when_synchronized() -> None:
+    synced, late = run("triangulate_point.py").splitlines()
+    depth_m, moving = open_session(ROOT / "sample_sessions" / "jumper").frame("cam00", 1).truth()
+    x, y, *place = map(float, re.findall(r"-?\d+\.\d*", synced))
+    assert moving[round(y), round(x)]
     assert place[2] == pytest.approx(float(depth_m[round(y), round(x)]), rel=0.02)
+    x, y, *place = map(float, re.findall(r"-?\d+\.\d*", late))
+    assert place[2] != pytest.approx(float(depth_m[round(y), round(x)]), rel=0.05)
+
+
+def test_a_dataset_has_an_image_and_a_mask_for_each_frame(tmp_path: Path) -> None:
+    assert "5 cameras, 5 instants" in run("masked_dataset.py", tmp_path / "dataset")
+    assert len(list(tmp_path.rglob("*-mask.png"))) == len(list(tmp_path.rglob("*-image.png"))) == 25
 
 
 @pytest.mark.slow

@@ -96,10 +96,10 @@ def test_a_calibration_that_was_made_is_the_sessions(tmp_path: Path) -> None:
     shutil.copytree(SAMPLE, folder)
     (folder / "calibration.json").unlink()
     session = open_session(str(folder))
-    assert session.cameras["cam01"].calibration is None
+    assert not session.cameras["cam01"].is_calibrated
     result = session.calibrate(str(SAMPLE), keep=False)
     assert result.stored
-    assert session.cameras["cam01"].calibration is not None
+    assert session.cameras["cam01"].is_calibrated
     with pytest.raises(BadInputError, match="--replace"):
         session.calibrate("session", keep=False, scale_by_board=True)
 

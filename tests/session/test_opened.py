@@ -15,6 +15,8 @@ from tests.session.recorded import record
 
 from .conftest import HEIGHT, INSTANTS, WIDTH, calibration_of, camera_record, edit_manifest, jpeg
 
+SAMPLE = Path(__file__).parents[2] / "sample_sessions" / "jumper"
+
 
 def test_frames_are_found_by_camera_and_by_instant(session: Session) -> None:
     opened = open_session(session.folder)
@@ -100,14 +102,14 @@ def test_a_recording_is_read_alike(tmp_path: Path) -> None:
 
 def test_matrices_are_those_of_the_pictures(session: Session) -> None:
     opened = open_session(session.folder)
-    assert opened.cameras["left"].calibration is None
+    assert not opened.cameras["left"].is_calibrated
     (session.folder / "calibration.json").write_bytes(_json(calibration_of("left")))
     calibrated = open_session(session.folder).cameras
     found = calibrated["left"].calibration
     assert found.camera_matrix.tolist() == [[1, 0, 3], [0, 2, 4], [0, 0, 1]]
     assert (found.cam_from_rig @ [0, 0, 0, 1]).tolist() == [0.1, 0.2, 0.3, 1]
     assert (found.distortion.shape, found.unit) == ((5,), "m")
-    assert calibrated["right"].calibration is None
+    assert not calibrated["right"].is_calibrated
 
 
 def test_pictures_of_several_sizes_are_not_stacked(tmp_path: Path) -> None:
@@ -126,3 +128,23 @@ def _json(value: object) -> bytes:
     import msgspec
 
     return msgspec.json.encode(value)
+
+
+def test_points_are_projected_and_triangulated_back() -> None:
+    cameras = open_session(SAMPLE).cameras
+    points = np.array([[0.1, 0.2, 2.0], [-0.3, 0.1, 3.0]])
+    pixels = {name: camera.calibration.project(points) for name, camera in cameras.items()}
+    np.testing.assert_allclose(open_session(SAMPLE).triangulate(pixels), points, atol=1e-6)
+    assert np.isnan(cameras["cam01"].calibration.project([0, 0, -1])).all()
+    with pytest.raises(BadInputError, match="cam01"):
+        open_session(SAMPLE).triangulate({"cam01": pixels["cam01"]})
+
+
+def test_a_frame_that_is_not_there_is_named() -> None:
+    session = open_session(SAMPLE)
+    with pytest.raises(BadInputError, match="no instant 99"):
+        session.frame("cam01", 99)
+    with pytest.raises(BadInputError, match="no camera 'cam99'"):
+        session.frame("cam99", 0)
+    assert "5 cameras, 5 instants" in repr(session)
+    assert "cam01, instant 2" in repr(session.frame("cam01", 2))

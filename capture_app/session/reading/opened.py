@@ -1,11 +1,13 @@
 """Python interface to a session: frames as arrays, decoded on request."""
 
-from dataclasses import dataclass, field
+from collections.abc import Mapping
+from dataclasses import dataclass
 from functools import cached_property
 from os import PathLike
 from pathlib import Path
 from typing import Literal
 
+import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -27,6 +29,8 @@ TimeName = Literal[
 ]
 """Times that `OpenSession.times` returns: fields of `ImageRecord`, and the simulated true time."""
 Pixels = npt.NDArray[np.uint8]
+Numbers = npt.NDArray[np.float64]
+_CALIBRATE = "run `reconstruct calibrate SESSION --from sfm`, or --from board"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -41,8 +45,14 @@ class Frame:
     """Index of the instant in the burst, from 0."""
     missing: str
     """Reason why the frame is missing; empty if it exists."""
-    _record: ImageRecord | None = field(repr=False)
-    _session: "OpenSession" = field(repr=False)
+    _record: ImageRecord | None
+    _session: "OpenSession"
+
+    def __repr__(self) -> str:
+        if self._record is None:
+            return f"<Frame {self.camera}, instant {self.instant}: {self.missing}>"
+        error = "" if self.uncertainty_ns is None else f" ± {self.uncertainty_ns / 1000:.0f} us"
+        return f"<Frame {self.camera}, instant {self.instant}: {self.leader_ns / 1e6:.3f} ms{error}>"
 
     @property
     def record(self) -> ImageRecord:
@@ -97,15 +107,18 @@ class Frame:
         """Decode the image: uint8 height x width x 3 in RGB order. Raises BadInputError as `bgr` does."""
         return np.ascontiguousarray(self.bgr()[..., ::-1])
 
-    def truth(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]] | None:
+    def truth(self) -> tuple[npt.NDArray[np.float32], npt.NDArray[np.bool_]]:
         """Return true depth (m along the optical axis, 0 = none) and moving regions of a simulated frame.
 
-        Returns None if the frame is not simulated.
+        Raises IncompleteError if the frame is not simulated.
         """
-        return self._session.read_ground_truth(self.camera, self.record.instant)
+        truth = self._session.read_ground_truth(self.camera, self.record.instant)
+        if truth is None:
+            raise IncompleteError(f"{self.camera} has no true depth of instant {self.instant}")
+        return truth
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class InstantFrames:
     """One instant of the burst: the frames of all cameras, including missing ones."""
 
@@ -114,6 +127,11 @@ class InstantFrames:
     """Target time of all frames of this instant, ns in the leader's clock."""
     frames: dict[str, Frame]
     """Each camera's frame, in the session's order of cameras."""
+
+    def __repr__(self) -> str:
+        there = sum(not frame.missing for frame in self.frames.values())
+        time = f"{self.leader_ns / 1e6:.3f} ms"
+        return f"<InstantFrames {self.number}: {time}, {there} of {len(self.frames)} frames>"
 
     def bgr(self) -> Pixels:
         """Decode all images: uint8 cameras x height x width x 3 in OpenCV's BGR order.
@@ -136,17 +154,34 @@ class InstantFrames:
 class CameraMatrices:
     """Calibration of a camera as in OpenCV: x right, y down, z forward, first pixel centre at (0, 0)."""
 
-    camera_matrix: npt.NDArray[np.float64]
+    camera_matrix: Numbers
     """3 x 3, in px of the stored images."""
-    distortion: npt.NDArray[np.float64]
+    distortion: Numbers
     """k1, k2, p1, p2, k3."""
-    cam_from_rig: npt.NDArray[np.float64]
+    cam_from_rig: Numbers
     """4 x 4: transforms a point from the rig's frame to the camera's, in `unit`."""
     unit: str
     """m, or arbitrary."""
 
+    def project(self, points: npt.ArrayLike) -> Numbers:
+        """Return the pixels (... x 2) of points (... x 3) in the rig's frame; NaN behind the camera."""
+        points = np.asarray(points, np.float64)
+        seen = points @ self.cam_from_rig[:3, :3].T + self.cam_from_rig[:3, 3]
+        still = np.zeros(3)
+        pixels, _ = cv2.projectPoints(seen.reshape(-1, 3), still, still, self.camera_matrix, self.distortion)
+        return np.where(seen[..., 2:] > 0, pixels.reshape(*points.shape[:-1], 2), np.nan)
 
-@dataclass(frozen=True)
+    def undistort(self, image: Pixels) -> Pixels:
+        """Return the image without lens distortion, with the same camera matrix and size."""
+        return np.asarray(cv2.undistort(image, self.camera_matrix, self.distortion), np.uint8)
+
+    def undistort_points(self, pixels: npt.ArrayLike) -> Numbers:
+        """Return pixels (n x 2) as x / z and y / z (n x 2) in the camera's frame."""
+        flat = np.asarray(pixels, np.float64).reshape(-1, 1, 2)
+        return np.asarray(cv2.undistortPoints(flat, self.camera_matrix, self.distortion)).reshape(-1, 2)
+
+
+@dataclass(frozen=True, repr=False)
 class CameraFrames:
     """One camera of a session: its frames of all instants, including missing ones."""
 
@@ -155,7 +190,24 @@ class CameraFrames:
     """The camera's properties, and the state of its clock and phase."""
     frames: tuple[Frame, ...]
     """One frame for each instant, in order."""
-    calibration: CameraMatrices | None
+    _matrices: CameraMatrices | None
+
+    def __repr__(self) -> str:
+        there = sum(not frame.missing for frame in self.frames)
+        calibrated = "calibrated" if self.is_calibrated else "not calibrated"
+        return f"<CameraFrames {self.name}: {there} of {len(self.frames)} frames, {calibrated}>"
+
+    @property
+    def is_calibrated(self) -> bool:
+        """Whether the session has this camera's calibration."""
+        return self._matrices is not None
+
+    @property
+    def calibration(self) -> CameraMatrices:
+        """The camera's calibration. Raises IncompleteError if the session has none of it."""
+        if self._matrices is None:
+            raise IncompleteError(f"{self.name} is not calibrated", hint=_CALIBRATE)
+        return self._matrices
 
 
 class OpenSession(Session):
@@ -187,6 +239,18 @@ class OpenSession(Session):
             for name, record in self._cameras.items()
         }
 
+    def frame(self, camera: str, instant: int) -> Frame:
+        """Return a camera's frame at an instant, from 0. Raises BadInputError if there is no such frame."""
+        frames = self._named(camera).frames
+        if not 0 <= instant < len(frames):
+            last = len(frames) - 1
+            raise BadInputError(f"no instant {instant}", hint=f"the instants are 0 to {last}")
+        return frames[instant]
+
+    def __repr__(self) -> str:
+        kind = f"{len(self.cameras)} cameras, {len(self.instants)} instants"
+        return f"<{type(self).__name__} {self.folder.name}: {kind}, {self.verdict.grade}>"
+
     @property
     def verdict(self) -> Verdict:
         """Synchronization quality of the burst, as text and numbers."""
@@ -202,11 +266,32 @@ class OpenSession(Session):
         unknown = [[time is None for time in row] for row in told]
         return np.ma.MaskedArray([[time or 0 for time in row] for row in told], unknown, np.int64)
 
+    def triangulate(self, pixels: Mapping[str, npt.ArrayLike]) -> Numbers:
+        """Return points (n x 3) in the rig's frame from their pixels (n x 2) in two or more cameras by name.
+
+        Each point minimizes the algebraic error over all cameras (DLT: Hartley and Zisserman, 12.2). Raises
+        IncompleteError if a camera is not calibrated, BadInputError if there are fewer than two cameras.
+        """
+        if len(pixels) < 2:
+            raise BadInputError(f"one camera sees a ray, not a point: {', '.join(pixels)}", hint="name two")
+        rows = []
+        for name, seen in pixels.items():
+            camera = self._named(name).calibration
+            rays = camera.undistort_points(seen)
+            rows.append(rays[:, :, None] * camera.cam_from_rig[2] - camera.cam_from_rig[:2])
+        homogeneous = np.linalg.svd(np.concatenate(rows, axis=1))[2][:, -1]
+        return np.asarray(homogeneous[:, :3] / homogeneous[:, 3:])
+
     @cached_property
     def all_true_ns(self) -> dict[tuple[str, int], int]:
         """True times of a simulated session's frames, ns, by camera and instant; empty for other sessions."""
         truth = self.true_times()
         return {} if truth is None else {(one.camera, one.instant): one.true_ns for one in truth.images}
+
+    def _named(self, camera: str) -> CameraFrames:
+        if camera not in self.cameras:
+            raise BadInputError(f"no camera {camera!r}", hint=f"the cameras are {', '.join(self.cameras)}")
+        return self.cameras[camera]
 
     def _matrices(self, camera: CameraRecord) -> CameraMatrices | None:
         rig = self.calibration()

@@ -24,7 +24,7 @@ class ArrivalClock:
         """Stamp with the smallest delay and that delay, by second of the counter."""
         self._origin_ns = self._delay_ns = self._last_delay_ns = 0
         self._line: LikelyLine | None = None
-        self.spread_ns = 0.0
+        self.jitter_ns = 0.0
         """Mean distance of each second's smallest delay from the line, at the last fit."""
         self.typical_excess_ns = 0.0
         """Mean delay beyond the minimum, if known from elsewhere: a few arrivals do not show it."""
@@ -52,10 +52,10 @@ class ArrivalClock:
 
     def uncertainty_ns(self, counter_ns: int) -> int:
         """Return the 95 % error of `host_ns`, without the unknown minimum delay."""
-        away_ns = float(counter_ns - self._origin_ns)
-        span_ns = float(self._origin_ns - min(self._quickest) * _BLOCK_NS) + abs(away_ns)
+        elapsed_ns = float(counter_ns - self._origin_ns)
+        span_ns = float(self._origin_ns - min(self._quickest) * _BLOCK_NS) + abs(elapsed_ns)
         bend_ns = DRIFT * span_ns**2 / 4.0
-        return round(_SIGMAS * hypot(sqrt(self._fitted().variance_at(away_ns)), bend_ns))
+        return round(_SIGMAS * hypot(sqrt(self._fitted().variance_at(elapsed_ns)), bend_ns))
 
     def _fitted(self) -> LikelyLine:
         if self._line is None:
@@ -74,8 +74,8 @@ class ArrivalClock:
         levels = beyond.min(axis=1)
         excess = beyond.sum(axis=1) - len(points) * levels
         # The median, because a second that has just begun may have no small delay yet.
-        self.spread_ns = float((np.median(beyond, axis=1) - levels).min()) / log(2.0)
-        mean_ns = max(self.spread_ns, self.typical_excess_ns, 1.0)
+        self.jitter_ns = float((np.median(beyond, axis=1) - levels).min()) / log(2.0)
+        mean_ns = max(self.jitter_ns, self.typical_excess_ns, 1.0)
         logs = np.log(np.exp(-0.5 * (skews / SKEW) ** 2) + ODD_HOSTS) - excess / mean_ns
         votes = np.exp(logs - logs.max())
         votes /= votes.sum()

@@ -85,7 +85,7 @@ class JpegPicture:
 
         Raises ValueError for bytes that cannot be decoded.
         """
-        picture = decode_image(self.data, colour=True, at_least=width)
+        picture = decode_image(self.data, colour=True, min_width=width)
         if picture is None:
             raise ValueError("the camera's JPEG cannot be decoded")
         return picture
@@ -137,11 +137,11 @@ def raw_picture(data: bytes, layout: PixelFormat) -> PixelPicture:
     return PixelPicture(len(data), partial(_raw_pixels, data, layout))
 
 
-def _raw_pixels(data: bytes, layout: PixelFormat, wanted: int | None) -> "NDArray[np.uint8]":
+def _raw_pixels(data: bytes, layout: PixelFormat, min_width: int | None) -> "NDArray[np.uint8]":
     import cv2
     import numpy as np
 
-    step = step_to(layout.width, wanted)
+    step = step_to(layout.width, min_width)
     width, height, stride, rows = layout.width, layout.height, layout.bytes_per_line, _rows(layout)
     plane = np.frombuffer(data, np.uint8, rows * stride).reshape(rows, stride)
     if layout.fourcc == "YUYV":

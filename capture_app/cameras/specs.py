@@ -73,7 +73,7 @@ def parse_spec(spec: str) -> CameraSpec:
     kind, _, rest = spec.strip().partition(":")
     if kind not in camera_kinds():
         forms = " or ".join(driver.SPEC for driver in load_drivers().values())
-        hint = f"write {forms}" if forms else f"no driver is installed: install {DISTRIBUTION} anew"
+        hint = f"write {forms}" if forms else f"no driver is installed: install {DISTRIBUTION} again"
         raise BadInputError(f"unknown camera {spec!r}", hint=hint)
     device, *parts = (part.strip() for part in rest.split(","))
     if not device:
@@ -110,7 +110,7 @@ def open_camera(spec: str, *, clock: NodeClock, name: str) -> Camera:
 
 
 def read_number(
-    options: Mapping[str, str], key: str, camera: str, *, least: float, most: float
+    options: Mapping[str, str], key: str, camera: str, *, low: float, high: float
 ) -> float | None:
     """Read a numeric option within bounds; None if it is not given. Raises BadInputError.
 
@@ -124,10 +124,8 @@ def read_number(
         value = float(dividend) / float(divisor or 1)
     except (ValueError, ZeroDivisionError):
         value = math.nan
-    if not least <= value <= most:
-        raise BadInputError(
-            f"{key}={text} of {camera}", hint=f"a number from {least:g} to {most:g} is needed"
-        )
+    if not low <= value <= high:
+        raise BadInputError(f"{key}={text} of {camera}", hint=f"a number from {low:g} to {high:g} is needed")
     return value
 
 
@@ -168,8 +166,8 @@ class CameraRequest:
 def read_request(options: Mapping[str, str], camera: str) -> CameraRequest:
     """Read the options that drivers share. Raises BadInputError, which names the wrong one and `camera`."""
     asked: dict[str, Any] = {"format": options.get("format")}
-    for key, (least, most) in (_WHOLE | _NUMBERS).items():
-        number = read_number(options, key, camera, least=least, most=most)
+    for key, (low, high) in (_WHOLE | _NUMBERS).items():
+        number = read_number(options, key, camera, low=low, high=high)
         if number is not None and key in _WHOLE:
             if number != round(number):
                 raise BadInputError(f"{key}={options[key]} of {camera}", hint="a whole number is needed")

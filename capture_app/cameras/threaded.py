@@ -47,10 +47,10 @@ class ThreadedCamera(Camera):
     def _in_worker(self, work: Callable[..., T], *arguments: object) -> "asyncio.Future[T]":
         return asyncio.get_running_loop().run_in_executor(self._worker, work, *arguments)
 
-    def _tell(self, news: Callable[..., object], *what: object) -> None:
-        """Have the loop call `news`; safe from any thread."""
+    def _call_in_loop(self, callback: Callable[..., object], *what: object) -> None:
+        """Have the loop call `callback`; safe from any thread."""
         with contextlib.suppress(RuntimeError):  # the loop is closed: the process ends
-            self._loop.call_soon_threadsafe(news, *what)
+            self._loop.call_soon_threadsafe(callback, *what)
 
     def _deliver(self, frame: CapturedFrame) -> None:
         if not self._closing.is_set():

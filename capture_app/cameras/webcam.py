@@ -65,8 +65,8 @@ class Webcam:
         ):
             if value is not None:
                 self._capture.set(prop, value)
-        told = float(self._capture.get(cv2.CAP_PROP_FPS))
-        self.fps = told if 0.1 <= told <= MAX_FPS else request.fps or DEFAULT_FPS
+        reported_fps = float(self._capture.get(cv2.CAP_PROP_FPS))
+        self.fps = reported_fps if 0.1 <= reported_fps <= MAX_FPS else request.fps or DEFAULT_FPS
 
     def next_frame(self) -> "tuple[int, NDArray[np.uint8]] | None":
         """Wait for a frame; return its arrival (ns, host's clock) and BGR (H, W, 3), or None without one."""
@@ -129,7 +129,7 @@ class WebcamCamera(ThreadedCamera):
             webcam = self._open_webcam()
             first = self._next(webcam)
             self._facts = _facts(webcam, first[1])
-            self._tell(_complete, self._begun)
+            self._call_in_loop(_complete, self._begun)
             stream, sequence = 0, -1
             while not self._closing.is_set():
                 if self._restart_ns is not None:
@@ -137,7 +137,7 @@ class WebcamCamera(ThreadedCamera):
                     wait_for_start(self._restart_ns, self.facts.period_ns, self._closing, time.monotonic_ns)
                     webcam = self._open_webcam()
                     self._restart_ns = None
-                    self._tell(_complete, self._restarted)
+                    self._call_in_loop(_complete, self._restarted)
                     stream, sequence = stream + 1, -1
                 arrived_ns, pixels = self._next(webcam)
                 sequence += 1
@@ -145,9 +145,9 @@ class WebcamCamera(ThreadedCamera):
                 frame = CapturedFrame(
                     sequence=sequence, stream=stream, timestamp_ns=arrived_ns, picture=picture
                 )
-                self._tell(self._deliver, frame)
+                self._call_in_loop(self._deliver, frame)
         except CameraError as error:
-            self._tell(self._fail, error)
+            self._call_in_loop(self._fail, error)
         finally:
             if webcam is not None:
                 webcam.close()
@@ -214,6 +214,6 @@ def list_cameras() -> list[CameraListing]:
         except CameraError:
             break
         webcam.close()
-        detail = "by OpenCV: stamped as frames arrive, sure to tens of milliseconds"
+        detail = "by OpenCV: stamped on arrival, accurate to tens of milliseconds"
         found.append(CameraListing(f"{KIND}:{index}", KIND, f"Webcam {index}", detail))
     return found

@@ -79,7 +79,7 @@ def _as_json(times: "SessionTimes", errors: "RigErrors") -> dict[str, Any]:
                 "exposure_ns": picture.reading.shutter.exposure_ns,
                 "row_time_ns": picture.reading.shutter.row_time_ns,
                 "markers": picture.reading.markers,
-                "misfit": picture.reading.misfit,
+                "misfit": picture.reading.residual,
             }
             for picture in times.pictures
         ],

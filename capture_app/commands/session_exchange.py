@@ -191,8 +191,8 @@ def _aligned_by_motion(session: Session) -> Session:
     from importlib.util import find_spec
 
     times, calibration = session.manifest.burst.common_times, session.calibration()
-    doubt = times is not None and times.doubt(session.manifest.burst.period_ns)
-    if not doubt or calibration is None or find_spec(RECONSTRUCTION) is None:
+    why_not_synchronized = times is not None and times.why_not_synchronized(session.manifest.burst.period_ns)
+    if not why_not_synchronized or calibration is None or find_spec(RECONSTRUCTION) is None:
         return session
     talk("nothing else tells: looking at what moves")
     command = [sys.executable, "-m", "reconstruction.cli", "time", str(session.folder), "--apply"]
@@ -213,7 +213,7 @@ def _say_next(session: Session) -> None:
     times = session.manifest.burst.common_times
     if len(session.manifest.cameras) < 2:
         step = f"capture-app sessions sheet {session.folder}"
-    elif times is not None and times.doubt(session.manifest.burst.period_ns):
+    elif times is not None and times.why_not_synchronized(session.manifest.burst.period_ns):
         # Alignment of a calibrated session was tried just now.
         tried = session.calibration() is not None
         step = f"{'capture-app sessions show' if tried else 'reconstruct time --apply'} {session.folder}"

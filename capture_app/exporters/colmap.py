@@ -31,20 +31,21 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
     The first camera is the rig's reference sensor; the model's world is the calibration's rig. A substitute
     for a dropped frame was taken at a different time than its rig frame, and is left out.
     """
-    kept = [
+    exported = [
         image
         for instant in range(len(burst.instants_ns))
         for camera in burst.cameras
         if (image := burst.image_at(camera, instant)) is not None
     ]
-    suffix = suffix_for(burst, kept)
+    suffix = suffix_for(burst, exported)
     names = {
-        (image.camera, image.instant): f"{RIG}/{image.camera}/{image.instant:06d}{suffix}" for image in kept
+        (image.camera, image.instant): f"{RIG}/{image.camera}/{image.instant:06d}{suffix}"
+        for image in exported
     }
-    if len(kept) < len(burst.images):
-        left_out = count(len(burst.images) - len(kept), "image")
+    if len(exported) < len(burst.images):
+        left_out = count(len(burst.images) - len(exported), "image")
         burst.notes.append(f"left out: {left_out} of other moments than their instants")
-    for image in kept:
+    for image in exported:
         name = names[image.camera, image.instant]
         place(burst, image, folder, f"images/{name}")
         # COLMAP detects no features where a mask is black.

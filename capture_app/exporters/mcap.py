@@ -95,9 +95,9 @@ class _FoxgloveMessages:
         lens = {name.upper(): values.tolist() for name, values in _lens(camera).items()}
         topic = f"/{image.camera}/calibration"
         self.add(topic, "CameraCalibration", image, distortion_model="plumb_bob", **about, **lens)
-        place, turn = _pose(camera, calibration)
+        place, rotation = _pose(camera, calibration)
         frames = {"parent_frame_id": "rig", "child_frame_id": image.camera}
-        self.add("/tf", "FrameTransform", image, translation=place, rotation=turn, **frames)
+        self.add("/tf", "FrameTransform", image, translation=place, rotation=rotation, **frames)
 
     def add(self, topic: str, name: str, image: ImageRecord, **fields: Any) -> None:
         """Add a message with an image's time and instant."""
@@ -149,9 +149,11 @@ class _RosMessages:
 
     def place(self, leader_ns: int, camera: str, calibration: Calibration) -> Any:
         """Return the transform from a camera to the rig."""
-        at, turn = _pose(calibration.cameras[camera], calibration)
+        at, rotation = _pose(calibration.cameras[camera], calibration)
         vector, quarter = (f"geometry_msgs/msg/{name}" for name in ("Vector3", "Quaternion"))
-        pose = self.make("geometry_msgs/msg/Transform", self.make(vector, **at), self.make(quarter, **turn))
+        pose = self.make(
+            "geometry_msgs/msg/Transform", self.make(vector, **at), self.make(quarter, **rotation)
+        )
         header = self.header(leader_ns, "rig")
         return self.make("geometry_msgs/msg/TransformStamped", header, camera, pose)
 
@@ -174,10 +176,10 @@ class _RosMessages:
 
 def ros_topics(cameras: Iterable[str]) -> dict[str, str]:
     """Return each camera's topic name, valid in ROS: letters, digits and _, no digit first."""
-    wished = {camera: re.sub(r"^(?=\d)", "cam", re.sub(r"\W", "_", camera)) for camera in cameras}
+    preferred = {camera: re.sub(r"^(?=\d)", "cam", re.sub(r"\W", "_", camera)) for camera in cameras}
     topics: dict[str, str] = {}
     # A name that is valid in ROS stays unchanged.
-    for camera, own in sorted(wished.items(), key=lambda one: one[0] != one[1]):
+    for camera, own in sorted(preferred.items(), key=lambda one: one[0] != one[1]):
         numbered = chain((own,), (f"{own}_{number}" for number in count(2)))
         topics[camera] = next(topic for name in numbered if (topic := f"/{name}") not in topics.values())
     return topics
@@ -193,8 +195,8 @@ def _lens(camera: CameraCalibration) -> dict[str, Array]:
 def _pose(camera: CameraCalibration, calibration: Calibration) -> tuple[dict[str, float], dict[str, float]]:
     """Return a camera's position in the rig, in metres, and its orientation."""
     centre = centre_of(camera) * METRES.get(calibration.unit, 1.0)
-    turn = dict(zip("wxyz", quaternion(rotation_of(camera).T), strict=True))
-    return dict(zip("xyz", centre.tolist(), strict=True)), turn
+    rotation = dict(zip("wxyz", quaternion(rotation_of(camera).T), strict=True))
+    return dict(zip("xyz", centre.tolist(), strict=True)), rotation
 
 
 EXPORTER = Exporter(

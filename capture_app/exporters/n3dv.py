@@ -63,17 +63,19 @@ def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
     )
     rows = []
     bounds = {name: _bounds(options, depth) for name, depth in focus_depths(cameras).items()}
-    wanted = {name: film_camera(camera, focal) for name, camera in cameras.items()}
-    burst.drawn.update(wanted)
+    film_cameras = {name: film_camera(camera, focal) for name, camera in cameras.items()}
+    burst.drawn.update(film_cameras)
     for number, (name, camera) in enumerate(cameras.items()):
-        path, redraw = folder / f"cam{number:02d}.mp4", redrawing(camera, wanted[name])
+        path, redraw = folder / f"cam{number:02d}.mp4", redrawing(camera, film_cameras[name])
         shown = at_instants(burst, name, together)
         write_camera(burst, path, shown, name, redraw=redraw, size=(WIDTH, HEIGHT))
-        rows.append([*_pose(wanted[name]).ravel(), *bounds[name]])
+        rows.append([*_pose(film_cameras[name]).ravel(), *bounds[name]])
     np.save(folder / "poses_bounds.npy", np.array(rows, np.float64))
-    cloud = read_ply(options.points) if options.points else _scattered(wanted, bounds)
+    cloud = read_ply(options.points) if options.points else _scattered(film_cameras, bounds)
     write_ply(folder / POINTS, cloud.thinned(_MAX_POINTS), normals=True)
-    _add_notes(burst, options, together, min(_kept(cameras[name], wanted[name]) for name in cameras))
+    _add_notes(
+        burst, options, together, min(_fraction_shown(cameras[name], film_cameras[name]) for name in cameras)
+    )
 
 
 def film_camera(camera: CameraCalibration, focal: float) -> CameraCalibration:
@@ -162,50 +164,50 @@ def _scattered(
 ) -> PointCloud:
     """Return grey points, uniform in the cameras' views between near and far, for scenes without points."""
     random = np.random.default_rng(0)
-    share = _MAX_POINTS // len(cameras)
+    per_camera = _MAX_POINTS // len(cameras)
     points = []
     for name, camera in cameras.items():
         near, far = bounds[name]
-        depth = (random.uniform(near**3, far**3, share)) ** (1 / 3)
-        pixels = random.uniform(0, [WIDTH - 1, HEIGHT - 1], (share, 2))
-        local = np.column_stack([rays_of(camera, pixels), np.ones(share)]) * depth[:, None]
+        depth = (random.uniform(near**3, far**3, per_camera)) ** (1 / 3)
+        pixels = random.uniform(0, [WIDTH - 1, HEIGHT - 1], (per_camera, 2))
+        local = np.column_stack([rays_of(camera, pixels), np.ones(per_camera)]) * depth[:, None]
         points.append((local - translation_of(camera)) @ rotation_of(camera))
     every = np.concatenate(points)
     return PointCloud(every, np.full(every.shape, 128, np.uint8))
 
 
-def _kept(camera: CameraCalibration, film: CameraCalibration) -> float:
+def _fraction_shown(camera: CameraCalibration, film: CameraCalibration) -> float:
     """Return the fraction of a camera's image that its video shows."""
     seen = project_rays(film, picture_rays(camera))
     inside = ((seen > -0.51) & (seen < [WIDTH - 0.49, HEIGHT - 0.49])).all(axis=1)
     return float(inside.mean())
 
 
-def _add_notes(burst: ExportedBurst, options: _Options, together: list[int], least: float) -> None:
-    """Add notes on what the videos lack; `together`: their instants, `least`: smallest fraction shown."""
+def _add_notes(burst: ExportedBurst, options: _Options, together: list[int], min_shown: float) -> None:
+    """Add notes on what the videos lack; `together`: their instants, `min_shown`: smallest fraction shown."""
     burst.notes += renaming_notes({camera: f"cam{number:02d}" for number, camera in enumerate(burst.cameras)})
     left_out = len(burst.instants_ns) - len(together)
-    told = (
+    conditional_notes = (
         (
             left_out,
             f"{left_out} of {len(burst.instants_ns)} instants are left out: not every camera has them",
         ),
         (len(together) > _MAX_FRAMES, f"4DGaussians reads the first {_MAX_FRAMES} frames only"),
         (
-            least < 0.995,
-            f"the films are cut to 4:3 and one angle of view: at least {100 * least:.0f} % of a picture; "
+            min_shown < 0.995,
+            f"the films are cut to 4:3 and one angle of view: at least {100 * min_shown:.0f} % of a picture; "
             "`--whole` shows all, and black around it",
         ),
         (
             options.points is None,
-            f"{POINTS} is of random points: `--points` takes those of reconstruct multiview",
+            f"{POINTS} has random points: `--points` takes the cloud of reconstruct multiview",
         ),
         (
             options.near is None or options.far is None,
             "near and far are guessed from where the cameras look; `sessions export` takes --near and --far",
         ),
     )
-    burst.notes += [note for applies, note in told if applies]
+    burst.notes += [note for applies, note in conditional_notes if applies]
     burst.notes += spacing_notes([burst.instants_ns[instant] for instant in together], burst.period_ns)
 
 

@@ -62,7 +62,7 @@ def _view(folder: Path, name: str, content: dict[str, Any]) -> View:
     where = f"{folder}: camera {name}"
     given = (content.get(f"{key}_{name}") for key in ("dist", "D"))
     distortion = next((one.ravel() for one in given if isinstance(one, np.ndarray)), np.zeros(5))
-    sides = [
+    size = [
         round(side)
         for side in (content.get(f"{key}_{name}") for key in "WH")
         if isinstance(side, int | float) and 0 < side < _LONGEST_SIDE_PX
@@ -72,7 +72,7 @@ def _view(folder: Path, name: str, content: dict[str, Any]) -> View:
         distortion=distortion,
         rotation=rotation_of(where, numbers(where, content, f"R_{name}", 3)),
         translation=numbers(where, content, f"T_{name}", 3),
-        size=(sides[0], sides[1]) if len(sides) == 2 else None,
+        size=(size[0], size[1]) if len(size) == 2 else None,
     )
 
 

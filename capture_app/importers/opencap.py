@@ -60,7 +60,7 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
         sources=tuple(open_sources(paths, png=png)),
         same_frames=chosen is aligned,
         calibration=videos if pickles else None,
-        remark=apart if chosen is raw else "",
+        note=apart if chosen is raw else "",
     )
 
 

@@ -67,9 +67,7 @@ def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[
             rest.append(path)
     if len(rest) > 1:
         files = ", ".join(path.name for path in rest)
-        raise BadInputError(
-            f"cannot tell which cameras {files} belong to", hint="give --calibration NAME=FILE"
-        )
+        raise BadInputError(f"the cameras of {files} are unknown", hint="give --calibration NAME=FILE")
     return own, rest[0] if rest else None
 
 
@@ -80,9 +78,9 @@ def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list
         start = re.escape(name)
         # Whole words first, so that cam1 does not match cam10's file; then L matches left.npz.
         for pattern in (rf"{start}(?![A-Za-z0-9])", start):
-            alike = [file for file in files if re.match(pattern, file.stem, re.IGNORECASE)]
-            if len(alike) == 1:
-                own[name] = alike[0]
+            matching = [file for file in files if re.match(pattern, file.stem, re.IGNORECASE)]
+            if len(matching) == 1:
+                own[name] = matching[0]
                 break
         else:
             have = ", ".join(file.name for file in files) or "no OpenCV file"
@@ -138,15 +136,15 @@ def _view(where: str, content: Content) -> View:
         raise BadInputError(f"{where} has no R and T")
     if rotation.size not in (3, 9) or translation.size != 3:
         shapes = f"{rotation.shape} and {translation.shape}"
-        raise BadInputError(f"{where}: R and T have shapes {shapes}, not those of a pose")
+        raise BadInputError(f"{where}: R and T have shapes {shapes}, not the shapes of a pose")
     distortion = _find(content, _DISTORTION)
-    sides = [int(numbers(where, content, key, 1)[0]) for key in _SIZE_KEYS if key in content]
+    size = [int(numbers(where, content, key, 1)[0]) for key in _SIZE_KEYS if key in content]
     return View(
         matrix=matrix,
         distortion=np.zeros(5) if distortion is None else distortion.ravel(),
         rotation=rotation_of(where, rotation.ravel()),
         translation=translation.ravel(),
-        size=(sides[0], sides[1]) if len(sides) == 2 else None,
+        size=(size[0], size[1]) if len(size) == 2 else None,
     )
 
 

@@ -38,11 +38,11 @@ class PhoneVideo(Video):
         rows = self._rows[: len(self.numbers)]
         if len(self._rows) != len(self.numbers):
             of = f"{len(self._rows)} times for {len(self.numbers)} frames"
-            self.remark = f"{self._table} has {of}: the first {len(rows)} are taken"
+            self.note = f"{self._table} has {of}: the first {len(rows)} are taken"
         frames = [TimedFrame(number, at_ns) for number, (at_ns, put_in) in enumerate(rows) if not put_in]
         if len(frames) < len(rows):
             fillers = f"{len(rows) - len(frames)} of {len(rows)} frames are fillers"
-            self.remark = f"{self._table}: {fillers} and left out"
+            self.note = f"{self._table}: {fillers} and left out"
         check_order(str(self._table), frames)
         return frames
 

@@ -125,7 +125,7 @@ def _timeline(manifest: Manifest, places: Mapping[Place, int], cameras: set[str]
     recorded = {(image.camera, image.instant): image for image in manifest.images}
     # A frame that serves two instants is in an export once.
     by_content = {(at[0], recorded[at].sha256): index for at, index in places.items() if at in recorded}
-    why = {(gone.camera, gone.instant): gone.reason for gone in manifest.missing}
+    why = {(absent.camera, absent.instant): absent.reason for absent in manifest.missing}
     instants = []
     for number, at_ns in enumerate(manifest.burst.instants_ns):
         here = {name: recorded[name, number] for name in cameras if (name, number) in recorded}
@@ -136,8 +136,8 @@ def _timeline(manifest: Manifest, places: Mapping[Place, int], cameras: set[str]
         }
         if here and not frames:  # an export of some of the instants
             continue
-        gone = {name: why.get((name, number), _LEFT_OUT) for name in cameras if name not in frames}
-        instants.append(Instant(at_ns, frames, gone))
+        absent = {name: why.get((name, number), _LEFT_OUT) for name in cameras if name not in frames}
+        instants.append(Instant(at_ns, frames, absent))
     periods = {camera.name: camera.facts.period_ns for camera in manifest.cameras if camera.name in cameras}
     return Timeline(instants, manifest.burst.period_ns, periods)
 

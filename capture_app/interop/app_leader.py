@@ -101,7 +101,7 @@ class AppLeader:
             if phone is None and len(self._phones) >= MAX_PHONES:
                 return
             phone = self._phones[host] = AppPhone(self._free_name(name, host), host, now_ns)
-            what = f"phone {phone.name} at {host} is here with the Android app, which nobody has let in"
+            what = f"phone {phone.name} at {host} joined with the Android app, which needs no pairing"
             self._events.append(FollowerEvent(phone.name, what))
             self._set_interval()
         phone.last_heard_ns = now_ns
@@ -146,7 +146,7 @@ class AppLeader:
                 self._events.append(FollowerEvent(phone.name, what, is_warning=True))
                 self._set_interval()
             elif not phone.lost and phone.synced and now_ns >= (phone.report_due_ns or now_ns):
-                self._tell(phone, now_ns)
+                self._send_trigger(phone, now_ns)
         for trigger_ns in self.orders.triggers_due(now_ns):
             self._call_all(Method.SET_TRIGGER_TIME, str(trigger_ns))
 
@@ -161,7 +161,7 @@ class AppLeader:
             due.append(trigger_due_ns)
         return min(due, default=None)
 
-    def _tell(self, phone: AppPhone, now_ns: int) -> None:
+    def _send_trigger(self, phone: AppPhone, now_ns: int) -> None:
         assert phone.time_map is not None, "a synced phone has a map"
         middle_ns = now_ns + REPORT_INTERVAL_NS // 2
         offset_ns = phone.time_map.leader_from_local(middle_ns) - middle_ns
@@ -184,7 +184,7 @@ class AppLeader:
 
     def _set_interval(self) -> None:
         for phone in self.present():
-            phone.pace(round(len(self.present()) * 1e9 / EXCHANGES_PER_S))
+            phone.limit_requests(round(len(self.present()) * 1e9 / EXCHANGES_PER_S))
 
     def _free_name(self, name: str, host: str) -> str:
         name = name_like(name, "phone")

@@ -36,9 +36,9 @@ class AppPhones(RigFollower):
         self._clock: NodeClock = HostClock()
         self._event_log = Log()
 
-    def start(self, clock: NodeClock, news: Log, grid: Callable[[], SharedGrid | None]) -> None:
+    def start(self, clock: NodeClock, event_log: Log, grid: Callable[[], SharedGrid | None]) -> None:
         """Listen on the app's two ports. Raises NetworkError if they are in use."""
-        self._clock, self._event_log = clock, news
+        self._clock, self._event_log = clock, event_log
         hint = "the app knows no other port: end the other program that uses it"
         calls = bind_datagrams(self._host, CALL_PORT, hint=hint)
         try:
@@ -69,9 +69,9 @@ class AppPhones(RigFollower):
         burst = take.burst
         if burst.video:
             self._begin_recording(lambda: take.burst.instants_ns[-1], take.finished)
-            self._tell(phones, RECORD)
+            self._log_order(phones, RECORD)
         else:
-            self._tell(phones, self._order(burst.instants_ns, burst.period_ns))
+            self._log_order(phones, self._order(burst.instants_ns, burst.period_ns))
 
     def take_alone(self, request: BurstRequest) -> str:
         """Order a capture on a rig without cameras; return the order in words, empty without phones.
@@ -89,14 +89,14 @@ class AppPhones(RigFollower):
         if not request.video:
             frames = request.frames or max(1, round((request.seconds or 0) * 1e9 / step_ns))
             instants_ns = [first_ns + n * step_ns for n in range(min(frames, MAX_FRAMES))]
-            return self._tell(phones, self._order(instants_ns, PERIOD_NS))
+            return self._log_order(phones, self._order(instants_ns, PERIOD_NS))
         if request.seconds is None:
             raise BadInputError(
                 "phones alone record for a given time", hint="capture-app record --seconds 10"
             )
         last_ns = first_ns + round(request.seconds * 1e9)
         self._begin_recording(lambda: last_ns, asyncio.Event())
-        return self._tell(phones, RECORD)
+        return self._log_order(phones, RECORD)
 
     def _order(self, instants_ns: Sequence[int], period_ns: int) -> str:
         taken = self._engine.order_stills(instants_ns, period_ns, self._clock.now_ns())
@@ -107,9 +107,9 @@ class AppPhones(RigFollower):
         """Record on the phones until `ends_ns()` (leader time, may change) or until `finished` is set."""
         self._recordings.start(self._record(ends_ns, finished))
 
-    def _tell(self, phones: int, what: str) -> str:
-        self._turn()
-        text = f"{count(phones, 'phone')} with the app told to {what}"
+    def _log_order(self, phones: int, what: str) -> str:
+        self._advance_burst()
+        text = f"{count(phones, 'phone')} with the app ordered to {what}"
         text += "; what they take stays on them (capture-app sessions import)"
         self._event_log.note(FollowerEvent(None, text))
         return text
@@ -117,19 +117,19 @@ class AppPhones(RigFollower):
     def expose(self, exposure_ns: int, iso: int) -> None:
         """Set exposure time (ns) and sensitivity (ISO) of the connected phones."""
         self._engine.set_exposure(exposure_ns, iso)
-        self._turn()
+        self._advance_burst()
 
     async def _record(self, ends_ns: Callable[[], int], finished: asyncio.Event) -> None:
         self._engine.start_recording()
-        self._turn()
+        self._advance_burst()
         try:
             while not finished.is_set() and self._clock.now_ns() <= ends_ns():
                 await has_come(finished, LOOK_EVERY_S)
         finally:
             self._engine.stop_recording()
-            self._turn()
+            self._advance_burst()
 
-    def _turn(self) -> None:
+    def _advance_burst(self) -> None:
         for pump in self._pumps:
             pump.turn()
 

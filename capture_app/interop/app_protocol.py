@@ -149,7 +149,7 @@ class AppPhone:
             self._target.restart()
             self._schedule.begin(t3_ns)
 
-    def pace(self, poll_interval_ns: int) -> None:
+    def limit_requests(self, poll_interval_ns: int) -> None:
         """Set the minimum request interval (ns) for a phone whose clock is known."""
         self._schedule.leader_interval_ns = poll_interval_ns
 

@@ -58,7 +58,7 @@ class RpicamSync(RigFollower):
         self._shutter_ns, self._port = shutter_ns, port
         self._task: asyncio.Task[None] | None = None
 
-    def start(self, clock: NodeClock, news: Log, grid: Callable[[], SharedGrid | None]) -> None:
+    def start(self, clock: NodeClock, event_log: Log, grid: Callable[[], SharedGrid | None]) -> None:
         """Start sending the rig's grid whenever one is known."""
         self._task = asyncio.create_task(self._run(clock, grid))
 

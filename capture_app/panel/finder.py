@@ -114,7 +114,7 @@ def _of_one_panel(markers: dict[int, Floats]) -> dict[int, Floats]:
 
 def _place(markers: dict[int, Floats], middle: tuple[float, float]) -> FoundPanel:
     panel = panel_of_marker(next(iter(markers)))
-    assert panel is not None, "only those of a panel come here"
+    assert panel is not None, "only a panel's markers are placed"
     at = {marker.number: np.array(marker.corners) for marker in panel.markers}
     corners = np.stack([at[number] for number in markers])
     pixels = np.concatenate(list(markers.values()))
@@ -149,7 +149,7 @@ def _fit(
     places = (centres + (1 - shrink) * (corners - centres)).reshape(-1, 2)
     matrix, _ = cv2.findHomography(places, _unbend(pixels, bend, middle))
     if matrix is None:
-        raise PanelNotFoundError("the markers of the panel lie on a line")
+        raise PanelNotFoundError("the markers of the panel are on one line")
     found = FoundPanel(panel, np.asarray(matrix, float), bend, middle, len(corners))
     side = np.linalg.norm(np.diff(pixels.reshape(-1, 4, 2), axis=1), axis=2).mean() / MARKER_SIZE
     return replace(found, error=float(np.linalg.norm(found.pixels(places) - pixels, axis=1).mean() / side))
@@ -157,14 +157,16 @@ def _fit(
 
 def _unbend(pixels: Floats, bend: float, middle: tuple[float, float]) -> Floats:
     """Return pixels (n, 2) with the lens distortion removed."""
-    away = (pixels - middle) / middle[0]
-    return np.asarray(middle + middle[0] * away * (1 + bend * (away**2).sum(axis=1, keepdims=True)))
+    from_centre = (pixels - middle) / middle[0]
+    return np.asarray(
+        middle + middle[0] * from_centre * (1 + bend * (from_centre**2).sum(axis=1, keepdims=True))
+    )
 
 
 def _bend(pixels: Floats, bend: float, middle: tuple[float, float]) -> Floats:
     """Apply the distortion that `_unbend` removes, to a small part of a pixel for ordinary lenses."""
     straight = (pixels - middle) / middle[0]
-    away = straight
+    from_centre = straight
     for _ in range(8 if bend else 0):
-        away = straight / (1 + bend * (away**2).sum(axis=1, keepdims=True))
-    return np.asarray(middle + middle[0] * away)
+        from_centre = straight / (1 + bend * (from_centre**2).sum(axis=1, keepdims=True))
+    return np.asarray(middle + middle[0] * from_centre)

@@ -69,18 +69,18 @@ def wiring_text(panel: Panel, pitch_mm: float) -> str:
     """Return the build instructions in Markdown."""
     letters = "ABCDEF"[: REGISTERS * len(panel.ticks)]
     led_ma = 1000 * (SUPPLY_V - FORWARD_V) / OHM
-    sides = ("left ", "right ") if len(panel.ticks) > 1 else ("",)
+    halves = ("left ", "right ") if len(panel.ticks) > 1 else ("",)
     chain = [f"| {letters[0]} | 3 (SER IN) | board, D11 |"]
     chain += [f"| {after} | 3 (SER IN) | {before}, 18 (SER OUT) |" for before, after in pairwise(letters)]
     outputs = [
-        f"| {sides[register // REGISTERS]}{what} | {letter} | DRAIN{drain} | {pin} |"
+        f"| {halves[register // REGISTERS]}{what} | {letter} | DRAIN{drain} | {pin} |"
         for register, letter in enumerate(letters)
         for drain, pin in enumerate(DRAINS)
         if (what := driven(register, drain)) is not None
     ]
     lit = (
         f"{duration(panel.tick_ns * n)}{f' ({side.strip()})' * bool(side)}"
-        for n, side in zip(panel.ticks, sides, strict=True)
+        for n, side in zip(panel.ticks, halves, strict=True)
     )
     values = {
         "name": panel.name,

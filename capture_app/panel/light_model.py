@@ -53,8 +53,10 @@ def measure(
     linear = to_linear(levels).mean(axis=1)
     ground = np.sort(to_linear(around), axis=1)[:, 1:3].mean(axis=1)
     light = linear - ground
-    spread = np.percentile(light, 98, axis=0) - np.percentile(light, 30, axis=0)
-    channel = int(np.argmax(spread * (1 - 0.9 * saturated.mean(axis=0) / max(0.02, float(saturated.mean())))))
+    contrast = np.percentile(light, 98, axis=0) - np.percentile(light, 30, axis=0)
+    channel = int(
+        np.argmax(contrast * (1 - 0.9 * saturated.mean(axis=0) / max(0.02, float(saturated.mean()))))
+    )
     # Noise from the differences between the ground samples around each lamp.
     differences = np.abs(np.diff(to_linear(around)[:, :2, channel], axis=1))
     noise = float(np.median(differences) / 0.954) + 1e-4
@@ -67,8 +69,8 @@ def measure(
 
 def to_linear(levels: Floats) -> Floats:
     """Return the linear light of levels (0 to 255) by sRGB's tone curve (IEC 61966-2-1); 1 is full scale."""
-    share = levels / 255
-    return np.where(share <= 0.04045, share / 12.92, ((share + 0.055) / 1.055) ** 2.4)
+    signal = levels / 255
+    return np.where(signal <= 0.04045, signal / 12.92, ((signal + 0.055) / 1.055) ** 2.4)
 
 
 def _core_places(size: float, *, square: bool) -> Floats:
@@ -180,10 +182,10 @@ class LightModel:
         root = np.maximum(one * square - per_fraction**2, 1e-9 * one * square + 1e-12)
         on = np.clip((one * both - per_fraction * seen) / root, 0.3 * lamp_light, 3 * lamp_light)
         off = (seen - on * per_fraction) / one
-        misfit = light - off[:, None] - on[:, None] * shares
+        residual = light - off[:, None] - on[:, None] * shares
         # A saturated lamp gives only a lower limit on its light.
-        misfit = np.where(self.saturated & (misfit < 0), 0.0, misfit)
-        z = misfit / np.sqrt(variance)
+        residual = np.where(self.saturated & (residual < 0), 0.0, residual)
+        z = residual / np.sqrt(variance)
         law = (_FREEDOM + 1) / 2 * np.log1p(z**2 / _FREEDOM) + 0.5 * np.log(variance)
         likelihood = -law.sum(axis=1) - 0.5 * prior * off**2 - 0.5 * ((tone - 1) / _TONE_SIGMA) ** 2
         return likelihood, z

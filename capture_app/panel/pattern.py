@@ -162,17 +162,17 @@ class Panel:
                 for column in range(COUNT):
                     yield self._lamp(left + column, y, group + row, column, lit * COUNT**row)
 
-    def _lamp(self, x: float, y: float, group: int, turn: int, lit: int) -> Lamp:
+    def _lamp(self, x: float, y: float, group: int, index: int, lit: int) -> Lamp:
         across, down = x / self.width, y / self.height
-        share = {
+        position = {
             "none": 0.5,
             "down": down,
             "up": 1 - down,
             "right": across,
             "left": 1 - across,
         }
-        delay = SCAN_FRACTION * (share[self.scan] - 0.5)
-        return Lamp(x, y, group, turn * lit, lit, COUNT * lit, delay)
+        delay = SCAN_FRACTION * (position[self.scan] - 0.5)
+        return Lamp(x, y, group, index * lit, lit, COUNT * lit, delay)
 
     def description(self) -> dict[str, Any]:
         """Return the panel as plain data for the page and the sketch that draw it."""

@@ -67,10 +67,10 @@ def _panels() -> dict[str, Any]:
     screens = [panel for panel in PANELS.values() if panel.is_screen]
     layout = screens[0].description()
     layout["markers"] = [{"x": marker["x"], "y": marker["y"]} for marker in layout["markers"]]
-    kept = ("width", "height", "cycle_ticks", "marker_size", "markers", "dark", "lamp_size", "lamps")
+    fields = ("width", "height", "cycle_ticks", "marker_size", "markers", "dark", "lamp_size", "lamps")
     return {
         "scan_share": SCAN_FRACTION,
-        "layout": {key: layout[key] for key in kept} | {"rate_tolerance": RATE_TOLERANCE},
+        "layout": {key: layout[key] for key in fields} | {"rate_tolerance": RATE_TOLERANCE},
         "screens": [
             {
                 "name": panel.name,

@@ -59,8 +59,10 @@ def read_session(
     """
     images = sorted(session.manifest.images, key=lambda image: (image.camera, image.instant))
     known = all(row_exposures(session.camera(image.camera), image) for image in images)
-    told = session.true_times()
-    truth = {} if told is None else {(one.camera, one.instant): one.true_ns for one in told.images}
+    true_times = session.true_times()
+    truth = (
+        {} if true_times is None else {(one.camera, one.instant): one.true_ns for one in true_times.images}
+    )
     pictures: list[PictureTime] = []
     refusals: list[tuple[ImageRecord, str]] = []
     learnt: defaultdict[str, list[PanelTime]] = defaultdict(list)

@@ -29,7 +29,7 @@ CANDIDATES, FEW_CANDIDATES = 12, 4
 """Number of candidate times for a known shutter, and for each of several possible shutters."""
 TEMPER = 0.55
 """Weight of the log-likelihood, because residuals of neighbouring lamps are correlated."""
-SHARE = 0.95
+COVERAGE = 0.95
 """Coverage of the reported uncertainty interval."""
 _RIVAL, _RIVAL_TEMPER = 0.005, 0.6
 """Probability of a distant time at which a reading is refused, and the weight of its log-likelihood. Other
@@ -82,16 +82,16 @@ class Candidate:
 
 def possible_shutters(panel: Panel, exposure_ns: float | None, row_time_ns: float | None) -> list[Shutter]:
     """Return the known shutter, or the shutters to try if exposure or row time is unknown."""
-    turn_ns = COUNT * panel.tick_ns
+    cycle_ns = COUNT * panel.tick_ns
     if exposure_ns is not None:
         exposures = [float(exposure_ns)]
     else:
-        exposures = np.geomspace(SHORTEST_NS, min(turn_ns, LONGEST_NS), 16).tolist()
+        exposures = np.geomspace(SHORTEST_NS, min(cycle_ns, LONGEST_NS), 16).tolist()
         # Exposures longer than one turn of all columns differ only by the excess over whole turns.
-        exposures += np.arange(turn_ns * 1.2, LONGEST_NS, turn_ns / 5).tolist()
+        exposures += np.arange(cycle_ns * 1.2, LONGEST_NS, cycle_ns / 5).tolist()
     shutters = []
     for exposure in exposures:
-        row_times = np.linspace(0, LONGEST_ROW_NS, 7 if exposure > turn_ns else 11)
+        row_times = np.linspace(0, LONGEST_ROW_NS, 7 if exposure > cycle_ns else 11)
         rows = row_times.tolist() if row_time_ns is None else [float(row_time_ns)]
         shutters += [Shutter(exposure, row) for row in rows]
     return shutters
@@ -130,9 +130,9 @@ def _group_scores(model: LightModel, number: int, times_ns: Floats) -> Callable[
         """Return log-likelihoods of the times, each the maximum over itself and its neighbours."""
         shares = model.shares(middles_ns, shutter, of, lines=_MIDDLE_LINE)
         variance = model.variance(shares, on, of)
-        misfit = model.light[of] - off - on * shares
-        misfit = np.where(model.saturated[of] & (misfit < 0), 0.0, misfit)
-        score = -(3 * np.log1p(misfit**2 / variance / 5) + 0.5 * np.log(variance)).sum(axis=1)
+        residual = model.light[of] - off - on * shares
+        residual = np.where(model.saturated[of] & (residual < 0), 0.0, residual)
+        score = -(3 * np.log1p(residual**2 / variance / 5) + 0.5 * np.log(variance)).sum(axis=1)
         # The time grid is coarse: the true time may be at a neighbouring step.
         score = np.maximum(score, np.maximum(np.roll(score, 1), np.roll(score, -1)))
         return np.asarray(score[bin_of])
@@ -165,8 +165,8 @@ class Posterior:
         row_times, logs = np.array(self._row_times).T
         chances = np.exp(logs - logs.max())
         mean = float(np.average(row_times, weights=chances))
-        spread = float(np.sqrt(np.average((row_times - mean) ** 2, weights=chances)))
-        return mean, SIGMAS_95 * spread
+        scale = float(np.sqrt(np.average((row_times - mean) ** 2, weights=chances)))
+        return mean, SIGMAS_95 * scale
 
     def interval(self) -> tuple[float, float]:
         """Return centre and half width of the 95 % interval in the likeliest neighbourhood.
@@ -189,7 +189,7 @@ class Posterior:
                 "its lamps look the same over too long a time, as in an exposure of whole turns of the panel"
             )
         summed = np.cumsum(chances) / chances.sum()
-        low, high = (float(np.interp(q, summed, times)) for q in ((1 - SHARE) / 2, (1 + SHARE) / 2))
+        low, high = (float(np.interp(q, summed, times)) for q in ((1 - COVERAGE) / 2, (1 + COVERAGE) / 2))
         return (low + high) / 2, (high - low) / 2
 
 
@@ -229,13 +229,13 @@ def _pool(candidates: list[Candidate]) -> list[Candidate]:
 
 
 def _refine_shutter(model: LightModel, one: Candidate, frees_exposure: bool, frees_row: bool) -> Candidate:
-    reach_ns, factor, step_ns = model.panel.tick_ns, 1.25, 3_000.0
-    for turn in range(7 if frees_exposure or frees_row else 2):
+    half_ns, factor, step_ns = model.panel.tick_ns, 1.25, 3_000.0
+    for round_number in range(7 if frees_exposure or frees_row else 2):
         factors = (1 / factor, 1.0, factor) if frees_exposure else (1.0,)
         steps_ns = (-step_ns, 0.0, step_ns) if frees_row else (0.0,)
-        one = _refine(model, one, reach_ns, 33, factors, steps_ns)
-        reach_ns = max(reach_ns / 2, 0.1 * model.panel.tick_ns)
-        if turn > 1:
+        one = _refine(model, one, half_ns, 33, factors, steps_ns)
+        half_ns = max(half_ns / 2, 0.1 * model.panel.tick_ns)
+        if round_number > 1:
             factor, step_ns = factor**0.6, step_ns * 0.6
     return one
 
@@ -243,14 +243,14 @@ def _refine_shutter(model: LightModel, one: Candidate, frees_exposure: bool, fre
 def _refine(
     model: LightModel,
     one: Candidate,
-    reach_ns: float,
+    half_ns: float,
     count: int,
     factors: "tuple[float, ...]" = (1.0,),
     steps_ns: "tuple[float, ...]" = (0.0,),
 ) -> Candidate:
     """Return the likeliest time near a candidate, over shutters near its own."""
     _, on = model.rough_fit
-    times = one.middle_ns + np.linspace(-reach_ns, reach_ns, count)
+    times = one.middle_ns + np.linspace(-half_ns, half_ns, count)
     response_ns = _RESPONSES_NS[1] if model.panel.is_screen else 0.0
     best: list[Candidate] = []
     for shutter in _near(one.shutter, factors, steps_ns):
@@ -273,20 +273,20 @@ def _neighbourhood(
 ) -> "tuple[Floats, dict[Shutter, Floats]]":
     """Return times around a candidate, and their log-probabilities by possible shutter."""
     _, on = model.rough_fit
-    reach_ns = 1.5 * model.panel.tick_ns
+    half_ns = 1.5 * model.panel.tick_ns
     if not model.panel.is_screen:
         # The longer the exposure, the weaker its ends constrain the time.
-        reach_ns += 0.06 * one.shutter.exposure_ns
+        half_ns += 0.06 * one.shutter.exposure_ns
     frees = frees_exposure or frees_row
-    times = one.middle_ns + np.linspace(-reach_ns, reach_ns, _TIMES // 2 if frees else _TIMES)
+    times = one.middle_ns + np.linspace(-half_ns, half_ns, _TIMES // 2 if frees else _TIMES)
     steps = np.arange(-2.0, 3.0)
     factors, steps_ns = (1.0,), (0.0,)
     if frees_exposure:
-        spread = _spread(model, one, times, [(f, 0.0) for f in _SPREADS])
-        factors = tuple((1 + spread) ** steps)
+        scale = _likelihood_width(model, one, times, [(f, 0.0) for f in _SPREADS])
+        factors = tuple((1 + scale) ** steps)
     if frees_row:
-        spread = _spread(model, one, times, [(0.0, f) for f in _SPREADS])
-        steps_ns = tuple(spread * _ROW_STEP_NS * steps)
+        scale = _likelihood_width(model, one, times, [(0.0, f) for f in _SPREADS])
+        steps_ns = tuple(scale * _ROW_STEP_NS * steps)
     tones = _PLAIN if frees else TONES
     found: dict[Shutter, Floats] = {}
     for shutter in _near(one.shutter, factors, steps_ns):
@@ -298,14 +298,16 @@ def _neighbourhood(
     return times, found
 
 
-def _spread(model: LightModel, one: Candidate, times: Floats, tried: "list[tuple[float, float]]") -> float:
+def _likelihood_width(
+    model: LightModel, one: Candidate, times: Floats, tried: "list[tuple[float, float]]"
+) -> float:
     """Return about one sigma of exposure or row time: the largest step with a small likelihood loss."""
     few = times[:: max(1, len(times) // 60)]
-    reach_ns, count = float(few[-1] - few[0]) / 2, len(few)
-    centre = _refine(model, one, reach_ns, count).score
+    half_ns, count = float(few[-1] - few[0]) / 2, len(few)
+    centre = _refine(model, one, half_ns, count).score
     for factor, step in tried:
         around = [
-            _refine(model, one, reach_ns, count, (f,), (s,)).score
+            _refine(model, one, half_ns, count, (f,), (s,)).score
             for f, s in ((1 + factor, step * _ROW_STEP_NS), (1 / (1 + factor), -step * _ROW_STEP_NS))
             if one.shutter.row_time_ns + s >= 0
         ]
@@ -330,14 +332,14 @@ class PanelTime:
     row_time_error_ns: float
     """95 % uncertainty of the row time; 0 if it was given."""
     markers: int
-    misfit: float
+    residual: float
     """RMS residual of the lamps, in sigmas."""
 
     def at_row(self, row: float) -> tuple[float, float]:
         """Return a row's mid-exposure time in ns of the panel, and its 95 % uncertainty."""
-        away = row - self.row
-        error_ns = float(np.hypot(self.uncertainty_ns, away * self.row_time_error_ns))
-        return self.middle_ns + away * self.shutter.row_time_ns, error_ns
+        rows = row - self.row
+        error_ns = float(np.hypot(self.uncertainty_ns, rows * self.row_time_error_ns))
+        return self.middle_ns + rows * self.shutter.row_time_ns, error_ns
 
 
 def read_panel(
@@ -360,15 +362,15 @@ def read_panel(
     posterior = gather(model, search(model, shutters), exposure_ns is None, row_time_ns is None)
     best = posterior.best
     shares = model.shares(np.array([best.middle_ns]), best.shutter)
-    misfit = model.fit(shares, on)[1][0]
-    wrong = float((np.abs(misfit) > _OUTLIER_SIGMAS).mean())
-    rms = float(np.sqrt(np.mean(np.minimum(misfit**2, 25))))
+    residual = model.fit(shares, on)[1][0]
+    wrong = float((np.abs(residual) > _OUTLIER_SIGMAS).mean())
+    rms = float(np.sqrt(np.mean(np.minimum(residual**2, 25))))
     if wrong > _MAX_OUTLIER_FRACTION or rms > (_SCREEN_MAX_RMS if found.panel.is_screen else _MAX_RMS):
         raise PanelNotFoundError(
-            f"its lamps do not shine as those of {found.panel.name} would at any time: is it that panel, are "
+            f"its lamps do not fit {found.panel.name} at any time: is it that panel, are "
             "exposure and row time right, is it hidden or too blurred?"
         )
-    middle_ns, spread_ns = posterior.interval()
+    middle_ns, posterior_ns = posterior.interval()
     if found.panel.is_screen:
         model_ns = _SCREEN_MODEL_TICKS * found.panel.tick_ns
     else:
@@ -378,7 +380,7 @@ def read_panel(
         place_ns = _PLACE_FRACTION * place * found.pitch_px * best.shutter.row_time_ns
         model_ns = float(np.linalg.norm([_LED_MODEL_NS, _TONE_FRACTION * partly_ns, place_ns]))
     row_time_ns, row_time_error_ns = posterior.row_time()
-    uncertainty_ns = float(np.hypot(spread_ns, model_ns)) * max(1.0, rms)
+    uncertainty_ns = float(np.hypot(posterior_ns, model_ns)) * max(1.0, rms)
     if not found.panel.is_screen and uncertainty_ns > _MAX_TICKS * found.panel.tick_ns:
         raise PanelNotFoundError(
             f"its time is known to ±{duration(uncertainty_ns)} only: expose shorter, not whole "

@@ -76,7 +76,7 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
     this machine cannot render scenes.
     """
     model = _adjusted(find_profile(profile), options)
-    scale = read_number(options, "scale", _CAMERA, least=0.1, most=1)
+    scale = read_number(options, "scale", _CAMERA, low=0.1, high=1)
     camera_seed = stable_seed(f"{name}/{_seed(options)}")
     source: PictureSource
     if "replay" in options:
@@ -93,14 +93,14 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
             height=model.image_rows,
             row_time_ns=model.row_time_ns,
             scale=1.0 if scale is None else scale,
-            samples=int(read_number(options, "samples", _CAMERA, least=1, most=4) or 4),
+            samples=int(read_number(options, "samples", _CAMERA, low=1, high=4) or 4),
         )
     sensor = Sensor(
         replace(model, image_rows=source.height),
         random.Random(camera_seed),
-        period_error_ppm=read_number(options, "ppm", _CAMERA, least=-1000, most=1000),
+        period_error_ppm=read_number(options, "ppm", _CAMERA, low=-1000, high=1000),
     )
-    fail_after_s = read_number(options, "fail_after_s", _CAMERA, least=0, most=1e6)
+    fail_after_s = read_number(options, "fail_after_s", _CAMERA, low=0, high=1e6)
     fail_after_ns = None if fail_after_s is None else round(fail_after_s * 1e9)
     return SimulatedCamera(
         sensor,
@@ -116,7 +116,7 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
 def _adjusted(profile: SensorProfile, options: Mapping[str, str]) -> SensorProfile:
     """Return the profile with the options' changes; the profile validates the exposure."""
     for key, (most, change) in _CHANGES.items():
-        value = read_number(options, key, _CAMERA, least=0, most=most)
+        value = read_number(options, key, _CAMERA, low=0, high=most)
         if value is not None:
             profile = replace(profile, **change(value))
     return profile

@@ -253,7 +253,7 @@ class Dataset:
     def unsynchronized(self) -> str:
         """Description of times too uncertain to assign images to instants; empty if the times are good."""
         times = self.session.manifest.burst.common_times
-        return "" if times is None or self._shifted else times.doubt(self.period_ns)
+        return "" if times is None or self._shifted else times.why_not_synchronized(self.period_ns)
 
     def worst_residual_us(self) -> float | None:
         """Return the largest distance of an image from its instant by the session's record, us.

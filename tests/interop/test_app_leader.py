@@ -73,7 +73,7 @@ def test_what_happens_to_a_phone_is_told() -> None:
     joined, synced = rig.leader.next_event(), rig.leader.next_event()
     assert joined is not None
     assert (joined.name, joined.is_warning) == ("phone0", False)
-    assert "phone0 at 10.0.0.2 is here" in joined.line
+    assert "phone0 at 10.0.0.2 joined" in joined.line
     assert synced is not None
     known = re.fullmatch(r"phone phone0 has the time to (\d+) µs", synced.line)
     assert known is not None

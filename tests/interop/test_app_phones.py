@@ -94,7 +94,7 @@ async def test_a_phone_takes_part_in_a_burst_and_its_pictures_are_imported(
     instants = [now_ns + 3 * S, now_ns + 3 * S + S // 4, now_ns + 6 * S]
     rig.phones.take_part(a_take(burst_of(*instants)))
     await until(lambda: len(rig.one.phone.pictures) == 2)
-    assert "told to take 2 of 3 instants" in rig.lines
+    assert "ordered to take 2 of 3 instants" in rig.lines
     assert "phone a3f1 has the time" in rig.lines
     write_as_the_app(tmp_path / "phones", rig)
     session = import_recording([str(tmp_path / "phones" / "a3f1")], tmp_path, "s", ImportOptions())
@@ -122,7 +122,7 @@ async def test_a_recording_ends_with_the_leader(rig: PhoneRig) -> None:
 
 async def test_phones_take_pictures_where_there_is_no_camera(rig: PhoneRig) -> None:
     told = rig.phones.take_alone(BurstRequest(frames=2, interval_s=3.0))
-    assert told.startswith("1 phone with the app told to take 2 of 2 instants")
+    assert told.startswith("1 phone with the app ordered to take 2 of 2 instants")
     await until(lambda: len(rig.one.phone.pictures) == 2)
     first, second = (picture.leader_ns for picture in rig.one.phone.pictures)
     assert abs(second - first - 3 * S) < 2 * PERIOD_NS
@@ -131,7 +131,7 @@ async def test_phones_take_pictures_where_there_is_no_camera(rig: PhoneRig) -> N
 async def test_phones_record_for_a_given_time_where_there_is_no_camera(rig: PhoneRig) -> None:
     with pytest.raises(BadInputError, match="for a given time"):
         rig.phones.take_alone(BurstRequest(video=True))
-    assert "told to record" in rig.phones.take_alone(BurstRequest(video=True, seconds=0.2))
+    assert "ordered to record" in rig.phones.take_alone(BurstRequest(video=True, seconds=0.2))
     await until(lambda: rig.one.phone.recordings == ["start", "stop"])
 
 

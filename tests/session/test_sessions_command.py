@@ -74,7 +74,7 @@ def test_show_says_whose_stamps_nobody_has_measured(session: Session, capsys: Ca
     edit_manifest(session, lambda manifest: manifest["cameras"][0]["facts"].update(stamp=stamp))
     assert run(["sessions", "show", str(session.folder)]) == 0
     out = capsys.readouterr().out
-    assert "how late the stamps of left are, to ±20 µs, nobody has measured" in out
+    assert "stamp error of left not measured (±20 µs)" in out
     assert "left stamps its frames 21 ms ±20 µs late, assumed" in out
 
 

@@ -163,8 +163,8 @@ def test_a_verdict_says_which_camera_was_measured_against_others_than_the_rest()
     mixed = judge(take_of(left, exact))
     assert mixed.grade == "poor"
     assert mixed.stamps == (
-        "how late the stamps of left are, to ±20 ms, nobody has measured but against hall:"
-        " capture-app cameras calibrate-time does"
+        "stamp error of left not measured except against hall (±20 ms):"
+        " capture-app cameras calibrate-time measures it"
     )
 
 

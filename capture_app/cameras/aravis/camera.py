@@ -203,7 +203,7 @@ class AravisCamera(ThreadedCamera):
         for reading in readings:
             if reading is not None:
                 latched.add_reading(*reading)
-        device.start(lambda: self._tell(self._fail, f"{device.address} is not controlled any more"))
+        device.start(lambda: self._call_in_loop(self._fail, f"{device.address} is not controlled any more"))
         first, second = self._first_frame(device), self._first_frame(device)
         reads = len({None if reading is None else reading[1] for reading in readings}) > 1
         # The first stamp may not be valid yet.
@@ -225,16 +225,16 @@ class AravisCamera(ThreadedCamera):
             hint="a firewall that drops UDP, a bandwidth too small, or an exposure of seconds would do that",
         )
 
-    def _facts_of(self, told: CameraFacts) -> CameraFacts:
+    def _facts_of(self, facts: CameraFacts) -> CameraFacts:
         """Return the device's facts; if its counter can be read, with the moment that its timestamps mark."""
         if not self._clock.is_readable:
-            return told
+            return facts
         # GenICam's SFNC stamps a frame at its start; some cameras stamp the end of its exposure.
-        doubt_ns = told.period_ns if told.exposure_ns is None else told.exposure_ns
+        error_ns = facts.period_ns if facts.exposure_ns is None else facts.exposure_ns
         stamp = StampAccuracy(
-            bias_ns=0, uncertainty_ns=doubt_ns, source=StampSource.PROFILE, exposure_ns=told.exposure_ns
+            bias_ns=0, uncertainty_ns=error_ns, source=StampSource.PROFILE, exposure_ns=facts.exposure_ns
         )
-        return replace(told, timestamp_source=TimestampSource.START_OF_EXPOSURE, stamp=stamp)
+        return replace(facts, timestamp_source=TimestampSource.START_OF_EXPOSURE, stamp=stamp)
 
     def _fetch(self) -> None:
         """Fetch frames until the camera is stopped or fails; set frame durations as frames arrive."""
@@ -248,7 +248,7 @@ class AravisCamera(ThreadedCamera):
                 heard_ns = now_ns
                 self._take(frame)
             elif now_ns - heard_ns > self._silence_ns + 3 * period_ns:
-                self._tell(self._fail, f"{self._device.address} sends no pictures any more")
+                self._call_in_loop(self._fail, f"{self._device.address} sends no pictures any more")
                 return
             # Only fresh frames time a change. An incomplete frame is delivered only when the next one begins.
             # Of frames that queued up while this thread was delayed, only the first counts.
@@ -279,7 +279,7 @@ class AravisCamera(ThreadedCamera):
             exposure_ns=facts.exposure_ns,
             clock_uncertainty_ns=self._clock.uncertainty_ns(stamp_ns),
         )
-        self._tell(self._deliver, captured)
+        self._call_in_loop(self._deliver, captured)
 
     def _change_duration(self, now_ns: int, *, fresh: bool) -> None:
         """Set the requested duration when a frame has come, and restore the period when the next one has.
@@ -287,14 +287,14 @@ class AravisCamera(ThreadedCamera):
         So exactly one frame changes, whether a camera applies a new duration at once or from the next frame.
         If the next frame is lost in transit, the time at which it was due is used instead.
         """
-        usual_ns, restore_at_ns = self.facts.period_ns, self._restore_at_ns
+        period_ns, restore_at_ns = self.facts.period_ns, self._restore_at_ns
         if fresh and self._target_ns:
             target_ns = self._target_ns.popleft()
-            self._restore_at_ns = now_ns + max(usual_ns, target_ns) + LATE_NS
+            self._restore_at_ns = now_ns + max(period_ns, target_ns) + LATE_NS
             self._say(self._set_period, target_ns)
         elif restore_at_ns is not None and (fresh or now_ns >= restore_at_ns):
             self._restore_at_ns = None
-            self._say(self._set_period, usual_ns)
+            self._say(self._set_period, period_ns)
 
     def _set_period(self, period_ns: int) -> None:
         for _ in range(MAX_TRIES):
@@ -303,7 +303,7 @@ class AravisCamera(ThreadedCamera):
                 return
             except CameraError as error:
                 failure = error
-        self._tell(self._fail, str(failure))
+        self._call_in_loop(self._fail, str(failure))
 
     def _read_counter(self) -> None:
         try:
@@ -314,9 +314,9 @@ class AravisCamera(ThreadedCamera):
         if reading is not None:
             self._clock.add_reading(*reading)
 
-    def _say(self, word: Callable[..., None], *arguments: int) -> None:
+    def _say(self, command: Callable[..., None], *arguments: int) -> None:
         with contextlib.suppress(RuntimeError):  # the worker was shut down
-            self._worker.submit(word, *arguments)
+            self._worker.submit(command, *arguments)
 
     def _release(self) -> None:
         if hasattr(self, "_device"):

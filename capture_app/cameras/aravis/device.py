@@ -57,8 +57,8 @@ class DeviceControl:
     @property
     def bounds(self) -> tuple[float, float]:
         """Min and max."""
-        least, most = self._call(f"get_{self._value}_bounds")
-        return least, most
+        lowest, highest = self._call(f"get_{self._value}_bounds")
+        return lowest, highest
 
     @property
     def is_automatic(self) -> bool:
@@ -77,7 +77,7 @@ class DeviceControl:
 
     def state(self, facts: CameraFacts) -> ControlState:
         """Return the control in the form that all cameras share."""
-        least, most = self.bounds
+        lowest, highest = self.bounds
         exposes = self.control is Control.EXPOSURE
         return ControlState(
             control=self.control,
@@ -86,9 +86,9 @@ class DeviceControl:
             unit=MICROSECONDS if exposes else steps_of(facts.model),
             automatic=self.is_automatic,
             can_be_automatic=self.can_be_automatic,
-            least=least,
+            least=lowest,
             # A longer exposure would delay frames.
-            most=min(most, facts.period_ns / 1000) if exposes else most,
+            most=min(highest, facts.period_ns / 1000) if exposes else highest,
         )
 
 
@@ -175,13 +175,15 @@ class AravisDevice:
     def _set_up(self, request: CameraRequest) -> CameraFacts:
         camera = self._camera
         offered = camera.dup_available_pixel_formats_as_strings()
-        wanted = request.format or camera.get_pixel_format_as_string()
-        if request.format is None and wanted not in USABLE_FORMATS:
-            wanted = next((name for name in USABLE_FORMATS if name in offered), wanted)
-        if wanted not in offered or wanted not in USABLE_FORMATS:
+        pixel_format = request.format or camera.get_pixel_format_as_string()
+        if request.format is None and pixel_format not in USABLE_FORMATS:
+            pixel_format = next((name for name in USABLE_FORMATS if name in offered), pixel_format)
+        if pixel_format not in offered or pixel_format not in USABLE_FORMATS:
             usable = ", ".join(name for name in offered if name in USABLE_FORMATS) or "none that can be saved"
-            raise CameraError(f"{self.address} has no pixel format {wanted}", hint=f"it offers {usable}")
-        camera.set_pixel_format_from_string(wanted)
+            raise CameraError(
+                f"{self.address} has no pixel format {pixel_format}", hint=f"it offers {usable}"
+            )
+        camera.set_pixel_format_from_string(pixel_format)
         self._set_region(request)
         _x, _y, width, height = camera.get_region()
         model = f"{camera.get_vendor_name()} {camera.get_model_name()}"
@@ -192,7 +194,7 @@ class AravisDevice:
             model=model[:200],
             width=width,
             height=height,
-            pixel_format=wanted,
+            pixel_format=pixel_format,
             period_ns=period_ns,
             timestamp_source=TimestampSource.UNKNOWN,
             phase_control=PhaseControl.FRAME_DURATION,
@@ -210,13 +212,14 @@ class AravisDevice:
             return
         _x, _y, width, height = camera.get_region()
         width, height = request.width or width, request.height or height
-        most = camera.get_sensor_size()
+        max_size = camera.get_sensor_size()
         (min_width, _), (min_height, _) = camera.get_width_bounds(), camera.get_height_bounds()
-        if not (min_width <= width <= most[0] and min_height <= height <= most[1]):
+        if not (min_width <= width <= max_size[0] and min_height <= height <= max_size[1]):
             raise CameraError(
-                f"{self.address} has no pictures of {width}x{height}", hint=f"at most {most[0]}x{most[1]}"
+                f"{self.address} has no pictures of {width}x{height}",
+                hint=f"at most {max_size[0]}x{max_size[1]}",
             )
-        camera.set_region((most[0] - width) // 8 * 4, (most[1] - height) // 8 * 4, width, height)
+        camera.set_region((max_size[0] - width) // 8 * 4, (max_size[1] - height) // 8 * 4, width, height)
         _x, _y, *taken = camera.get_region()
         if taken != [width, height]:
             raise CameraError(
@@ -261,17 +264,18 @@ class AravisDevice:
                 f"{self.address} has no frame rate that can be set",
                 hint="such cameras are not supported yet; others can be triggered by a cable",
             )
-        least, most = camera.get_frame_rate_bounds()
-        rate = min(max(30.0, least), most) if fps is None else fps
-        if not least <= rate <= most:
+        min_fps, max_fps = camera.get_frame_rate_bounds()
+        rate = min(max(30.0, min_fps), max_fps) if fps is None else fps
+        if not min_fps <= rate <= max_fps:
             raise CameraError(
-                f"{self.address} does not run at {rate:g} frames a second", hint=f"from {least:g} to {most:g}"
+                f"{self.address} does not run at {rate:g} frames a second",
+                hint=f"from {min_fps:g} to {max_fps:g}",
             )
         period_ns = round(1e9 / rate)
         # First through the library, which sets what vendors require before it; later by a single write.
         camera.set_frame_rate(rate)
         self.set_period(period_ns)
-        return period_ns, round(1e9 / most), round(1e9 / max(least, 0.1))
+        return period_ns, round(1e9 / max_fps), round(1e9 / max(min_fps, 0.1))
 
     def _open_stream(self) -> Any:
         camera = self._camera
@@ -280,8 +284,10 @@ class AravisDevice:
             stream.set_property("socket-buffer", self._aravis.GvStreamSocketBuffer.FIXED)
             stream.set_property("socket-buffer-size", _SOCKET_BYTES)
         payload = camera.get_payload()
-        least, most = _BUFFER_COUNTS
-        count = max(least, min(most, _BUFFER_BYTES // payload, -(-_BUFFERED_NS // self.facts.period_ns)))
+        min_count, max_count = _BUFFER_COUNTS
+        count = max(
+            min_count, min(max_count, _BUFFER_BYTES // payload, -(-_BUFFERED_NS // self.facts.period_ns))
+        )
         for _ in range(count):
             stream.push_buffer(self._aravis.Buffer.new_allocate(payload))
         return stream

@@ -44,7 +44,9 @@ def machine_picture(data: bytes, size: tuple[int, int], pixel_format: str) -> Pi
     return PixelPicture(len(data), partial(_pixels, data, size, pixel_format))
 
 
-def _pixels(data: bytes, size: tuple[int, int], pixel_format: str, wanted: int | None) -> "NDArray[np.uint8]":
+def _pixels(
+    data: bytes, size: tuple[int, int], pixel_format: str, min_width: int | None
+) -> "NDArray[np.uint8]":
     """Return 8-bit pixels as in `PixelPicture.pixels`."""
     import cv2
     import numpy as np
@@ -58,7 +60,7 @@ def _pixels(data: bytes, size: tuple[int, int], pixel_format: str, wanted: int |
         picture = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
     elif layout in _CONVERSIONS:
         picture = cv2.cvtColor(picture, getattr(cv2, _CONVERSIONS[layout]))
-    step = step_to(width, wanted)
+    step = step_to(width, min_width)
     return np.asarray(picture, np.uint8)[::step, ::step]
 
 

@@ -46,7 +46,7 @@ from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream, 
 
 ASKED = 32
 """Number of different durations that leaves one solution, for rows of 5 us and longer."""
-FEWEST = 12
+MIN_DURATIONS = 12
 """With fewer different durations, a row time could fit by chance."""
 SPAN = 0.5
 """Max extension of the requested durations beyond the frame period, as a fraction of it."""
@@ -80,7 +80,7 @@ def find_row_time_us(reported_us: Iterable[int]) -> float | None:
     None if there is no such time, or the durations are too few or too similar.
     """
     durations = sorted(set(reported_us))
-    if len(durations) < FEWEST or durations[0] <= 0:
+    if len(durations) < MIN_DURATIONS or durations[0] <= 0:
         return None
     bounds = [(SHORTEST_ROW_US, LONGEST_ROW_US)]
     for duration_us in durations:
@@ -115,7 +115,7 @@ class LibcameraCamera(ThreadedCamera):
         self._command_lock = asyncio.Lock()
         self._streams = 0
         self._last_frame_ns = 0
-        self._told: dict[str, Any] = {}
+        self._metadata: dict[str, Any] = {}
         self._first_frames: list[FinishedFrame] = []
         self._first_frames_requested: tuple[int, asyncio.Future[None]] | None = None
         try:
@@ -205,11 +205,11 @@ class LibcameraCamera(ThreadedCamera):
 
     async def controls(self) -> tuple[ControlState, ...]:
         """Return the controls that the camera has, with their values in its last frame."""
-        return read_states(self._controls, self._stream.settings, self._told, self._stream.period_us)
+        return read_states(self._controls, self._stream.settings, self._metadata, self._stream.period_us)
 
     async def set_control(self, control: Control, value: float | None) -> None:
         """Set a control, or let the camera choose it. Raises CameraError if it cannot be set."""
-        settings, forget = new_settings(self._controls, control, value, self._told)
+        settings, forget = new_settings(self._controls, control, value, self._metadata)
         self._stream.keep(settings, forget=forget)
         exposure_us = self._stream.settings.get("ExposureTime")
         self._facts = with_exposure(self.facts, exposure_us, self._origin)
@@ -230,17 +230,17 @@ class LibcameraCamera(ThreadedCamera):
         self._stream.asked_us.extend(durations_to_ask_us(period_us, max_us))
         in_effect = self._stream.queued + IN_EFFECT_FRAMES
         seen = await self._next_frames(UNSETTLED_FRAMES + ASKED + in_effect)
-        told = [frame.told.get("FrameDuration") for frame in seen[UNSETTLED_FRAMES:]]
-        row_us = await self._in_worker(find_row_time_us, [us for us in told if us is not None])
+        durations = [frame.metadata.get("FrameDuration") for frame in seen[UNSETTLED_FRAMES:]]
+        row_us = await self._in_worker(find_row_time_us, [us for us in durations if us is not None])
         if row_us is not None:
             rows = round(period_us / row_us)
             rows += rows * row_us < min_us
             period_us = round((rows + INSIDE_ROW) * row_us)
             self._facts = with_rows(self.facts, rows, row_us)
         self._stream.period_us = period_us
-        self._stream.keep(held_exposure(seen[-1].told, self._wishes))
+        self._stream.keep(held_exposure(seen[-1].metadata, self._wishes))
         last = (await self._next_frames(in_effect))[-1]
-        exposure_us = last.told.get("ExposureTime")
+        exposure_us = last.metadata.get("ExposureTime")
         if exposure_us is not None:
             self._facts = with_exposure(self.facts, exposure_us, self._origin)
 
@@ -248,8 +248,8 @@ class LibcameraCamera(ThreadedCamera):
         """Measure the frame period of a camera whose frame durations cannot be set."""
         seen = (await self._next_frames(UNSETTLED_FRAMES + PERIOD_FRAMES))[UNSETTLED_FRAMES:]
         stamps_ns = [frame.stamp_ns for frame in seen if frame.stamp_ns is not None]
-        usual_ns = typical_period_ns(median(b - a for a, b in pairwise(stamps_ns)))
-        facts = structs.replace(self.facts, period_ns=usual_ns)
+        period_ns = typical_period_ns(median(b - a for a, b in pairwise(stamps_ns)))
+        facts = structs.replace(self.facts, period_ns=period_ns)
         self._facts = with_exposure(facts, self._wishes.exposure_us, self._origin)
 
     async def _next_frames(self, count: int) -> list[FinishedFrame]:
@@ -271,14 +271,14 @@ class LibcameraCamera(ThreadedCamera):
         if frame.stamp_ns is None:
             self._fail(CameraError(f"{self.id} stamps its frames in no clock of this machine"))
             return
-        self._last_frame_ns, self._told = self._clock.now_ns(), frame.told
+        self._last_frame_ns, self._metadata = self._clock.now_ns(), frame.metadata
         if self._first_frames_requested is not None:
             count, arrived = self._first_frames_requested
             self._first_frames.append(frame)
             if len(self._first_frames) >= count and not arrived.done():
                 arrived.set_result(None)
         elif frame.picture is not None:
-            exposure_us, colours = frame.told.get("ExposureTime"), frame.told.get("ColourGains")
+            exposure_us, colours = frame.metadata.get("ExposureTime"), frame.metadata.get("ColourGains")
             self._on_frame(
                 CapturedFrame(
                     sequence=frame.sequence,
@@ -286,7 +286,7 @@ class LibcameraCamera(ThreadedCamera):
                     timestamp_ns=frame.stamp_ns,
                     picture=frame.picture,
                     exposure_ns=exposure_us * 1000 if exposure_us else None,
-                    gain=frame.told.get("AnalogueGain"),
+                    gain=frame.metadata.get("AnalogueGain"),
                     white_balance=(colours[0], colours[1]) if colours else None,
                 )
             )

@@ -153,7 +153,7 @@ def typical_period_ns(measured_ns: float) -> int:
     """Return the nominal frame period in ns for a measured one: of a whole rate or its 1/1.001 variant."""
     rate = 1e9 / measured_ns
     whole = max(1, round(rate))
-    usual = min((whole, whole / 1.001), key=lambda one: abs(one - rate))
-    if abs(usual / rate - 1.0) < _TYPICAL_RATE:
-        return round(1e9 / usual)
+    standard_rate = min((whole, whole / 1.001), key=lambda one: abs(one - rate))
+    if abs(standard_rate / rate - 1.0) < _TYPICAL_RATE:
+        return round(1e9 / standard_rate)
     return round(measured_ns / _ROUND_NS) * _ROUND_NS

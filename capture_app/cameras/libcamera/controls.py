@@ -76,7 +76,7 @@ _CONTROLS = {
 
 
 def read_states(
-    known: KnownControls, settings: Mapping[str, Any], told: Mapping[str, Any], period_us: int
+    known: KnownControls, settings: Mapping[str, Any], metadata: Mapping[str, Any], period_us: int
 ) -> tuple[ControlState, ...]:
     """Return the controls' state from the settings and the last frame; the period limits the exposure."""
     states: list[ControlState] = []
@@ -84,7 +84,7 @@ def read_states(
         limits = known.limits(of.value)
         if limits is None:
             continue
-        value = told.get(of.value, settings.get(of.value))
+        value = metadata.get(of.value, settings.get(of.value))
         states.append(
             ControlState(
                 control=control,
@@ -100,7 +100,7 @@ def read_states(
 
 
 def new_settings(
-    known: KnownControls, control: Control, value: float | None, told: Mapping[str, Any]
+    known: KnownControls, control: Control, value: float | None, metadata: Mapping[str, Any]
 ) -> tuple[dict[str, Any], tuple[str, ...]]:
     """Return settings for a control in its unit, None for automatic; and names of settings to drop.
 
@@ -117,4 +117,4 @@ def new_settings(
     settings = {of.switch: of.manual, of.value: number}
     if of.switch != _WITH:
         return settings, of.together
-    return {**{name: told[name] for name in of.together if name in told}, **settings}, ()
+    return {**{name: metadata[name] for name in of.together if name in metadata}, **settings}, ()

@@ -28,9 +28,9 @@ class Library:
         version = str(self._manager.version)
         found = re.match(r"v?(\d+)\.(\d+)", version)
         if found is None or (int(found[1]), int(found[2])) < MIN_VERSION:
-            least = ".".join(map(str, MIN_VERSION))
+            oldest = ".".join(map(str, MIN_VERSION))
             raise NotAvailableError(
-                f"libcamera {version} is too old: {least} or newer is needed",
+                f"libcamera {version} is too old: {oldest} or newer is needed",
                 hint="Debian 13 and an up-to-date Raspberry Pi OS have it",
             )
         self._handlers: dict[int, OnRequest] = {}

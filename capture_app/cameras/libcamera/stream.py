@@ -63,7 +63,7 @@ class FinishedFrame:
     sequence: int
     stamp_ns: int | None
     """In the monotonic clock; None for a stamp in no clock of this machine."""
-    told: dict[str, Any]
+    metadata: dict[str, Any]
     """The library's metadata by control name; durations and exposures in us."""
     picture: JpegPicture | PixelPicture | None
     """None if it is damaged."""
@@ -125,10 +125,10 @@ class RequestStream:
 
     def keep(self, settings: dict[str, Any], *, forget: tuple[str, ...] = ()) -> None:
         """Apply settings from the next request on, and after restarts; drop those in `forget`."""
-        for kept in (self.settings, self._new_settings):
+        for pending in (self.settings, self._new_settings):
             for name in forget:
-                kept.pop(name, None)
-            kept |= settings
+                pending.pop(name, None)
+            pending |= settings
 
     def start(self) -> None:
         """Start the stream. Raises RuntimeError from the library."""
@@ -165,14 +165,14 @@ class RequestStream:
         if not self.running or request.status != self._library.module.Request.Status.Complete:
             return
         buffer = self._buffer_of[request.cookie]
-        told = {
+        metadata = {
             control.name: value for control, value in request.metadata.items() if control.name in _METADATA
         }
         sound = buffer.metadata.status == self._library.module.FrameMetadata.Status.Success
         frame = FinishedFrame(
             sequence=buffer.metadata.sequence,
-            stamp_ns=self._clock.monotonic_of(told.get("SensorTimestamp", buffer.metadata.timestamp)),
-            told=told,
+            stamp_ns=self._clock.monotonic_of(metadata.get("SensorTimestamp", buffer.metadata.timestamp)),
+            metadata=metadata,
             picture=self._picture(buffer) if sound else None,
         )
         request.reuse()

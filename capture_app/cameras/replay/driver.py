@@ -22,7 +22,7 @@ if TYPE_CHECKING:
     from capture_app.cameras.replay.recordings import Recording
 
 SPEC = "replay:PATH[,camera=NAME][,key=value…]"
-HELP = "A session, a video or a folder of images, played as it was taken, over and over."
+HELP = "A session, a video or a folder of images, played in a loop at its recorded rate."
 NEEDS = ""
 OPTIONS = {
     "camera": "which of several cameras of the recording; default: the one named like the node",
@@ -47,7 +47,7 @@ def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name
     Raises BadInputError for a path without a recording, a camera it does not have, or an unreadable option,
     IncompleteError for a session that is not complete.
     """
-    fps, phase = read_number(options, "fps", "a replay", least=0.1, most=10_000), options.get("phase")
+    fps, phase = read_number(options, "fps", "a replay", low=0.1, high=10_000), options.get("phase")
     if phase is not None and phase not in PHASES:
         raise BadInputError(f"phase={phase} of a replay", hint=f"one of {', '.join(PHASES)}")
 

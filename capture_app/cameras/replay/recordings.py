@@ -67,7 +67,7 @@ class Playback:
         """
         self._timing, self._slots, self._loop_slots = timing, timing.slots, timing.loop_slots
         self._anchored = anchored
-        self._turn = self._index = 0
+        self._loop = self._index = 0
         """Number of completed loops; index of the next frame in the current one."""
         self._base_ns = self._first_slot = 0
         self._stream = -1
@@ -78,12 +78,12 @@ class Playback:
         self._stream += 1
         if self._anchored:
             self._base_ns = 0
-            self._turn = (at_ns - timing.at_ns[0]) // timing.loop_ns
+            self._loop = (at_ns - timing.at_ns[0]) // timing.loop_ns
             self._index = 0
             while self._start_ns() < at_ns:
                 self._step()
         else:
-            self._base_ns = at_ns - self._turn * timing.loop_ns - timing.at_ns[self._index]
+            self._base_ns = at_ns - self._loop * timing.loop_ns - timing.at_ns[self._index]
         self._first_slot = self._slot()
 
     def lengthen_frame(self, duration_ns: int) -> None:
@@ -97,15 +97,15 @@ class Playback:
         return frame
 
     def _start_ns(self) -> int:
-        return self._base_ns + self._turn * self._timing.loop_ns + self._timing.at_ns[self._index]
+        return self._base_ns + self._loop * self._timing.loop_ns + self._timing.at_ns[self._index]
 
     def _slot(self) -> int:
-        return self._turn * self._loop_slots + self._slots[self._index]
+        return self._loop * self._loop_slots + self._slots[self._index]
 
     def _step(self) -> None:
         self._index += 1
         if self._index == len(self._timing.at_ns):
-            self._turn, self._index = self._turn + 1, 0
+            self._loop, self._index = self._loop + 1, 0
 
 
 def timing_of_video(times_ns: Sequence[int], period_ns: int) -> RecordedTiming:
@@ -147,13 +147,13 @@ class SessionRecording(Recording):
             for image in _images_of(session, camera.name, with_others=not sparse)
         ]
         # Drop frames far outside the instants: their number varies by camera, the loop length must not.
-        kept = [one for one in placed if -facts.period_ns <= 2 * one[0] < 2 * lasts_ns + facts.period_ns]
-        kept.sort(key=lambda one: one[0])
-        if not kept:
+        in_loop = [one for one in placed if -facts.period_ns <= 2 * one[0] < 2 * lasts_ns + facts.period_ns]
+        in_loop.sort(key=lambda one: one[0])
+        if not in_loop:
             raise BadInputError(f"{camera.name} has no picture in {session.folder}")
-        self._images = [image for _, image in kept]
+        self._images = [image for _, image in in_loop]
         self.timing = RecordedTiming(
-            facts.period_ns, lasts_ns + facts.period_ns, tuple(at_ns for at_ns, _ in kept)
+            facts.period_ns, lasts_ns + facts.period_ns, tuple(at_ns for at_ns, _ in in_loop)
         )
         movable = facts.phase_control in (PhaseControl.RESET, PhaseControl.FRAME_DURATION)
         tells_start = all(image.exposure_start_ns is not None for image in self._images)
@@ -200,10 +200,10 @@ class SourceRecording(Recording):
         self._read: tuple[int, bytes] = (-1, b"")
         times_ns = _times_ns(source, fps)
         steps_ns = [after - before for before, after in pairwise(times_ns)]
-        usual_ns = median(steps_ns) if steps_ns else 1e9 / (fps or TYPICAL_FPS)
-        regular_ns = [step for step in steps_ns if step < SPARSE * usual_ns]
+        median_ns = median(steps_ns) if steps_ns else 1e9 / (fps or TYPICAL_FPS)
+        regular_ns = [step for step in steps_ns if step < SPARSE * median_ns]
         # The mean without the gaps of dropped frames; the median alone would be rounded.
-        period_ns = round(sum(regular_ns) / len(regular_ns)) if regular_ns else round(usual_ns)
+        period_ns = round(sum(regular_ns) / len(regular_ns)) if regular_ns else round(median_ns)
         if period_ns <= 0:
             raise BadInputError(f"the times of {source.path} do not ascend", hint="give its rate, as fps=30")
         self.timing = timing_of_video(times_ns, period_ns)

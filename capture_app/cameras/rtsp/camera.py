@@ -144,7 +144,7 @@ class RtspCamera(ThreadedCamera):
                 for ticks in reported_ticks(data):
                     self._clock.add_report(ticks, arrival_ns)
                 if self._clock.contradicts_itself:
-                    raise CameraError("tells another time by its sender reports than before")
+                    raise CameraError("jumps in time: its sender reports contradict earlier ones")
             else:
                 for unit in units.add(data, arrival_ns):
                     await self._waiting.put((self._clock.add_frame(unit.ticks, unit.arrival_ns), unit))
@@ -171,12 +171,12 @@ class RtspCamera(ThreadedCamera):
         codec = self._connection.stream.codec.upper().replace("HEVC", "H265")
         period_ns = round(1e9 / self._rate())
         # A measured stamp accuracy holds for one timing method, so the model's name says which.
-        way = "sender reports" if follows else "arrival"
+        timed_by = "sender reports" if follows else "arrival"
         half_ns = (2 * period_ns + DELIVERY_NS) // 2
         by_arrival = StampAccuracy(bias_ns=half_ns, uncertainty_ns=half_ns, source=StampSource.ASSUMED)
         self._facts = CameraFacts(
             kind=KIND,
-            model=f"{self._connection.server or 'IP camera'}, timed by {way}"[:200],
+            model=f"{self._connection.server or 'IP camera'}, timed by {timed_by}"[:200],
             width=picture.width,
             height=picture.height,
             pixel_format=codec,
@@ -192,11 +192,11 @@ class RtspCamera(ThreadedCamera):
         """Return frames per second: requested or stated if the stream confirms it, else measured."""
         step_ns = median(after - before for before, after in pairwise(self._begun_with))
         if step_ns <= 0:
-            raise CameraError("tells the same time of all its pictures")
+            raise CameraError("gives all its pictures the same time")
         seen = 1e9 / step_ns
-        told = self._asked_fps or self._connection.stream.fps
-        if told and abs(seen / told - 1) <= RATE_FRACTION:
-            return told
+        nominal_fps = self._asked_fps or self._connection.stream.fps
+        if nominal_fps and abs(seen / nominal_fps - 1) <= RATE_FRACTION:
+            return nominal_fps
         return round(seen) if abs(seen / max(1, round(seen)) - 1) <= RATE_FRACTION else seen
 
     def _hand_on(self, media_ns: int, picture: Any) -> None:

@@ -23,10 +23,10 @@ _ROUND_TRIPS = 100
 _CODECS = {"H264": "h264", "H265": "hevc"}
 _REFUSALS = {
     401: ("refuses the user name or the password", "write rtsp://USER:PASSWORD@HOST/PATH"),
-    403: ("lets nobody see that stream", "look into its settings"),
+    403: ("refuses access to that stream", "allow it in the camera's settings"),
     404: ("has no stream of that path", "its manual, or its page in a browser, has the path"),
     453: ("has no bandwidth for one more", "end another program that watches it"),
-    461: ("does not send over TCP", "look into its settings"),
+    461: ("does not send over TCP", "allow RTSP over TCP in the camera's settings"),
     503: ("is busy", "end another program that watches it"),
 }
 
@@ -50,7 +50,7 @@ def parse_description(text: str) -> VideoStream:
     """Parse the video out of an SDP description (RFC 4566). Raises CameraError if it cannot be used."""
     section = re.search(r"^m=video \d+ \S+ (\d+).*?(?=^m=|\Z)", text, re.MULTILINE | re.DOTALL)
     if section is None:
-        raise CameraError("describes no video", hint="its path may be that of sound")
+        raise CameraError("describes no video", hint="check the path: this one may carry sound only")
     payload_type, lines = int(section[1]), section[0]
 
     def attribute(pattern: str) -> str:
@@ -173,15 +173,15 @@ class Connection:
             self._send(method, url, *headers)
             while (answer := await self._read()) is None:
                 pass
-            status, told, body = answer
+            status, fields, body = answer
             if status != 401 or not self._user:
                 break
-            challenges = [value for key, value in told if key == "www-authenticate"]
+            challenges = [value for key, value in fields if key == "www-authenticate"]
             self._challenge = max(challenges, key=lambda one: one.lower().startswith("digest"), default="")
         if status != 200:
             what, hint = _REFUSALS.get(status, (f"refuses {method} with {status}", ""))
             raise CameraError(what, hint=hint)
-        return dict(reversed(told)), body
+        return dict(reversed(fields)), body
 
     def _send(self, method: str, url: str, *headers: str) -> None:
         if self._writer is None:
@@ -221,13 +221,13 @@ class Connection:
         headers = [(key.strip().lower(), value.strip()) for key, _, value in pairs]
         size = min(int(dict(headers).get("content-length", 0)), _MAX_BYTES)
         body = (await self._reader.readexactly(size)).decode("utf-8", "replace").replace("\r", "")
-        told = re.match(r"RTSP/1\.\d (\d{3})", status)
-        if told is None:
+        status_line = re.match(r"RTSP/1\.\d (\d{3})", status)
+        if status_line is None:
             return None
         asked_ns = self._asked_ns.pop(int(dict(headers).get("cseq") or 0), None)
         if asked_ns is not None:
             self.round_trips_ns.append(came_ns - asked_ns)
-        return int(told[1]), headers, body
+        return int(status_line[1]), headers, body
 
 
 def answer_challenge(challenge: str, method: str, url: str, user: str, password: str) -> str:

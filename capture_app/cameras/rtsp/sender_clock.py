@@ -85,7 +85,7 @@ class SenderClock:
         """Return its 95 % error; without reports in use, the frames' minimum delay is left out."""
         if self._typical_ns is None:
             # Encoding and transmission hardly ever both take their minimum time.
-            return self._by_frames.uncertainty_ns(media_ns) + round(self._by_frames.spread_ns)
+            return self._by_frames.uncertainty_ns(media_ns) + round(self._by_frames.jitter_ns)
         return self._half_round_trip_ns + self._by_reports.uncertainty_ns(media_ns)
 
     @property

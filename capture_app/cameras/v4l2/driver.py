@@ -39,12 +39,12 @@ def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name
     camera, busy, not permitted, without the requested mode, or stamps frames in another clock;
     NotAvailableError on a 32-bit system. May take half a second if the camera sleeps.
     """
-    wanted = parse_options(options)
+    request = parse_options(options)
     try:
         device = open_video_node(path)
         try:
             check_capture(path, device.capability())
-            layout, period = configure(device, wanted)
+            layout, period = configure(device, request)
             return V4L2Camera(device, layout, round(period * 1_000_000_000)).in_clock(clock)
         except BaseException:
             device.close()

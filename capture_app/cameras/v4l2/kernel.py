@@ -112,8 +112,8 @@ class FrameSize:
         return _nearest(width, self.widths), _nearest(height, self.heights)
 
 
-def _nearest(wanted: int, offered: range) -> int:
-    beyond = min(max(wanted, offered.start), offered.stop - 1) - offered.start
+def _nearest(target: int, offered: range) -> int:
+    beyond = min(max(target, offered.start), offered.stop - 1) - offered.start
     return offered.start + (beyond + offered.step // 2) // offered.step * offered.step
 
 
@@ -231,8 +231,8 @@ class VideoDevice:
             answer = self._exchange("QUERYCTRL", *asked)
         except OSError:
             return None
-        _id, _type, _name, least, most, _step, _default, flags = answer
-        return None if flags & CTRL_FLAG_DISABLED else (least, most)
+        _id, _type, _name, low, high, _step, _default, flags = answer
+        return None if flags & CTRL_FLAG_DISABLED else (low, high)
 
     def control(self, control: str) -> int | None:
         """Return one of `CONTROL_IDS` in its own unit; None if it does not exist or cannot be read."""
@@ -309,8 +309,8 @@ class VideoDevice:
         return Buffer(index, bytes_used, flags, timestamp_ns, sequence, *where)
 
 
-def _steps(least: int, most: int, step: int = 1) -> range:
-    return range(least, most + 1, step or 1)
+def _steps(low: int, high: int, step: int = 1) -> range:
+    return range(low, high + 1, step or 1)
 
 
 def _text(field: bytes) -> str:

@@ -28,10 +28,10 @@ class Mode:
     height: int
     intervals: tuple[v4l2.FrameInterval, ...] = ()
 
-    def nearest_period(self, wanted: Fraction) -> Fraction:
+    def nearest_period(self, request: Fraction) -> Fraction:
         """Return the offered frame period in seconds nearest to the requested one."""
-        offered = (interval.nearest(wanted) for interval in self.intervals)
-        return min(offered, key=lambda period: abs(period - wanted), default=wanted)
+        offered = (interval.nearest(request) for interval in self.intervals)
+        return min(offered, key=lambda period: abs(period - request), default=request)
 
     def __str__(self) -> str:
         rates = ", ".join(_rates(interval) for interval in self.intervals)
@@ -70,14 +70,14 @@ def offered_modes(device: VideoDevice, near_size: tuple[int, int] = DEFAULT_SIZE
     return tuple(modes)
 
 
-def choose_mode(path: str, offered: tuple[Mode, ...], wanted: CameraRequest) -> tuple[Mode, Fraction]:
+def choose_mode(path: str, offered: tuple[Mode, ...], request: CameraRequest) -> tuple[Mode, Fraction]:
     """Return the best mode that satisfies the request, and its frame period in seconds.
 
     Without a request: MJPG before raw formats, near 640x480, near 30 fps. Raises CameraError that lists
     the camera's modes if none satisfies the request.
     """
-    period = wanted.period_s or DEFAULT_PERIOD
-    width, height = wanted.size
+    period = request.period_s or DEFAULT_PERIOD
+    width, height = request.size
     if not offered:
         raise CameraError(
             f"{path} offers no format that can be saved",
@@ -86,13 +86,13 @@ def choose_mode(path: str, offered: tuple[Mode, ...], wanted: CameraRequest) -> 
     fitting = [
         mode
         for mode in offered
-        if wanted.format in (None, mode.fourcc)
-        and wanted.width in (None, mode.width)
-        and wanted.height in (None, mode.height)
-        and (wanted.period_s is None or same_period(mode.nearest_period(wanted.period_s), wanted.period_s))
+        if request.format in (None, mode.fourcc)
+        and request.width in (None, mode.width)
+        and request.height in (None, mode.height)
+        and (request.period_s is None or same_period(mode.nearest_period(request.period_s), request.period_s))
     ]
     if not fitting:
-        raise no_such_mode(path, wanted, offered)
+        raise no_such_mode(path, request, offered)
     best = min(
         fitting,
         key=lambda mode: (
@@ -104,23 +104,23 @@ def choose_mode(path: str, offered: tuple[Mode, ...], wanted: CameraRequest) -> 
     return best, best.nearest_period(period)
 
 
-def configure(device: VideoDevice, wanted: CameraRequest) -> tuple[PixelFormat, Fraction]:
+def configure(device: VideoDevice, request: CameraRequest) -> tuple[PixelFormat, Fraction]:
     """Set a camera to the best requested mode; return its layout and its frame period in seconds.
 
     Raises CameraError if the camera does not offer it or sets another, OSError from the driver.
     """
-    modes = offered_modes(device, wanted.size)
-    mode, period = choose_mode(device.path, modes, wanted)
+    modes = offered_modes(device, request.size)
+    mode, period = choose_mode(device.path, modes, request)
     taken = device.set_format(mode.fourcc, mode.width, mode.height)
     if (taken.fourcc, taken.width, taken.height) != (mode.fourcc, mode.width, mode.height):
-        raise no_such_mode(device.path, wanted, modes)
+        raise no_such_mode(device.path, request, modes)
     actual = device.set_period(period)
     if actual is None:
-        if wanted.period_s is not None:
+        if request.period_s is not None:
             raise CameraError(f"{device.path} does not say at which rate it runs", hint="leave out fps")
         return taken, period
-    if wanted.period_s is not None and not same_period(actual, wanted.period_s):
-        raise no_such_mode(device.path, wanted, modes)
+    if request.period_s is not None and not same_period(actual, request.period_s):
+        raise no_such_mode(device.path, request, modes)
     return taken, actual
 
 
@@ -129,16 +129,16 @@ def same_period(one: Fraction, other: Fraction) -> bool:
     return abs(one - other) < _RATE_TOLERANCE * other
 
 
-def no_such_mode(path: str, wanted: CameraRequest, offered: tuple[Mode, ...]) -> CameraError:
+def no_such_mode(path: str, request: CameraRequest, offered: tuple[Mode, ...]) -> CameraError:
     """Return the error for a missing mode, which lists the camera's modes."""
-    asked = [wanted.format or ""]
-    if wanted.width is not None and wanted.height is not None:
-        asked.append(f"{wanted.width}x{wanted.height}")
-    elif wanted.width is not None or wanted.height is not None:
-        asked.append(f"of width {wanted.width}" if wanted.width else f"of height {wanted.height}")
-    if wanted.period_s is not None:
-        asked.append(f"at {_fps(wanted.period_s)} fps")
-    like = [mode for mode in offered if mode.fourcc == wanted.format] or list(offered)
+    asked = [request.format or ""]
+    if request.width is not None and request.height is not None:
+        asked.append(f"{request.width}x{request.height}")
+    elif request.width is not None or request.height is not None:
+        asked.append(f"of width {request.width}" if request.width else f"of height {request.height}")
+    if request.period_s is not None:
+        asked.append(f"at {_fps(request.period_s)} fps")
+    like = [mode for mode in offered if mode.fourcc == request.format] or list(offered)
     listed = "; ".join(str(mode) for mode in like[:_LISTED_MODES])
     more = f"; and {len(like) - _LISTED_MODES} more" if len(like) > _LISTED_MODES else ""
     return CameraError(

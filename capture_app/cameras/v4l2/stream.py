@@ -334,8 +334,8 @@ class V4L2Camera(ThreadedCamera):
 
 def _buffer_count(layout: PixelFormat, period_ns: int) -> int:
     affordable = _BUFFER_BYTES // max(1, layout.buffer_bytes)
-    least, most = _BUFFER_COUNTS
-    return max(least, min(most, affordable, -(-_BUFFERED_NS // period_ns)))
+    min_count, max_count = _BUFFER_COUNTS
+    return max(min_count, min(max_count, affordable, -(-_BUFFERED_NS // period_ns)))
 
 
 def _timestamp_source(path: str, flags: int) -> TimestampSource:

@@ -26,7 +26,7 @@ class SharedGrid:
 class RigFollower:
     """Other programs of one kind that follow a started rig; this base class takes no pictures."""
 
-    def start(self, clock: NodeClock, news: Log, grid: Callable[[], SharedGrid | None]) -> None:
+    def start(self, clock: NodeClock, event_log: Log, grid: Callable[[], SharedGrid | None]) -> None:
         """Lead the programs and log their events; `grid` returns the current grid, None before there is one.
 
         Raises NetworkError where a port of theirs is in use.

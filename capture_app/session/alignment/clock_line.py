@@ -32,18 +32,18 @@ def fit_clock_line(
     # Until the rate is fitted, it shifts distant moments by more than their own error.
     rate, weights = 0.0, np.ones(len(late))
     epoch = float(np.average(camera_s, weights=1 / sd_s**2))
-    away = camera_s - epoch
+    from_epoch = camera_s - epoch
     for _ in range(STEPS):
         total = weights / (scale * sd_s) ** 2
-        rows = np.column_stack([np.ones(len(late)), away])
+        rows = np.column_stack([np.ones(len(late)), from_epoch])
         normal = rows.T @ (total[:, None] * rows)
         normal[1, 1] += 1 / (CRYSTAL_PPM * 1e-6) ** 2
         offset, rate = np.linalg.solve(normal, rows.T @ (total * late))
         miss = (late - rows @ np.array([offset, rate])) / sd_s
-        spread = (
+        residual_scale = (
             1.4826 * float(np.median(np.abs(miss))) if len(miss) > 4 else float(np.sqrt(np.mean(miss**2)))
         )
-        scale = max(1.0, spread)
+        scale = max(1.0, residual_scale)
         weights = 1 / (1 + (miss / (2.5 * scale)) ** 2)
     covariance = np.linalg.inv(normal)
     sigmas = SIGMAS + 2.5 / max(1, len(late) - 1)
@@ -79,9 +79,9 @@ def chain_cameras(names: Sequence[str], against: Callable[[str, str], CameraTime
             if found.offset_ns is None:
                 why.setdefault(name, found.reason)
                 continue
-            way = found if last == names[0] else compose(known[last], found)
-            if name not in waiting or (way.uncertainty_ns or 0) < error_ns(name):
-                waiting[name] = way
+            chained = found if last == names[0] else compose(known[last], found)
+            if name not in waiting or (chained.uncertainty_ns or 0) < error_ns(name):
+                waiting[name] = chained
         if not waiting:
             return {name: known.get(name) or CameraTimes(reason=why.get(name, "")) for name in names}
         last = min(waiting, key=error_ns)

@@ -44,14 +44,14 @@ They differ because pixels are not linear.
 """
 NEAR_FRAMES = 0.9
 """Maximum distance, in frames, between flashes that a rough offset matches."""
-LEAST = 3
+MIN_MATCHES = 3
 """Minimum number of matching flashes, if both cameras saw that many: two can match by chance.
 
 Each camera misses some flashes between its frames.
 """
 CANDIDATES = 6
 """Maximum number of candidate offsets."""
-MOST = 30
+MAX_FITTED = 30
 """Maximum number of flashes that are fitted; more add hardly any information."""
 EDGE_S = 2.5e-4
 """Maximum error of an observed edge, including the duration of the flash."""
@@ -112,8 +112,8 @@ class Lights:
         changed = {frame + k for frame in lamps for k in range(-AROUND, AROUND + 1)}
         rises = self._rises()
         tops = np.quantile(rises, 0.95, axis=1)
-        least = max(MIN_RISE, CLEAR * 1.4826 * float(np.median(np.abs(tops - np.median(tops)))))
-        lit = np.array([frame for frame in np.flatnonzero(tops > least) if frame not in changed], np.intp)
+        min_rise = max(MIN_RISE, CLEAR * 1.4826 * float(np.median(np.abs(tops - np.median(tops)))))
+        lit = np.array([frame for frame in np.flatnonzero(tops > min_rise) if frame not in changed], np.intp)
         groups = np.split(lit, np.flatnonzero(np.diff(lit) > 1) + 1) if len(lit) else []
         found = (self._flash(rises, group) for group in groups)
         flashes = [flash for flash in found if flash is not None]
@@ -142,7 +142,7 @@ class Lights:
         size, first = len(before), frame - 1
         clear = np.flatnonzero(np.abs(change) > np.abs(change).max() / 4)
         shares = (self.bands[first : first + 3] - before)[:, clear] / change[clear]
-        rows = np.concatenate([np.interp(np.arange(size), clear, share) for share in shares])
+        rows = np.concatenate([np.interp(np.arange(size), clear, part) for part in shares])
         at = min(int((rows < 0.5).sum()), 3 * size - 1)
         soft = SOFT * float(((rows > 0.1) & (rows < 0.9)).sum()) / 0.8 / size
         near = EDGE_ROWS * size
@@ -243,23 +243,23 @@ def match_flashes(reference: Lights, camera: Lights) -> CameraTimes:
             return CameraTimes(reason=f"{name} saw no flash, nor a lamp that went on or off")
     periods = reference.period_s, camera.period_s
     best: CameraTimes | None = None
-    most = 0
+    max_pairs = 0
     for pairs in _agreeing(*seen, max(periods)):
-        if best is not None and len(pairs) < most:
+        if best is not None and len(pairs) < max_pairs:
             break
         found = _fit_robustly(pairs, periods)
         if found.offset_ns is None:
             continue
         if best is not None:
             return CameraTimes(reason="the flashes they saw fit at several offsets")
-        best, most = found, len(pairs)
+        best, max_pairs = found, len(pairs)
     return best or CameraTimes(reason="the flashes they saw fit at no offset")
 
 
 def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -> list[list[Pair]]:
     """Return the flashes that both saw, for each offset that matches enough of them, best offset first."""
     near_s = NEAR_FRAMES * period_s
-    least = min(LEAST, len(seen), len(others))
+    min_matches = min(MIN_MATCHES, len(seen), len(others))
     groups: list[tuple[float, list[Pair]]] = []
     for one in seen:
         for other in others:
@@ -272,7 +272,7 @@ def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -
                 near = abs(nearest.rough_s - flash.rough_s - offset_s) < slack_s
                 if near and nearest.step == flash.step:
                     pairs.append((nearest, flash))
-            if len(pairs) >= least:
+            if len(pairs) >= min_matches:
                 groups.append((offset_s, pairs))
     groups.sort(key=lambda group: -len(group[1]))
     distinct: list[tuple[float, list[Pair]]] = []
@@ -285,7 +285,7 @@ def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -
 def _fit_robustly(pairs: list[Pair], periods: tuple[float, float]) -> CameraTimes:
     """Fit all pairs, or all but one: that pair may be two flashes that merged."""
     choices = [pairs]
-    if len(pairs) > LEAST:
+    if len(pairs) > MIN_MATCHES:
         choices += [pairs[:k] + pairs[k + 1 :] for k in range(len(pairs))]
     found = (_fit(choice, *periods) for choice in choices)
     return next((one for one in found if one.offset_ns is not None), CameraTimes())
@@ -293,19 +293,19 @@ def _fit_robustly(pairs: list[Pair], periods: tuple[float, float]) -> CameraTime
 
 def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float) -> CameraTimes:
     """Return the centre and half width of all offsets and rates that the edges allow; empty if none fits."""
-    if len(pairs) > MOST:
-        pairs = [pairs[round(k)] for k in np.linspace(0, len(pairs) - 1, MOST)]
+    if len(pairs) > MAX_FITTED:
+        pairs = [pairs[round(k)] for k in np.linspace(0, len(pairs) - 1, MAX_FITTED)]
     epoch = float(np.mean([other.rough_s for _, other in pairs]))
     at = np.array([other.rough_s for _, other in pairs]) - epoch
     for tolerance in (EDGE_S, 2 * EDGE_S, 4 * EDGE_S, 8 * EDGE_S):
-        ours = _moments([one for one, _ in pairs], reference_s, tolerance)
-        theirs = _moments([other for _, other in pairs], camera_s, tolerance)
-        if not len(ours) or not len(theirs):
+        reference_moments = _moments([one for one, _ in pairs], reference_s, tolerance)
+        camera_moments = _moments([other for _, other in pairs], camera_s, tolerance)
+        if not len(reference_moments) or not len(camera_moments):
             continue
         # Minimum and maximum offset for every combination of both cameras' readout and exposure times.
-        least = (ours[:, None, :, 0] - theirs[None, :, :, 1]).reshape(-1, len(pairs))
-        most = (ours[:, None, :, 1] - theirs[None, :, :, 0]).reshape(-1, len(pairs))
-        offsets, rates = _lines(at, least, most)
+        lowest = (reference_moments[:, None, :, 0] - camera_moments[None, :, :, 1]).reshape(-1, len(pairs))
+        highest = (reference_moments[:, None, :, 1] - camera_moments[None, :, :, 0]).reshape(-1, len(pairs))
+        offsets, rates = _lines(at, lowest, highest)
         if offsets is not None and rates is not None and offsets[1] - offsets[0] > 2 * MIN_BAR_S:
             return CameraTimes(
                 offset_ns=round(sum(offsets) / 2 * 1e9),
@@ -336,39 +336,39 @@ def _moments(flashes: Sequence[Flash], period_s: float, tolerance_s: float) -> A
     shortest = (ends[..., 0] - starts[..., 1]).max(1, where=lasting, initial=0.0)
     longest = (ends[..., 1] - starts[..., 0]).min(1, where=lasting, initial=period_s)
     fits = shortest <= longest
-    ways = []
-    for share in np.linspace(0, 1, EXPOSURES):
-        half = (shortest + share * (longest - shortest))[fits, None] / 2 * lasting
+    moments = []
+    for part in np.linspace(0, 1, EXPOSURES):
+        half = (shortest + part * (longest - shortest))[fits, None] / 2 * lasting
         low = np.maximum(starts[fits, :, 0] + half, ends[fits, :, 0] - half)
         high = np.minimum(starts[fits, :, 1] + half, ends[fits, :, 1] - half)
-        ways.append(np.stack([low, high], axis=-1)[(low <= high).all(1)])
-    return np.concatenate(ways)
+        moments.append(np.stack([low, high], axis=-1)[(low <= high).all(1)])
+    return np.concatenate(moments)
 
 
 def _range(edge: Edge, readout_s: Array, tolerance_s: float) -> Array:
     """Return min and max own time (n, 2) of the mid-exposure of the edge's row, for readouts (n,)."""
-    reach = tolerance_s + edge.soft * readout_s
+    half_width = tolerance_s + edge.soft * readout_s
     place = edge.at_s + (0 if edge.hidden else readout_s * (edge.down - 0.5))
     if edge.hidden:
-        reach = reach + np.maximum(edge.gap_s - readout_s, 0) / 2 + EDGE_ROWS * readout_s
-    return np.stack([place - reach, place + reach], axis=-1)
+        half_width = half_width + np.maximum(edge.gap_s - readout_s, 0) / 2 + EDGE_ROWS * readout_s
+    return np.stack([place - half_width, place + half_width], axis=-1)
 
 
-def _lines(at: Array, least: Array, most: Array) -> tuple[Range, Range] | tuple[None, None]:
-    """Return the ranges of offset (at 0) and rate of lines from `least` to `most` (combinations, n)."""
-    away = np.abs(at) * MAX_DRIFT_PPM * 1e-6
-    low, high = (least - away).max(1), (most + away).min(1)
-    slow, fast = np.full(len(least), -MAX_DRIFT_PPM * 1e-6), np.full(len(least), MAX_DRIFT_PPM * 1e-6)
+def _lines(at: Array, lowest: Array, highest: Array) -> tuple[Range, Range] | tuple[None, None]:
+    """Return the ranges of offset (at 0) and rate of lines from `lowest` to `highest` (combinations, n)."""
+    drift = np.abs(at) * MAX_DRIFT_PPM * 1e-6
+    low, high = (lowest - drift).max(1), (highest + drift).min(1)
+    slow, fast = np.full(len(lowest), -MAX_DRIFT_PPM * 1e-6), np.full(len(lowest), MAX_DRIFT_PPM * 1e-6)
     for i in range(len(at)):
         for j in range(len(at)):
             if at[i] >= at[j]:
                 continue
             apart = at[j] - at[i]
-            slow = np.maximum(slow, (least[:, j] - most[:, i]) / apart)
-            fast = np.minimum(fast, (most[:, j] - least[:, i]) / apart)
+            slow = np.maximum(slow, (lowest[:, j] - highest[:, i]) / apart)
+            fast = np.minimum(fast, (highest[:, j] - lowest[:, i]) / apart)
             if at[i] <= 0 <= at[j]:
-                low = np.maximum(low, (least[:, i] * at[j] - least[:, j] * at[i]) / apart)
-                high = np.minimum(high, (most[:, i] * at[j] - most[:, j] * at[i]) / apart)
+                low = np.maximum(low, (lowest[:, i] * at[j] - lowest[:, j] * at[i]) / apart)
+                high = np.minimum(high, (highest[:, i] * at[j] - highest[:, j] * at[i]) / apart)
     good = (low <= high) & (slow <= fast)
     if not good.any():
         return None, None

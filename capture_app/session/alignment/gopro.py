@@ -44,7 +44,7 @@ GPS9_FIELDS = 9
 """Latitude, longitude, height, two speeds, days, seconds of the day, dilution of precision, fix."""
 WORST_DILUTION = 5.0
 """Maximum dilution of precision; the format's README calls lower values good."""
-FEWEST = 3
+MIN_FIXES = 3
 """Minimum number of fixes for an alignment."""
 PAYLOAD_BYTES = 4_000_000
 """Maximum payload size that is read; a second of all GoPro sensors is some 100 kB."""
@@ -175,15 +175,15 @@ def _gps5(named: dict[str, _Item]) -> tuple[int, dict[int, float]]:
 
 def parse_utc(text: bytes) -> float | None:
     """Parse `yymmddhhmmss.sss` to seconds since 2000; None for anything else, which some cameras write."""
-    word = text[:16].decode("latin-1")
-    digits = word[:12] + word[13:]
-    if len(word) != 16 or word[12] != "." or not (digits.isascii() and digits.isdigit()):
+    utc = text[:16].decode("latin-1")
+    digits = utc[:12] + utc[13:]
+    if len(utc) != 16 or utc[12] != "." or not (digits.isascii() and digits.isdigit()):
         return None
     try:
-        at = datetime.strptime(f"20{word[:12]}", "%Y%m%d%H%M%S").replace(tzinfo=UTC)
+        at = datetime.strptime(f"20{utc[:12]}", "%Y%m%d%H%M%S").replace(tzinfo=UTC)
     except ValueError:
         return None
-    return (at - EPOCH) / timedelta(seconds=1) + int(word[13:]) / 1000
+    return (at - EPOCH) / timedelta(seconds=1) + int(utc[13:]) / 1000
 
 
 Array = NDArray[np.float64]
@@ -238,7 +238,7 @@ def match_gps_clocks(reference: GpsClock, camera: GpsClock) -> CameraTimes:
     later_s = camera.began_utc_s - reference.began_utc_s
     apart_s = max(later_s - reference.end_s, -later_s - camera.end_s)
     if apart_s > LATE_S[reference.key] + LATE_S[camera.key]:
-        return CameraTimes(reason=f"by their GPS, {apart_s:.1f} s lie between them")
+        return CameraTimes(reason=f"by their GPS, they are {apart_s:.1f} s apart")
     zero_s = math.floor(reference.utc_s[0])
     back = _line(reference, zero_s, of_utc=True)
     return compose(back, _line(camera, zero_s, of_utc=False))
@@ -271,13 +271,13 @@ def _clock(key: str, timed: list[tuple[float, float, list[GpsStream]]]) -> GpsCl
                 before_s = utc_s
     if not seen:
         return ""
-    if len(fixes) < FEWEST:
+    if len(fixes) < MIN_FIXES:
         return f"its GPS has {len(fixes)} good 3D fixes"
     video_s, utc_s = np.array(sorted(fixes)).T
     late_s = utc_s - video_s
     off_s = np.abs(late_s - np.median(late_s))
-    spread_s = 1.4826 * float(np.median(off_s))
-    near = off_s <= max(5 * spread_s, 0.02)
-    if spread_s > JUMP_S or near.sum() < FEWEST:
+    scatter_s = 1.4826 * float(np.median(off_s))
+    near = off_s <= max(5 * scatter_s, 0.02)
+    if scatter_s > JUMP_S or near.sum() < MIN_FIXES:
         return "its GPS time does not go with the video's (a time lapse?)"
     return GpsClock(key, video_s[near], utc_s[near], max(begin_s + long_s for begin_s, long_s, _ in timed))

@@ -103,12 +103,12 @@ def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes
     size = round(WINDOW_S * RATE_HZ)
     for at in _loud_windows(camera.samples, size):
         centre_s = camera.start_s + (at + size / 2) / RATE_HZ
-        wanted = round((centre_s + rough_s - reference.start_s) * RATE_HZ - size / 2)
-        if not 0 <= wanted <= len(reference.samples) - size:
+        expected = round((centre_s + rough_s - reference.start_s) * RATE_HZ - size / 2)
+        if not 0 <= expected <= len(reference.samples) - size:
             continue
-        lag = _lag(reference.samples[wanted : wanted + size], camera.samples[at : at + size])
+        lag = _lag(reference.samples[expected : expected + size], camera.samples[at : at + size])
         if lag is not None:
-            found.append((centre_s, reference.start_s + (wanted + lag + size / 2) / RATE_HZ))
+            found.append((centre_s, reference.start_s + (expected + lag + size / 2) / RATE_HZ))
     if not found:
         return CameraTimes(reason="their sounds are loud at the same moments, but are not alike")
     camera_s, reference_s = np.array(found).T
@@ -123,11 +123,11 @@ def _rough_offset(reference: Sound, camera: Sound) -> float | str:
         return "a sound track is too short or silent"
     size = 1 << (len(a) + len(b)).bit_length()
     fits = np.fft.irfft(np.fft.rfft(a, size) * np.conj(np.fft.rfft(b, size)), size)
-    spread = 1.4826 * float(np.median(np.abs(fits - np.median(fits)))) + 1e-12
+    noise = 1.4826 * float(np.median(np.abs(fits - np.median(fits)))) + 1e-12
     best = int(fits.argmax())
     near = round(MAX_ERROR_S / BIN_S)
     others = np.roll(fits, -best)[near : size - near]
-    if fits[best] < PROMINENT * spread or fits[best] < DISTINCT * others.max():
+    if fits[best] < PROMINENT * noise or fits[best] < DISTINCT * others.max():
         return "their sounds do not agree on one offset"
     lag = best if best < len(a) else best - size
     return reference.start_s - camera.start_s + lag * BIN_S
@@ -162,14 +162,14 @@ def _lag(reference: Samples, camera: Samples) -> float | None:
     # The phase of very weak frequencies is noise.
     weight = np.where(strength > 1e-3 * strength.max(), 1 / np.maximum(strength, 1e-20) ** 0.8, 0.0)
     fits = np.fft.fftshift(np.fft.irfft(spectrum * weight, size))
-    middle, reach = size // 2, round(MAX_ERROR_S * RATE_HZ)
-    near = fits[middle - reach : middle + reach + 1]
+    middle, max_lag = size // 2, round(MAX_ERROR_S * RATE_HZ)
+    near = fits[middle - max_lag : middle + max_lag + 1]
     best = int(near.argmax())
-    spread = 1.4826 * float(np.median(np.abs(near - np.median(near)))) + 1e-20
-    if not 0 < best < len(near) - 1 or near[best] < PROMINENT * spread:
+    noise = 1.4826 * float(np.median(np.abs(near - np.median(near)))) + 1e-20
+    if not 0 < best < len(near) - 1 or near[best] < PROMINENT * noise:
         return None
     before, now, after = near[best - 1 : best + 2]
-    return best - reach + 0.5 * float((before - after) / (before - 2 * now + after))
+    return best - max_lag + 0.5 * float((before - after) / (before - 2 * now + after))
 
 
 @dataclass(frozen=True)
@@ -188,8 +188,8 @@ class Timecode:
 
 def match_timecodes(reference: Timecode, camera: Timecode) -> CameraTimes:
     """Return the camera's times against the reference's; without an offset, the reason."""
-    alike = abs(camera.period_s - reference.period_s) < 1e-9 and camera.wall_clock == reference.wall_clock
-    if not alike and not (camera.wall_clock and reference.wall_clock):
+    same_rate = abs(camera.period_s - reference.period_s) < 1e-9 and camera.wall_clock == reference.wall_clock
+    if not same_rate and not (camera.wall_clock and reference.wall_clock):
         return CameraTimes(reason="their timecodes count at different rates")
     apart_s = (camera.day_s - reference.day_s + DAY_S / 2) % DAY_S - DAY_S / 2
     # A timecode identifies a frame; the exposures of two cameras are anywhere within it.

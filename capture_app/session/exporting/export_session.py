@@ -54,7 +54,7 @@ def export_session(
     if out.is_symlink() or (out.exists() and not out.is_dir()):
         raise BadInputError(f"{out} is not a folder", hint="name a folder that does not exist yet")
     if out.resolve().is_relative_to(session.folder.resolve()):
-        raise BadInputError(f"{out} lies inside the session", hint="choose a folder outside it")
+        raise BadInputError(f"{out} is inside the session", hint="choose a folder outside it")
     output = OutputFolder(out, replaces_nothing)
     chosen = _make_options(name, exporter, options)
     burst = ExportedBurst(session, chosen, progress, options.get("instant"))

@@ -88,13 +88,13 @@ class ExportedBurst:
 
     def images_of(self, camera: str) -> list[ImageRecord]:
         """Return a camera's images in order, each once even if it also substitutes for a dropped frame."""
-        kept: list[ImageRecord] = []
+        distinct: list[ImageRecord] = []
         for image in self._in_order(camera):
-            if not kept or image.leader_ns > kept[-1].leader_ns:
-                kept.append(image)
-            elif kept[-1].substitute:
-                kept[-1] = image
-        return kept
+            if not distinct or image.leader_ns > distinct[-1].leader_ns:
+                distinct.append(image)
+            elif distinct[-1].substitute:
+                distinct[-1] = image
+        return distinct
 
     def image_at(self, camera: str, instant: int) -> ImageRecord | None:
         """Return the image that was taken at an instant, or None if it is missing or a substitute."""

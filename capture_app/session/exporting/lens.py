@@ -141,29 +141,29 @@ def without_k3(camera: CameraCalibration) -> tuple[CameraCalibration, float]:
     return fitted, worst
 
 
-def redrawing(camera: CameraCalibration, wanted: CameraCalibration) -> Redraw | None:
-    """Return a function that redraws a camera's images for the lens `wanted`; None if the lenses are equal.
+def redrawing(camera: CameraCalibration, target: CameraCalibration) -> Redraw | None:
+    """Return a function that redraws a camera's images for the lens `target`; None if the lenses are equal.
 
     The pose stays the same. Pixels are interpolated bilinearly; what the camera did not see is black.
     """
     import cv2
 
-    sizes = {(lens.width, lens.height) for lens in (camera, wanted)}
-    if len(sizes) == 1 and _parameters(camera) == _parameters(wanted):
+    sizes = {(lens.width, lens.height) for lens in (camera, target)}
+    if len(sizes) == 1 and _parameters(camera) == _parameters(target):
         return None
-    if distortion_of(wanted).any():
-        rows, columns = np.mgrid[: wanted.height, : wanted.width].astype(np.float64)
-        rays = rays_of(wanted, np.stack([columns.ravel(), rows.ravel()], axis=1))
-        pixels = project_rays(camera, rays).astype(np.float32).reshape(wanted.height, wanted.width, 2)
+    if distortion_of(target).any():
+        rows, columns = np.mgrid[: target.height, : target.width].astype(np.float64)
+        rays = rays_of(target, np.stack([columns.ravel(), rows.ravel()], axis=1))
+        pixels = project_rays(camera, rays).astype(np.float32).reshape(target.height, target.width, 2)
         pixels[np.isnan(pixels)] = -10
         maps = (np.ascontiguousarray(pixels[..., 0]), np.ascontiguousarray(pixels[..., 1]))
     else:
-        size = (wanted.width, wanted.height)
+        size = (target.width, target.height)
         maps = cv2.initUndistortRectifyMap(
-            matrix_of(camera), distortion_of(camera), np.eye(3), matrix_of(wanted), size, cv2.CV_32FC1
+            matrix_of(camera), distortion_of(camera), np.eye(3), matrix_of(target), size, cv2.CV_32FC1
         )
-        across = (np.arange(wanted.width) - wanted.cx) / wanted.fx
-        down = (np.arange(wanted.height) - wanted.cy) / wanted.fy
+        across = (np.arange(target.width) - target.cx) / target.fx
+        down = (np.arange(target.height) - target.cy) / target.fy
         # Far outside the image, the lens's polynomial may map rays back into it.
         unseen = (
             np.hypot(across[None], down[:, None]) > 1.01 * np.linalg.norm(picture_rays(camera), axis=1).max()

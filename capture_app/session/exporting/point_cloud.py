@@ -25,12 +25,12 @@ class PointCloud:
     points: Array
     colours: NDArray[np.uint8]
 
-    def thinned(self, most: int) -> "PointCloud":
-        """Return at most `most` points, drawn at random with a fixed seed."""
-        if len(self.points) <= most:
+    def thinned(self, max_points: int) -> "PointCloud":
+        """Return at most `max_points` points, drawn at random with a fixed seed."""
+        if len(self.points) <= max_points:
             return self
-        kept = np.sort(np.random.default_rng(0).choice(len(self.points), most, replace=False))
-        return PointCloud(self.points[kept], self.colours[kept])
+        chosen = np.sort(np.random.default_rng(0).choice(len(self.points), max_points, replace=False))
+        return PointCloud(self.points[chosen], self.colours[chosen])
 
 
 def read_ply(path: Path) -> PointCloud:
@@ -53,10 +53,10 @@ def read_ply(path: Path) -> PointCloud:
     colours = np.full((len(points), 3), _GREY, np.uint8)
     if all(name in names and vertices[name].dtype == np.uint8 for name in ("red", "green", "blue")):
         colours = np.stack([vertices[name] for name in ("red", "green", "blue")], axis=1)
-    kept = np.isfinite(points).all(axis=1)
-    if not kept.any():
+    chosen = np.isfinite(points).all(axis=1)
+    if not chosen.any():
         raise BadInputError(f"{path} has no points")
-    return PointCloud(points[kept], colours[kept])
+    return PointCloud(points[chosen], colours[chosen])
 
 
 def write_ply(path: Path, cloud: PointCloud, *, normals: bool = False) -> None:

@@ -180,9 +180,9 @@ class OutputFolder:
             _log.warning("restored the earlier result in %s", self.target)
         elif self.folder.exists():
             # Another program created a folder of that name before the new result could be moved there.
-            kept = free_name(self.target.with_name(f"{self.target.name}-earlier"))
-            self._earlier.rename(kept)
-            _log.warning("the earlier result of %s is now in %s", self.target, kept)
+            renamed = free_name(self.target.with_name(f"{self.target.name}-earlier"))
+            self._earlier.rename(renamed)
+            _log.warning("the earlier result of %s is now in %s", self.target, renamed)
         else:
             shutil.rmtree(self._earlier)
 

@@ -48,7 +48,7 @@ class CameraPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     missing: tuple[MissingImage, ...] = ()
     """The images that it has reported missing."""
     picking: bool = False
-    """More frames are picked than it has told of."""
+    """Further frames will be picked and announced."""
     picked: Count | None = None
     """The instant before which all frames that are sent as they come are there or missing."""
     missing_runs: tuple[MissingRun, ...] = ()
@@ -71,11 +71,11 @@ class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     burst: BurstRecord
     cameras: tuple[CameraPlan, ...]
     pins: dict[str, str] = {}
-    """By camera, the machine that alone brings its part; empty where nobody was asked who it is."""
+    """By camera, the pin of the only machine that may deliver its part; empty on an open rig."""
     note: str = ""
     """What the manifest is to keep as a note."""
     spare: Count = 0
-    """How many of the instants only make up for those that not every camera has."""
+    """Number of extra instants, which replace incomplete ones."""
     chosen: tuple[Count, ...] | None = None
     """The instants that the session has; None while that is not settled, or where it has all."""
     streamed: InstantRange | None = None
@@ -100,8 +100,8 @@ def read_plan(folder: Path) -> BurstPlan:
     """Read a session's plan. Raises BadInputError where it has none or it cannot be trusted."""
     plan = read_struct(folder / PLAN, BurstPlan, PLAN_VERSION)
     check_name(plan.name, "session")
-    for share in plan.cameras:
-        check_name(share.camera.name, "camera")
+    for part in plan.cameras:
+        check_name(part.camera.name, "camera")
     if any(instant >= len(plan.instants_ns) for instant in plan.chosen or ()):
         raise BadInputError(f"{folder / PLAN} has chosen an instant that was not ordered")
     return plan

@@ -15,7 +15,7 @@ Vector3 = tuple[float, float, float]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
-"""Units of length and how many metres they are."""
+"""Length of each unit, in metres."""
 
 
 class CameraCalibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

@@ -21,8 +21,8 @@ REFERENCE = "reference"
 TimesState = Literal["unknown", "given", "recorded", "aligned"]
 """How the times of a recording's cameras go together.
 
-unknown    each camera has times of its own, and what is between them is not known
-given      whoever imported it said so, by a frame rate, a shift or an uncertainty
+unknown    each camera has times of its own, with unknown offsets between them
+given      stated at import, by a frame rate, a shift or an uncertainty
 recorded   the recording has times of one clock: a table, or a phone's metadata
 aligned    measured after it was recorded; see the cameras
 """
@@ -84,7 +84,7 @@ class CommonTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         }[self.state]
         return f"{words}: {self.reason}" if self.reason else words
 
-    def doubt(self, period_ns: int) -> str:
+    def why_not_synchronized(self, period_ns: int) -> str:
         """Why pictures are not called synchronized: offsets unknown, or to some frames only; else empty."""
         if self.unknown:
             return self.words

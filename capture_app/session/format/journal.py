@@ -33,12 +33,12 @@ def frames_path(video: str) -> str:
 
 
 def is_frames_path(path: str) -> bool:
-    """Whether a path inside a session is that of frames' lines."""
+    """Whether a path inside a session is a video's file of frame lines."""
     return path.startswith(f"{VIDEOS}/{RIG}/") and path.endswith(FRAMES_SUFFIX)
 
 
 def frame_line(record: ImageRecord, offset: int, true_ns: int | None = None) -> bytes:
-    """The line of an image that lies in its video at `offset`."""
+    """The line of an image that its video holds at `offset`."""
     fields = structs.asdict(record) | {"camera": "", "path": "", "residual_ns": 0}
     return msgspec.json.encode(FrameRecord(offset=offset, true_ns=true_ns, **fields))
 

@@ -86,7 +86,7 @@ class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     clock: ClockRecord | None = None
     phase: PhaseRecord | None = None
     held: dict[Control, float] | UnsetType = UNSET
-    """The controls that somebody had set, each in its unit; the camera chose the others itself."""
+    """Controls that a user had set, each in its unit; the camera chose the others."""
 
     def __post_init__(self) -> None:
         """Raise ValueError for a camera without pixels."""
@@ -143,7 +143,7 @@ class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     uncertainty_ns: Count | None = None
     hard_bound_ns: Count | None = None
     exposure_start_ns: int | None = None
-    """Leader time at which the first row's exposure begins; None where the camera's stamps do not tell."""
+    """Leader time at which the first row's exposure begins; None if the camera's stamps do not say."""
     exposure_ns: Count | None = None
     gain: float | None = None
     white_balance: tuple[float, float] | None = None
@@ -161,7 +161,8 @@ class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 class FrameRecord(ImageRecord, frozen=True, kw_only=True, omit_defaults=True):
     """A frame of a video as an image of its session: `path` is the video's; no manifest lists one.
 
-    The file beside the video has a line of it, without what that video and the instants tell.
+    The file beside the video has a line for each frame, without the fields that the video and the instants
+    give.
     """
 
     offset: Count
@@ -201,13 +202,13 @@ class SyncRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     spread_ns: tuple[Count, ...]
     """For each instant: from the first to the last of its images' `leader_ns`; 0 for fewer than two."""
     row_spread_ns: Count | None = None
-    """The most that the middles of one row's exposure are apart at any instant, by rolling shutters that
-    differ included; None where no two cameras tell their exposure and row time."""
+    """Largest difference between cameras in the middle of one row's exposure, over all instants. It includes
+    differences between rolling shutters. None unless two cameras report their exposure and row time."""
     uncertainty_ns: Count | None = None
-    """The worst of the images, against the others'; None where that of any is not known.
+    """Largest uncertainty of an image's time against the others; None if any is unknown.
 
-    Where not all cameras' stamps were measured against one and the same, what nobody knows of those that they
-    were measured against is added.
+    If stamps were measured against different reference cameras, the unknown error of those references is
+    included.
     """
     hard_bound_ns: Count | None = None
     dropped: Count = 0
@@ -290,8 +291,8 @@ def sync_record(
 ) -> SyncRecord:
     """Compute the sync record of a burst from its images' records, over all cameras and instants.
 
-    The images of an instant must follow each other, as those of a manifest do: a recording has more of them
-    than need be in memory.
+    The images of an instant must follow each other, as in a manifest: a recording's images need not all be
+    in memory.
     """
     by_name = {camera.name: camera for camera in cameras}
     facts = {name: camera.facts for name, camera in by_name.items()}
@@ -320,7 +321,7 @@ def sync_record(
         row_spread_ns=rows_ns,
         uncertainty_ns=error_ns if number else None,
         hard_bound_ns=bound_ns if number else None,
-        dropped=sum(gone.dropped for gone in missing),
+        dropped=sum(one.dropped for one in missing),
         substituted=substituted,
         late=late,
     )
@@ -368,7 +369,7 @@ def inside(folder: Path, path: str) -> Path:
     except (OSError, RuntimeError):
         safe = False
     if not safe:
-        raise BadInputError(f"{folder / MANIFEST} names {path!r}, which lies outside the session")
+        raise BadInputError(f"{folder / MANIFEST} names {path!r}, which is outside the session")
     if waits:
         raise BadInputError(f"{folder / MANIFEST} names {path!r}, which is not a regular file")
     return file
@@ -390,7 +391,7 @@ def check_references(path: Path, manifest: Manifest) -> None:
     for name in (*names, manifest.name, manifest.rig):
         check_name(name, "camera, a rig or a session")
     named = [(f"images[{i}]", image.camera, image.instant) for i, image in enumerate(manifest.images)]
-    named += [(f"missing[{i}]", gone.camera, gone.instant) for i, gone in enumerate(manifest.missing)]
+    named += [(f"missing[{i}]", one.camera, one.instant) for i, one in enumerate(manifest.missing)]
     for where, camera, instant in named:
         if camera not in names:
             raise BadInputError(f"{path}: {where} is of an unknown camera, {camera}")

@@ -66,7 +66,7 @@ def align_recording(
         for method, (read, match) in methods.items()
         if by in ("auto", method) and not (method in _OF_VIDEO_TIMES and rate_given)
     }
-    cameras = chain_cameras(names, lambda first, second: _least(first, second, measured.values()))
+    cameras = chain_cameras(names, lambda first, second: _most_accurate(first, second, measured.values()))
     said = {method: _describe(against, cameras) for method, against in measured.items()}
     if any(of.offset_ns is None for of in cameras.values()):
         reasons = [unknown.reason, *(f"not aligned by {method}: {text}" for method, text in said.items())]
@@ -95,20 +95,22 @@ def _describe(against: Callable[[str, str], CameraTimes], cameras: Mapping[str, 
     return "; ".join(f"{', '.join(of)}: {text}" for text, of in found.items())
 
 
-def _least(first: str, second: str, measured: Collection[Callable[[str, str], CameraTimes]]) -> CameraTimes:
+def _most_accurate(
+    first: str, second: str, measured: Collection[Callable[[str, str], CameraTimes]]
+) -> CameraTimes:
     """Return a pair's offset with the smallest uncertainty that no more trustworthy method contradicts.
 
     Its rate is the most accurate one of the methods that are not contradicted.
     """
-    kept: list[CameraTimes] = []
+    consistent: list[CameraTimes] = []
     found = [against(first, second) for against in measured]
     for one in found:
-        if one.offset_ns is not None and all(_agree(one, other) for other in kept):
-            kept.append(one)
-    if not kept:
+        if one.offset_ns is not None and all(_agree(one, other) for other in consistent):
+            consistent.append(one)
+    if not consistent:
         return CameraTimes(reason="; ".join(one.reason for one in found))
-    best = min(kept, key=lambda one: one.uncertainty_ns or 0)
-    rate = min(kept, key=lambda one: one.rate_uncertainty_ppm or 0.0)
+    best = min(consistent, key=lambda one: one.uncertainty_ns or 0)
+    rate = min(consistent, key=lambda one: one.rate_uncertainty_ppm or 0.0)
     return replace(best, rate_ppm=rate.rate_ppm, rate_uncertainty_ppm=rate.rate_uncertainty_ppm)
 
 

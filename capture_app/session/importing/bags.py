@@ -81,9 +81,9 @@ class TopicPictures(Source):
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """See `Source.frames`."""
-        wanted = set(indices)
+        requested = set(indices)
         for index, message in enumerate(_messages(self.path, _PICTURES, [self._topic])):
-            if index in wanted:
+            if index in requested:
                 data = _picture(f"{self.path}: {self._topic}", message.content)
                 size = image_size(data)
                 if size is None:
@@ -158,13 +158,13 @@ def _views(
         if lens is None or picture.frame_id not in poses:
             return None
         _, pose = poses[picture.frame_id]
-        turn, at = pose.rotation, pose.translation
+        rotation, at = pose.rotation, pose.translation
         k, d = (lens.K, lens.D) if hasattr(lens, "K") else (lens.k, lens.d)
         views[name] = view_at(
             f"{path}: {picture.frame_id}",
             k,
             d,
-            (turn.w, turn.x, turn.y, turn.z),
+            (rotation.w, rotation.x, rotation.y, rotation.z),
             (at.x, at.y, at.z),
             (lens.width, lens.height),
         )

@@ -148,11 +148,11 @@ def _of_one_folder(clips: list[Clip], left_out: list[str]) -> list[Shoot]:
         left_out += [f"{clip.path.name}: by its date, nothing was taken with it" for clip in alone]
         return [_shoot(f"{number}", group) for number, group in enumerate(several, 1)]
     if len(several) == 1:
-        usual = median(clip.seconds for clip in several[0])
+        typical_s = median(clip.seconds for clip in several[0])
         for clip in [group[0] for group in groups if len(group) == 1]:
             if (
                 clip.began_s is not None
-                and not usual / _MAX_LENGTH_RATIO <= clip.seconds <= usual * _MAX_LENGTH_RATIO
+                and not typical_s / _MAX_LENGTH_RATIO <= clip.seconds <= typical_s * _MAX_LENGTH_RATIO
             ):
                 left_out.append(f"{clip.path.name}: of another date and another length")
                 clips = [one for one in clips if one is not clip]
@@ -178,15 +178,15 @@ def _by_names(clips: Sequence[Clip]) -> list[Shoot]:
     if len(varying) != 2:
         return []
     grid = {(of[varying[0]], of[varying[1]]): clip for of, clip in zip(words, clips, strict=True)}
-    sides = [sorted({pair[k] for pair in grid}, key=natural_order) for k in (0, 1)]
-    if len(grid) != len(clips) or len(clips) != len(sides[0]) * len(sides[1]):
+    parts = [sorted({pair[k] for pair in grid}, key=natural_order) for k in (0, 1)]
+    if len(grid) != len(clips) or len(clips) != len(parts[0]) * len(parts[1]):
         return []
-    takes = 0 if _are_takes(sides[0]) and not _are_takes(sides[1]) else 1
+    takes = 0 if _are_takes(parts[0]) and not _are_takes(parts[1]) else 1
     return [
         Shoot(
             take, {name_like(pair[1 - takes], "cam"): of for pair, of in grid.items() if pair[takes] == take}
         )
-        for take in sides[takes]
+        for take in parts[takes]
     ]
 
 

@@ -59,7 +59,7 @@ def video_times_ns(path: Path) -> list[int]:
     return [_nanoseconds(tick, base) for tick in sorted(ticks)]
 
 
-def video_pictures(path: Path, wanted: Container[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
+def video_pictures(path: Path, times_ns: Container[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
     """Yield the frames (BGR, H x W x 3, upright) at the requested presentation times in ns, with their times.
 
     Frames that cannot be decoded are skipped. Raises BadInputError if it is not a video.
@@ -78,7 +78,7 @@ def video_pictures(path: Path, wanted: Container[int]) -> Iterator[tuple[int, ND
                     continue
                 for frame in frames:
                     at_ns = None if frame.pts is None else _nanoseconds(frame.pts, frame.time_base)
-                    if at_ns is not None and at_ns in wanted:
+                    if at_ns is not None and at_ns in times_ns:
                         image = frame.to_ndarray(format="bgr24", interpolation=rounding)
                         yield at_ns, np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90) % 4))
     except av.FFmpegError as error:

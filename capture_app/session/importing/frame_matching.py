@@ -79,12 +79,12 @@ def match(cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> list[d
     for name, frames in cameras.items():
         for frame in frames if name != lead else ():
             number = _nearest(lead_ns, frame.leader_ns)
-            away_ns = abs(lead_ns[number] - frame.leader_ns)
-            if not is_same_instant(away_ns, period_ns):
+            offset_ns = abs(lead_ns[number] - frame.leader_ns)
+            if not is_same_instant(offset_ns, period_ns):
                 left.append((frame.leader_ns, name, frame))
                 continue
             rival = groups[number].get(name)
-            nearer = rival is None or away_ns < abs(lead_ns[number] - rival.leader_ns)
+            nearer = rival is None or offset_ns < abs(lead_ns[number] - rival.leader_ns)
             if nearer:
                 groups[number][name] = frame
             farther = rival if nearer else frame

@@ -116,8 +116,8 @@ def match_name(label: str, names: Sequence[str]) -> str | None:
         if name.casefold() == label.casefold():
             return name
     number = _number(label)
-    alike = [name for name in names if number is not None and _number(name) == number]
-    return alike[0] if len(alike) == 1 else None
+    matching = [name for name in names if number is not None and _number(name) == number]
+    return matching[0] if len(matching) == 1 else None
 
 
 def _number(text: str) -> int | None:

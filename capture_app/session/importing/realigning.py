@@ -31,7 +31,7 @@ def realign_session(session: Session, cameras: Mapping[str, CameraTimes], source
             hint="the times of a captured session were measured when it was taken",
         )
     if manifest.videos:
-        raise NotApplicableError(f"{manifest.name} keeps its frames in videos", hint="import the videos anew")
+        raise NotApplicableError(f"{manifest.name} stores its frames in videos", hint="import them again")
     lacking = [f"{name}: {of.reason}" for name, of in cameras.items() if of.offset_ns is None]
     if lacking:
         raise NotApplicableError(f"not every camera's offset is known: {'; '.join(lacking)}")
@@ -79,8 +79,8 @@ def _timeline(session: Session) -> Timeline:
     cameras: dict[str, list[TimedFrame]] = {}
     for place, image in enumerate(session.manifest.images):
         own_ns = image.leader_ns if image.local_ns is None else image.local_ns
-        kept = {name: getattr(image, name) for name in _PRESERVED}
-        cameras.setdefault(image.camera, []).append(TimedFrame(place, own_ns, own_ns, kept))
+        preserved = {name: getattr(image, name) for name in _PRESERVED}
+        cameras.setdefault(image.camera, []).append(TimedFrame(place, own_ns, own_ns, preserved))
     for frames in cameras.values():
         frames.sort(key=lambda frame: frame.leader_ns)
     return timeline_by_times(session.manifest.name, cameras)

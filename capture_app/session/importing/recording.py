@@ -90,8 +90,8 @@ def missing_images(
 ) -> list[MissingImage]:
     """Return the images that the session lacks, with the reasons."""
     times_ns = exported.burst.instants_ns if exported else ()
-    gone = exported.missing if exported else ()
-    dropped = {(one.camera, times_ns[one.instant]) for one in gone if one.dropped}
+    absent = exported.missing if exported else ()
+    dropped = {(one.camera, times_ns[one.instant]) for one in absent if one.dropped}
     return [
         MissingImage(
             camera=name,
@@ -145,8 +145,8 @@ def import_recording(
     sources = layout.sources if layout else open_sources(paths, png=options.png, recording=options.recording)
     common = clock_state(sources, options)
     timeline = make_timeline(sources, options)
-    for remark in filter(None, (source.remark for source in sources)):
-        talk(remark)
+    for note in filter(None, (source.note for source in sources)):
+        talk(note)
     if common is not None and common.unknown:
         timeline = with_own_times(timeline)
         common = align_recording(
@@ -210,16 +210,16 @@ def import_found(
     Raises as `import_recording` does.
     """
     given, folder = split_name(paths[0])
-    wanted = options.recording
+    only = options.recording
     if len(paths) > 1 or given or not folder.is_dir():
         return [import_recording(paths, root, name, options, progress, talk)]
-    recordings = [one for one in recordings_in(folder) if wanted in (None, one)]
+    recordings = [one for one in recordings_in(folder) if only in (None, one)]
     if len(recordings) > 1:
         talk(f"{folder} has {count(len(recordings), 'recording')}, a session each: {', '.join(recordings)}")
         chosen = [(paths, one, replace(options, recording=one)) for one in recordings]
     elif any(
         path.is_dir() and is_program_camera(path) for path in (folder, *folder.iterdir())
-    ) or recognize_recording(folder, recording=wanted):
+    ) or recognize_recording(folder, recording=only):
         chosen = [(paths, "", options)]
     else:
         found, left_out = find_shoots(folder)
@@ -229,7 +229,7 @@ def import_found(
             talk(f"found {shoot.name or 'one recording'}: {', '.join(clips)}")
         for line in left_out:
             talk(f"left out {line}")
-        shoots = [shoot for shoot in found if wanted in (None, shoot.name)]
+        shoots = [shoot for shoot in found if only in (None, shoot.name)]
         chosen = [
             ([f"{camera}={clip.path}" for camera, clip in shoot.clips.items()], shoot.name, options)
             for shoot in shoots
@@ -250,8 +250,8 @@ def _layout(paths: Sequence[str], options: ImportOptions, talk: Talk) -> Layout 
     if layout is None or (layout.record is not None and options.report_times):
         return None
     talk(f"{layout.path} is of {layout.program}")
-    if layout.remark:
-        talk(layout.remark)
+    if layout.note:
+        talk(layout.note)
     if layout.record is not None and options.offsets_ms:
         raise BadInputError(
             f"{path} has the times of its session, which --time-shift-ms would contradict",
@@ -308,14 +308,14 @@ def _write_images(
     total, done = sum(len(instant.frames) for instant in instants), 0
     sizes: dict[str, tuple[int, int]] = {}
     for source in sources:
-        wanted: dict[int, list[int]] = {}
+        numbers: dict[int, list[int]] = {}
         for number, instant in enumerate(instants):
             if source.name in instant.frames:
-                wanted.setdefault(instant.frames[source.name].index, []).append(number)
-        for index, data, size in source.frames(sorted(wanted)):
+                numbers.setdefault(instant.frames[source.name].index, []).append(number)
+        for index, data, size in source.frames(sorted(numbers)):
             if sizes.setdefault(source.name, size) != size:
                 raise BadInputError(f"{source.path} has images of {sizes[source.name]} and of {size} pixels")
-            for number in wanted[index]:
+            for number in numbers[index]:
                 instant, frame = instants[number], instants[number].frames[source.name]
                 known = {"local_ns": frame.local_ns, "sequence": index, **frame.further, **said}
                 writer.add_image(

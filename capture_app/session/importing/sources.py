@@ -34,7 +34,7 @@ class Source(ABC):
     name: str
     path: Path
     kind: str
-    remark: str = ""
+    note: str = ""
     """Note for the user about an assumption."""
     suffix: str
     """Suffix of the image files whose bytes `frames` yields."""
@@ -145,7 +145,8 @@ class Video(Source):
         capture.release()
         if not self.numbers:
             raise BadInputError(
-                f"{path} does not say how many frames it has", hint="re-mux it, or use images"
+                f"{path} does not give its number of frames",
+                hint="re-mux it (ffmpeg -i IN -c copy OUT), or import images",
             )
 
     def use_embedded_times(self) -> Sequence[int]:
@@ -161,8 +162,8 @@ class Video(Source):
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """See `Source.frames`."""
         # Selected by time, a frame that cannot be decoded does not shift the others.
-        wanted = {self._times_ns[index]: index for index in indices} if self._times_ns else {}
-        timed = ((wanted[at_ns], image) for at_ns, image in video_pictures(self.path, wanted))
+        by_time = {self._times_ns[index]: index for index in indices} if self._times_ns else {}
+        timed = ((by_time[at_ns], image) for at_ns, image in video_pictures(self.path, by_time))
         for index, image in timed if self._times_ns else self._read(indices):
             yield index, encode_image(image, self.suffix), image.shape[1::-1]
 
@@ -227,5 +228,5 @@ class Layout:
     unit: str | None = None
     record: ExportRecord | None = None
     """The session from which an export of ours was made."""
-    remark: str = ""
+    note: str = ""
     """Note for the user."""

@@ -60,7 +60,7 @@ def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:
     rates = {source.fps for source in sources if isinstance(source, Video)}
     if options.synchronized:
         if not rates:
-            sources[0].remark = f"{ASSUMED_FPS:g} frames a second are assumed: --fps says otherwise"
+            sources[0].note = f"{ASSUMED_FPS:g} frames a second are assumed: --fps says otherwise"
         return timeline_by_rate(sources, max(rates, default=ASSUMED_FPS))
     if options.offsets_ms or all(isinstance(source, Video) for source in sources):
         frames = {source.name: _own(source, "video") for source in sources}
@@ -83,7 +83,7 @@ def _own(source: Source, times: TimeSource) -> list[TimedFrame]:
         if of_video:
             return [TimedFrame(number, at_ns) for number, at_ns in enumerate(of_video)]
         lack = "it has no times of its own" if has_video_times() else "for want of PyAV"
-        source.remark = f"{source.path.name}: a constant {source.fps:g} frames a second is assumed: {lack}"
+        source.note = f"{source.path.name}: a constant {source.fps:g} frames a second is assumed: {lack}"
         return times_by_rate([source], source.fps)[source.name]
     if not isinstance(source, Images) or source.kind != FOLDER:
         raise BadInputError(f"{source.path} is not a folder of images", hint=f"--times {times} is for images")
@@ -126,8 +126,8 @@ def clock_state(sources: Sequence[Source], options: ImportOptions) -> CommonTime
         (options.fps is not None and not videos, "given", EQUAL_NUMBERS),
         (options.times == "name", "given", "the times in file names are taken as of one clock"),
         (by_table, "recorded", "the recording's own table of times"),
-        (options.times == "exif", "unknown", "EXIF tells each camera's own clock"),
-        (not videos, "unknown", "nothing tells when these images were taken"),
+        (options.times == "exif", "unknown", "EXIF times are by each camera's own clock"),
+        (not videos, "unknown", "these images have no times"),
         (True, "unknown", "each video counts from its own beginning"),
     )
     return next(CommonTimes(state=state, reason=reason) for applies, state, reason in rules if applies)

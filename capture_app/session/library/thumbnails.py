@@ -31,12 +31,12 @@ def load_thumbnail(folder: Path, image: Path) -> "NDArray[np.uint8] | None":
     except OSError:
         return None
     key = f"{image.resolve()}\0{stat.st_mtime_ns}\0{stat.st_size}"
-    kept = folder / f"{hashlib.sha256(os.fsencode(key)).hexdigest()[:32]}.jpg"
-    small = _decode(kept)
+    cached = folder / f"{hashlib.sha256(os.fsencode(key)).hexdigest()[:32]}.jpg"
+    small = _decode(cached)
     if small is not None:
         return small
     large = _decode(image)
-    return None if large is None else _keep(kept, fit(large, WIDTH_PX, WIDTH_PX * large.shape[0]))
+    return None if large is None else _keep(cached, fit(large, WIDTH_PX, WIDTH_PX * large.shape[0]))
 
 
 def _keep(path: Path, small: "NDArray[np.uint8]") -> "NDArray[np.uint8]":
@@ -53,14 +53,14 @@ def _keep(path: Path, small: "NDArray[np.uint8]") -> "NDArray[np.uint8]":
         files.sort(key=lambda file: file.stat().st_mtime_ns)
         for file in files[: len(files) // 2] if len(files) > MAX_FILES else ():
             file.unlink(missing_ok=True)
-    kept = decode_image(coded, colour=True)
-    return small if kept is None else kept
+    cached = decode_image(coded, colour=True)
+    return small if cached is None else cached
 
 
 def _decode(path: Path) -> "NDArray[np.uint8] | None":
     try:
         with path.open("rb") as file:
             # The first frame of a video is a complete JPEG.
-            return decode_image(file.read(MAX_BYTES), colour=True, at_least=WIDTH_PX)
+            return decode_image(file.read(MAX_BYTES), colour=True, min_width=WIDTH_PX)
     except OSError:
         return None

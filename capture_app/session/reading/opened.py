@@ -217,7 +217,7 @@ class OpenSession(Session):
     def instants(self) -> tuple[InstantFrames, ...]:
         """All instants, in order."""
         records = {(image.camera, image.instant): image for image in self.manifest.images}
-        reasons = {(gone.camera, gone.instant): gone.reason for gone in self.manifest.missing}
+        reasons = {(one.camera, one.instant): one.reason for one in self.manifest.missing}
 
         def frame(camera: str, instant: int) -> Frame:
             record = records.get((camera, instant))
@@ -259,12 +259,12 @@ class OpenSession(Session):
     def times(self, name: TimeName = "leader_ns") -> "np.ma.MaskedArray[tuple[int, int], np.dtype[np.int64]]":
         """Return one time of every frame: int64 ns, cameras x instants; masked where missing or unknown."""
         rows = [camera.frames for camera in self.cameras.values()]
-        told = [
+        times_ns = [
             [None if one.missing else getattr(one if name == "true_ns" else one.record, name) for one in row]
             for row in rows
         ]
-        unknown = [[time is None for time in row] for row in told]
-        return np.ma.MaskedArray([[time or 0 for time in row] for row in told], unknown, np.int64)
+        unknown = [[time is None for time in row] for row in times_ns]
+        return np.ma.MaskedArray([[time or 0 for time in row] for row in times_ns], unknown, np.int64)
 
     def triangulate(self, pixels: Mapping[str, npt.ArrayLike]) -> Numbers:
         """Return points (n x 3) in the rig's frame from their pixels (n x 2) in two or more cameras by name.

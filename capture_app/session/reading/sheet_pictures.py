@@ -52,10 +52,10 @@ def contact_sheet(
             if image is not None:
                 scaled = fit(image, width, height)
                 whole[top : top + scaled.shape[0], left : left + scaled.shape[1]] = scaled
-            remark = sheet.remark(camera, y) or ("" if image is not None else "cannot be read")
-            if remark:
+            note = sheet.note(camera, y) or ("" if image is not None else "cannot be read")
+            if note:
                 cv2.rectangle(whole, (left, top), (left + width - 1, top + height - 1), WARNING, 1)
-                _write(whole, remark, (left + 4, top + height - 6), WARNING, room=width - 8)
+                _write(whole, note, (left + 4, top + height - 6), WARNING, room=width - 8)
             progress(y * across + x + 1, across * down)
     return whole
 

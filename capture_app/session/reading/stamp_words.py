@@ -23,7 +23,7 @@ def describe_stamp(stamp: StampAccuracy) -> str:
     if stamp.is_exact and not stamp.bias_ns:
         return f"exact, {_SOURCES[stamp.source]}"
     late = f"{duration(abs(stamp.bias_ns))} ±{duration(stamp.uncertainty_ns)}"
-    against = f" against {stamp.against}, of which nobody knows it" if stamp.against else ""
+    against = f" against {stamp.against}, whose own bias is unknown" if stamp.against else ""
     return f"{late} {'late' if stamp.bias_ns >= 0 else 'early'}, {_SOURCES[stamp.source]}{against}"
 
 
@@ -44,8 +44,8 @@ def unmeasured_stamps(cameras: Mapping[str, CameraFacts]) -> str:
         return ""
     worst = max(unsure, key=lambda name: unsure[name])
     others = f" and of {count(len(unsure) - 1, 'more camera')}" if len(unsure) > 1 else ""
-    by_what = f" but against {cameras[worst].stamp_accuracy.against}" if unsure is against else ""
+    by_what = f" except against {cameras[worst].stamp_accuracy.against}" if unsure is against else ""
     return (
-        f"how late the stamps of {worst}{others} are, to ±{duration(unsure[worst])},"
-        f" nobody has measured{by_what}: {REMEDY} does"
+        f"stamp error of {worst}{others} not measured{by_what} (±{duration(unsure[worst])}):"
+        f" {REMEDY} measures it"
     )

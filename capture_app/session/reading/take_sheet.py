@@ -70,7 +70,7 @@ class TakeSheet:
         self.session, self.verdict = session, judge(session.manifest)
         self.cameras = arc_order(session)
         self._images = {(image.camera, image.instant): image for image in session.manifest.images}
-        self._missing = {(gone.camera, gone.instant): gone.reason for gone in session.manifest.missing}
+        self._missing = {(one.camera, one.instant): one.reason for one in session.manifest.missing}
 
     @classmethod
     def open(cls, folder: Path) -> Self:
@@ -96,7 +96,7 @@ class TakeSheet:
             )
         return self._images.get((camera, instant))
 
-    def remark(self, camera: str, instant: int) -> str:
+    def note(self, camera: str, instant: int) -> str:
         """Return a short note on an image, or the reason why it is missing; empty if nothing is wrong."""
         image = self.image(camera, instant)
         if image is None:
@@ -128,4 +128,4 @@ class TakeSheet:
             data = self.session.image_bytes(image)
         except OSError:
             return None
-        return decode_image(data, colour=True, at_least=width)
+        return decode_image(data, colour=True, min_width=width)

@@ -76,7 +76,7 @@ def _burst(session: Session) -> Iterator[Problem]:
         if after <= before:
             yield _contradiction(MANIFEST, f"instant {index + 1} is not after instant {index}")
     images = Counter((image.camera, image.instant) for image in manifest.images)
-    missing = {(gone.camera, gone.instant) for gone in manifest.missing}
+    missing = {(one.camera, one.instant) for one in manifest.missing}
     instants = range(len(manifest.burst.instants_ns))
     for place in ((camera.name, instant) for camera in manifest.cameras for instant in instants):
         of = f"of {place[0]} at instant {place[1]}"
@@ -136,9 +136,11 @@ def _image(session: Session, record: ImageRecord) -> Iterator[Problem]:
 
 
 def _picture(path: str, data: bytes, camera: CameraRecord, *, in_full: bool) -> Iterator[Problem]:
-    told, own = size_of(data), (camera.facts.width, camera.facts.height)
+    header_size, own = size_of(data), (camera.facts.width, camera.facts.height)
     # An image of a different size need not be decoded, and might not fit into memory.
-    size = told if told is not None and (told != own or not in_full) else image_size(data)
+    size = (
+        header_size if header_size is not None and (header_size != own or not in_full) else image_size(data)
+    )
     if size is None:
         yield Problem("unreadable", path, "not an image that can be decoded")
     elif size != own:
@@ -277,9 +279,7 @@ def _videos(session: Session) -> Iterator[Problem]:
             )
         for number, (before, after) in enumerate(pairwise(frames), 1):
             if after.offset < before.offset + before.bytes:
-                yield _contradiction(
-                    frames_path(video.path), f"frame {number} lies within frame {number - 1}"
-                )
+                yield _contradiction(frames_path(video.path), f"frame {number} overlaps frame {number - 1}")
 
 
 def _unexpected(session: Session) -> Iterator[Problem]:

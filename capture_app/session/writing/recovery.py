@@ -81,10 +81,10 @@ def recover_true_times(folder: Path, images: Iterable[ImageRecord]) -> dict[tupl
     read = (record_of_line(line, TrueTime) for line in lines)
     known = {(true.camera, true.instant): true for true in read if true is not None}
     safe = {(image.camera, image.instant) for image in images}
-    kept = {of: true for of, true in known.items() if of in safe and _truth_is_intact(folder, true)}
-    if len(kept) != len(lines):
-        write_atomic(path, b"".join(msgspec.json.encode(true) + b"\n" for true in kept.values()))
-    return kept
+    intact = {of: true for of, true in known.items() if of in safe and _truth_is_intact(folder, true)}
+    if len(intact) != len(lines):
+        write_atomic(path, b"".join(msgspec.json.encode(true) + b"\n" for true in intact.values()))
+    return intact
 
 
 def _truth_is_intact(folder: Path, true: TrueTime) -> bool:
@@ -94,10 +94,10 @@ def _truth_is_intact(folder: Path, true: TrueTime) -> bool:
     )
 
 
-def _set_aside_all_but(folder: Path, kept: set[str]) -> None:
+def _set_aside_all_but(folder: Path, intact: set[str]) -> None:
     for path in sorted((folder / IMAGES).rglob("*")):
         name = str(path.relative_to(folder))
-        if name in kept or (path.is_dir() and not path.is_symlink()):
+        if name in intact or (path.is_dir() and not path.is_symlink()):
             continue
         if path.name.endswith(PART):
             path.unlink()

@@ -250,7 +250,7 @@ class SessionWriter:
         """
         with self._writing():
             # For a video's frame check only whether it exists: its record would be read from disk.
-            gone = (
+            absent = (
                 gap
                 for gap in missing
                 if self.images.get(gap.camera, gap.instant) is None
@@ -264,7 +264,7 @@ class SessionWriter:
                 cameras=tuple(cameras),
                 burst=burst,
                 images=self.images.records,
-                missing=tuple(sorted(gone, key=lambda m: (m.instant, m.camera))),
+                missing=tuple(sorted(absent, key=lambda m: (m.instant, m.camera))),
                 note=earlier_note(self.folder) or note,
                 videos=self.videos.records(),
             )

@@ -197,17 +197,17 @@ class VideoStore:
     def _recover(self, camera: str, lines: Path) -> None:
         path = self._folder / video_path(camera)
         size = path.stat().st_size if path.exists() else 0
-        kept: list[tuple[int, int, int]] = []
+        complete: list[tuple[int, int, int]] = []
         for line, frame in _whole_frames(lines, size):
-            kept.append((frame.instant, len(line), frame.offset + frame.bytes))
+            complete.append((frame.instant, len(line), frame.offset + frame.bytes))
             self.knows_true_times |= frame.true_ns is not None
-        if sum(line_bytes for _, line_bytes, _ in kept) < lines.stat().st_size:
+        if sum(line_bytes for _, line_bytes, _ in complete) < lines.stat().st_size:
             write_atomic(lines, b"".join(line for line, _ in _whole_frames(lines, size)))
-        end = kept[-1][2] if kept else 0
+        end = complete[-1][2] if complete else 0
         if size > end:
             self._set_aside_from(path, end)
         video = self._videos[camera] = self._open(camera)
-        for instant, line_bytes, frame_end in kept:
+        for instant, line_bytes, frame_end in complete:
             video.note(instant, line_bytes, frame_end)
 
     def _set_aside_from(self, path: Path, end: int) -> None:

@@ -181,10 +181,10 @@ class ContactSheet(ScrollView, can_focus=True):
             if line < size.height:
                 parts.append(self._thumb_line(at, instant, line))
             else:
-                remark = sheet.remark(sheet.cameras[at], instant)
-                style = "sheet--remark" if remark else "sheet--frame" if here else "sheet--label"
-                mark = "! " if remark else ""
-                text = mark + printable(remark) if remark else "▀" * size.width if here else ""
+                note = sheet.note(sheet.cameras[at], instant)
+                style = "sheet--remark" if note else "sheet--frame" if here else "sheet--label"
+                mark = "! " if note else ""
+                text = mark + printable(note) if note else "▀" * size.width if here else ""
                 parts.append(self._words(text, size.width, style))
             edge = "▌" if here else "▐" if self.cursor == (at + 1, instant) else " "
             parts.append(self._words(edge if line < size.height else " ", 1, "sheet--frame"))

@@ -144,12 +144,12 @@ class LookScreen(WholeScreen[tuple[str, int]]):
     def _show(self) -> None:
         here = self.shown
         found = self._sources.setdefault(here, (partial(self._load, *here), partial(self._load_sharp, *here)))
-        words = printable(self._sheet.remark(*here)) if self._sheet.image(*here) is None else "no picture"
+        words = printable(self._sheet.note(*here)) if self._sheet.image(*here) is None else "no picture"
         self._picture.show(found[0], words, sharp=found[1] if self.motion == "still" else None)
         self.title_line.show([Content(" · ").join(self._describe(*here))])
 
     def _describe(self, camera: str, instant: int) -> Iterator[Content]:
-        image, remark = self._sheet.image(camera, instant), self._sheet.remark(camera, instant)
+        image, note = self._sheet.image(camera, instant), self._sheet.note(camera, instant)
         yield Content.styled(printable(camera), "bold $primary")
         yield Content(f"instant {instant + 1} of {self._sheet.instants}")
         yield Content(duration(self._sheet.since_start_ns(instant), signed=True))
@@ -157,8 +157,8 @@ class LookScreen(WholeScreen[tuple[str, int]]):
             error = image.uncertainty_ns
             bar = "" if error is None else f" ±{duration(error)}"
             yield Content(f"{duration(image.residual_ns, signed=True)}{bar} from it")
-        if remark:
-            yield Content.styled(f"! {printable(remark)}", "$warning")
+        if note:
+            yield Content.styled(f"! {printable(note)}", "$warning")
         if self.motion == "cameras" and (apart := self._apart_ns()) is not None:
             yield Content.styled(f"{duration(apart)} apart", "bold")
         if self.motion != "still":

@@ -61,8 +61,8 @@ def test_a_ready_rig_is_told_whose_stamps_nobody_has_measured() -> None:
     said = rig_advice([view("a"), unsure], LEADER, 0)
     half = duration(webcam.assumed_stamp.uncertainty_ns)
     assert said == (
-        f"2 cameras ready, clocks sure to ±41 µs (95 %); how late the stamps of web are, to ±{half},"
-        " nobody has measured: capture-app cameras calibrate-time does"
+        f"2 cameras ready, clocks sure to ±41 µs (95 %); stamp error of web not measured (±{half}):"
+        " capture-app cameras calibrate-time measures it"
     )
     stamp = StampAccuracy(bias_ns=15_000_000, uncertainty_ns=300_000, source=StampSource.MOTION)
     measured = dataclasses.replace(unsure, camera=replace(webcam, stamp=stamp))
@@ -70,6 +70,6 @@ def test_a_ready_rig_is_told_whose_stamps_nobody_has_measured() -> None:
     assert said == "2 cameras ready, clocks sure to ±41 µs (95 %), stamps to ±300 µs"
     of_another = replace(stamp, against="hall", against_uncertainty_ns=20_000_000)
     joined = dataclasses.replace(unsure, camera=replace(webcam, stamp=of_another))
-    assert "stamps of web are, to ±20 ms, nobody has measured but against hall" in rig_advice(
+    assert "stamp error of web not measured except against hall (±20 ms)" in rig_advice(
         [view("a"), joined], LEADER, 0
     )

@@ -167,9 +167,9 @@ def _first_boards(views: Mapping[str, View], seen: Sightings) -> dict[int, Array
     for moment, (_, name) in sorted(best.items()):
         points, pixels = seen[name, moment]
         view = views[name]
-        _, turn, move = cv2.solvePnP(points, pixels, view.matrix, view.distortion)
-        rotation = view.rotation.T @ cv2.Rodrigues(turn)[0]
-        translation = view.rotation.T @ (move.ravel() - view.translation)
+        _, rvec, tvec = cv2.solvePnP(points, pixels, view.matrix, view.distortion)
+        rotation = view.rotation.T @ cv2.Rodrigues(rvec)[0]
+        translation = view.rotation.T @ (tvec.ravel() - view.translation)
         boards[moment] = _pose(rotation, translation)
     return boards
 
@@ -178,14 +178,14 @@ def _linearized(
     view: View, camera: Array, board: Array, points: Array, pixels: Array
 ) -> tuple[Array, tuple[Array, Array, Array]]:
     """Return the residuals (n, 2), px, and their derivatives (2n, .) by lens, camera and board."""
-    turn, move, *rates = cv2.composeRT(board[:3], board[3:], camera[:3], camera[3:])
-    found, by = cv2.projectPoints(points, turn, move, view.matrix, view.distortion)
-    turn_by_board, _, turn_by_camera, _, move_by_board, move_by_board_move = rates[:6]
-    move_by_camera, move_by_camera_move = rates[6:8]
-    of_camera = np.hstack([by[:, :3] @ turn_by_camera + by[:, 3:6] @ move_by_camera,
-                           by[:, 3:6] @ move_by_camera_move])  # fmt: skip
-    of_board = np.hstack([by[:, :3] @ turn_by_board + by[:, 3:6] @ move_by_board,
-                          by[:, 3:6] @ move_by_board_move])  # fmt: skip
+    rvec, tvec, *rates = cv2.composeRT(board[:3], board[3:], camera[:3], camera[3:])
+    found, by = cv2.projectPoints(points, rvec, tvec, view.matrix, view.distortion)
+    rvec_by_board, _, rvec_by_camera, _, tvec_by_rvec_board, tvec_by_tvec_board = rates[:6]
+    tvec_by_rvec_camera, tvec_by_tvec_camera = rates[6:8]
+    of_camera = np.hstack([by[:, :3] @ rvec_by_camera + by[:, 3:6] @ tvec_by_rvec_camera,
+                           by[:, 3:6] @ tvec_by_tvec_camera])  # fmt: skip
+    of_board = np.hstack([by[:, :3] @ rvec_by_board + by[:, 3:6] @ tvec_by_rvec_board,
+                          by[:, 3:6] @ tvec_by_tvec_board])  # fmt: skip
     return found.reshape(-1, 2) - pixels, (by[:, 6 : 6 + LENS], of_camera, of_board)
 
 
@@ -195,8 +195,8 @@ def _loss(
     total = 0.0
     for (name, moment), (points, pixels) in seen.items():
         camera, board, view = cameras[name], boards[moment], lenses[name]
-        turn, move = cv2.composeRT(board[:3], board[3:], camera[:3], camera[3:])[:2]
-        found, _ = cv2.projectPoints(points, turn, move, view.matrix, view.distortion)
+        rvec, tvec = cv2.composeRT(board[:3], board[3:], camera[:3], camera[3:])[:2]
+        found, _ = cv2.projectPoints(points, rvec, tvec, view.matrix, view.distortion)
         size = np.linalg.norm(found.reshape(-1, 2) - pixels, axis=1)
         total += float(np.where(size < HUBER_PX, size**2 / 2, HUBER_PX * (size - HUBER_PX / 2)).sum())
     return total
@@ -250,9 +250,9 @@ def shared_corners(corners: BoardCorners) -> dict[tuple[str, str], tuple[Array, 
     for seen in corners_by_moment(corners).values():
         for a, b in combinations(sorted(seen), 2):
             both = sorted(seen[a].keys() & seen[b].keys())
-            kept = shared.setdefault((a, b), ([], []))
-            kept[0].extend(seen[a][i] for i in both)
-            kept[1].extend(seen[b][i] for i in both)
+            both_pixels = shared.setdefault((a, b), ([], []))
+            both_pixels[0].extend(seen[a][i] for i in both)
+            both_pixels[1].extend(seen[b][i] for i in both)
     return {pair: (np.array(x), np.array(y)) for pair, (x, y) in shared.items() if x}
 
 
@@ -322,10 +322,11 @@ def _rig_poses(
     while len(poses) < len(dataset.cameras):
         left = [b for b in dataset.cameras if b not in poses]
         links = [(len(shared.get(frozenset((a, b)), ())), a, b) for a in poses for b in left]
-        most, a, b = max(links, key=lambda link: link[0])
-        if most < MIN_BOARDS:
+        shared_boards, a, b = max(links, key=lambda link: link[0])
+        if shared_boards < MIN_BOARDS:
             raise BadInputError(
-                f"{b} and {a} show the board together at {count(most, 'instant')}; {MIN_BOARDS} are needed",
+                f"{b} and {a} show the board together at {count(shared_boards, 'instant')}; {MIN_BOARDS} are "
+                "needed",
                 hint="hold the board where neighbouring cameras both see it",
             )
         together = shared[frozenset((a, b))][:MAX_BOARDS]
@@ -358,5 +359,5 @@ def _relative_pose(
 
 
 def _board_pose(points: Array, pixels: Array, lens: Lens) -> tuple[Array, Array]:
-    _, turn, move = cv2.solvePnP(points, pixels, *lens)
-    return cv2.Rodrigues(turn)[0], np.asarray(move).ravel()
+    _, rvec, tvec = cv2.solvePnP(points, pixels, *lens)
+    return cv2.Rodrigues(rvec)[0], np.asarray(tvec).ravel()

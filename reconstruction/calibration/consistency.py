@@ -147,10 +147,10 @@ def _sure_matches(
     if len(at_a) < MIN_MATCHES:
         return at_a[:0], at_b[:0]
     flat_a, flat_b = (view.rays(at)[:, :2] * view.focal for view, at in ((a, at_a), (b, at_b)))
-    matrix, kept = cv2.findFundamentalMat(flat_a, flat_b, cv2.USAC_MAGSAC, RANSAC_PX, 0.999, 5000)
-    if matrix is None or kept is None or kept.mean() < MIN_INLIER_FRACTION:
+    matrix, inliers = cv2.findFundamentalMat(flat_a, flat_b, cv2.USAC_MAGSAC, RANSAC_PX, 0.999, 5000)
+    if matrix is None or inliers is None or inliers.mean() < MIN_INLIER_FRACTION:
         return at_a[:0], at_b[:0]
-    sure = kept.ravel().astype(bool)
+    sure = inliers.ravel().astype(bool)
     return at_a[sure], at_b[sure]
 
 
@@ -195,8 +195,8 @@ def triangulate(views: Sequence[View], pixels: Array) -> Array:
     system = np.stack(rows, axis=1)
     system /= np.linalg.norm(system, axis=2, keepdims=True).clip(1e-12)
     found = np.linalg.svd(system)[2][:, -1]
-    far = np.where(np.abs(found[:, 3]) < 1e-12, 1e-12, found[:, 3])
-    points = found[:, :3] / far[:, None]
+    scale = np.where(np.abs(found[:, 3]) < 1e-12, 1e-12, found[:, 3])
+    points = found[:, :3] / scale[:, None]
     behind = np.any([points @ view.rotation[2] + view.translation[2] <= 0 for view in views], axis=0)
     points[behind] = MAX_RELATIVE_DISTANCE * towards[behind]
     return np.asarray(points)
@@ -223,10 +223,10 @@ def _blamed(groups: Sequence[_Group], limit: float) -> list[tuple[str, ...]]:
             )
             for name in names
         }
-        most = max(counts.values())
-        if most[0] < MIN_BLAME:
+        worst_counts = max(counts.values())
+        if worst_counts[0] < MIN_BLAME:
             break
-        worst = tuple(name for name in names if counts[name] == most)
+        worst = tuple(name for name in names if counts[name] == worst_counts)
         blamed.append(worst)
         left = [group for group in left if not set(worst) & set(group.cameras)]
     return blamed
@@ -241,7 +241,7 @@ def _shift(
     """Return a camera's median distance from points that others triangulate, else from epipolar lines, px."""
     (name, *unsure) = names
     guilty = {camera for group in blamed for camera in group}
-    away = []
+    distances = []
     for group in () if unsure else groups:
         others = [i for i, camera in enumerate(group.cameras) if camera != name]
         if len(group.cameras) - len(others) != 1 or len(others) != 2:
@@ -254,8 +254,8 @@ def _shift(
         clear = angles_deg(*rays) > MIN_RAY_ANGLE_DEG
         at = group.pixels[group.cameras.index(name)]
         if clear.any():
-            away.append(reprojection_errors(views[name], points[clear], at[clear]))
-    if away and len(found := np.concatenate(away)) >= MIN_TRACKS:
+            distances.append(reprojection_errors(views[name], points[clear], at[clear]))
+    if distances and len(found := np.concatenate(distances)) >= MIN_TRACKS:
         return float(np.median(found))
     concerned = [group for group in groups if set(names) & set(group.cameras)]
     return max(float(np.median(group.errors.sum(0))) for group in concerned)
@@ -296,13 +296,13 @@ def find_mixups(views: Views, features: Mapping[str, Features]) -> list[str]:
         faults.append(changes[best][1])
     if not left:
         return faults
-    share, far = OTHER_RIG
-    odd = _odd(views, groups, max(_refused_px(views), far * max(view.width for view in views.values())))
-    if len(odd) <= share * len(groups):
+    min_fraction, min_error = OTHER_RIG
+    odd = _odd(views, groups, max(_refused_px(views), min_error * max(view.width for view in views.values())))
+    if len(odd) <= min_fraction * len(groups):
         return []
     return [
-        f"it does not fit the pictures: {len(odd)} of {len(groups)} groups of neighbours contradict each "
-        "other (is it another rig's, or were its cameras moved?)"
+        f"it does not fit the pictures: {len(odd)} of {len(groups)} groups of neighbouring cameras "
+        "contradict each other (is it another rig's, or were its cameras moved?)"
     ]
 
 
@@ -324,7 +324,7 @@ def _turned(name: str, views: Views) -> str:
 
 def upside_down(view: View) -> View:
     """Return the view of the same camera with its images rotated by 180 degrees."""
-    turn = np.diag([-1.0, -1.0, 1.0])
+    rotation_180 = np.diag([-1.0, -1.0, 1.0])
     matrix = view.matrix.copy()
     matrix[:2, 2] = (view.width - 1, view.height - 1) - matrix[:2, 2]
     distortion = view.distortion * np.array([1, 1, -1, -1, 1])
@@ -332,6 +332,6 @@ def upside_down(view: View) -> View:
         view,
         matrix=matrix,
         distortion=distortion,
-        rotation=turn @ view.rotation,
-        translation=turn @ view.translation,
+        rotation=rotation_180 @ view.rotation,
+        translation=rotation_180 @ view.translation,
     )

@@ -73,7 +73,7 @@ def refuse_bad_calibration(quality: CalibrationQuality, cameras: int) -> None:
     elif error > MAX_REPROJECTION_PX:
         why = f"the median reprojection error is {error:.1f} px, above {MAX_REPROJECTION_PX:g} px"
     elif angle < MIN_ANGLE_DEG:
-        why = f"the median triangulation angle is {angle:.2f} degrees, too little to tell depth"
+        why = f"the median triangulation angle is {angle:.2f} degrees, too small to measure depth"
     if unjudged:
         raise BadInputError(
             f"this calibration cannot be judged: {unjudged}",

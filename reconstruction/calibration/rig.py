@@ -75,15 +75,15 @@ def _pose_problem(camera: CameraCalibration) -> str:
     rotation = np.array(camera.rotation)
     with np.errstate(over="ignore", invalid="ignore"):
         uneven = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
-        reach = float(np.abs(camera.translation).max())
+        distance = float(np.abs(camera.translation).max())
     if not uneven <= MAX_UNEVEN:
         return (
             f"its rotation matrix is not a rotation: unit length or right angles are missed by {uneven:.2g}"
         )
     if np.linalg.det(rotation) < 0:
         return "its rotation is mirrored (determinant -1)"
-    if reach > MAX_CAMERA_DISTANCE:
-        return f"it stands {reach:.2g} units away"
+    if distance > MAX_CAMERA_DISTANCE:
+        return f"it stands {distance:.2g} units away"
     return ""
 
 
@@ -99,8 +99,8 @@ def _distortion_problem(camera: CameraCalibration) -> str:
         return f"its distortion folds the picture (pixels at the border come back {off:.3g} px off)"
     plain = np.linalg.norm((border - view.matrix[:2, 2]) / np.diagonal(view.matrix)[:2], axis=1)
     # The stretch is undefined at the principal point, which may be on the border.
-    away = plain > 1e-6
-    stretch = float(np.median(np.linalg.norm(rays[away, :2], axis=1) / plain[away]))
+    off_centre = plain > 1e-6
+    stretch = float(np.median(np.linalg.norm(rays[off_centre, :2], axis=1) / plain[off_centre]))
     if not 1 / MAX_STRETCH <= stretch <= MAX_STRETCH:
         return f"without its distortion the picture would be {stretch:.2g} times as wide"
     return ""
@@ -194,8 +194,8 @@ class Rig:
         for name in self.dataset.cameras:
             if there := self.dataset.instants(name):
                 nearest = min(there, key=lambda k: abs(k - instant))
-                movers = self.motion.widened_moving(name, nearest)
-                found[name] = self.image_features(name, nearest).at_rest(movers)
+                moving = self.motion.widened_moving(name, nearest)
+                found[name] = self.image_features(name, nearest).at_rest(moving)
         return found
 
     def moving_share(self, instants: list[int]) -> float:
@@ -264,8 +264,8 @@ def _misplaced(views: Mapping[str, View], unit: str) -> tuple[set[str], list[str
             nearest |= {a: min(nearest[a], apart), b: min(nearest[b], apart)}
     known = [apart for apart in nearest.values() if np.isfinite(apart)]
     spacing = float(np.median(known)) if known else 1.0
-    least, most = NEIGHBOURS_M
-    if unit == "m" and not least <= spacing <= most:
+    min_spacing, max_spacing = NEIGHBOURS_M
+    if unit == "m" and not min_spacing <= spacing <= max_spacing:
         faults.append(f"neighbouring cameras stand {spacing:.3g} m apart: its unit is not the metre")
     return twins, faults
 
@@ -275,5 +275,5 @@ def refuse_faults(dataset: Dataset, faults: Sequence[str]) -> None:
     if faults:
         found = f"the calibration of {dataset.name} has {len(faults)} faults: " if len(faults) > 1 else ""
         raise BadInputError(
-            found + "; ".join(faults), hint="calibrate the rig anew, or mend calibration.json"
+            found + "; ".join(faults), hint="calibrate the rig again, or correct calibration.json"
         )

@@ -116,14 +116,14 @@ def from_elsewhere(dataset: Dataset, source: CalibrationSource | Path) -> Candid
         if found is None:
             raise BadInputError(f"{dataset.name} has no calibration of its own", hint="--from sfm finds one")
     elif source is CalibrationSource.KEPT:
-        kept = find_calibration(dataset)
-        if kept is None:
+        stored = find_calibration(dataset)
+        if stored is None:
             modes = (f"{name} {of.width}x{of.height}" for name, of in sorted(camera_modes(dataset).items()))
             raise BadInputError(
                 f"no calibration is kept of these cameras in these modes: {', '.join(modes)}",
                 hint="reconstruct calibrate keeps one; another session's can be given by its path",
             )
-        found = kept.with_origin
+        found = stored.with_origin
     else:
         found = read_calibration(dataset, Path(source))
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:

@@ -72,10 +72,10 @@ def keep_calibration(dataset: Dataset, calibration: Calibration) -> None:
             hint="--mark and --distance-m set it, or --scale-by-board",
         )
     manifest = dataset.session.manifest
-    kept = StoredCalibration(
+    stored = StoredCalibration(
         modes=modes, session=manifest.name, created=manifest.created, calibration=calibration
     )
-    write_calibration(path, kept)
+    write_calibration(path, stored)
 
 
 def find_calibration(dataset: Dataset) -> StoredCalibration | None:
@@ -84,20 +84,20 @@ def find_calibration(dataset: Dataset) -> StoredCalibration | None:
     Files that cannot be read are ignored.
     """
     modes = camera_modes(dataset)
-    found = [kept for path in sorted(shelf().glob("*.json")) if (kept := _read(path)) is not None]
-    known = [(sum(kept.modes.get(name) == mode for name, mode in modes.items()), kept) for kept in found]
+    found = [one for path in sorted(shelf().glob("*.json")) if (one := _read(path)) is not None]
+    known = [(sum(one.modes.get(name) == mode for name, mode in modes.items()), one) for one in found]
     best = max(known, key=lambda one: (one[0], one[1].created, one[1].session), default=None)
     if best is None or best[0] < max(2, (len(modes) + 1) // 2):
         return None
-    kept = best[1]
+    stored = best[1]
     # Leave out cameras whose mode has changed.
     same = {
         name: camera
-        for name, camera in kept.calibration.cameras.items()
-        if kept.modes.get(name) == modes.get(name)
+        for name, camera in stored.calibration.cameras.items()
+        if stored.modes.get(name) == modes.get(name)
     }
-    calibration = msgspec.structs.replace(kept.calibration, cameras=same)
-    return msgspec.structs.replace(kept, calibration=calibration)
+    calibration = msgspec.structs.replace(stored.calibration, cameras=same)
+    return msgspec.structs.replace(stored, calibration=calibration)
 
 
 def _path(modes: dict[str, CameraMode]) -> Path:
@@ -151,24 +151,24 @@ def choose_calibration(dataset: Dataset) -> None:
         return
     if dataset.session.manifest.origin == "imported":
         return
-    kept = find_calibration(dataset)
-    if kept is None:
+    stored = find_calibration(dataset)
+    if stored is None:
         return
     try:
-        views = calibrated_views(dataset, kept.calibration)
+        views = calibrated_views(dataset, stored.calibration)
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             check = check_rig(views, Rig(dataset, Path(scratch)).middle_features)
     except BadInputError as error:
-        talk(f"the calibration kept from {kept.session} is not used: {error.what}")
+        talk(f"the calibration kept from {stored.session} is not used: {error.what}")
         return
     if not check.holds:
         talk(
-            f"the calibration kept from {kept.session} is not used: {check} "
+            f"the calibration kept from {stored.session} is not used: {check} "
             "(calibrate the rig again, as docs/calibration.md shows)"
         )
         return
-    dataset.adopt_calibration(kept.with_origin)
-    talk(f"calibration kept from {kept.session} of {kept.created[:10]}: {describe_check(check)}")
+    dataset.adopt_calibration(stored.with_origin)
+    talk(f"calibration kept from {stored.session} of {stored.created[:10]}: {describe_check(check)}")
 
 
 def _middle_features(dataset: Dataset, cameras: Iterable[str], *least: int) -> dict[str, Features]:
@@ -186,7 +186,7 @@ def _middle_features(dataset: Dataset, cameras: Iterable[str], *least: int) -> d
 def describe_check(check: RigCheck) -> str:
     """Describe the result of a check."""
     if check.error_px is None:
-        return "it cannot be checked, as the cameras share too little that stands still"
+        return "it cannot be checked: the cameras share too few static points"
     text = f"{check} (points at rest fit within {check.error_px:.1f} px)"
     if check.unchecked:
         text += f"; not checked: {', '.join(check.unchecked)}"

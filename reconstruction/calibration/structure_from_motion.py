@@ -75,13 +75,13 @@ def refuse_odd_lenses(found: Mapping[str, CameraCalibration], focal_px: Mapping[
             likely_deg = math.degrees(2 * math.atan(camera.width / 2 / likely))
             raise NotApplicableError(
                 f"{name} would see {view_deg:.0f} degrees wide, not {likely_deg:.0f} as it likely does: "
-                "what stands still shows too little depth to tell",
+                "the static scene has too little depth to determine its lens",
                 hint="calibrate with a board; or is --field-of-view, or the pictures' EXIF, wrong?",
             )
         if likely is None and view_deg > WIDEST_DEG:
             raise NotApplicableError(
                 f"{name} would see {view_deg:.0f} degrees wide, which is unlikely: "
-                "what stands still shows too little depth to tell",
+                "the static scene has too little depth to determine its lens",
                 hint="say how wide it sees with --field-of-view, or calibrate with a board",
             )
 
@@ -210,13 +210,13 @@ def focal_errors(pycolmap: Any, rec: Any) -> list[float]:
     found = pycolmap.estimate_ba_covariance(pycolmap.BACovarianceOptions(), plain, adjuster)
     spare = solved.num_residuals - solved.num_effective_parameters
     lenses = [plain.cameras[number].params for number in shown]
-    spreads = [] if found is None else [found.get_other_params_cov(lens) for lens in lenses]
-    if spare < 1 or not spreads or any(spread is None for spread in spreads):
+    covariances = [] if found is None else [found.get_other_params_cov(lens) for lens in lenses]
+    if spare < 1 or not covariances or any(places is None for places in covariances):
         return []
     variance = 2 * solved.final_cost / spare
     return [
-        2 * math.sqrt(variance * spread[0, 0]) / float(lens[0])
-        for spread, lens in zip(spreads, lenses, strict=True)
+        2 * math.sqrt(variance * places[0, 0]) / float(lens[0])
+        for places, lens in zip(covariances, lenses, strict=True)
     ]
 
 
@@ -224,10 +224,10 @@ def _choose_instants(dataset: Dataset) -> list[int]:
     """Choose instants with the most cameras, spread over the burst, and one for each camera they lack."""
     instants = range(len(dataset.instants_ns))
     present = {k: {name for name in dataset.cameras if dataset.has_image(name, k)} for k in instants}
-    most = max((len(names) for names in present.values()), default=0)
-    fullest = [k for k in instants if len(present[k]) == most]
-    spread = np.linspace(0, len(fullest) - 1, min(MAX_INSTANTS, len(fullest)))
-    chosen = {fullest[int(i)] for i in spread}
+    max_cameras = max((len(names) for names in present.values()), default=0)
+    most_complete = [k for k in instants if len(present[k]) == max_cameras]
+    places = np.linspace(0, len(most_complete) - 1, min(MAX_INSTANTS, len(most_complete)))
+    chosen = {most_complete[int(i)] for i in places}
     for name in dataset.cameras:
         there = [k for k in instants if name in present[k]]
         if there and not chosen & set(there):

@@ -33,7 +33,7 @@ Marks = Mapping[str, tuple[tuple[float, float], tuple[float, float]]]
 MAX_MOMENTS = 20
 MAX_ROTATION_DEG = 3.0
 """Maximum rotation of a static board between two moments."""
-MAX_MISFIT_FRACTION = 0.05
+MAX_RESIDUAL_FRACTION = 0.05
 """Maximum RMS residual of a flat board, as a fraction of its size."""
 WORLD_FROM_BOARD = np.diag([1.0, -1.0, -1.0])
 """Rotation from the board's axes (x right, y down, z into the floor) to the world's."""
@@ -92,7 +92,7 @@ def metres_per_unit_by_board(
         ]
     if not factors:
         raise BadInputError(
-            "no two cameras see the board well enough at one instant to tell the scale from it",
+            "no two cameras see the board well enough at one instant to measure the scale",
             hint="lay it where two cameras see it large; check --board and --square-mm",
         )
     return float(np.median(factors)), len(factors)
@@ -184,7 +184,7 @@ def world_of_board(
     normal = fits[0].rotation[2]
     if any(angle_deg(fit.rotation[2], normal) > MAX_ROTATION_DEG for fit in fits):
         raise BadInputError(
-            "the board on the ground does not lie still", hint="--ground takes a session in which it does"
+            "the board on the ground moves", hint="record it again with the board lying still"
         )
     world = fits[len(fits) // 2]
     heights = [
@@ -215,8 +215,8 @@ def _fit_shared(
     )
     places = board.places[list(shared)].astype(float)
     scale, rotation, translation = _similarity(places, points, rigid=metric)
-    misfit = np.sqrt(((scale * places @ rotation.T + translation - points) ** 2).sum(1).mean())
-    if misfit > MAX_MISFIT_FRACTION * scale * float(np.linalg.norm(np.ptp(places, axis=0))):
+    residual = np.sqrt(((scale * places @ rotation.T + translation - points) ** 2).sum(1).mean())
+    if residual > MAX_RESIDUAL_FRACTION * scale * float(np.linalg.norm(np.ptp(places, axis=0))):
         return None
     return _world_of(rotation, translation, scale)
 
@@ -228,11 +228,11 @@ def _fit_alone(views: Mapping[str, View], board: Board, seen: Mapping[str, Corne
     name = max(known, key=lambda one: len(known[one]))
     view, numbers = views[name], sorted(known[name])
     pixels = np.array([known[name][number] for number in numbers], float)
-    good, turn, move = cv2.solvePnP(board.places[numbers].astype(float), pixels, view.matrix, view.distortion)
+    good, rvec, tvec = cv2.solvePnP(board.places[numbers].astype(float), pixels, view.matrix, view.distortion)
     if not good:
         return None
-    rotation = view.rotation.T @ cv2.Rodrigues(turn)[0]
-    return _world_of(rotation, view.rotation.T @ (move.ravel() - view.translation), 1.0)
+    rotation = view.rotation.T @ cv2.Rodrigues(rvec)[0]
+    return _world_of(rotation, view.rotation.T @ (tvec.ravel() - view.translation), 1.0)
 
 
 def _world_of(rotation: Array, translation: Array, scale: float) -> World:

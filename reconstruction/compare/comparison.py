@@ -147,15 +147,15 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
 
 def _chosen(studies: Mapping[str, Study], names: Sequence[str]) -> dict[str, Study]:
     """Return the named studies and all that they need, in order; all studies if no name is given."""
-    wanted, left = set[str](), list(names or studies)
+    requested, left = set[str](), list(names or studies)
     while left:
         name = left.pop()
-        if name in studies and name not in wanted:
-            wanted.add(name)
+        if name in studies and name not in requested:
+            requested.add(name)
             left += studies[name].needs
         elif name not in studies and name != TIMING and name in names:
             raise BadInputError(f"{name!r} is not in {GROUP}", hint=f"installed: {', '.join(studies)}")
-    return {name: study for name, study in studies.items() if name in wanted}
+    return {name: study for name, study in studies.items() if name in requested}
 
 
 def _run_studies(context: Context, studies: Mapping[str, Study]) -> Known:
@@ -220,11 +220,11 @@ def _with_timing(context: Context, known: Known, studies: Mapping[str, Study]) -
     study = next(pairs, None)
     timing = tolerance = rig_timing = None
     if study is not None:
-        progress.step(f"lateness of {study.cameras[1]} against {study.cameras[0]}")
+        progress.step(f"time offset of {study.cameras[1]} against {study.cameras[0]}")
         timing = times.measure_pair(study.cameras)
         if study.measures_delay:
             timing = with_depth(timing, study.found)
-            progress.step("depth against offset")
+            progress.step("depth at different offsets")
             with suppress(ValueError):
                 late_ms = context.offset.actual_ms if context.offset else 0.0
                 steps = whole_frame_offsets(context.rig.dataset, max(late_ms, DEFAULT_OFFSET_MS))
@@ -233,7 +233,7 @@ def _with_timing(context: Context, known: Known, studies: Mapping[str, Study]) -
                 tolerance = measure_curve(type(study), quiet, study.cameras, steps, timing)
                 timing = tolerance.timing
     if len(context.rig.views) > 2:
-        progress.step("lateness of all cameras")
+        progress.step("time offsets of all cameras")
         rig_timing = times.measure_rig(timing.reference if timing is not None else None)
     return replace(known, timing=timing, tolerance=tolerance, rig_timing=rig_timing)
 

@@ -27,7 +27,7 @@ from reconstruction.session.instants import choose_moving_instants, pair_instant
 SYNCHRONIZED, ALL_APART = Condition(SYNCED), Condition(DISTINCT)
 TIMING = "timing"
 """Pseudo-study for `needs`: the cameras' time offsets, measured after all pair studies."""
-UNASKED = "it was not asked for"
+UNASKED = "it was not requested"
 
 Pair = tuple[str, str]
 
@@ -137,7 +137,7 @@ class Study(StudyReport, ABC):
         if self.needs_calibration and self.known.uncalibrated:
             raise ValueError(self.known.uncalibrated)
         if len(self.dataset.cameras) < self.min_cameras:
-            raise ValueError(f"it takes {self.min_cameras} cameras")
+            raise ValueError(f"it needs {self.min_cameras} cameras")
         for package in self.packages:
             require_reconstruction(package, self.text.subject)
 
@@ -197,13 +197,13 @@ class ConditionStudy(Study):
         """
         middle = len(rig.dataset.instants_ns) // 2
         quiet = Progress(0, silent=True)
-        theirs = type(self)(replace(self.context, rig=rig, offset=None, middle=middle, progress=quiet))
-        theirs.known = self.known
-        theirs.adopt(self)
+        twin = type(self)(replace(self.context, rig=rig, offset=None, middle=middle, progress=quiet))
+        twin.known = self.known
+        twin.adopt(self)
         try:
             with opencv_calls(self.text.subject):
-                theirs.prepare()
-                found = theirs.compare(SYNCHRONIZED)
+                twin.prepare()
+                found = twin.compare(SYNCHRONIZED)
         except (ValueError, ForeignError) as error:
             return self.skipped(str(error))
         ours = self.found

@@ -47,5 +47,5 @@ class TimingStudy:
             name: one.px * self._spacing_ms / one.ms for name, one in self.offsets.moving(cameras).items()
         }
         timing = judge_timing(cameras, fit, apart_ms, self._spacing_ms, moving)
-        doubt = self.dataset.unsynchronized
-        return without_common_times(timing, doubt) if doubt else timing
+        problem = self.dataset.unsynchronized
+        return without_common_times(timing, problem) if problem else timing

@@ -100,26 +100,26 @@ def _instant(instant: int, pixels: int, curve: list[tuple[float, float | None]])
 
 def is_decreasing(points: Sequence[Point], measure: str) -> bool:
     """Return whether, away from zero, no point's interval is entirely above the one before it."""
-    pairs = [pair for side in _sides(points, measure) for pair in pairwise(side)]
+    pairs = [pair for curve in _both_directions(points, measure) for pair in pairwise(curve)]
     return bool(pairs) and all(after.ends[0] <= before.ends[1] for (_, before), (_, after) in pairs)
 
 
 def tolerable_offset_ms(points: Sequence[Point], measure: str, speed_px_per_ms: float | None) -> float | None:
     """Return the offset at which a tenth is lost or half of what moves moved by a pixel; None = neither."""
     limits = []
-    for side in _sides(points, measure):
-        least = (1 - LOSS) * side[0][1].value if side else 0.0
-        for (before, high), (after, low) in pairwise(side):
-            if low.value < least <= high.value:
-                share = (high.value - least) / (high.value - low.value)
-                limits.append(before + (after - before) * share)
+    for curve in _both_directions(points, measure):
+        threshold = (1 - LOSS) * curve[0][1].value if curve else 0.0
+        for (before, high), (after, low) in pairwise(curve):
+            if low.value < threshold <= high.value:
+                fraction = (high.value - threshold) / (high.value - low.value)
+                limits.append(before + (after - before) * fraction)
                 break
     if speed_px_per_ms:
         limits.append(1 / speed_px_per_ms)
     return min(limits) if limits else None
 
 
-def _sides(points: Sequence[Point], measure: str) -> list[list[tuple[float, Interval]]]:
+def _both_directions(points: Sequence[Point], measure: str) -> list[list[tuple[float, Interval]]]:
     """Return the known values from zero to the earliest and to the latest point, by absolute offset."""
     known = [(p.late_ms or 0.0, one) for p in points if (one := p.interval(measure, "offset")) is not None]
     early = [(-ms, one) for ms, one in reversed(known) if ms <= 0]
@@ -175,7 +175,7 @@ def _measure(session: Path, stages: Path, options: ToleranceOptions) -> OffsetTo
         study.prepare()
     except ValueError as error:
         raise BadInputError(f"no depth can be made from {session}: {error}") from error
-    progress.step("lateness of what moves")
+    progress.step("time offset of moving objects")
     timing = TimingStudy(rig).measure_pair(study.cameras)
     try:
         curve = measure_curve(type(study), context, study.cameras, steps, timing)
@@ -195,8 +195,8 @@ def _measure(session: Path, stages: Path, options: ToleranceOptions) -> OffsetTo
     )
 
 
-def whole_frame_offsets(dataset: Dataset, most_ms: float) -> list[FrameOffset]:
-    """Return the whole-frame offsets up to `most_ms` in both directions, earliest first, without zero.
+def whole_frame_offsets(dataset: Dataset, max_ms: float) -> list[FrameOffset]:
+    """Return the whole-frame offsets up to `max_ms` in both directions, earliest first, without zero.
 
     They span at most half the burst, with at most `MAX_STEPS` in either direction.
 
@@ -210,11 +210,9 @@ def whole_frame_offsets(dataset: Dataset, most_ms: float) -> list[FrameOffset]:
         )
     spacing_ns = min(b - a for a, b in pairwise(dataset.instants_ns))
     # Half the burst must remain to measure on, and a frame may be slightly longer than requested.
-    count = min(int(most_ms * 1e6 / spacing_ns + 0.25), max(1, len(dataset.instants_ns) // 2))
-    wanted = sorted({round(k) for k in np.linspace(1, max(1, count), min(max(1, count), MAX_STEPS))})
-    late = [
-        nearest_frame_offset(dataset.instants_ns, dataset.period_ns, k * spacing_ns / 1e6) for k in wanted
-    ]
+    count = min(int(max_ms * 1e6 / spacing_ns + 0.25), max(1, len(dataset.instants_ns) // 2))
+    steps = sorted({round(k) for k in np.linspace(1, max(1, count), min(max(1, count), MAX_STEPS))})
+    late = [nearest_frame_offset(dataset.instants_ns, dataset.period_ns, k * spacing_ns / 1e6) for k in steps]
     return [*(one.reversed for one in reversed(late)), *late]
 
 
@@ -223,7 +221,7 @@ def _depth_study() -> type[PairStudy]:
     for study in study_reports().values():
         if issubclass(study, PairStudy) and study.measures_delay:
             return study
-    raise NotAvailableError("no study of a pair's depth is installed", hint="install simulshot anew")
+    raise NotAvailableError("no study of a pair's depth is installed", hint="install simulshot again")
 
 
 def measure_curve(
@@ -244,10 +242,10 @@ def measure_curve(
     partners = [dict(pairs_with_images(rig.dataset, step, *cameras)) for step in steps]
     some = sorted(set().union(*partners))
     everywhere = [now for now in some if all(now in one for one in partners)]
-    reach = everywhere if len(everywhere) >= MIN_FOR_INTERVAL else some
-    if not reach:
+    usable = everywhere if len(everywhere) >= MIN_FOR_INTERVAL else some
+    if not usable:
         raise ValueError("no instant has its images at any of the offsets")
-    nows = choose_moving_instants(rig.motion, cameras, reach, context.max_instants)
+    nows = choose_moving_instants(rig.motion, cameras, usable, context.max_instants)
     context.progress.total += (len(nows) + 1) * len(steps)
     study = kind(replace(context, offset=None, middle=nows[0]))
     study.asked = cameras

@@ -38,7 +38,7 @@ class Measurements:
 
     def update(self, other: "Measurements", prefix: str = "") -> None:
         """Add another object's measurements, with a prefix such as `mover_` before their names."""
-        self.shares.update({prefix + name: share for name, share in other.shares.items()})
+        self.shares.update({prefix + name: fraction for name, fraction in other.shares.items()})
         self.medians.update({prefix + name: values for name, values in other.medians.items()})
         self.means.update({prefix + name: values for name, values in other.means.items()})
 
@@ -104,8 +104,8 @@ class Tally:
     @property
     def names(self) -> list[str]:
         """Names of the measures taken at any instant."""
-        sides = [one[side] for one in self._measured for side in CONDITIONS]
-        return list(dict.fromkeys(name for side in sides for name in side.names))
+        by_condition = [one[side] for one in self._measured for side in CONDITIONS]
+        return list(dict.fromkeys(name for side in by_condition for name in side.names))
 
     @property
     def measures(self) -> tuple[Measure, ...]:
@@ -128,11 +128,11 @@ class Tally:
     def _measure(self, name: str) -> Measure:
         values = {side: np.array([one[side].value(name) for one in self._measured]) for side in CONDITIONS}
         samples = {side: _resampled_medians(values[side]) for side in CONDITIONS}
-        sides = {side: _interval(_median(values[side]), samples[side]) for side in CONDITIONS}
-        before, after, change = sides["synced"], sides["offset"], None
+        by_condition = {side: _interval(_median(values[side]), samples[side]) for side in CONDITIONS}
+        before, after, change = by_condition["synced"], by_condition["offset"], None
         if before and after and before.low is not None and after.low is not None:
             change = _interval(after.value - before.value, samples["offset"] - samples["synced"])
-        return Measure(name=name, **sides, difference=change)
+        return Measure(name=name, **by_condition, difference=change)
 
 
 def _median(values: Array) -> float | None:

@@ -106,11 +106,11 @@ def judge_timing(
     offset = abs(late) > ODD_SIGMAS * sd
     reason = ""
     if SIGMAS * sd > SURE_FRAMES * spacing_ms:
-        reason = "the error of what was measured is more than a tenth of a frame"
+        reason = "the error of the measured offset is more than a tenth of a frame"
     elif not agree:
         reason = f"{len(odd)} of {len(instants)} instants disagree with the others"
     elif not offset and abs(late) > SIGMAS * sd:
-        reason = "what was measured is neither clearly zero nor clearly another offset"
+        reason = "the measured offset is neither clearly zero nor clearly different from zero"
     frames = round(late / spacing_ms)
     # The frame needs far less evidence: only its neighbours must be excluded.
     same = not offset and agree and is_same_instant(abs(late) + ODD_SIGMAS * sd, spacing_ms)
@@ -129,14 +129,14 @@ def judge_timing(
     )
 
 
-def without_common_times(timing: Timing, doubt: str) -> Timing:
-    """Return the judgement of a recording whose times are in `doubt`: never synchronized.
+def without_common_times(timing: Timing, problem: str) -> Timing:
+    """Return the judgement of a recording without reliable times: never synchronized.
 
     Agreement by motion near the recorded times does not exclude another offset that fits as well.
     """
     if not timing.synchronized and timing.same_frame_ms is None:
         return timing
-    reason = f"the recording is {doubt.partition(':')[0]}, and reconstruct time --apply has not aligned it"
+    reason = f"the recording is {problem.partition(':')[0]}, and reconstruct time --apply has not aligned it"
     return msgspec.structs.replace(timing, synchronized=False, same_frame_ms=None, reason=reason)
 
 
@@ -151,14 +151,14 @@ def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float
     if len(peaks_ms) < MIN_INSTANTS or peaks_ms.count(peak_ms) < AGREED_FRACTION * len(peaks_ms):
         return timing
     known = timing.late_ms is not None and timing.uncertainty_ms is not None
-    most_ms = abs(timing.late_ms or 0.0) + (timing.uncertainty_ms or 0.0) if known else spacing_ms
+    max_ms = abs(timing.late_ms or 0.0) + (timing.uncertainty_ms or 0.0) if known else spacing_ms
     if is_same_instant(peak_ms, spacing_ms):
-        same_ms = None if timing.offset else min(most_ms, spacing_ms / 2)
+        same_ms = None if timing.offset else min(max_ms, spacing_ms / 2)
         return msgspec.structs.replace(timing, same_frame_ms=same_ms)
     if timing.synchronized or timing.same_frame_ms is not None:
         reason = f"depth is found best with the second picture {peak_ms:+.0f} ms later"
         return msgspec.structs.replace(timing, synchronized=False, same_frame_ms=None, reason=reason)
-    if timing.offset or most_ms < abs(peak_ms) - spacing_ms / 2:
+    if timing.offset or max_ms < abs(peak_ms) - spacing_ms / 2:
         return timing
     return msgspec.structs.replace(
         timing,
@@ -183,9 +183,7 @@ def with_depth(timing: Timing, depth: StudyResult[Any]) -> Timing:
     if moving >= LOST_FRACTION * still or rows <= max(ROW_MISMATCH_PX, ROW_MISMATCH_RATIO * control):
         return timing
     if timing.synchronized:
-        reason = (
-            f"most of what moves is lost and lies {rows:.0f} pixels off its rows, unlike what stands still"
-        )
+        reason = f"most moving objects are lost and {rows:.0f} pixels off their rows, unlike static ones"
         return msgspec.structs.replace(
             timing, synchronized=False, same_frame_ms=None, out_of_place_px=rows, reason=reason
         )

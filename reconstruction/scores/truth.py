@@ -38,19 +38,19 @@ class DepthShares(Struct, frozen=True, kw_only=True):
     """Median relative error of the depths found, percent."""
 
 
-def depth_shares(depth: Array, truth: Array, movers: Array) -> dict[str, float | None]:
+def depth_shares(depth: Array, truth: Array, moving: Array) -> dict[str, float | None]:
     """Return accuracy fractions of a depth map, given true depth (0 = unknown) and a motion mask.
 
     All three arrays are height x width.
     """
     known, there = truth > 0, (depth > 0) & (truth > 0)
     error = np.abs(depth - truth)[there] / truth[there]
-    on_movers = known & movers
+    on_moving = known & moving
     shares = {
         "within_2pct": fraction_right(depth, truth),
-        "mover_within_2pct": fraction_right(depth, truth, movers),
-        "static_within_2pct": fraction_right(depth, truth, ~movers),
-        "mover_coverage": float(there[on_movers].mean()) if on_movers.any() else None,
+        "mover_within_2pct": fraction_right(depth, truth, moving),
+        "static_within_2pct": fraction_right(depth, truth, ~moving),
+        "mover_coverage": float(there[on_moving].mean()) if on_moving.any() else None,
         "median_error_pct": 100 * float(np.median(error)) if error.size else None,
     }
     return {name: None if share is None else round(share, 4) for name, share in shares.items()}

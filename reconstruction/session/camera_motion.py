@@ -29,16 +29,16 @@ WINDOW_PX = 15
 
 @dataclass(frozen=True)
 class CameraMotion:
-    """Motion of a camera's image: `still_share` of it is static; its median motion is `px` in `ms`."""
+    """Motion of a camera's image: `still_fraction` of it is static; its median motion is `px` in `ms`."""
 
-    still_share: float
+    still_fraction: float
     px: float
     ms: float
 
     @property
     def moves(self) -> bool:
         """Whether the camera moved, or nearly everything in its view did."""
-        return self.still_share < MIN_STILL
+        return self.still_fraction < MIN_STILL
 
 
 def measure_camera_motion(dataset: Dataset, camera: str) -> CameraMotion | None:

@@ -20,7 +20,7 @@ from reconstruction.common.image_files import image_size, read_image, refuse_odd
 from reconstruction.common.memory import ByteCache, memory_budget
 from reconstruction.session.picture_checksums import picture_checks
 
-KEPT_FRACTION = 0.12
+CACHE_FRACTION = 0.12
 """Fraction of the memory budget for cached decoded images."""
 WORK_FRACTION = 0.3
 WORK_BYTES_PER_PIXEL = 60
@@ -89,12 +89,12 @@ class Dataset:
         self.period_ns = manifest.burst.period_ns
         for name in shifts_ms or {}:
             session.camera(name)
-        kept = [record for record in manifest.images if not record.substitute]
-        self._records = shift_times(kept, shifts_ms or {}, self.instants_ns, self.period_ns)
+        own_records = [record for record in manifest.images if not record.substitute]
+        self._records = shift_times(own_records, shifts_ms or {}, self.instants_ns, self.period_ns)
         self._shifted = any((shifts_ms or {}).values())
         self._adopted: Calibration | None = None
         self._scale = 1.0
-        self._read = self._kept_images()
+        self._read = self._image_cache()
 
     @classmethod
     def open(cls, path: Path, shifts_ms: Mapping[str, float] | None = None) -> "Dataset":
@@ -145,7 +145,7 @@ class Dataset:
         )
         if scale < 1.0:
             self._scale *= scale
-            self._read = self._kept_images()
+            self._read = self._image_cache()
 
     def require_cameras(self, count: int, hint: str) -> None:
         """Raise NotApplicableError if the session has fewer cameras."""
@@ -228,11 +228,11 @@ class Dataset:
             return truth
         size, how = self.size(camera), cv2.INTER_NEAREST_EXACT
         try:
-            depth, movers = (cv2.resize(a, size, interpolation=how) for a in (truth[0], np.uint8(truth[1])))
+            depth, moving = (cv2.resize(a, size, interpolation=how) for a in (truth[0], np.uint8(truth[1])))
         except cv2.error as error:
             path = self.ground_truth_file(camera, instant)
             raise BadInputError(f"{path} is not a ground-truth file: {error}") from error
-        return np.asarray(depth), np.asarray(movers) > 0
+        return np.asarray(depth), np.asarray(moving) > 0
 
     def ground_truth_file(self, camera: str, instant: int) -> Path | None:
         """Return the path of an image's ground truth, under its saved instant; None if there is none."""
@@ -290,9 +290,9 @@ class Dataset:
         self.require_offset_each(offsets_ms)
         chosen = {}
         for camera, offset_ms in zip(self.cameras, offsets_ms, strict=True):
-            wanted = times[instant] + round(offset_ms * 1e6)
-            nearest = min(range(len(times)), key=lambda k: abs(times[k] - wanted))
-            if not is_same_instant(times[nearest] - wanted, self.period_ns):
+            target_ns = times[instant] + round(offset_ms * 1e6)
+            nearest = min(range(len(times)), key=lambda k: abs(times[k] - target_ns))
+            if not is_same_instant(times[nearest] - target_ns, self.period_ns):
                 raise BadInputError(
                     f"no instant is {offset_ms:g} ms from instant {instant} of this burst",
                     hint=f"its instants reach from {(times[0] - times[instant]) / 1e6:.0f} "
@@ -318,9 +318,9 @@ class Dataset:
                 hint="capture-app sessions verify checks every image",
             )
 
-    def _kept_images(self) -> ByteCache:
+    def _image_cache(self) -> ByteCache:
         """Return a cache of images by camera and instant, all at the current scale."""
-        return ByteCache(self._read_image, int(KEPT_FRACTION * memory_budget().limit_bytes))
+        return ByteCache(self._read_image, int(CACHE_FRACTION * memory_budget().limit_bytes))
 
     def _read_image(self, camera: str, instant: int) -> Array:
         record = self._records[camera, instant]

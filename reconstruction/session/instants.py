@@ -23,7 +23,7 @@ MIN_CANDIDATES = 16
 """Minimum number of candidate instants."""
 MIN_MOVING = 0.0001
 """Minimum moving fraction of the image in every camera."""
-FEWEST = 3
+MIN_INSTANTS = 3
 """Minimum number of instants; if fewer show that much motion, those with the most motion are used."""
 
 
@@ -40,7 +40,7 @@ class ShownInstant:
         return dict.fromkeys(self.shown, self.instant)
 
     @property
-    def sides(self) -> dict[str, dict[str, int]]:
+    def by_condition(self) -> dict[str, dict[str, int]]:
         """Instants of both conditions, `synced` and `offset`."""
         return {"synced": self.together, "offset": self.shown}
 
@@ -86,10 +86,10 @@ def instants_shown(dataset: Dataset, condition: Condition, reference: str, insta
     raise ValueError(problem)
 
 
-def most_complete_instants(
-    dataset: Dataset, condition: Condition, reference: str, cameras: Sequence[str], fewest: int = 1
+def complete_instants(
+    dataset: Dataset, condition: Condition, reference: str, cameras: Sequence[str], min_cameras: int = 1
 ) -> list[ShownInstant]:
-    """Return the instants at which the most cameras, at least `fewest`, have images in both conditions.
+    """Return the instants at which the most cameras, at least `min_cameras`, have images in both conditions.
 
     Raises:
         ValueError: there is no such instant, or the condition is the synchronized one under another name.
@@ -102,15 +102,15 @@ def most_complete_instants(
         except ValueError as error:
             problem = str(error)
             continue
-        kept = {c: shown[c] for c in cameras if dataset.has_images(((c, instant), (c, shown[c])))}
-        if len(kept) >= fewest:
-            found.append(ShownInstant(instant, kept))
+        with_images = {c: shown[c] for c in cameras if dataset.has_images(((c, instant), (c, shown[c])))}
+        if len(with_images) >= min_cameras:
+            found.append(ShownInstant(instant, with_images))
     if not found:
         raise ValueError(problem)
-    most = max(len(one.shown) for one in found)
-    fullest = [one for one in found if len(one.shown) == most]
-    refuse_synchronized(condition, [(one.instant, one.shown) for one in fullest])
-    return fullest
+    max_cameras = max(len(one.shown) for one in found)
+    complete = [one for one in found if len(one.shown) == max_cameras]
+    refuse_synchronized(condition, [(one.instant, one.shown) for one in complete])
+    return complete
 
 
 def refuse_synchronized(condition: Condition, shown: Iterable[tuple[int, Mapping[str, int]]]) -> None:
@@ -177,7 +177,7 @@ def choose_moving_instants(
     looked_at = evenly_spaced(instants, max(MIN_CANDIDATES, CANDIDATES * limit))
     shares = {k: min(float(motion.detected_moving(name, k).mean()) for name in cameras) for k in looked_at}
     moving = [k for k in looked_at if shares[k] >= MIN_MOVING]
-    if len(moving) < min(FEWEST, limit):
-        most = sorted(looked_at, key=lambda k: -shares[k])[: min(FEWEST, limit)]
-        moving = sorted(k for k in most if shares[k] > 0)
+    if len(moving) < min(MIN_INSTANTS, limit):
+        busiest = sorted(looked_at, key=lambda k: -shares[k])[: min(MIN_INSTANTS, limit)]
+        moving = sorted(k for k in busiest if shares[k] > 0)
     return evenly_spaced(moving or list(instants), limit)

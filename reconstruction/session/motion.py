@@ -25,7 +25,7 @@ BACKGROUND_FRAMES = 25
 """Images for the background; a longer burst is thinned to this many, or up to twice as many."""
 BACKGROUND_ROWS = 256
 MARGIN_PX = 5
-MOVERS_FRACTION = 0.05
+CACHE_FRACTION = 0.05
 """Fraction of the memory budget for each cache of masks or backgrounds."""
 
 
@@ -49,8 +49,8 @@ def detect_moving(image: Array, neighbours: Sequence[Array], still: Array) -> Ar
     differences = [_grey_difference(image, other) for other in (*neighbours, still)]
     change = np.minimum.reduce(differences)
     # Robust standard deviation of the differences of static pixels.
-    spread = max(float(np.median(difference)) for difference in differences) * 1.4826
-    mask = (change > max(MIN_GREY_STEP, 4.0 * spread) + SHAKE_PX * _gradient(still)).astype(np.uint8)
+    noise = max(float(np.median(difference)) for difference in differences) * 1.4826
+    mask = (change > max(MIN_GREY_STEP, 4.0 * noise) + SHAKE_PX * _gradient(still)).astype(np.uint8)
     disc = cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (3, 3))
     mask = cv2.morphologyEx(mask, cv2.MORPH_OPEN, disc)
     mask = cv2.morphologyEx(mask, cv2.MORPH_CLOSE, cv2.getStructuringElement(cv2.MORPH_ELLIPSE, (9, 9)))
@@ -94,10 +94,10 @@ class SceneMotion:
         """`step`: number of instants between an image and those it is compared with."""
         self.dataset = dataset
         self.step = step
-        kept = int(MOVERS_FRACTION * memory_budget().limit_bytes)
-        self._packed_moving = ByteCache(self._detect_moving, kept)
-        self._packed_truth = ByteCache(self._read_truth, kept)
-        self.background = ByteCache(self._background, kept)
+        cache_bytes = int(CACHE_FRACTION * memory_budget().limit_bytes)
+        self._packed_moving = ByteCache(self._detect_moving, cache_bytes)
+        self._packed_truth = ByteCache(self._read_truth, cache_bytes)
+        self.background = ByteCache(self._background, cache_bytes)
         """The static background of a camera, grey uint8."""
 
     def detected_moving(self, camera: str, instant: int) -> Array:

@@ -153,10 +153,10 @@ class Rectification:
     def _canvas(self, *, other: bool) -> tuple[Array, Array, Array]:
         """Return a view's pixel for each canvas pixel (x, y: float32), and the covered pixels (bool)."""
         view = self.other if other else self.reference
-        turn = self.other_rotation if other else self.reference_rotation
+        rotation = self.other_rotation if other else self.reference_rotation
         size = (self.width, self.height)
         xs, ys = cv2.initUndistortRectifyMap(
-            view.matrix, view.distortion, turn, self._projection(), size, cv2.CV_32FC1
+            view.matrix, view.distortion, rotation, self._projection(), size, cv2.CV_32FC1
         )
         outline = self.project(view.rays(view.border()), other=other)
         seen = np.zeros((self.height, self.width), np.uint8)
@@ -350,8 +350,8 @@ def _looks_equal(found: _Match, disparity: Array) -> Array:
     """Return unchecked pixels at which this disparity makes both images look the same (bool)."""
     warped = warp_by_disparity(found.other, disparity)
     there = np.isfinite(warped)
-    alike = there & same_appearance(found.reference.astype(np.float32), np.where(there, warped, 0))
-    return np.asarray(alike & ~np.isfinite(found.checked))
+    equal = there & same_appearance(found.reference.astype(np.float32), np.where(there, warped, 0))
+    return np.asarray(equal & ~np.isfinite(found.checked))
 
 
 def find_disparity_range(
@@ -368,11 +368,11 @@ def find_disparity_range(
     """
     reference, other = pair
     scale = min(1.0, 320 / max(reference.width, reference.height))
-    most = 0.5 * max(reference.width, reference.height)
-    canvas = rectify(reference, other, (0.0, most), scale)
-    count = int(np.ceil(most * scale / 16)) * 16
+    max_disparity = 0.5 * max(reference.width, reference.height)
+    canvas = rectify(reference, other, (0.0, max_disparity), scale)
+    count = int(np.ceil(max_disparity * scale / 16)) * 16
     votes, moving, asked = [], [], 0
-    for image, partner, movers in images:
+    for image, partner, mask in images:
         a, seen_a = canvas.remap(image)
         b, seen_b = canvas.remap(partner, other=True)
         forward, backward = match_rectified(a, b, 0, count), match_rectified_back(a, b, 0, count)
@@ -387,7 +387,7 @@ def find_disparity_range(
         good = textured & agrees & same
         asked += int(textured.sum())
         votes.append(forward[good])
-        moving.append(forward[good & (canvas.remap(movers.astype(np.uint8), nearest=True)[0] > 0)])
+        moving.append(forward[good & (canvas.remap(mask.astype(np.uint8), nearest=True)[0] > 0)])
     found = np.concatenate(votes) if votes else np.zeros(0)
     if len(found) < max(200, MIN_AGREEMENT * asked):
         raise ValueError("the two views have too little in common to match")
@@ -410,13 +410,15 @@ def epipolar_errors(
     canvas = pair.rectification
     a, _ = canvas.remap(reference)
     b, seen = canvas.remap(other, other=True)
-    least = 4 * noise_level(a) + 2
+    min_contrast = 4 * noise_level(a) + 2
     shown = [canvas.remap(mask.astype(np.uint8), nearest=True)[0] for mask in masks]
-    return [_patch_errors(pair, a, b, seen, on, least) for on in shown]
+    return [_patch_errors(pair, a, b, seen, on, min_contrast) for on in shown]
 
 
-def _patch_errors(pair: StereoPair, a: Array, b: Array, seen: Array, on: Array, least: float) -> list[float]:
-    """Return the errors of patches on a canvas mask with at least this contrast."""
+def _patch_errors(
+    pair: StereoPair, a: Array, b: Array, seen: Array, on: Array, contrast: float
+) -> list[float]:
+    """Return the errors of patches on a canvas mask with at least this `contrast`."""
     half = PATCH_PX // 2
     ys, xs = np.nonzero(on)
     inside = (xs >= half) & (xs < a.shape[1] - half) & (ys >= half) & (ys < a.shape[0] - half)
@@ -427,7 +429,7 @@ def _patch_errors(pair: StereoPair, a: Array, b: Array, seen: Array, on: Array, 
     for i in np.linspace(0, len(ys) - 1, PATCHES).astype(int):
         x, y = int(xs[i]), int(ys[i])
         patch = a[y - half : y + half + 1, x - half : x + half + 1]
-        if patch.std() < least:
+        if patch.std() < contrast:
             continue
         left = max(0, x - pair.min_disparity - pair.num_disparities - half)
         right = min(b.shape[1], x - pair.min_disparity + half + 1)

@@ -181,10 +181,10 @@ def triangulate_subject(views: Mapping[str, View], seen: Mapping[str, Array]) ->
         if found is None or not (0 <= found[0] < view.width and 0 <= found[1] < view.height):
             return None
         if name in seen:
-            away = float(np.linalg.norm(found - seen[name]))
-            if away > MAX_MISS_FRACTION * view.width:
+            distance = float(np.linalg.norm(found - seen[name]))
+            if distance > MAX_MISS_FRACTION * view.width:
                 return None
-            miss = max(miss, away)
+            miss = max(miss, distance)
     return point, miss
 
 
@@ -212,11 +212,13 @@ def stabilize_views(
         assert pixel is not None
         places.append((pixel + 0.5) / (view.width, view.height))
     place = np.mean(places, axis=0) * (width, height) - 0.5
-    away = {name: float(np.linalg.norm(point - view.centre)) for name, view in views.items()}
-    scale = float(np.median([view.focal / view.width / away[name] for name, view in views.items()])) * width
+    range_to = {name: float(np.linalg.norm(point - view.centre)) for name, view in views.items()}
+    scale = (
+        float(np.median([view.focal / view.width / range_to[name] for name, view in views.items()])) * width
+    )
     turned = {}
     for name, view in views.items():
-        ahead = (point - view.centre) / away[name]
+        ahead = (point - view.centre) / range_to[name]
         right = np.cross(down, ahead)
         right /= np.linalg.norm(right)
         rotation = np.stack([right, np.cross(ahead, right), ahead])
@@ -226,7 +228,7 @@ def stabilize_views(
     for zoom in ZOOMS:
         held = {}
         for name, view in turned.items():
-            focal = float(zoom) * scale * away[name]
+            focal = float(zoom) * scale * range_to[name]
             held[name] = replace(
                 view, matrix=np.array([[focal, 0, place[0]], [0, focal, place[1]], [0, 0, 1.0]])
             )
@@ -253,9 +255,9 @@ def render_view(held: View, view: View, image: Array, empty: tuple[int, int, int
         size = round(view.width / shrink), round(view.height / shrink)
         image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
         view = resize_view(view, *size)
-    turn = held.rotation @ view.rotation.T
+    rotation = held.rotation @ view.rotation.T
     maps = cv2.initUndistortRectifyMap(
-        view.matrix, view.distortion, turn, held.matrix, (held.width, held.height), cv2.CV_32FC1
+        view.matrix, view.distortion, rotation, held.matrix, (held.width, held.height), cv2.CV_32FC1
     )
     return np.asarray(
         cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=empty)

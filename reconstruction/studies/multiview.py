@@ -36,7 +36,7 @@ from reconstruction.session.conditions import Condition
 from reconstruction.session.instants import (
     ShownInstant,
     choose_moving_instants,
-    most_complete_instants,
+    complete_instants,
     relative_offsets_ms,
 )
 
@@ -94,8 +94,8 @@ def choose_camera_group(shots: UndistortedSession, middle: int) -> CameraGroup:
     dataset = shots.dataset
     names, instants = dataset.cameras, range(len(dataset.instants_ns))
     counts = {k: sum(dataset.has_image(c, k) for c in names) for k in instants}
-    fullest = sorted(instants, key=lambda k: (-counts[k], abs(k - middle)))[:MAX_TRIES]
-    best = max(fullest, key=lambda k: sum(not shots.problem(c, k) for c in names))
+    complete = sorted(instants, key=lambda k: (-counts[k], abs(k - middle)))[:MAX_TRIES]
+    best = max(complete, key=lambda k: sum(not shots.problem(c, k) for c in names))
     left_out = {c: problem for c in names if (problem := shots.problem(c, best))}
     images = {c: shots.image(c, best).calibrated for c in names if c not in left_out}
     _require_cameras(len(images), left_out)
@@ -317,8 +317,8 @@ class MultiviewStudy(ConditionStudy):
     @property
     def steps(self) -> int:
         """One line for the choice of cameras, and one for each instant and condition."""
-        most = self.options.multiview_instants
-        return 1 + 2 * min(most, len(self.dataset.instants_ns)) if most else 0
+        limit = self.options.multiview_instants
+        return 1 + 2 * min(limit, len(self.dataset.instants_ns)) if limit else 0
 
     def unasked(self) -> str:
         """Return that the study was not requested, if it has no instants; see `Study.unasked`."""
@@ -358,7 +358,7 @@ class MultiviewStudy(ConditionStudy):
         found = []
         for one in instants:
             maps = {}
-            for side, shown in one.sides.items():
+            for side, shown in one.by_condition.items():
                 self.progress.step(f"depth from {len(shown)} cameras, instant {one.instant}, {side}")
                 maps[side] = self._depth(shown)
             found.append(maps)
@@ -400,8 +400,8 @@ class MultiviewStudy(ConditionStudy):
     def _instants(self, condition: Condition) -> list[ShownInstant]:
         """Return instants with motion at which most cameras have their images in both conditions."""
         reference, problem = self.group.reference, self.shots.problem
-        fullest = most_complete_instants(self.dataset, condition, reference, self.group.cameras)
-        by_instant = {one.instant: one.shown for one in fullest}
+        complete = complete_instants(self.dataset, condition, reference, self.group.cameras)
+        by_instant = {one.instant: one.shown for one in complete}
         found = []
         for now in choose_moving_instants(
             self.motion, (reference,), list(by_instant), self.options.multiview_instants
@@ -419,15 +419,15 @@ class MultiviewStudy(ConditionStudy):
         sources = choose_source_views(views, self.group.scene.points)
         if not sources[self.group.reference]:
             raise ValueError(f"no camera with a picture overlaps with {self.group.reference}")
-        reach = {camera: self.group.scene.depth_ranges[camera] for camera in shown}
+        depth_ranges = {camera: self.group.scene.depth_ranges[camera] for camera in shown}
         return self.rig.stages.arrays(
             "multiview",
             InstantDepth,
-            lambda: compute_instant_depth(shots, sources, reach, self.group.reference, self.matcher),
+            lambda: compute_instant_depth(shots, sources, depth_ranges, self.group.reference, self.matcher),
             self.group.reference,
             tuple(shown.items()),
             repr(views),
-            tuple(reach.items()),
+            tuple(depth_ranges.items()),
             library_versions()["pycolmap"],
             self.matcher.name,
             self.matcher.quick,

@@ -83,7 +83,10 @@ class PanoramaStudy(PairStudy):
                 "More is better.",
             ),
             MeasureText(
-                "points", "Points measured", "How many points of an instant were found again.", wording.COUNT
+                "points",
+                "Points measured",
+                "Number of points of an instant that were found again.",
+                wording.COUNT,
             ),
             MeasureText(
                 "overlap_mad", "Brightness difference", "On average, of 255. Less is better.", wording.PLAIN
@@ -116,11 +119,11 @@ class PanoramaStudy(PairStudy):
         """Return the sentence on the panorama; see `StudyReport.verdict`."""
         when = "at the same instant" if result.together(found.cameras) else "as recorded"
         late = late_text(result)
-        misfit = found.first_known(MEASURES[0])
-        if misfit is not None and misfit[2] >= max(CLEAR_RATIO * misfit[1], misfit[1] + 1.0):
+        error = found.first_known(MEASURES[0])
+        if error is not None and error[2] >= max(CLEAR_RATIO * error[1], error[1] + 1.0):
             return (
-                f"In the panorama, what moves fits together to within {misfit[1]:.1f} pixels {when}, "
-                f"and is off by {misfit[2]:.0f} with one picture {late}."
+                f"In the panorama, what moves fits together to within {error[1]:.1f} pixels {when}, "
+                f"and is off by {error[2]:.0f} with one picture {late}."
             )
         again = found.first_known(MEASURES[1])
         if again is None or again[1] - again[2] < CLEAR_FRACTION:
@@ -145,12 +148,12 @@ class PanoramaStudy(PairStudy):
         self.progress.step(f"registering {first} and {second}")
         instants = [now for now, _ in self.instant_pairs(SYNCHRONIZED)[0]]
         now = min(instants, key=lambda k: abs(k - middle))
-        images, movers = (
+        images, moving = (
             {name: read(name, now) for name in self.cameras}
             for read in (self.dataset.image, self.motion.widened_moving)
         )
         known = {name: self.rig.views[name] for name in self.cameras if name in self.rig.views}
-        self.stitcher = PanoramaStitcher(images, movers, known)
+        self.stitcher = PanoramaStitcher(images, moving, known)
         if overlap_of(*self.stitcher.layers(images).values()) is None:
             raise ValueError(f"the pictures of {first} and {second} hardly overlap")
 

@@ -24,7 +24,7 @@ from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.tally import Measurements, Tally
 from reconstruction.session.conditions import Condition, evenly_spaced
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.instants import ShownInstant, most_complete_instants, relative_offsets_ms
+from reconstruction.session.instants import ShownInstant, complete_instants, relative_offsets_ms
 
 TOLERANCE_DEG = 2.0
 HARMED = 0.1
@@ -173,16 +173,18 @@ def relative_pose_errors(found: Mapping[str, Pose], true: Mapping[str, Pose]) ->
     """
     errors = []
     for a, b in combinations(sorted(found), 2):
-        (turn, way), (true_turn, true_way) = (_relative(poses[a], poses[b]) for poses in (found, true))
-        cosine = (np.trace(turn @ true_turn.T) - 1) / 2
-        errors.append((float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))), angle_deg(way, true_way)))
+        (rotation, axis), (true_rotation, true_axis) = (
+            _relative(poses[a], poses[b]) for poses in (found, true)
+        )
+        cosine = (np.trace(rotation @ true_rotation.T) - 1) / 2
+        errors.append((float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))), angle_deg(axis, true_axis)))
     return errors
 
 
 def _relative(a: Pose, b: Pose) -> Pose:
     """Return the rotation from a's frame to b's, and b's position in a's frame."""
-    turn = b[0] @ a[0].T
-    return turn, a[1] - turn.T @ b[1]
+    rotation = b[0] @ a[0].T
+    return rotation, a[1] - rotation.T @ b[1]
 
 
 class PoseOptions(msgspec.Struct, frozen=True, kw_only=True):
@@ -217,7 +219,7 @@ def pose_chart(poses: StudyResult[PoseFacts], heads: Mapping[str, str]) -> dict[
     axes = POSE_AXES
     step = (axes.width - axes.left - axes.right) / max(1, len(poses.per_instant))
     width = round(min(28.0, step * 0.36), 1)
-    ticks, bars, told = [], [], []
+    ticks, bars, labels = [], [], []
     for place, row in enumerate(poses.per_instant):
         middle = axes.left + step * (place + 0.5)
         words = []
@@ -228,8 +230,8 @@ def pose_chart(poses: StudyResult[PoseFacts], heads: Mapping[str, str]) -> dict[
             bars.append((tone, round(middle + left * (width + 1), 1), top, round(axes.y(0) - top, 1)))
             words.append(f"{name.lower()} {wording.percentage(share, decimals=0)}")
         ticks.append((round(middle, 1), f"{row['instant']}"))
-        told.append(f"instant {row['instant']}: {', '.join(words)}")
-    label = f"Share of camera pairs placed correctly; {'; '.join(told)}"
+        labels.append(f"instant {row['instant']}: {', '.join(words)}")
+    label = f"Share of camera pairs placed correctly; {'; '.join(labels)}"
     return {"axes": axes, "label": label, "ticks": ticks, "bars": bars, "bar_width": width}
 
 
@@ -354,8 +356,8 @@ class PoseStudy(ConditionStudy):
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             finder = self.finder(self.dataset, self.rig.views, Path(scratch))
             for one in instants:
-                sides = one.sides.items()
-                measured = {side: self._measure(finder, pictures) for side, pictures in sides}
+                by_condition = one.by_condition.items()
+                measured = {side: self._measure(finder, pictures) for side, pictures in by_condition}
                 tally.add(measured, {"instant": one.instant})
         found = StudyResult(
             name=self.text.name,
@@ -375,7 +377,7 @@ class PoseStudy(ConditionStudy):
     def _instants(self, condition: Condition) -> list[ShownInstant]:
         """Return evenly spaced instants at which every camera has its images."""
         cameras = self.cameras
-        found = most_complete_instants(self.dataset, condition, cameras[0], cameras, fewest=len(cameras))
+        found = complete_instants(self.dataset, condition, cameras[0], cameras, min_cameras=len(cameras))
         return evenly_spaced(found, MAX_INSTANTS)
 
     def _measure(self, finder: PoseFinder, shown: dict[str, int]) -> Measurements:

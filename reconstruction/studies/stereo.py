@@ -286,7 +286,7 @@ class StereoStudy(PairStudy):
     def __init__(self, context: Context) -> None:
         super().__init__(context)
         self._matcher = lru_cache(maxsize=1)(self._make_matcher)
-        self._kept_still: tuple[Array, tuple[Array, Array]] | None = None
+        self._projected_still: tuple[Array, tuple[Array, Array]] | None = None
 
     def prepare(self) -> None:
         """Choose the pair.
@@ -351,10 +351,10 @@ class StereoStudy(PairStudy):
 
     def _projected(self, still: Array) -> tuple[Array, Array]:
         """Return `project_into_other`, cached for conditions with the same instants."""
-        if self._kept_still is None or not np.array_equal(self._kept_still[0], still):
+        if self._projected_still is None or not np.array_equal(self._projected_still[0], still):
             reference, other = (self.rig.views[name] for name in self.cameras)
-            self._kept_still = still, project_into_other(reference, other, still)
-        return self._kept_still[1]
+            self._projected_still = still, project_into_other(reference, other, still)
+        return self._projected_still[1]
 
     def _disparities(self, nows: Sequence[int]) -> tuple[float, float]:
         reference, other = self.cameras

@@ -23,7 +23,7 @@ from reconstruction.session.conditions import Condition
 from reconstruction.session.instants import (
     ShownInstant,
     choose_moving_instants,
-    most_complete_instants,
+    complete_instants,
     relative_offsets_ms,
 )
 from reconstruction.session.motion import dilate
@@ -210,7 +210,7 @@ class TriangulationStudy(ConditionStudy):
             MeasureText(
                 "reprojection_px",
                 "Reprojection error",
-                "How far a placed point is from where the cameras see it. Less is better.",
+                "Distance of a placed point's projection from where the cameras see it. Less is better.",
                 wording.PIXELS,
             ),
             MeasureText(
@@ -269,11 +269,11 @@ class TriangulationStudy(ConditionStudy):
         found = 0
         for one in instants:
             self.progress.step(f"points by COLMAP from {len(one.shown)} cameras, instant {one.instant}")
-            points = {side: self._points(pictures) for side, pictures in one.sides.items()}
+            points = {side: self._points(pictures) for side, pictures in one.by_condition.items()}
             found += len(points["synced"].points)
             measured = {
-                side: self._measure(points[side], pictures, self._masks(pictures, one.sides))
-                for side, pictures in one.sides.items()
+                side: self._measure(points[side], pictures, self._masks(pictures, one.by_condition))
+                for side, pictures in one.by_condition.items()
             }
             tally.add(measured, {"instant": one.instant, **one.delays_ms(self.dataset)})
         if not found:
@@ -301,8 +301,8 @@ class TriangulationStudy(ConditionStudy):
         chosen = [c for c in depth.cameras if c in views] if depth is not None else []
         centres = {c: view.centre for c, view in views.items()}
         middle = np.mean([centres[c] for c in chosen or views], axis=0)
-        away = {c: float(np.linalg.norm(centre - middle)) for c, centre in centres.items()}
-        chosen += sorted((c for c in views if c not in chosen), key=lambda c: away[c])
+        distance = {c: float(np.linalg.norm(centre - middle)) for c, centre in centres.items()}
+        chosen += sorted((c for c in views if c not in chosen), key=lambda c: distance[c])
         chosen = chosen[:MAX_CAMERAS]
         # Of two cameras the second is delayed, as in the depth pair.
         chosen = chosen if len(chosen) == 2 else [c for c in views if c in chosen]
@@ -319,12 +319,12 @@ class TriangulationStudy(ConditionStudy):
 
     def _instants(self, condition: Condition) -> list[ShownInstant]:
         """Return instants with motion at which most cameras have all their images."""
-        fullest = most_complete_instants(self.dataset, condition, self.cameras[0], self.cameras, fewest=2)
-        wanted = int(np.clip(MAX_PICTURES // (2 * len(fullest[0].shown) - 1), *INSTANT_LIMITS))
-        first = list(fullest[0].shown)[:2]
-        by_instant = {one.instant: one for one in fullest if one.shown.keys() >= set(first)}
+        complete = complete_instants(self.dataset, condition, self.cameras[0], self.cameras, min_cameras=2)
+        max_instants = int(np.clip(MAX_PICTURES // (2 * len(complete[0].shown) - 1), *INSTANT_LIMITS))
+        first = list(complete[0].shown)[:2]
+        by_instant = {one.instant: one for one in complete if one.shown.keys() >= set(first)}
         chosen = choose_moving_instants(
-            self.motion, first, list(by_instant), min(self.context.max_instants, wanted)
+            self.motion, first, list(by_instant), min(self.context.max_instants, max_instants)
         )
         return [by_instant[instant] for instant in chosen]
 
@@ -340,10 +340,12 @@ class TriangulationStudy(ConditionStudy):
             version,
         )
 
-    def _masks(self, pictures: Mapping[str, int], sides: Mapping[str, Mapping[str, int]]) -> list[Masks]:
+    def _masks(
+        self, pictures: Mapping[str, int], by_condition: Mapping[str, Mapping[str, int]]
+    ) -> list[Masks]:
         motion, masks = self.motion, []
         for camera, instant in pictures.items():
-            changing = [motion.changing(camera, shown[camera]) for shown in sides.values()]
+            changing = [motion.changing(camera, shown[camera]) for shown in by_condition.values()]
             hidden = dilate(np.logical_or.reduce(changing), CONTROL_MARGIN_PX)
             masks.append((motion.moving(camera, instant), hidden))
         return masks
@@ -365,13 +367,13 @@ class TriangulationStudy(ConditionStudy):
                 true = truth[0][rows, columns]
                 right[mine], known[mine] = right_depth(depth, true), true > 0
         seen = _count(found, np.ones_like(moving))
-        on_mover = 2 * _count(found, moving) >= seen
+        on_moving = 2 * _count(found, moving) >= seen
         still = _count(found, hidden) == 0
         judged = _count(found, known) == seen
         correct = 2 * _count(found, right) >= seen
         measured = Measurements()
         anything = any(mask.any() for mask, _ in masks)
-        for kind, mask, there in (("mover", on_mover, anything), ("static", still & ~on_mover, True)):
+        for kind, mask, there in (("mover", on_moving, anything), ("static", still & ~on_moving, True)):
             measured.means[f"{kind}_points"] = np.array([float(mask.sum())] * there)
             measured.medians[f"{kind}_reprojection_px"] = found.errors[mask]
             measured.shares[f"{kind}_precision"] = (

@@ -7,9 +7,9 @@ DIGITS = {"offset_ms": 3, "sd_ms": 3, "row_time_ns": None, "row_time_sd_ns": Non
 
 
 class CameraTime(Struct, frozen=True, kw_only=True, omit_defaults=True):
-    """How much later a camera's images were taken than its recorded times say, relative to the reference's.
+    """Delay of a camera's images against its recorded times, relative to the reference's delay.
 
-    An offset measured by light is that of the first row, or of the middle row if the session has no row time.
+    An offset measured by light holds for the first row, or for the middle row if the session has no row time.
     """
 
     offset_ms: float | None = None

@@ -192,20 +192,20 @@ def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> Of
     found = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > MIN_ACROSS_PX)
     if found.counts.sum() < MIN_VOTES:
         return OffsetFit(
-            reason="both cameras recognize too few moving points, or these move along their epipolar lines"
+            reason="too few moving points are found in both cameras, or they move along their epipolar lines"
         )
     at_rest = _Fit(found.only(np.zeros(len(found.counts), bool)), still)
     seen = found.by(at_rest.geometry)
     peak, votes, rival = _best_offset(seen, period_ms)
     if votes < MIN_VOTES or votes < DISTINCT * rival:
-        return OffsetFit(reason="the points that move do not agree on one offset")
+        return OffsetFit(reason="the moving points do not agree on one offset")
     misses = (seen.offset_ms - peak) * seen.across_px_per_ms
     near = (np.abs(misses) < NEAR_PX) & (np.abs(seen.offset_ms - peak) < period_ms)
     fit = _Fit(found.only(near), still, np.array([peak, *at_rest.geometry]))
     instants = _by_instant(fit, period_ms)
     if len(instants) < MIN_INSTANTS:
         return OffsetFit(
-            reason=f"it takes {MIN_INSTANTS} instants at which it can be measured, not {len(instants)}",
+            reason=f"only {len(instants)} instants have enough motion; {MIN_INSTANTS} are needed",
             instants=instants,
         )
     return OffsetFit(float(fit.values[0]), float(np.hypot(fit.sd_ms, SYSTEMATIC_MS)), "", instants, votes)
@@ -213,8 +213,8 @@ def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> Of
 
 def _best_offset(found: Crossings, period_ms: float) -> tuple[float, float, float]:
     """Return the offset with the most votes (ms), its votes, and the most votes a period or more from it."""
-    reach = float(np.abs(found.offset_ms).max()) + 1
-    grid = np.arange(-reach, reach, BIN_MS)
+    max_abs_ms = float(np.abs(found.offset_ms).max()) + 1
+    grid = np.arange(-max_abs_ms, max_abs_ms, BIN_MS)
     widths = np.clip(MATCH_PX / np.abs(found.across_px_per_ms), 2 * BIN_MS, None)
     votes = np.zeros(len(grid))
     for offset, width, count in zip(found.offset_ms, widths, found.counts, strict=True):
@@ -245,7 +245,7 @@ class _Fit:
         prior = np.diag([0.0 if count else 1.0, *np.ones(TERMS)])
         # Maximum total weight of each group, px^-2: more points do not reduce a shared error.
         shared_px2 = SHARED_PX**2 + INSTANT_PX**2 / max(1, len(np.unique(moving.instant)))
-        most = (
+        max_weights = (
             _parts(moving.geometry, moving.instant) / shared_px2,
             _parts(still_geometry, np.zeros(len(seen) - count)) / SHARED_PX**2,
         )
@@ -254,14 +254,14 @@ class _Fit:
         for step in range(ROUNDS):
             miss = seen - rows @ self.values
             if step:
-                match_px = _spread(miss[:count], MIN_MATCH_PX)
-            rest_px = _spread(miss[count:], MIN_STILL_PX)
+                match_px = _robust_sd(miss[:count], MIN_MATCH_PX)
+            rest_px = _robust_sd(miss[count:], MIN_STILL_PX)
             sds = np.concatenate([np.full(count, match_px), np.full(len(seen) - count, rest_px)])
             weights = np.concatenate([moving.counts, np.ones(len(seen) - count)])
             weights = weights / sds**2 / (1 + (miss / (1.5 * sds)) ** 2)
             # Geman-McClure weights, not Cauchy's: wrong static matches have the same error at all instants.
             weights[count:] /= 1 + (miss[count:] / (1.5 * rest_px)) ** 2
-            for of, its in zip((np.s_[:count], np.s_[count:]), most, strict=True):
+            for of, its in zip((np.s_[:count], np.s_[count:]), max_weights, strict=True):
                 weights[of] *= min(1.0, its / max(1e-9, float(weights[of].sum())))
             normal = rows.T @ (weights[:, None] * rows) + prior
             self.values = np.linalg.solve(normal, rows.T @ (weights * seen))
@@ -299,8 +299,8 @@ def _parts(geometry: Array, instant: Array) -> float:
     return len(np.unique(np.stack([instant, cells]), axis=1).T) / len(np.unique(instant))
 
 
-def _spread(misses: Array, least: float) -> float:
-    return max(least, 1.4826 * float(np.median(np.abs(misses)))) if len(misses) else 1.0
+def _robust_sd(misses: Array, min_px: float) -> float:
+    return max(min_px, 1.4826 * float(np.median(np.abs(misses)))) if len(misses) else 1.0
 
 
 def _by_instant(fit: _Fit, period_ms: float) -> tuple[InstantOffset, ...]:

@@ -41,7 +41,7 @@ FITTED_ROWS = 100
 COVERED = 0.5
 """Minimum fraction of an edge's ramp that must be covered by rows that were read out."""
 MIN_ROWS = 6
-MISFIT = 0.12
+MAX_RESIDUAL = 0.12
 STEPS = 61
 RAMP_ERROR = 0.015
 """Error of an edge from a different tone curve or flickering light, as a fraction of its ramp."""
@@ -55,7 +55,7 @@ MIN_EDGES = 3
 """Minimum number of common edges; with fewer the error bar is not reliable."""
 SLOW_MS = 15.0
 """Maximum rise time of a lamp beyond the exposure; a slower lamp has no edge."""
-TOLD_ROWS, UNTOLD_ROWS = 0.03, 0.3
+RECORDED_ROW_SD, ASSUMED_ROW_SD = 0.03, 0.3
 """Relative standard deviation of a row time that the session records, and of one that is assumed."""
 TYPICAL_READOUT = 0.7
 """Fraction of the period that a readout is assumed to take if no row time is recorded."""
@@ -64,7 +64,7 @@ BEND_MS = 2.0
 SYSTEMATIC_MS = 0.02
 LIGHT = "light"
 """Source name of an offset measured from a lamp."""
-NO_LAMP = "no lamp blinks before it"
+NO_LAMP = "it sees no blinking lamp"
 
 
 @dataclass(frozen=True)
@@ -111,9 +111,9 @@ def _changes(brightness: Array) -> list[tuple[int, bool]]:
     steps[STEP // 2 : -STEP // 2] = brightness[STEP:] - brightness[:-STEP]
     size = np.abs(steps)
     # With a slow lamp most images change.
-    usual = float(np.quantile(size, 0.2)) / 0.253
-    least = max(CLEAR * usual, MIN_FRACTION * float(np.median(brightness)), 0.5)
-    large = size > least
+    typical = float(np.quantile(size, 0.2)) / 0.253
+    threshold = max(CLEAR * typical, MIN_FRACTION * float(np.median(brightness)), 0.5)
+    large = size > threshold
     found: list[tuple[int, bool]] = []
     for k in np.flatnonzero(large):
         rising = bool(steps[k] > 0)
@@ -123,8 +123,8 @@ def _changes(brightness: Array) -> list[tuple[int, bool]]:
         else:
             found.append((int(k), rising))
     # A lamp makes equal steps up and down; much smaller steps have another cause.
-    usual_step = float(np.median([size[k] for k, _ in found])) if found else 0.0
-    return [(k, rising) for k, rising in found if size[k] > 0.3 * usual_step]
+    typical_step = float(np.median([size[k] for k, _ in found])) if found else 0.0
+    return [(k, rising) for k, rising in found if size[k] > 0.3 * typical_step]
 
 
 def _edge(
@@ -140,25 +140,25 @@ def _edge(
     )
     dark, bright = (before, after) if rising else (after, before)
     rise = bright - dark
-    told = (rise > MIN_RISE) & (bright < WHITE)
-    shares = [_lit_rows(dataset.grey(camera, k), dark, rise, told) for k in images]
+    usable = (rise > MIN_RISE) & (bright < WHITE)
+    shares = [_lit_rows(dataset.grey(camera, k), dark, rise, usable) for k in images]
     lit, sd = (np.stack(of) for of in zip(*shares, strict=True))
     return BlinkEdge(rising, tuple(images), lit, sd)
 
 
-def _lit_rows(image: Array, dark: Array, rise: Array, told: Array) -> tuple[Array, Array]:
+def _lit_rows(image: Array, dark: Array, rise: Array, usable: Array) -> tuple[Array, Array]:
     """Return each row's level (n,) from dark to bright, and its error, without pixels spoiled by motion."""
     over = image.astype(np.float32) - dark
     with np.errstate(invalid="ignore", divide="ignore"), warnings.catch_warnings():
         warnings.simplefilter("ignore", RuntimeWarning)  # rows without a usable pixel
-        lit = np.nanmedian(np.where(told, over / rise, np.nan), axis=1)
+        lit = np.nanmedian(np.where(usable, over / rise, np.nan), axis=1)
         for _ in range(2):
             miss = np.abs(over - lit[:, None] * rise)
-            usual = np.nanmedian(np.where(told, miss, np.nan), axis=1)
-            kept = np.where(told & (miss < 3 * 1.4826 * usual[:, None] + 1), rise, 0)
-            lit = (kept * over).sum(1) / (kept * rise).sum(1)
-        sd = np.hypot(MIN_SD, (1.4826 * usual + 1) / np.sqrt((kept * rise).sum(1)))
-    shown = (kept > 0).sum(1) >= ROW_PIXELS
+            typical = np.nanmedian(np.where(usable, miss, np.nan), axis=1)
+            weights = np.where(usable & (miss < 3 * 1.4826 * typical[:, None] + 1), rise, 0)
+            lit = (weights * over).sum(1) / (weights * rise).sum(1)
+        sd = np.hypot(MIN_SD, (1.4826 * typical + 1) / np.sqrt((weights * rise).sum(1)))
+    shown = (weights > 0).sum(1) >= ROW_PIXELS
     return np.where(shown, lit, np.nan), np.where(shown, sd, np.nan)
 
 
@@ -219,14 +219,14 @@ def fit_ramp(edges: Sequence[BlinkEdge], rows: RowTimes) -> Ramp | None:
         near = rough_time(edge, times)
         thinned.append((_Samples.of(edge, times, thin), near))
 
-    def misfit(width: float, bend: float) -> float:
+    def residual(width: float, bend: float) -> float:
         return sum(one.place(near, width, width, bend)[1] for one, near in thinned if near is not None)
 
-    best = min((misfit(width, bend), width, bend) for width in WIDTHS_MS for bend in BENDS)
+    best = min((residual(width, bend), width, bend) for width in WIDTHS_MS for bend in BENDS)
     for finer in (0.1, 0.05, 0.025):
         _, width, bend = best
         near_by = [(width * (1 + a * finer), bend + b * finer) for a in (-1, 0, 1) for b in (-2, 0, 2)]
-        best = min(best, min((misfit(w, b), w, b) for w, b in near_by))
+        best = min(best, min((residual(w, b), w, b) for w, b in near_by))
     return best[1], best[2]
 
 
@@ -238,11 +238,11 @@ def find_edge_time(edge: BlinkEdge, rows: RowTimes, ramp: Ramp) -> EdgeTime | No
         return None
     samples = _Samples.of(edge, times)
     width_ms, bend = ramp
-    reach = width_ms
+    half_width = width_ms
     at = near
     for _ in range(3):
-        at, _ = samples.place(at, reach, width_ms, bend)
-        reach /= STEPS / 6
+        at, _ = samples.place(at, half_width, width_ms, bend)
+        half_width /= STEPS / 6
     known = np.isfinite(edge.lit)
     part = (times - at) / width_ms + 0.5
     inside = known & (part > 0) & (part < 1)
@@ -250,14 +250,14 @@ def find_edge_time(edge: BlinkEdge, rows: RowTimes, ramp: Ramp) -> EdgeTime | No
     if inside.sum() < MIN_ROWS or covered < COVERED:
         return None
     miss = (_shape(part, bend, edge.rising) - edge.lit)[inside]
-    misfit = float(np.sqrt(np.mean(np.clip(miss, -0.4, 0.4) ** 2)))
-    if misfit > MISFIT:
+    residual = float(np.sqrt(np.mean(np.clip(miss, -0.4, 0.4) ** 2)))
+    if residual > MAX_RESIDUAL:
         return None
     # Change of the rows' levels with a shift, relative to their errors; neighbouring rows share errors.
-    told = np.sqrt(np.sum((1 / width_ms / np.maximum(edge.sd[inside], misfit)) ** 2) / SHARED_ROWS)
+    precision = np.sqrt(np.sum((1 / width_ms / np.maximum(edge.sd[inside], residual)) ** 2) / SHARED_ROWS)
     weights = np.where(inside, 1 - np.abs(2 * part - 1), 0)
     row = float((weights * np.arange(edge.lit.shape[1])).sum() / weights.sum())
-    return EdgeTime(at, row, float(np.hypot(1 / told, RAMP_ERROR * width_ms)))
+    return EdgeTime(at, row, float(np.hypot(1 / precision, RAMP_ERROR * width_ms)))
 
 
 @dataclass(frozen=True)
@@ -274,9 +274,9 @@ class _Samples:
         known = np.isfinite(edge.lit[part])
         return cls(edge.rising, times[part][known], edge.lit[part][known], edge.sd[part][known])
 
-    def place(self, near: float, reach: float, width: float, bend: float) -> tuple[float, float]:
-        """Return the best-fitting time of the ramp within `reach` of `near`, and its cost."""
-        places = near + np.linspace(-1, 1, STEPS) * reach
+    def place(self, near: float, half_width: float, width: float, bend: float) -> tuple[float, float]:
+        """Return the best-fitting time of the ramp within `half_width` of `near`, and its cost."""
+        places = near + np.linspace(-1, 1, STEPS) * half_width
         parts = (self.times[None] - places[:, None]) / width + 0.5
         misses = _shape(parts, bend, self.rising) - self.lit[None]
         costs = np.log1p((misses / (3 * self.sd[None])) ** 2).sum(1)
@@ -299,11 +299,11 @@ def _shape(part: Array, bend: float, rising: bool) -> Array:
 class SeenLamp:
     """Lamp edges seen by one camera: rough times (ms, its own) and directions of all, exact times of some.
 
-    `told`: the session records the camera's row time.
+    `recorded`: the session records the camera's row time.
     """
 
     rows: RowTimes
-    told: bool
+    recorded: bool
     height: int
     rough_ms: Array
     rising: Array
@@ -319,7 +319,7 @@ def measure_light_offsets(dataset: Dataset, reference: str | None = None) -> dic
     seen = {name: see_lamp(dataset, name) for name in dataset.cameras}
     first = reference or max(seen, key=lambda name: len(seen[name].exact))
     if len(seen[first].exact) < MIN_EDGES:
-        blinks = f"the lamp tells nothing of {first}: {seen[first].reason}"
+        blinks = f"the lamp does not time {first}: {seen[first].reason}"
         return {name: CameraTime(reason=of.reason or blinks) for name, of in seen.items()}
     edges = {}
     for name, of in seen.items():
@@ -334,13 +334,13 @@ def measure_light_offsets(dataset: Dataset, reference: str | None = None) -> dic
 
 def see_lamp(dataset: Dataset, camera: str) -> SeenLamp:
     """Find all lamp edges in one camera's images; the result has a reason if they cannot be used."""
-    rows, told = _row_times(dataset, camera)
+    rows, recorded = _row_times(dataset, camera)
     found = find_blink_edges(dataset, camera)
     rough = [(edge, rough_time(edge, rows.of(edge))) for edge in found]
     known = [(edge, at) for edge, at in rough if at is not None]
     seen = SeenLamp(
         rows=rows,
-        told=told,
+        recorded=recorded,
         height=dataset.size(camera)[1],
         rough_ms=np.array([at for _, at in known]),
         rising=np.array([edge.rising for edge, _ in known], bool),
@@ -351,13 +351,13 @@ def see_lamp(dataset: Dataset, camera: str) -> SeenLamp:
         return seen
     ramp = fit_ramp([edge for edge, _ in known], rows)
     if ramp is None:
-        return replace(seen, reason="too little of its pictures shows the lamp's light")
+        return replace(seen, reason="too few rows of its pictures show the lamp's light")
     exposures = [dataset.record(camera, k).exposure_ns for k in rows.start_ms]
     exposure_ms = float(np.median([one for one in exposures if one] or [dataset.period_ns])) / 1e6
     if ramp[0] > exposure_ms + SLOW_MS:
         return replace(seen, reason=f"the lamp takes about {ramp[0]:.0f} ms to light up: it has no edge")
     exact = {k: at for k, (edge, _) in enumerate(known) if (at := find_edge_time(edge, rows, ramp))}
-    few = f"{len(exact)} of the lamp's edges fall onto its rows, and it takes {MIN_EDGES}"
+    few = f"only {len(exact)} of the lamp's edges fall onto its rows; {MIN_EDGES} are needed"
     return replace(seen, exact=exact, reason="" if len(exact) >= MIN_EDGES else few)
 
 
@@ -369,9 +369,9 @@ def _row_times(dataset: Dataset, camera: str) -> tuple[RowTimes, bool]:
     images = {k: dataset.record(camera, k) for k in dataset.instants(camera)}
     known = {k: rows for k, image in images.items() if (rows := row_exposures(record, image)) is not None}
     if images and len(known) == len(images):
-        told_ms = (record.facts.row_time_ns or 0) / 1e6
+        recorded_ms = (record.facts.row_time_ns or 0) / 1e6
         starts = {k: (rows.middle_ns(0) - epoch_ns) / 1e6 for k, rows in known.items()}
-        return RowTimes(starts, told_ms * record.facts.height / height), True
+        return RowTimes(starts, recorded_ms * record.facts.height / height), True
     row_ms: float = TYPICAL_READOUT * dataset.period_ns / 1e6 / height
     starts = {k: (image.leader_ns - epoch_ns) / 1e6 - row_ms * height / 2 for k, image in images.items()}
     return RowTimes(starts, row_ms), False
@@ -383,11 +383,11 @@ def _same_edges(reference: SeenLamp, other: SeenLamp) -> dict[int, int]:
     A lamp that blinks evenly has many such offsets; the smallest one is used.
     """
     gaps = other.rough_ms[:, None] - reference.rough_ms[None]
-    alike = other.rising[:, None] == reference.rising[None]
+    same_direction = other.rising[:, None] == reference.rising[None]
     chosen: dict[int, int] = {}
-    for lag in sorted(gaps[alike & (np.abs(gaps) < MAX_OFFSET_MS)], key=abs):
-        away = np.where(alike, np.abs(gaps - lag), np.inf)
-        near = {int(k): int(away[k].argmin()) for k in np.flatnonzero(away.min(1) < NEAR_MS)}
+    for lag in sorted(gaps[same_direction & (np.abs(gaps) < MAX_OFFSET_MS)], key=abs):
+        distance_ms = np.where(same_direction, np.abs(gaps - lag), np.inf)
+        near = {int(k): int(distance_ms[k].argmin()) for k in np.flatnonzero(distance_ms.min(1) < NEAR_MS)}
         if len(near) > len(chosen):
             chosen = near
     return chosen
@@ -408,27 +408,27 @@ def _solve(
     line = 0
     for camera, name in enumerate(names):
         of, at = seen[name], count + 3 * camera
-        priors[at + 1] = 1 / (TOLD_ROWS if of.told else UNTOLD_ROWS) ** 2
+        priors[at + 1] = 1 / (RECORDED_ROW_SD if of.recorded else ASSUMED_ROW_SD) ** 2
         priors[at + 2] = 1 / BEND_MS**2
         for number, one in edges[name].items():
-            from_row = one.row - (0.0 if of.told else of.height / 2)
+            from_row = one.row - (0.0 if of.recorded else of.height / 2)
             direction = 1 if seen[first].rising[number] else -1
             design[line, numbers.index(number)] = 1
             design[line, at : at + 3] = (-1, -of.rows.row_ms * from_row, direction)
             values[line], sds[line] = one.at_ms, max(one.sd_ms, SYSTEMATIC_MS)
             line += 1
     priors[count + 3 * names.index(first)] = 1e12
-    found, spread = _robust_fit(design, values, sds, priors, spare)
+    found, found_sd = _robust_fit(design, values, sds, priors, spare)
     solved = {}
     for camera, name in enumerate(names):
         at, row_ns = count + 3 * camera, 1e6 * seen[name].rows.row_ms
         solved[name] = CameraTime(
             offset_ms=0.0 if name == first else float(found[at]),
-            sd_ms=0.0 if name == first else float(np.hypot(spread[at], SYSTEMATIC_MS)),
+            sd_ms=0.0 if name == first else float(np.hypot(found_sd[at], SYSTEMATIC_MS)),
             source=REFERENCE if name == first else LIGHT,
             edges=len(edges[name]),
             row_time_ns=row_ns * (1 + float(found[at + 1])),
-            row_time_sd_ns=row_ns * float(spread[at + 1]),
+            row_time_sd_ns=row_ns * float(found_sd[at + 1]),
         )
     return solved
 

@@ -65,8 +65,8 @@ def rough_offsets_ms(first: Activity, second: Activity, period_ms: float) -> Seq
         np.interp(np.arange(times_ms[0], times_ms[-1], step), times_ms, _logarithm(change))
         for times_ms, change in (first, second)
     )
-    least = max(round(MIN_OVERLAP_S * 1e3 / step), min(len(a), len(b)) // 3)
-    lags = np.arange(-(len(b) - least), len(a) - least + 1)
+    min_steps = max(round(MIN_OVERLAP_S * 1e3 / step), min(len(a), len(b)) // 3)
+    lags = np.arange(-(len(b) - min_steps), len(a) - min_steps + 1)
     fits = np.array([_correlation(a, b, int(lag)) for lag in lags])
     chosen: list[float] = []
     for k in np.argsort(-fits):
@@ -113,7 +113,7 @@ class MotionAlignment:
     def against(self, first: str, second: str) -> CameraTimes:
         """Measure the second camera's times relative to the first's; the result has an offset or a reason."""
         if frozenset((first, second)) not in self._pairs:
-            return CameraTimes(reason="it looks where no camera does whose offset is known")
+            return CameraTimes(reason="its view overlaps with no camera whose offset is known")
         self.progress.total += 1
         self.progress.step(f"{second} against {first}")
         rough = self._rough(first, second)
@@ -127,11 +127,11 @@ class MotionAlignment:
     def _rough(self, first: str, second: str) -> RoughOffset | str:
         """Return the candidate offset on which most points agree, or the reason why there is none."""
         period_ms = self.dataset.period_ns / 1e6
-        reach_ms = MAX_ERROR_FRAMES * period_ms
+        max_offset_ms = MAX_ERROR_FRAMES * period_ms
         tried: list[tuple[float, float]] = []
-        reason = "how much moves before them is alike at no offset"
+        reason = "the amount of motion in view matches at no offset"
         for offset_ms in rough_offsets_ms(self._activity(first), self._activity(second), period_ms):
-            fit = self.offsets.measure(first, second, TRIAL_INSTANTS, rough=(offset_ms, reach_ms))
+            fit = self.offsets.measure(first, second, TRIAL_INSTANTS, rough=(offset_ms, max_offset_ms))
             if fit.offset_ms is None:
                 reason = fit.reason
             else:
@@ -141,7 +141,7 @@ class MotionAlignment:
         votes, best_ms = max(tried)
         rivals = [other for other, at_ms in tried if abs(at_ms - best_ms) > period_ms]
         if votes < DISTINCT * max(rivals, default=0.0):
-            return "the points that move agree on several offsets"
+            return "the moving points fit several offsets"
         return best_ms, 1.5 * period_ms
 
     def _line(self, first: str, second: str, fit: OffsetFit) -> CameraTimes:

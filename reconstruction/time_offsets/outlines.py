@@ -17,7 +17,7 @@ MAX_THINGS = 4
 """Maximum number of objects per image; the largest are used."""
 GROWTH = 1.5
 """Maximum ratio of an object's areas in two successive images."""
-REACH = 6.0
+MAX_STEP_WIDTHS = 6.0
 """Maximum distance that an object moves between successive images, in object widths."""
 EDGE_PX = 2
 
@@ -38,23 +38,23 @@ class Outlines:
         if others is None or not len(others.at):
             return found
         for k, (at, area) in enumerate(zip(self.at, self.area, strict=True)):
-            away = np.linalg.norm(others.at - at, axis=1)
-            alike = np.abs(np.log(others.area / area)) < np.log(GROWTH)
-            near = np.flatnonzero(alike & (away < REACH * np.sqrt(area)))
+            distances = np.linalg.norm(others.at - at, axis=1)
+            similar = np.abs(np.log(others.area / area)) < np.log(GROWTH)
+            near = np.flatnonzero(similar & (distances < MAX_STEP_WIDTHS * np.sqrt(area)))
             if len(near) == 1:
                 found[k] = others.at[near[0]]
         return found
 
 
-def find_outlines(image: Array, background: Array, movers: Array) -> Outlines:
+def find_outlines(image: Array, background: Array, moving: Array) -> Outlines:
     """Find small compact objects in a grey image (uint8) that stand out from the background and move.
 
-    `movers` is the mask (bool) of moving pixels.
+    `moving` is the mask (bool) of moving pixels.
     """
     difference = image.astype(np.float32) - background
     difference = np.abs(cv2.GaussianBlur(difference - float(np.median(difference)), (0, 0), 0.7))
-    least = max(12.0, 6 * 1.4826 * float(np.median(difference)))
-    count, labels, stats, _ = cv2.connectedComponentsWithStats((difference > least).astype(np.uint8))
+    threshold = max(12.0, 6 * 1.4826 * float(np.median(difference)))
+    count, labels, stats, _ = cv2.connectedComponentsWithStats((difference > threshold).astype(np.uint8))
     height, width = image.shape
     largest = sorted(range(1, count), key=lambda k: -int(stats[k, cv2.CC_STAT_AREA]))
     found: list[tuple[Array, float]] = []
@@ -68,7 +68,7 @@ def find_outlines(image: Array, background: Array, movers: Array) -> Outlines:
             continue
         part = np.s_[top - EDGE_PX : top + high + EDGE_PX, left - EDGE_PX : left + wide + EDGE_PX]
         mask = labels[part] == k
-        if (movers[part] & mask).any() and _solid(mask):
+        if (moving[part] & mask).any() and _solid(mask):
             found.append(_measured(difference[part], mask, (left - EDGE_PX, top - EDGE_PX)))
     at = np.array([middle for middle, _ in found]).reshape(-1, 2)
     return Outlines(at, np.array([area for _, area in found]))
@@ -91,7 +91,7 @@ def _measured(difference: Array, mask: Array, corner: tuple[int, int]) -> tuple[
     return middle, total
 
 
-def alike(a: Outlines, b: Outlines) -> tuple[Array, Array]:
+def similar_objects(a: Outlines, b: Outlines) -> tuple[Array, Array]:
     """Return the indices (n,) in a and b of objects that may be the same: all pairs of similar size."""
     pairs = [
         (i, j)

@@ -24,7 +24,7 @@ from reconstruction.time_offsets.crossings import (
     fit_offset,
     still_errors,
 )
-from reconstruction.time_offsets.outlines import Outlines, alike, find_outlines
+from reconstruction.time_offsets.outlines import Outlines, find_outlines, similar_objects
 
 MAX_POINTS = 400
 MAX_SIDE_PX = 960
@@ -68,19 +68,19 @@ class MovingPoints:
 
 
 def find_moving_points(
-    image: Array, movers: Array, before: Array | None, after: Array | None
+    image: Array, moving: Array, before: Array | None, after: Array | None
 ) -> MovingPoints:
     """Detect SIFT points (RootSIFT) in the moving regions of a grey image (uint8), tracked by Lucas-Kanade.
 
     Descriptors are square roots of SIFT's, normalized to sum 1 (Arandjelovic and Zisserman 2012).
     """
     nothing = np.zeros((0, 2))
-    if not movers.any():
+    if not moving.any():
         return MovingPoints(nothing, np.zeros((0, 128), np.float32), nothing, nothing)
-    ys, xs = np.nonzero(movers)
+    ys, xs = np.nonzero(moving)
     left, top = max(0, int(xs.min()) - MARGIN_PX), max(0, int(ys.min()) - MARGIN_PX)
     part = np.s_[top : int(ys.max()) + MARGIN_PX, left : int(xs.max()) + MARGIN_PX]
-    small, allowed = np.ascontiguousarray(image[part]), np.ascontiguousarray(movers[part]).astype(np.uint8)
+    small, allowed = np.ascontiguousarray(image[part]), np.ascontiguousarray(moving[part]).astype(np.uint8)
     scale = min(1.0, MAX_SIDE_PX / max(small.shape))
     if scale < 1:
         small = cv2.resize(small, None, fx=scale, fy=scale, interpolation=cv2.INTER_AREA)
@@ -116,9 +116,9 @@ class PairOffsets:
     def __init__(self, rig: Rig) -> None:
         self.rig = rig
         self.dataset = rig.dataset
-        self.reach_ms = min(MAX_OFFSET_MS, MAX_FRAMES * self.dataset.period_ns / 1e6)
-        least, most = INSTANTS
-        self.max_instants = min(most, max(least, IMAGES // len(self.dataset.cameras)))
+        self.max_offset_ms = min(MAX_OFFSET_MS, MAX_FRAMES * self.dataset.period_ns / 1e6)
+        min_instants, max_instants = INSTANTS
+        self.max_instants = min(max_instants, max(min_instants, IMAGES // len(self.dataset.cameras)))
         self._points = lru_cache(maxsize=None)(self._find_points)
         self._outlines = lru_cache(maxsize=None)(self._find_outlines)
         self._stays = lru_cache(maxsize=None)(self._find_staying)
@@ -142,9 +142,9 @@ class PairOffsets:
             if name not in views:
                 return OffsetFit(reason=f"{name} has no calibration")
         if np.linalg.norm(views[first].centre - views[second].centre) == 0:
-            return OffsetFit(reason="both cameras stand at the same place")
+            return OffsetFit(reason="both cameras are at the same place")
         times = ImageTimes(self.dataset, (first, second))
-        near_ms, reach_ms = rough or (0.0, self.reach_ms)
+        near_ms, max_offset_ms = rough or (0.0, self.max_offset_ms)
         others = {other: times.at_ms(second, other) + near_ms for other in self.dataset.instants(second)}
         all_moves = bool(self.moving((first, second)))
         cameras: Sequence[str] = (first, second)
@@ -162,7 +162,7 @@ class PairOffsets:
             self._match(times, (first, now), (second, other), all_moves)
             for now in asked
             for other, at_ms in others.items()
-            if abs(at_ms - times.at_ms(first, now)) <= reach_ms
+            if abs(at_ms - times.at_ms(first, now)) <= max_offset_ms
         ]
         pair = views[first], views[second]
         still = still_errors(pair, *self._still_matches(first, second, 0 if all_moves else STILL_INSTANTS))
@@ -173,17 +173,17 @@ class PairOffsets:
         """Return the crossings of corners and outlines that move in both images."""
         here, there = self._points(*a, all_moves), self._points(*b, all_moves)
         corners = match_descriptors(here.descriptors, there.descriptors, MATCH_RATIO)
-        things = alike(self._outlines(*a), self._outlines(*b))
+        objects = similar_objects(self._outlines(*a), self._outlines(*b))
         if all_moves:
-            things = np.zeros(0, int), np.zeros(0, int)
-        first = self._path(times, a, here, corners[0], things[0])
-        second = self._path(times, b, there, corners[1], things[1])
-        counts = np.concatenate([np.ones(len(corners[0])), np.full(len(things[0]), OUTLINE_COUNTS)])
+            objects = np.zeros(0, int), np.zeros(0, int)
+        first = self._path(times, a, here, corners[0], objects[0])
+        second = self._path(times, b, there, corners[1], objects[1])
+        counts = np.concatenate([np.ones(len(corners[0])), np.full(len(objects[0]), OUTLINE_COUNTS)])
         views = self.rig.views[a[0]], self.rig.views[b[0]]
         return find_crossings(views, a[1], first, second, counts)
 
     def _path(
-        self, times: "ImageTimes", image: Image, points: MovingPoints, corners: Array, things: Array
+        self, times: "ImageTimes", image: Image, points: MovingPoints, corners: Array, objects: Array
     ) -> Path:
         """Return the paths of selected points and objects of an image."""
         camera, instant = image
@@ -193,7 +193,7 @@ class PairOffsets:
         for k, at in ((before, points.before), (instant, points.at), (after, points.after)):
             there = None if k is None else self._outlines(camera, k)
             middles = outlines.at if k == instant else outlines.nearest(there)
-            both = np.concatenate([at[corners], middles[things]])
+            both = np.concatenate([at[corners], middles[objects]])
             path.append(both)
             when.append(np.full(len(both), np.nan) if k is None else times.of_rows_ms(camera, k, both[:, 1]))
         return np.stack(path), np.stack(when)
@@ -216,17 +216,17 @@ class PairOffsets:
         before, after = (
             None if k is None else data.grey(camera, k) for k in self._neighbours(camera, instant)
         )
-        image, movers = data.grey(camera, instant), None
+        image, moving = data.grey(camera, instant), None
         if not all_moves:
-            movers = self.rig.motion.widened_moving(camera, instant)
+            moving = self.rig.motion.widened_moving(camera, instant)
         return find_moving_points(
-            image, np.ones(image.shape, bool) if movers is None else movers, before, after
+            image, np.ones(image.shape, bool) if moving is None else moving, before, after
         )
 
     def _find_outlines(self, camera: str, instant: int) -> Outlines:
         motion = self.rig.motion
-        movers = motion.widened_moving(camera, instant)
-        return find_outlines(self.dataset.grey(camera, instant), motion.background(camera), movers)
+        moving = motion.widened_moving(camera, instant)
+        return find_outlines(self.dataset.grey(camera, instant), motion.background(camera), moving)
 
     def _still_matches(self, first: str, second: str, instants: int) -> tuple[Array, Array]:
         """Return matched static points, (n, 2) px in each camera, from the given number of instants."""

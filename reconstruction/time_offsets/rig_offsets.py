@@ -122,5 +122,5 @@ def _why(name: str, measured: Mapping[Pair, OffsetFit], known: Mapping[Pair, obj
         return "it was measured only against cameras whose own offset is not known"
     reasons = [fit.reason for pair, fit in measured.items() if name in pair]
     if not reasons:
-        return "it has no calibration, or looks where no other camera does"
+        return "it has no calibration, or its view overlaps with no other camera's"
     return max(set(reasons), key=reasons.count)

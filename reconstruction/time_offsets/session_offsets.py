@@ -42,15 +42,15 @@ def measure_times(session: Path, reference: str | None = None, *, apply: bool = 
     """
     began = time.monotonic()
     dataset = Dataset.open(session)
-    dataset.require_cameras(2, "an offset is one of two cameras")
+    dataset.require_cameras(2, "a time offset is measured between two")
     if reference is not None:
         dataset.session.camera(reference)
     choose_calibration(dataset)
     alone = bool(dataset.unsynchronized)
     if apply and not alone:
         raise NotApplicableError(
-            f"the cameras of {dataset.name} have common times already",
-            hint="--apply is for those that have none",
+            f"the cameras of {dataset.name} already have common times",
+            hint="leave out --apply to measure their offsets",
         )
     if alone and reference not in (None, dataset.cameras[0]):
         raise BadInputError(f"recordings without common times are measured against {dataset.cameras[0]}")
@@ -81,15 +81,15 @@ def _common_times(
     """Return each camera's offset, from a lamp if it sees one, else from motion; and the calibration used."""
     progress.step("lamp")
     lit = measure_light_offsets(dataset, reference)
-    untold = [name for name, one in lit.items() if one.offset_ms is None]
-    if not untold:
+    unlit = [name for name, one in lit.items() if one.offset_ms is None]
+    if not unlit:
         return lit, ""
-    if len(untold) < len(lit):
+    if len(unlit) < len(lit):
         reference = next(name for name, one in lit.items() if one.source == REFERENCE)
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         rig = _calibrated(dataset, Path(scratch), progress)
         moved = measure_rig_offsets(rig, reference, progress)
-    for name in untold:
+    for name in unlit:
         by_light, lit[name] = lit[name].reason, moved[name]
         if moved[name].reason and by_light != NO_LAMP:
             lit[name] = CameraTime(reason=f"{moved[name].reason}; {by_light}")

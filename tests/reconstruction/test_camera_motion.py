@@ -28,7 +28,7 @@ def test_cameras_on_tripods_stand_still_however_much_moves_before_them(boards: S
         found = measure_camera_motion(data, camera)
         assert found is not None
         assert not found.moves
-        assert found.still_share > 0.6
+        assert found.still_fraction > 0.6
 
 
 @pytest.mark.parametrize("command", ["tolerance", pytest.param("compare", marks=pytest.mark.slow)])

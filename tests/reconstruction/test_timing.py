@@ -99,7 +99,7 @@ def test_curves_that_are_highest_as_recorded_tell_the_frame() -> None:
     assert not found.offset
     text = timing_sentences(found)
     assert text.startswith("These pictures are of the same frame")
-    assert "Offsets below 4 ms cannot be measured: what was measured is neither" in text
+    assert "Offsets below 4 ms cannot be measured: the measured offset is neither" in text
     assert "R is 2.4 ± 2.0 ms late" in text
     # A lateness that was measured is told, however depth is paired best.
     assert timing_sentences(with_curve_peak(late, [0.0] * 8, FRAME_MS)) == timing_sentences(late)
@@ -110,11 +110,11 @@ def test_curves_that_are_highest_as_recorded_tell_the_frame() -> None:
     [
         (
             judged(0.5, 3.0),
-            "Offsets below 6 ms cannot be measured: the error of what was measured is more than a tenth",
+            "Offsets below 6 ms cannot be measured: the error of the measured offset is more than a tenth",
         ),
         (
             judged(0.7, 0.3),
-            "Offsets below 1 ms cannot be measured: what was measured is neither clearly zero",
+            "Offsets below 1 ms cannot be measured: the measured offset is neither clearly zero",
         ),
     ],
 )

@@ -83,7 +83,7 @@ def changed_facts(found: StudyResult[Any], **changes: Any) -> StudyResult[Any]:
     return msgspec.structs.replace(found, facts=msgspec.structs.replace(found.facts, **changes))
 
 
-def skipped(name: str, why: str = "it was not asked for") -> StudyResult[Any]:
+def skipped(name: str, why: str = "it was not requested") -> StudyResult[Any]:
     return StudyResult(name=name, skipped=why)
 
 

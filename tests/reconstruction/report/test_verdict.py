@@ -183,7 +183,7 @@ def test_a_recording_without_common_times_is_called_so_first() -> None:
 
 def test_what_could_not_be_made_is_said_with_its_reason() -> None:
     lost: StudyResult[None] = StudyResult(name="panorama", skipped="the pictures share too little")
-    unasked: StudyResult[None] = StudyResult(name="poses", skipped="it was not asked for", unasked=True)
+    unasked: StudyResult[None] = StudyResult(name="poses", skipped="it was not requested", unasked=True)
     assert told(stereo(0.97, 0.01), lost, unasked).endswith(
         "Not made: panorama (the pictures share too little)."
     )

@@ -81,4 +81,4 @@ def test_without_a_lamp_nothing_is_told(tmp_path: Path) -> None:
     dark = Lamp(blink_times(np.random.default_rng(3), 3), strength=0.0)
     found = offsets(blinks(tmp_path, dark, a=FIRST, b=SECOND))
     assert {one.offset_ms for one in found.values()} == {None}
-    assert found["b"].reason == "no lamp blinks before it"
+    assert found["b"].reason == "it sees no blinking lamp"

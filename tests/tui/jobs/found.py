@@ -88,7 +88,7 @@ def add_comparison(root: Path, session: str) -> Run:
     found = {
         "verdict": VERDICT,
         "studies": [
-            study("multiview", skipped="it was not asked for"),
+            study("multiview", skipped="it was not requested"),
             study(
                 "stereo",
                 pair("stereo_late", "Late", job.out),

@@ -24,7 +24,7 @@ def test_a_comparison(tmp_path: Path) -> None:
     assert all(picture.synced.is_file() for picture in result.pictures)
     assert {picture.offset_words for picture in result.pictures} == {"67 ms late"}
     assert result.tables[0].rows[0][:3] == ("Measured correctly", "96.8 %", "1.6 %")
-    assert result.remarks == ("no depth from all cameras: it was not asked for",)
+    assert result.remarks == ("no depth from all cameras: it was not requested",)
 
 
 def test_a_panorama(tmp_path: Path) -> None:

@@ -87,7 +87,7 @@ async def lead(name: str, options: Namespace) -> None:
             port=at.port,
             sessions=Path(options.sessions),
             clock=seeded_clock(name),
-            news=Log(lambda line: print(line, file=sys.stderr, flush=True)),
+            log=Log(lambda line: print(line, file=sys.stderr, flush=True)),
         )
 
     async def serve(node: LeaderNode) -> None:

@@ -91,7 +91,7 @@ def calibrate_time(
         name: {
             "measured": time,
             "stamp": news[name].stamp if name in news else None,
-            "way": news[name].way if name in news else None,
+            "way": news[name].asymmetry if name in news else None,
             "kept": kept.get(name, False),
         }
         for name, time in found.cameras.items()
@@ -169,11 +169,12 @@ def _rows_of(
                 off, unsure = duration(time.offset_ms * 1e6, signed=True), duration(2e6 * time.sd_ms)
                 yield name, f"as they were known: that is surer than {off} ±{unsure}"
             continue
-        stamp, way = news[name].stamp, news[name].way
+        stamp, asymmetry = news[name].stamp, news[name].asymmetry
         words = describe_stamp(stamp) if stamp else "as they were known"
-        if way:
-            off = "behind" if way.late_ns > 0 else "ahead"
-            words += f"; its clock was {duration(abs(way.late_ns))} ±{duration(way.uncertainty_ns)} {off}"
+        if asymmetry:
+            off = "behind" if asymmetry.late_ns > 0 else "ahead"
+            error = f"{duration(abs(asymmetry.late_ns))} ±{duration(asymmetry.uncertainty_ns)}"
+            words += f"; its clock was {error} {off}"
         yield name, words + ("" if kept[name] else "; could not be kept")
 
 

@@ -153,7 +153,7 @@ def leader(
                 *([AppPhones(host, aligns=is_apps_grid)] if android_app else []),
                 *rpicam_followers(rpicam_hosts, rpicam_shutter_us),
             ),
-            news=news,
+            log=news,
             spool=spool,
         )
 
@@ -190,7 +190,7 @@ async def _run_leader(
             _offer_codes(node, host, on_terminal=log is None and sys.stdin.isatty())
             for warning in await asyncio.to_thread(warnings_for_leader, host, node.address.port):
                 talk(warning)
-                node.news.add(warning, level="warning")
+                node.log.add(warning, level="warning")
             if as_json:
                 address = {"leader": str(node.address), "port": node.address.port}
                 print_json_line({"event": "listening", **address, "sessions": str(sessions)})

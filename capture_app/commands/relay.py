@@ -65,7 +65,7 @@ def relay(
         port=port,
         clock=parse_clock(clock_text, node=name),
         followers=rpicam_followers(rpicam_hosts, rpicam_shutter_us),
-        news=Log(lambda line: log_line(f"{name}: {line}")),
+        log=Log(lambda line: log_line(f"{name}: {line}")),
     )
     run_until_stopped(_run_relay(options, as_json))
 

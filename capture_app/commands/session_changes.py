@@ -156,7 +156,7 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
     from capture_app.rig.repair import repair as repair_sessions
 
     clear_leftovers(path)
-    repaired = asyncio.run(repair_sessions(path, wait_s=wait_s, address=listen, news=Log(talk)))
+    repaired = asyncio.run(repair_sessions(path, wait_s=wait_s, address=listen, log=Log(talk)))
     told = {"ok": all(one.ok for one in repaired), "sessions": repaired}
     answer(as_json, told, map(_describe_result, repaired))
     failed = [one for one in repaired if not one.ok]

@@ -21,7 +21,7 @@ async def receive_answer(channel: Channel[Any], timeout_s: float = ANSWER_TIMEOU
     except TimeoutError as error:
         raise NetworkError(f"the leader at {channel.peer} does not answer") from error
     if answer is None:
-        asks = ", or does it ask who you are? leave out --open" if Trust.of_user().is_open else "?"
+        asks = ", or does it require pairing? then leave out --open" if Trust.of_user().is_open else "?"
         raise NetworkError(
             f"the leader at {channel.peer} closed the connection", hint=f"was it stopped{asks}"
         )

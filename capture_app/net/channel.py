@@ -41,10 +41,10 @@ MAX_PAYLOAD_BYTES = 64 << 20
 CHUNK_BYTES = 1 << 18
 """Maximum number of bytes in one read of a stream; up to twice as many are buffered unread."""
 CONNECT_TIMEOUT_S, OPEN_TIMEOUT_S = 5.0, 1.0
-SAYS_NOTHING = "nothing there says a word"
-WHAT_HANGS = "the leader hangs, is stopped (Ctrl-Z), or is no leader: look at it, or start it again"
-_TOO_SLOW = "the rest of a message did not come in time"
-_BROKEN = "the transfer broke off in the middle of a message"
+SAYS_NOTHING = "nothing there answers"
+WHAT_HANGS = "check that a leader runs there; if it hangs or is suspended (Ctrl-Z), restart it"
+_TOO_SLOW = "the rest of a message did not arrive in time"
+_BROKEN = "the connection broke off in the middle of a message"
 _PREFIX = struct.Struct(">4sIQ")
 _ENCODER = msgspec.json.Encoder()
 M = TypeVar("M")
@@ -65,10 +65,10 @@ async def open_identified(
             raise
         # An attacker may have cut the handshake: never fall back to an unauthenticated stream.
         paired = any(Role.LEADER in machine.roles for machine in trust.known.all())
-        what = "whoever answers was paired with this machine, or is another, and does not prove it now"
+        what = "it is no longer paired with this machine, or another machine answers"
         raise UnknownMachineError(
-            f"the leader at {address} does not show who it is" + (f": {what}" if paired else ""),
-            hint="is that its address? Its own screen tells it, and OPEN where it asks nobody who they are",
+            f"the leader at {address} does not prove its identity" + (f": {what}" if paired else ""),
+            hint="check the address on its screen, which shows OPEN where pairing is skipped",
         ) from error
     try:
         who = trust.peer(_certificate(writer))
@@ -94,7 +94,7 @@ async def _be_greeted(reader: asyncio.StreamReader, address: Address, trust: Tru
             hint=f"{_how_to_pair(address)}; or there: capture-app trust add {trust.identity.pin}",
         ) from error
     if greeting != GREETING:
-        raise NetworkError(f"{address} is no leader's port", hint="check host and port")
+        raise NetworkError(f"{address} is not a leader's port", hint="check host and port")
 
 
 def _how_to_pair(leader: Address) -> str:
@@ -171,7 +171,7 @@ class Channel(Generic[M]):
             except AttributeError as error:
                 # A bug of asyncio where the peer disconnects at this moment: it leaves no transport to close.
                 cast(Any, writer)._transport = plain
-                raise ConnectionResetError("the peer went away") from error
+                raise ConnectionResetError("the peer disconnected") from error
             writer.write(GREETING)
         self.who = trust.peer(_certificate(writer))
 
@@ -203,7 +203,7 @@ class Channel(Generic[M]):
         except asyncio.IncompleteReadError as error:
             raise NetworkError(_BROKEN) from error
         except OSError as error:
-            raise NetworkError(f"the transfer broke off: {error}") from error
+            raise NetworkError(f"the connection broke off: {error}") from error
 
     async def _read_prefix(self) -> bytes | None:
         silence_s = self._stream_timeouts.idle_s if self.has_spoken else self._stream_timeouts.first_s
@@ -277,9 +277,9 @@ class Channel(Generic[M]):
         except TimeoutError as error:
             # Closing would wait for the same stalled peer.
             self.abort()
-            raise NetworkError("the peer takes nothing in") from error
+            raise NetworkError("the peer does not receive anything") from error
         except OSError as error:
-            raise NetworkError(f"the transfer broke off: {error}") from error
+            raise NetworkError(f"the connection broke off: {error}") from error
 
     async def _drain(self, stall_s: float | None) -> None:
         """Wait until most of what was written has been taken in. Raises TimeoutError if nothing is."""

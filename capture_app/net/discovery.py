@@ -37,7 +37,7 @@ MAX_LABEL_LETTERS = 50
 
 Kind = Literal["leader", "relay"]
 MAX_LEADERS, MAX_ADDRESSES, MAX_NAME_LETTERS = 32, 16, 80
-MAX_TOLD = 240
+MAX_TXT_BYTES = 240
 """Maximum length of the list of leader addresses; a DNS property holds 255 bytes including its name."""
 DETAILS_MS = 3000
 """Timeout for resolving an announced service."""
@@ -49,7 +49,7 @@ ANSWER_S = 1.0
 SAY_S = 2.0
 ASK_EVERY_S = 0.2
 NOBODY = (
-    "no leader is found in this network yet: start one with: capture-app (on the machine that is to save the"
+    "no leader found on this network yet: start one with: capture-app (on the machine that is to save the"
     " pictures), or give its address: --leader HOST:PORT"
 )
 
@@ -103,7 +103,7 @@ def _service_info(
             "protocol": str(VERSION),
             "kind": kind,
             "pin": pin,
-            "leaders": leaders if len(leaders) <= MAX_TOLD else "",
+            "leaders": leaders if len(leaders) <= MAX_TXT_BYTES else "",
         },
         # A host name of its own, because the machine's mDNS daemon owns the machine's name.
         server=f"simulshot-{secrets.token_hex(4)}.local.",
@@ -214,14 +214,16 @@ class LeaderBrowser:
             if await info.async_request(zeroconf, DETAILS_MS):
                 hosts = info.parsed_addresses(IPVersion.V4Only)[:MAX_ADDRESSES]
                 port = info.port or 0
-                told = info.decoded_properties
+                properties = info.decoded_properties
                 self._found[name] = FoundLeader(
                     name=_short(name.removesuffix(f".{SERVICE}")),
                     addresses=tuple(Address(host, port) for host in hosts if 0 < port < 65536),
-                    version=_short(told.get("version") or "?"),
-                    is_relay=told.get("kind") == "relay",
-                    pin=_short(told.get("pin") or ""),
-                    among=tuple(map(parse_address, filter(None, (told.get("leaders") or "").split(",")))),
+                    version=_short(properties.get("version") or "?"),
+                    is_relay=properties.get("kind") == "relay",
+                    pin=_short(properties.get("pin") or ""),
+                    among=tuple(
+                        map(parse_address, filter(None, (properties.get("leaders") or "").split(",")))
+                    ),
                 )
         self._asking.pop(name, None)
 
@@ -231,12 +233,12 @@ def _short(text: str) -> str:
 
 
 async def search_leaders(
-    own: Callable[[], Sequence[Address]], tell: Callable[[str], None], *, trust: Trust | None = None
+    own: Callable[[], Sequence[Address]], report: Callable[[str], None], *, trust: Trust | None = None
 ) -> list[FoundLeader]:
     """Wait until a leader answers, and return all that answer; relays only if no leader does.
 
     If `trust`, by default this user's, knows some of them, only those are returned. `own` are addresses at
-    which this machine may run a leader; the first of them that answers is returned alone. `tell` gets a
+    which this machine may run a leader; the first of them that answers is returned alone. `report` gets a
     sentence about what prevents a connection, whenever it changes.
     """
     began_s, said = time.monotonic(), ""
@@ -257,7 +259,7 @@ async def search_leaders(
             if is_late:
                 sentence = await _describe_obstacles(found)
                 if sentence != said:
-                    tell(sentence)
+                    report(sentence)
                     said = sentence
             await asyncio.sleep(max(0.0, asked_s + ASK_EVERY_S - time.monotonic()))
 

@@ -48,7 +48,7 @@ class Answer(Enum):
     """This machine's own firewall blocked the transmission."""
     UNREACHABLE = auto()
     """No machine is there, or no route to it; or a firewall reports that."""
-    NO_WAY = auto()
+    NO_ROUTE = auto()
     """This machine has no network that leads there."""
     SILENCE = auto()
 
@@ -68,9 +68,9 @@ _OF_ERRNO = {
     errno.ECONNREFUSED: Answer.REFUSED,
     errno.EPERM: Answer.FORBIDDEN,
     errno.EACCES: Answer.FORBIDDEN,
-    errno.ENETUNREACH: Answer.NO_WAY,
+    errno.ENETUNREACH: Answer.NO_ROUTE,
     errno.EHOSTUNREACH: Answer.UNREACHABLE,
-    errno.EADDRNOTAVAIL: Answer.NO_WAY,
+    errno.EADDRNOTAVAIL: Answer.NO_ROUTE,
 }
 
 
@@ -143,43 +143,43 @@ def obstacle(leader: Address, by_udp: Answer, by_tcp: Answer, *, is_there: bool 
     answers = {by_udp, by_tcp}
     if Answer.FORBIDDEN in answers:
         return Obstacle(
-            f"this machine's own firewall lets nothing out to {leader}",
-            f"allow it, as with: sudo ufw allow out {port}",
+            f"this machine's own firewall blocks all traffic to {leader}",
+            f"allow it, for example: sudo ufw allow out {port}",
         )
-    if Answer.NO_WAY in answers:
+    if Answer.NO_ROUTE in answers:
         return Obstacle(
-            f"this machine has no network that leads to {host}", "join the leader's WiFi or plug in its cable"
+            f"this machine has no route to {host}", "connect to the leader's network by WiFi or cable"
         )
     if by_udp is Answer.CAME:
         return Obstacle(
-            f"{leader} answers datagrams, but takes no stream",
-            f"let TCP through its firewall, as with: {opened}/tcp",
+            f"{leader} answers UDP, but accepts no TCP connection",
+            f"allow TCP through its firewall, for example: {opened}/tcp",
         )
     if by_tcp is Answer.CAME:
         return Obstacle(
-            f"{leader} takes streams, but answers no datagram",
-            f"let UDP through its firewall, as with: {opened}/udp (or is it no leader's port?)",
+            f"{leader} accepts TCP connections, but does not answer UDP",
+            f"allow UDP through its firewall, for example: {opened}/udp; or it is not a leader's port",
         )
     if Answer.REFUSED in answers:
         return Obstacle(
-            f"{host} is there, but no leader listens on its port {port}",
-            "start it there with: capture-app (this joins by itself then), or check port and firewall",
+            f"{host} is reachable, but no leader listens on its port {port}",
+            "start it there with: capture-app (this machine then joins automatically), or check the port",
         )
     if is_there:
         return Obstacle(
-            f"{host} is there, but a firewall drops what is sent to its port {port}",
-            f"open it on that machine, as with: {opened}",
+            f"{host} is reachable, but a firewall drops packets to its port {port}",
+            f"open it on that machine, for example: {opened}",
         )
     if is_there is False or Answer.UNREACHABLE in answers:
         return Obstacle(
             f"no machine answers at {host}",
-            "is it on and in this network, and is that its address?"
-            " `capture-app doctor` on the leader's machine tells it",
+            "check that it is on, in this network, and has that address:"
+            " capture-app doctor on the leader's machine shows its addresses",
         )
     return Obstacle(
-        f"nothing comes back from {leader}",
-        "is that the leader's address (`capture-app doctor` there tells it), and does a firewall drop its"
-        f" port? As with: {opened}",
+        f"no reply from {leader}",
+        "check its address (capture-app doctor there shows it), and that no firewall drops its"
+        f" port: {opened}",
     )
 
 
@@ -253,9 +253,9 @@ def _is_neighbour_there(host: str) -> bool | None:
     """Whether the kernel has resolved the address to hardware on a local network; None if unknown."""
     try:
         lines = _NEIGHBOURS.read_text().splitlines()[1:]
-        wanted = ipaddress.ip_address(host)
+        searched = ipaddress.ip_address(host)
         rows = (line.split() for line in lines)
-        flags = [int(row[2], 16) for row in rows if ipaddress.ip_address(row[0]) == wanted]
+        flags = [int(row[2], 16) for row in rows if ipaddress.ip_address(row[0]) == searched]
     except (OSError, ValueError, IndexError):
         return None
     return any(flag & _IS_COMPLETE for flag in flags) if flags else None

@@ -45,12 +45,12 @@ class TransferServer(Generic[M]):
         messages: Any,
         serve: Callable[[Channel[M]], Awaitable[None]],
         *,
-        most: int = MAX_STREAMS,
+        max_streams: int = MAX_STREAMS,
         max_per_address: int = MAX_STREAMS_PER_ADDRESS,
         stream_timeouts: StreamTimeouts = STREAM_TIMEOUTS,
         trust: Trust | None = None,
     ) -> None:
-        """Limit the open streams to `most`, and apply the timeouts of `patience` to each.
+        """Limit the open streams to `max_streams`, and apply the timeouts of `patience` to each.
 
         `trust` is this end's identity and known machines, by default its user's.
         """
@@ -62,7 +62,7 @@ class TransferServer(Generic[M]):
         self._serve = serve
         self._server: asyncio.Server | None = None
         self._streams: set[asyncio.Task[None]] = set()
-        self._most, self._max_per_address = min(most, allowed_streams()), max_per_address
+        self._max_streams, self._max_per_address = min(max_streams, allowed_streams()), max_per_address
         self._stream_timeouts = stream_timeouts
 
     async def start(self, listening: socket.socket) -> None:
@@ -114,10 +114,10 @@ class TransferServer(Generic[M]):
             admitted = self._make_room(_by_host(silent)[0])
         elif len(own) >= self._max_per_address:
             admitted = self._make_room(own)
-        elif len(self._open) >= self._most:
+        elif len(self._open) >= self._max_streams:
             # The host with the most streams is the likeliest to have too many.
             admitted = any(map(self._make_room, _by_host(self._open)))
-        if not admitted and len(self._open) < self._most + RESERVED:
+        if not admitted and len(self._open) < self._max_streams + RESERVED:
             admitted = stream.is_beyond = True
         if admitted:
             self._open[stream] = UNKNOWN_PEER
@@ -137,10 +137,10 @@ class TransferServer(Generic[M]):
         return stays
 
     def _make_room(self, streams: Iterable[Channel[M]]) -> bool:
-        strangers = [
+        unknown = [
             one for one in streams if not (one.is_known or (one.who.pin and one.who.may(Role.OPERATOR)))
         ]
-        stream = next((one for one in strangers if not one.has_spoken), next(iter(strangers), None))
+        stream = next((one for one in unknown if not one.has_spoken), next(iter(unknown), None))
         if stream is not None:
             self._break_off(stream)
         return stream is not None
@@ -172,11 +172,11 @@ def allowed_streams() -> int:
     """Return the number of streams that this process has file descriptors for, after raising its limit."""
     soft, hard = resource.getrlimit(resource.RLIMIT_NOFILE)
     if soft != resource.RLIM_INFINITY:
-        wanted = MAX_FILES if hard == resource.RLIM_INFINITY else min(MAX_FILES, hard)
-        if wanted > soft:
+        target = MAX_FILES if hard == resource.RLIM_INFINITY else min(MAX_FILES, hard)
+        if target > soft:
             with suppress(OSError, ValueError):
-                resource.setrlimit(resource.RLIMIT_NOFILE, (wanted, hard))
-                soft = wanted
+                resource.setrlimit(resource.RLIMIT_NOFILE, (target, hard))
+                soft = target
         return max(1, min(MAX_STREAMS, (soft - OTHER_FILES) // FILES_OF_A_STREAM))
     return MAX_STREAMS
 
@@ -206,7 +206,7 @@ def bind_port(host: str, port: int, *, or_free: bool = False) -> tuple[socket.so
                 raise _cannot_listen(host, port, error) from error
             continue
         return datagrams, stream
-    raise NetworkError(f"found no port on {host} that is free for both UDP and TCP")
+    raise NetworkError(f"no port on {host} is free for both UDP and TCP")
 
 
 def bind_datagrams(host: str, port: int, *, hint: str) -> socket.socket:
@@ -236,7 +236,10 @@ def _bound(host: str, port: int, kind: socket.SocketKind) -> socket.socket:
 
 
 def _cannot_listen(
-    host: str, port: int, error: OSError, if_in_use: str = "another leader? choose another with --port"
+    host: str,
+    port: int,
+    error: OSError,
+    if_in_use: str = "another leader may use it: choose another port with --port",
 ) -> NetworkError:
     address = Address(host, port)
     if isinstance(error, socket.gaierror):

@@ -33,20 +33,20 @@ def saves_power(interface: str) -> bool | None:
         return not disabled
     # Drivers without the old interface answer only to `iw`.
     with contextlib.suppress(OSError, subprocess.SubprocessError):
-        told = subprocess.run(  # noqa: S603 - the name of an interface of this machine
+        output = subprocess.run(  # noqa: S603 - the name of an interface of this machine
             ["iw", "dev", interface, "get", "power_save"],  # noqa: S607 - wherever it is installed
             capture_output=True,
             text=True,
             timeout=_IW_TIMEOUT_S,
             check=True,
         ).stdout
-        return parse_power_save(told)
+        return parse_power_save(output)
     return None
 
 
-def parse_power_save(told: str) -> bool | None:
+def parse_power_save(output: str) -> bool | None:
     """Parse the output of `iw dev DEVICE get power_save`."""
-    _, _, state = told.strip().lower().rpartition(" ")
+    _, _, state = output.strip().lower().rpartition(" ")
     return {"on": True, "off": False}.get(state)
 
 
@@ -62,7 +62,7 @@ def power_saving_towards(host: str, networks: Path = NETWORKS) -> str:
 
 def power_saving(interface: str) -> str:
     """Return the message that an interface saves power."""
-    return f"the WiFi of this machine ({interface}) saves power: messages wait up to 0.1 s for it to wake up"
+    return f"the WiFi of this machine ({interface}) saves power, which delays messages by up to 0.1 s"
 
 
 def power_saving_remedy(interface: str) -> str:

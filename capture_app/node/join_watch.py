@@ -41,8 +41,8 @@ class JoinWatch:
             ahead, self._look_ahead = self._look_ahead, None
             found = await (ahead or self._look())
             # What a leader has reported itself is already logged.
-            news = (obstacle for obstacle in found if obstacle and obstacle.what not in time.why_joining)
-            sentence = "; ".join(map(str, news))
+            obstacles = (obstacle for obstacle in found if obstacle and obstacle.what not in time.why_joining)
+            sentence = "; ".join(map(str, obstacles))
             if _is_unanswered(time):
                 if sentence and sentence != said:
                     self._log.say(sentence)

@@ -36,25 +36,25 @@ class KeyRequester:
         self._keys = LeaderKeys() if keys is None else keys
         self._request, self._time, self._trust = request, time, trust
         self._pump = pump
-        self._wanted = asyncio.Event()
+        self._missing = asyncio.Event()
         self._asked: set[tuple[str, int]] = set()
 
     def look(self) -> None:
         """Check whether a key is needed; call it when that may have changed."""
-        if self._keys.wanted:
-            self._wanted.set()
+        if self._keys.missing:
+            self._missing.set()
 
     async def run(self) -> None:
         """Request keys until cancelled; leaders do not wait for each other."""
         async with asyncio.TaskGroup() as tasks:
             while True:
                 self.look()
-                await self._wanted.wait()
-                self._wanted.clear()
-                for leader in self._keys.wanted - self._asked:
+                await self._missing.wait()
+                self._missing.clear()
+                for leader in self._keys.missing - self._asked:
                     self._asked.add(leader)
                     tasks.create_task(self._ask(leader))
-                self._keys.wanted.clear()
+                self._keys.missing.clear()
 
     async def _ask(self, leader: tuple[str, int]) -> None:
         try:

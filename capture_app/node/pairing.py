@@ -22,7 +22,7 @@ from capture_app.trust.pairing import GOOD_FOR_S, Candidate, Invitations
 from capture_app.trust.sealed_engines import SealedLeader
 from capture_app.trust.trust import ANYBODY, Peer, Trust
 
-OPEN_NEEDS_NO_CODE = "this rig is open to anybody and needs no code"
+OPEN_NEEDS_NO_CODE = "this rig is open: any machine may join without a code"
 LOOK_EVERY_NS = 1_000_000_000
 SAID_AGAIN_S = 30.0
 """Minimum interval between log lines about unknown machines, so that they cannot flood a screen."""
@@ -33,9 +33,9 @@ Asked = pairing.FromUnknown | pairing.Invite | pairing.SpeaksFor | messages.KeyR
 class Enrolment:
     """Enrolment of machines that have a code or whose pin was added here; also grants their nodes keys."""
 
-    def __init__(self, trust: Trust, news: Log, sealed: SealedLeader | None = None) -> None:
+    def __init__(self, trust: Trust, log: Log, sealed: SealedLeader | None = None) -> None:
         """`sealed` is None where datagrams are not sealed."""
-        self._trust, self._event_log, self._sealed = trust, news, sealed
+        self._trust, self._event_log, self._sealed = trust, log, sealed
         self._seen_version: int | None = None
         self._standbys: set[str] = set()
         self._due_ns: int | None = None
@@ -87,7 +87,7 @@ class Enrolment:
             case pairing.PairingMessage():
                 await self._answer_spake2(channel, message)
             case pairing.PairingProof():
-                raise UnknownMachineError("a proof comes after a word")
+                raise UnknownMachineError("a proof must follow a pairing message")
             case pairing.Invite():
                 await channel.send(self.invite(message.role))
             case pairing.SpeaksFor():
@@ -102,10 +102,13 @@ class Enrolment:
         removed since it opened its stream.
         """
         if self._sealed is None:
-            raise BadInputError("datagrams are not sealed here", hint="this rig is OPEN: it asks nobody")
+            raise BadInputError(
+                "this rig does not seal its datagrams",
+                hint="it runs with --open: start this machine with --open too",
+            )
         machine, role = self._trust.known.find(who.pin), Role.RELAY if request.is_relay else Role.CAMERA
         if who.pin != self._trust.identity.pin and (machine is None or role not in machine.roles):
-            raise UnknownMachineError(f"this machine is not known here as {role} any more")
+            raise UnknownMachineError(f"this machine is no longer known here as {role}")
         principal = Principal(request.name, request.instance, who.pin, request.is_relay)
         self._take_back(self._sealed.keys)
         names = CameraNames(self._trust.folder).owners if who.may(Role.STANDBY) and self._trust.folder else {}
@@ -125,7 +128,7 @@ class Enrolment:
                 )
             raise UnknownMachineError("the leader does not know this machine")
         if machine != known:
-            self._event_log.say(f"{machine.name} is known from now on")
+            self._event_log.say(f"{machine.name} is now known")
         await channel.send(pairing.Known(leader=self._name, roles=machine.roles))
 
     async def _answer_spake2(self, channel: Channel[Any], message: pairing.PairingMessage) -> None:
@@ -133,13 +136,13 @@ class Enrolment:
             raise UnknownMachineError(OPEN_NEEDS_NO_CODE, hint="it runs with --open")
         own_pin, pin = self._trust.identity.pin, pin_of(message.certificate)
         # The computation takes a while, and other nodes request the time meanwhile.
-        share, invitation, key = await asyncio.to_thread(
-            self._invitations.answer, pin, message.share, own_pin, message.digit
+        spake2_message, invitation, key = await asyncio.to_thread(
+            self._invitations.answer, pin, message.spake2_message, own_pin, message.digit
         )
-        await channel.send(pairing.PairingAnswer(share=share))
+        await channel.send(pairing.PairingAnswer(spake2_message=spake2_message))
         said = await channel.receive_header()
         if not isinstance(said, pairing.PairingProof):
-            raise UnknownMachineError("a word must be followed by its proof")
+            raise UnknownMachineError("a pairing message must be followed by its proof")
         try:
             proof = self._invitations.accept(invitation, key, said.proof)
         except UnknownMachineError:
@@ -147,7 +150,7 @@ class Enrolment:
             raise
         role = invitation.role
         machine = self._trust.known.add(pin, role, name=message.name, certificate=message.certificate)
-        self._event_log.say(f"{machine.name} at {channel.host} is known as {role} from now on")
+        self._event_log.say(f"{machine.name} at {channel.host} is now known as {role}")
         await channel.send(pairing.Known(leader=self._name, roles=machine.roles, proof=proof))
 
 
@@ -206,11 +209,11 @@ async def pair(leader: Address, code: str, trust: Trust) -> tuple[Role, ...]:
         shown = channel.who.pin
         candidate = await asyncio.to_thread(Candidate, code, own.pin, shown)
         name = name_like(socket.gethostname().split(".")[0], "machine")
-        word = pairing.PairingMessage(
-            certificate=own.certificate, name=name, share=candidate.share, digit=code[:1]
+        message = pairing.PairingMessage(
+            certificate=own.certificate, name=name, spake2_message=candidate.spake2_message, digit=code[:1]
         )
-        answer = await ask(channel, word, pairing.PairingAnswer)
-        proof = await asyncio.to_thread(candidate.prove, answer.share)
+        answer = await ask(channel, message, pairing.PairingAnswer)
+        proof = await asyncio.to_thread(candidate.prove, answer.spake2_message)
         known = await ask(channel, pairing.PairingProof(proof=proof), pairing.Known)
         candidate.check(known.proof)
     # A leader that returns follows the standby that leads in its place, so the standby grants it that role.

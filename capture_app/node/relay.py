@@ -78,7 +78,7 @@ class RelayNode:
         self.also = tuple(Address(other, port) for other in hosts if other != self.address.host)
         """Further addresses of this machine at which nodes may join."""
         self._sealed = None if options.trust.is_open else SealedRelay(engine)
-        self._enrolment = Enrolment(options.trust, options.news, self._sealed)
+        self._enrolment = Enrolment(options.trust, options.log, self._sealed)
         self._server = TransferServer(ToLeader, self._serve, trust=options.trust)
         self._pump = Pump(self._sealed or engine, options.clock, self._drain)
         request = KeyRequest(name=options.name, instance=self.instance, is_relay=True)
@@ -105,8 +105,8 @@ class RelayNode:
             if any(family != datagrams.family for family, _ in found):
                 address = Address(options.host, options.port)
                 raise NetworkError(
-                    f"{address} and a leader's address are not of one kind (IPv4 and IPv6)",
-                    hint="listen on a fitting address with --host",
+                    f"{address} and a leader's address mix IPv4 and IPv6",
+                    hint="listen on an address of the leader's kind with --host",
                 )
             peers = tuple((peer.host, peer.port) for _, peer in found)
             instance = secrets.randbits(32)
@@ -122,13 +122,13 @@ class RelayNode:
             relay = cls(options, engine, listening)
             await relay._server.start(listening)
             for follower in options.followers:
-                follower.start(options.clock, options.news, relay.shared_grid)
+                follower.start(options.clock, options.log, relay.shared_grid)
         except BaseException:
             datagrams.close()
             listening.close()
             raise
         relay._pump.start(datagrams)
-        watch = JoinWatch(options.parents, options.news)
+        watch = JoinWatch(options.parents, options.log)
         relay._tasks.append(asyncio.create_task(watch.run(engine.member.time)))
         relay._tasks.append(asyncio.create_task(relay._requester.run()))
         return relay
@@ -245,9 +245,9 @@ class RelayNode:
             elif isinstance(event, LeaderNotice) and event.what == "lost":
                 self._change_upstream(None)
             if not isinstance(event, TimeClientEvent):
-                self.options.news.note(event)
+                self.options.log.note(event)
             elif line := follower_line(event, Address(*self._engine.member.parent)):
-                self.options.news.say(line)
+                self.options.log.say(line)
 
     def _change_upstream(self, upstream: Address | None) -> None:
         """Switch to another parent, or none: abort the streams to the previous one, for nodes to resume."""

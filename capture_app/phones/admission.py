@@ -53,20 +53,23 @@ class Admission:
         """Remaining validity of the current secret, in s."""
         return max(0, round(self._until_s - self._now_s()))
 
-    def admit(self, secret: str, key: str, wish: str) -> Admitted:
+    def admit(self, secret: str, key: str, requested_name: str) -> Admitted:
         """Admit a phone by a secret, or by the key that it used before.
 
-        `wish` is the name that its user requests. Raises UnknownMachineError with a message for that user.
+        `requested_name` is the name that its user asks for. Raises UnknownMachineError with a message for
+        that user.
         """
         if not _KEY.fullmatch(key):
-            raise UnknownMachineError("This page is not of this leader: scan the code that it shows.")
+            raise UnknownMachineError(
+                "This page belongs to another leader: scan the code that this leader shows."
+            )
         digest, offered = _digest(key), _digest(secret)
         if digest in self._phones:
             # It may have another secret by now, which stays valid for the next phone.
             return self._phones[digest]
         if digest in self._put_off and (not secret or offered in self._spent):
             raise UnknownMachineError(
-                "The leader has put this phone off. To come back, scan the code that it shows now."
+                "The leader has removed this phone. To return, scan the code that it shows now."
             )
         if not secret:
             raise UnknownMachineError(
@@ -74,15 +77,13 @@ class Admission:
             )
         if offered in self._spent:
             raise UnknownMachineError(
-                "This code has let another phone in: each is good once. Scan the one that is shown now."
+                "Another phone has used this code; each works once. Scan the code that the leader shows now."
             )
         if not secrets.compare_digest(offered, _digest(self.secret)):
-            raise UnknownMachineError(
-                "This code is not good any more: scan the one that the leader shows now."
-            )
+            raise UnknownMachineError("This code has expired: scan the one that the leader shows now.")
         if len(self._phones) >= MAX_PHONES:
-            raise UnknownMachineError(f"{MAX_PHONES} phones are here already.")
-        admitted = self._phones[digest] = Admitted(self._free_name(wish), digest)
+            raise UnknownMachineError(f"{MAX_PHONES} phones are already connected.")
+        admitted = self._phones[digest] = Admitted(self._free_name(requested_name), digest)
         self._spent[offered] = digest
         self._renew()
         return admitted
@@ -108,9 +109,9 @@ class Admission:
     def _renew(self) -> None:
         self._secret, self._until_s = secrets.token_urlsafe(SECRET_BYTES), self._now_s() + GOOD_FOR_S
 
-    def _free_name(self, wish: str) -> str:
+    def _free_name(self, requested_name: str) -> str:
         taken = {phone.name for phone in self._phones.values()}
-        return free_name(name_like(wish.strip()[:40], "phone"), taken)
+        return free_name(name_like(requested_name.strip()[:40], "phone"), taken)
 
 
 def _digest(text: str) -> str:

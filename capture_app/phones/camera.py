@@ -70,7 +70,7 @@ class PhonePicture:
             data = coming.result(PHONE_IMAGE_TIMEOUT_S + _SLACK_S)
         except TimeoutError as error:
             coming.cancel()
-            raise CameraError(f"{self.phone.name} did not bring it") from error
+            raise CameraError(f"{self.phone.name} did not send the image") from error
         if not data.startswith(_JPEG_START):
             raise CameraError(f"{self.phone.name} sent no JPEG")
         return data
@@ -99,7 +99,7 @@ class PhoneCamera(Camera):
         """Pass on the frames of the running stream. Raises CameraError if that stream has ended."""
         loop, clock, page = asyncio.get_running_loop(), self._phone.clock, self._phone.page
         if self._phone.facts != self.facts or page != self._page:
-            raise CameraError(f"{self._phone.name} has come back as another camera")
+            raise CameraError(f"{self._phone.name} has returned as another camera")
 
         def deliver(frame: TimedFrame) -> None:
             on_frame(
@@ -186,7 +186,7 @@ class PhoneNodes:
 async def _until_disconnected(phone: Phone) -> None:
     """Return when the phone's user has left, or no page was connected for PAGE_CLOSED_S."""
     while True:
-        await phone.gone.wait()
+        await phone.closed.wait()
         if phone.said_goodbye:
             return
         try:

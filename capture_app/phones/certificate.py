@@ -65,15 +65,15 @@ def own_certificate(folder: Path, hosts: Iterable[str], now: datetime.datetime) 
         return load_certificate(path)
     except OSError as error:
         raise DiskError(
-            f"cannot keep the certificate of the phones' page in {folder}: {error.strerror or error}",
-            hint="set XDG_DATA_HOME to a folder that can be written",
+            f"cannot store the certificate of the phones' page in {folder}: {error.strerror or error}",
+            hint="set XDG_DATA_HOME to a writable folder",
         ) from error
 
 
 def _unusable(file: Path) -> BadInputError:
     return BadInputError(
-        f"{file} holds no certificate with its key",
-        hint="both in one file, in PEM, the key without a password",
+        f"{file} does not contain a certificate with its key",
+        hint="put both into one PEM file, the key without a password",
     )
 
 

@@ -41,19 +41,19 @@ class FrameTimes:
         self.period_ns: int | None = None
         """Measured period of the camera; None until enough frames have arrived."""
 
-    def add(self, told: FrameReport) -> list[TimedFrame]:
+    def add(self, report: FrameReport) -> list[TimedFrame]:
         """Add a frame; return the frames that can be timed now, none while a stream begins."""
-        begins = told.stream != self._stream
+        begins = report.stream != self._stream
         if begins:
-            self._stream = told.stream
+            self._stream = report.stream
             self._arrivals.clear()
             self._held, self._holding, self._sequence = [], True, 0
-        self._note_arrival(told.media_us, told.capture_us or told.arrived_us)
+        self._note_arrival(report.media_us, report.capture_us or report.arrived_us)
         if self.period_ns is None:
-            self._measure_rate(told, begins)
+            self._measure_rate(report, begins)
         if not self._holding:
-            return [self._timed(told, first=False)]
-        self._held.append(told)
+            return [self._timed(report, first=False)]
+        self._held.append(report)
         if self.period_ns is None or len(self._held) < HELD_FRAMES:
             return []
         self._holding = False
@@ -66,9 +66,9 @@ class FrameTimes:
         elif offset_us < self._arrivals[-1][1]:
             self._arrivals[-1] = self._arrivals[-1][0], offset_us
 
-    def _measure_rate(self, told: FrameReport, begins: bool) -> None:
+    def _measure_rate(self, report: FrameReport, begins: bool) -> None:
         if not begins:
-            self._steps_us.append(told.media_us - self._held[-1].media_us)
+            self._steps_us.append(report.media_us - self._held[-1].media_us)
         if len(self._steps_us) >= RATE_FRAMES:
             step_us = median(self._steps_us)
             rate = self._rate or TYPICAL_RATE
@@ -76,12 +76,12 @@ class FrameTimes:
                 rate = round(1e6 / max(step_us, 1e6 / MAX_RATE)) if step_us > 0 else rate
             self.period_ns = round(1e9 / min(max(rate, MIN_RATE), MAX_RATE))
 
-    def _timed(self, told: FrameReport, *, first: bool) -> TimedFrame:
+    def _timed(self, report: FrameReport, *, first: bool) -> TimedFrame:
         assert self.period_ns is not None
         if not first:
-            self._sequence += max(1, round((told.media_us - self._last_us) * 1000 / self.period_ns))
-        self._last_us = told.media_us
+            self._sequence += max(1, round((report.media_us - self._last_us) * 1000 / self.period_ns))
+        self._last_us = report.media_us
         # The minimum delay of the last half minute, when everything was fast, locates the media times' zero.
         # The delay of camera and phone before that is not known here, and is part of the bias of the stamps.
         offset_us = min(offset_us for _, offset_us in self._arrivals)
-        return TimedFrame(told.id, told.stream, self._sequence, told.media_us + offset_us)
+        return TimedFrame(report.id, report.stream, self._sequence, report.media_us + offset_us)

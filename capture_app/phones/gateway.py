@@ -28,7 +28,7 @@ from capture_app.phones import wire
 from capture_app.phones.admission import Admission, Admitted
 from capture_app.phones.phone import Phone
 
-MAX_STRANGERS = 128
+MAX_UNKNOWN = 128
 """Max number of open connections without an admitted phone; the newest in excess are closed."""
 MAX_GREETED = 64
 LOOK_EVERY_S = 0.5
@@ -153,7 +153,7 @@ class Door:
             self._since_s = {one: known.get(one, now_s) for one in open_now - self._trusted}
             oldest_first = sorted(self._since_s, key=self._since_s.__getitem__)
             late = [one for one in oldest_first if now_s - self._since_s[one] >= IDENTIFY_TIMEOUT_S]
-            for transport in (*late, *oldest_first[MAX_STRANGERS:]):
+            for transport in (*late, *oldest_first[MAX_UNKNOWN:]):
                 if isinstance(transport, asyncio.WriteTransport):
                     transport.abort()
 
@@ -230,12 +230,12 @@ class PhoneGateway:
     async def _join(self, request: web.Request) -> web.Response:
         try:
             asked = msgspec.json.decode(await request.read(), type=dict[str, str])
-            wish = asked["secret"], asked["key"], asked.get("name", "")
+            requested = asked["secret"], asked["key"], asked.get("name", "")
         except (*UNREADABLE, ValueError, KeyError, web.RequestPayloadError):
-            words = "This page is not of this leader: load it again."
+            words = "This page is outdated: load it again."
             return web.json_response({"words": words}, status=HTTPStatus.BAD_REQUEST)
         try:
-            admitted = self._admission.admit(*wish)
+            admitted = self._admission.admit(*requested)
         except UnknownMachineError as error:
             return web.json_response({"words": str(error)}, status=HTTPStatus.FORBIDDEN)
         return web.json_response({"name": admitted.name, "ticket": self._admission.ticket(admitted)})
@@ -298,11 +298,11 @@ class PhoneGateway:
             async for message in socket_:
                 received_ns = connection.received_ns
                 if message.type is WSMsgType.BINARY:
-                    told = wire.decode_binary(message.data)
-                    if isinstance(told, wire.Ping):
-                        phone.clock.note_pong(told, received_ns, time.monotonic_ns())
-                        await send(wire.pong(told.number))
-                    phone.take_binary(told, received_ns)
+                    report = wire.decode_binary(message.data)
+                    if isinstance(report, wire.Ping):
+                        phone.clock.note_pong(report, received_ns, time.monotonic_ns())
+                        await send(wire.pong(report.number))
+                    phone.take_binary(report, received_ns)
                 elif message.type is WSMsgType.TEXT:
                     said = wire.decode_text(message.data)
                     if isinstance(said, wire.Hello):
@@ -326,7 +326,7 @@ async def _hello(link: web.WebSocketResponse) -> wire.Hello:
     first = await link.receive(timeout=HELLO_S)
     hello = wire.decode_text(first.data) if first.type is WSMsgType.TEXT else None
     if not isinstance(hello, wire.Hello):
-        raise ValueError("a page begins with its hello")
+        raise ValueError("a page must begin with its hello")
     return hello
 
 
@@ -335,7 +335,7 @@ async def _guard(request: web.Request, handler: Handler) -> web.StreamResponse:
     """Refuse requests from other origins; add headers for precise timers and isolation to responses."""
     origin = request.headers.get("Origin")
     if origin is not None and origin.rpartition("://")[2] != request.host:
-        raise web.HTTPForbidden(text="this is for its own page only")
+        raise web.HTTPForbidden(text="this address is for the phones' own page only")
     response = await handler(request)
     if not response.prepared:
         response.headers.update(_HEADERS)

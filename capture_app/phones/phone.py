@@ -35,7 +35,7 @@ ORDER_S = 10.0
 MAX_EXPOSURE_US = 1e7
 DELIVERY_NS = 100_000_000
 """Max delay from a frame's readout to its arrival at a page; assumed, as no browser reports it."""
-NEVER = "its page is not open: open it on the phone again"
+NEVER = "its page is closed: open it again on the phone"
 STARTING = "its camera is starting, or its clock is being measured"
 
 
@@ -125,9 +125,9 @@ class Phone:
         self.name = name
         self.came = asyncio.Event()
         """Set while its camera streams and its clock is known."""
-        self.gone = asyncio.Event()
+        self.closed = asyncio.Event()
         """Set while none of its pages is connected."""
-        self.gone.set()
+        self.closed.set()
         self.back = asyncio.Event()
         """Set while one of its pages is connected."""
         self.said_goodbye = False
@@ -248,18 +248,18 @@ class Phone:
                 while not picture.done():
                     await self.back.wait()
                     if page != self.page:
-                        raise CameraError(f"{self.name} has it no more: its page was loaded again")
+                        raise CameraError(f"{self.name} no longer has it: its page was loaded again")
                     if self._send is not None:
                         await self._send(request)
-                    closed = asyncio.ensure_future(self.gone.wait())
+                    closed = asyncio.ensure_future(self.closed.wait())
                     await asyncio.wait((picture, closed), return_when=asyncio.FIRST_COMPLETED)
                     closed.cancel()
         except TimeoutError:
-            raise CameraError(f"{self.name} did not bring it in {PHONE_IMAGE_TIMEOUT_S:g} s") from None
+            raise CameraError(f"{self.name} did not send it within {PHONE_IMAGE_TIMEOUT_S:g} s") from None
         finally:
             self._pictures.pop(key, None)
         if not picture.result():
-            raise CameraError(f"{self.name} has it no more: it took too long to ask for it")
+            raise CameraError(f"{self.name} no longer has it: it was requested too late")
         return picture.result()
 
     # Methods for the link
@@ -270,7 +270,7 @@ class Phone:
         if hello.page != self.page:
             # The clock of another page load has another zero.
             self.page, self.clock = hello.page, PhoneClock(hello.resolution_us)
-        self.gone.clear()
+        self.closed.clear()
         self.back.set()
 
     def link_closed(self, send: Send, *, by_user: bool) -> None:
@@ -279,7 +279,7 @@ class Phone:
             return
         self._send, self.said_goodbye = None, self.said_goodbye or by_user
         self.back.clear()
-        self.gone.set()
+        self.closed.set()
         self._stand_still(NEVER)
 
     def take_text(self, message: wire.Opened | wire.Controls | wire.PageHidden) -> None:
@@ -296,7 +296,7 @@ class Phone:
         before = self._opened
         if before is not None and (before.width, before.height) != (message.width, message.height):
             # From now on its images count as another camera's.
-            self._stand_still("it was turned, and joins anew")
+            self._stand_still("it was rotated, and joins again")
         if before != message:
             self._times = FrameTimes(message.frame_rate)
         self._opened = message

@@ -66,7 +66,7 @@ class Controls(Struct, frozen=True, kw_only=True, tag_field="type", tag="control
     """Error if the order could not be carried out."""
 
 
-class PageHidden(Struct, frozen=True, kw_only=True, tag_field="type", tag="away"):
+class PageHidden(Struct, frozen=True, kw_only=True, tag_field="type", tag="page-hidden"):
     """The camera has stopped until it is opened again."""
 
     why: Words
@@ -122,15 +122,15 @@ def decode_binary(data: bytes) -> Ping | FrameReport | PictureBytes:
             return Ping(number, None if answered == _NONE else answered, received_us, now_us)
         if kind == FRAME:
             _, number, stream, media_us, arrived_us, capture_us = _FRAME.unpack(data)
-            told = None if math.isnan(capture_us) else capture_us
-            _check_times(media_us, arrived_us, told or 0.0)
-            return FrameReport(number, stream, media_us, arrived_us, told)
+            captured_us = None if math.isnan(capture_us) else capture_us
+            _check_times(media_us, arrived_us, captured_us or 0.0)
+            return FrameReport(number, stream, media_us, arrived_us, captured_us)
         if kind in (PICTURE, PREVIEW):
             _, number = _PICTURE.unpack_from(data)
             return PictureBytes(number, kind == PREVIEW, data[_PICTURE.size :])
     except struct.error as error:
         raise ValueError(f"a message of kind {kind} with {len(data)} bytes") from error
-    raise ValueError(f"no kind of message is {kind}")
+    raise ValueError(f"there is no message of kind {kind}")
 
 
 def pong(number: int) -> bytes:
@@ -151,4 +151,4 @@ def order(kind: str, **fields: object) -> str:
 
 def _check_times(*times_us: float) -> None:
     if not all(abs(time_us) < _LONGEST_US for time_us in times_us):
-        raise ValueError("a time that no clock shows")
+        raise ValueError("a time out of range")

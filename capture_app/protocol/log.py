@@ -41,33 +41,33 @@ RigEvent = events.LeaderEvent | HostOffRate | DatagramsRefused | BurstStatus | F
 """Events that a leader logs: nodes and phones that come and go, clock problems, damaged seals, and bursts."""
 
 
-def event_line(news: RigEvent) -> str:
+def event_line(event: RigEvent) -> str:
     """Return a line for people about an event; empty if it is not worth a line."""
-    match news:
+    match event:
         case events.NodeChanged(change="moved"):
-            return f"{news.name} is now connected to {news.where or 'this leader'}"
+            return f"{event.name} is now connected to {event.where or 'this leader'}"
         case events.NodeChanged():
-            return _NODE_LINES[news.change].format(news)
+            return _NODE_LINES[event.change].format(event)
         case events.BurstAnswered():
-            return f"burst {news.burst}: without {news.name}: {news.refusal}" if news.refusal else ""
+            return f"burst {event.burst}: without {event.name}: {event.refusal}" if event.refusal else ""
         case HostOffRate():
-            return off_rate_line(news)
+            return off_rate_line(event)
         case FollowerEvent():
-            return news.line
+            return event.line
         case DatagramsRefused():
-            return str(news)
+            return str(event)
         case BurstStatus():
-            return burst_line(news)
+            return burst_line(event)
 
 
 def off_rate_line(off: HostOffRate) -> str:
     """Return a line on a clock at an unusual rate and possible causes, or on its return to the baseline."""
     if not off.fast_ppm:
-        return f"the clock of {off.name or 'the leader'} runs at its usual rate again"
+        return f"the clock of {off.name or 'the leader'} runs at its normal rate again"
     if off.certain:
         return status_text.slewing(off.name or "the leader's host", off.fast_ppm)
     against = "the leader's" if off.ambiguous else "all others"
-    perhaps = " (or so it is with the leader's)" if off.ambiguous else ""
+    perhaps = " (or the leader's clock is)" if off.ambiguous else ""
     return (
         f"the clock of {off.name or 'the leader'} runs {status_text.fast_or_slow(off.fast_ppm)} against"
         f" {against}: its NTP daemon is slewing it, or it is a virtual machine{perhaps}"
@@ -101,23 +101,23 @@ def burst_line(burst: BurstStatus) -> str:
     return so_far + where + (f"; {burst.message}" if burst.message else "")
 
 
-def _is_warning(news: RigEvent) -> bool:
+def _is_warning(event: RigEvent) -> bool:
     """Whether an event needs attention."""
-    match news:
+    match event:
         case events.NodeChanged():
-            return news.change in ("lost", "refused")
+            return event.change in ("lost", "refused")
         case FollowerEvent():
-            return news.is_warning
+            return event.is_warning
         case HostOffRate():
-            return bool(news.fast_ppm)
+            return bool(event.fast_ppm)
         case BurstStatus():
-            return news.session is None or news.received != news.expected
+            return event.session is None or event.received != event.expected
     return True
 
 
-def event_record(news: RigEvent) -> dict[str, object]:
+def event_record(event: RigEvent) -> dict[str, object]:
     """Return the fields of an event for its line of JSON."""
-    match news:
+    match event:
         case events.NodeChanged(name, change, reason, where):
             record: dict[str, object] = {"event": f"node-{change}", "name": name}
             if change == "moved":
@@ -131,8 +131,8 @@ def event_record(news: RigEvent) -> dict[str, object]:
             return {"event": "burst-accepted", "name": name, "burst": burst}
         case HostOffRate(name, fast_ppm=0.0):
             return {"event": "host-at-rate", "name": name}
-    kind = re.sub(r"(?<!^)(?=[A-Z])", "-", type(news).__name__).lower()
-    return {"event": kind, **msgspec.to_builtins(news)}
+    kind = re.sub(r"(?<!^)(?=[A-Z])", "-", type(event).__name__).lower()
+    return {"event": kind, **msgspec.to_builtins(event)}
 
 
 class Log:
@@ -173,15 +173,15 @@ class Log:
 
     def say_of_disk(self, name: str | None, problem: str) -> None:
         """Log that a disk became unusable or usable again: the named node's, or the leader's."""
-        text = f"{name or 'leader'}: {problem or 'its disk can be used again'}"
+        text = f"{name or 'leader'}: {problem or 'its disk is usable again'}"
         self.say(text, camera=name, level="warning" if problem else "info")
 
-    def note(self, news: RigEvent) -> None:
+    def note(self, event: RigEvent) -> None:
         """Show an event and add it to the log, except a burst's progress, which is in every status."""
-        text, camera = event_line(news), None if isinstance(news, BurstStatus) else news.name
-        if text and (not isinstance(news, BurstStatus) or news.done):
-            self.add(text, camera=camera, level="warning" if _is_warning(news) else "info")
+        text, camera = event_line(event), None if isinstance(event, BurstStatus) else event.name
+        if text and (not isinstance(event, BurstStatus) or event.done):
+            self.add(text, camera=camera, level="warning" if _is_warning(event) else "info")
         if text:
             self.show(text)
         if self._record is not None:
-            self._record(event_record(news))
+            self._record(event_record(event))

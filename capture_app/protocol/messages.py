@@ -130,10 +130,10 @@ class ReportAck(Message, frozen=True, kw_only=True, tag="report-ack"):
     """Acknowledgement of a node's report, with the state of that camera's images in `receipts`."""
 
     receipts: tuple[ImageReceipt, ...] = ()
-    wanted: tuple[Count, ...] | None = None
+    requested: tuple[Count, ...] | None = None
     """Instants to send; None: all."""
     undecided: bool = False
-    """Whether `wanted` still depends on reports of other cameras: ask again."""
+    """Whether `requested` still depends on reports of other cameras: ask again."""
 
 
 class Refusal(Message, frozen=True, kw_only=True, tag="refusal"):

@@ -31,13 +31,13 @@ class WatchRequest(Message, frozen=True, kw_only=True, tag="watch"):
     """Operator's request to receive changes on this stream until it is closed."""
 
 
-class LogAnswer(Message, frozen=True, kw_only=True, tag="news"):
+class LogAnswer(Message, frozen=True, kw_only=True, tag="log"):
     """Log lines since the previous one of these messages; the first has recent lines."""
 
     lines: tuple[LogLine, ...]
 
 
-class PreviewRequest(Message, frozen=True, kw_only=True, tag="previews-wanted"):
+class PreviewRequest(Message, frozen=True, kw_only=True, tag="preview-request"):
     """Previews requested from now on, by an operator of a leader or by a leader of a node."""
 
     cameras: tuple[str, ...] | None = None
@@ -64,7 +64,7 @@ class ControlsRequest(Message, frozen=True, kw_only=True, tag="controls-request"
     """Operator's request to read a camera's controls, or to set some of them."""
 
     camera: Name
-    wanted: dict[Control, ControlValue] = field(default_factory=dict)
+    values: dict[Control, ControlValue] = field(default_factory=dict)
     """Values to set; empty: none."""
 
 
@@ -82,7 +82,7 @@ class ExposeAppPhones(Message, frozen=True, kw_only=True, tag="expose-app-phones
     iso: Annotated[int, Meta(gt=0, le=1_000_000)]
 
 
-class CameraHealth(Message, frozen=True, kw_only=True, tag="vitals"):
+class CameraHealth(Message, frozen=True, kw_only=True, tag="camera-health"):
     """Current frame rate, exposure and gain of a node's camera."""
 
     fps: float | None = None
@@ -114,22 +114,22 @@ class RemoveCamera(Message, frozen=True, kw_only=True, tag="remove-camera"):
     name: str
 
 
-class SaveStamp(Message, frozen=True, kw_only=True, tag="keep-stamp"):
+class SaveStamp(Message, frozen=True, kw_only=True, tag="save-stamp"):
     """Measured timestamp delay of a camera, which its node uses and stores."""
 
     camera: Name
     stamp: StampAccuracy | None = None
     """Delay of its timestamps, stored for the device."""
-    way: PathAsymmetry | None = None
+    asymmetry: PathAsymmetry | None = None
     """Path asymmetry found beyond that, by the current estimate of the leader's clock; stored for the
     link."""
 
 
-class StampSaved(Message, frozen=True, kw_only=True, tag="stamp-kept"):
+class StampSaved(Message, frozen=True, kw_only=True, tag="stamp-saved"):
     """Answer of a node that it uses a measured delay, and whether it could store it."""
 
     camera: Name
-    kept: bool
+    is_stored: bool
 
 
 class CancelBurst(Message, frozen=True, kw_only=True, tag="cancel-burst"):

@@ -42,7 +42,7 @@ class PairingMessage(Message, frozen=True, kw_only=True, tag="pairing"):
 
     certificate: Certificate
     name: Name
-    share: Spake2Message
+    spake2_message: Spake2Message
     digit: Annotated[str, Meta(pattern="^[0-9]?$")] = ""
     """First digit of the code, which selects it among several valid ones."""
 
@@ -50,7 +50,7 @@ class PairingMessage(Message, frozen=True, kw_only=True, tag="pairing"):
 class PairingAnswer(Message, frozen=True, kw_only=True, tag="pairing-answer"):
     """SPAKE2 message of the leader."""
 
-    share: Spake2Message
+    spake2_message: Spake2Message
 
 
 class PairingProof(Message, frozen=True, kw_only=True, tag="pairing-proof"):

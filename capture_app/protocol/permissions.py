@@ -65,5 +65,5 @@ def check_allowed(who: Peer, message: Message) -> None:
         known = "not known here" if who.is_unknown else f"known here as {' and '.join(sorted(who.roles))}"
         raise UnknownMachineError(
             f"this machine is {known}, not as {role}",
-            hint=f"on the leader's machine: capture-app trust invite --as {role}",
+            hint=f"run on the leader's machine: capture-app trust invite --as {role}",
         )

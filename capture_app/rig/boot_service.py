@@ -72,8 +72,8 @@ class BootService:
         """
         if shutil.which("systemctl") is None:
             raise NotAvailableError(
-                "there is no systemd here, which starts it",
-                hint="have this machine's own way of starting programs run the line after ExecStart=",
+                "systemd is not available on this machine",
+                hint="make this machine's own init system run the line after ExecStart=",
             )
         earlier = self.path.read_text() if self.path.exists() else None
         self.path.parent.mkdir(parents=True, exist_ok=True)
@@ -93,7 +93,7 @@ class BootService:
     def remove(self) -> None:
         """Stop the node and remove the file. Raises BadInputError if there is none, NotAvailableError."""
         if not self.path.exists():
-            raise BadInputError(f"{self.name} does not start with this machine", hint=f"no {self.path}")
+            raise BadInputError(f"{self.name} is not set to start with this machine", hint=f"no {self.path}")
         _systemctl("disable", "--now", self.unit)
         self.path.unlink()
         _systemctl("daemon-reload")
@@ -103,9 +103,9 @@ def _is_root() -> bool:
     return os.geteuid() == 0
 
 
-def _quoted(word: str) -> str:
+def _quoted(argument: str) -> str:
     """Quote one argument of ExecStart, with specifiers and variables escaped: systemd.service(5)."""
-    text = word.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%").replace("$", "$$")
+    text = argument.replace("\\", "\\\\").replace('"', '\\"').replace("%", "%%").replace("$", "$$")
     return f'"{text}"' if not text or set(text) & set(" \t'\";\\") else text
 
 
@@ -126,7 +126,9 @@ def _linger() -> str:
         return ""
     if _run(("loginctl", "enable-linger")).returncode == 0:
         return ""
-    return f"until then it starts when {user} logs in: sudo loginctl enable-linger {user}"
+    return (
+        f"until then it starts when {user} logs in; to start it at boot: sudo loginctl enable-linger {user}"
+    )
 
 
 def _run(command: Sequence[str]) -> "subprocess.CompletedProcess[str]":

@@ -50,11 +50,12 @@ async def calibrate(
     if measured is None:
         measured = await measure_session(session.folder, choose_reference(records))
     stamps = measured_stamps(records, measured)
-    ways = measured_asymmetries(records, measured, stamps)
+    asymmetries = measured_asymmetries(records, measured, stamps)
     given = {
-        name: SaveStamp(camera=name, stamp=stamps.get(name), way=ways.get(name)) for name in (*stamps, *ways)
+        name: SaveStamp(camera=name, stamp=stamps.get(name), asymmetry=asymmetries.get(name))
+        for name in (*stamps, *asymmetries)
     }
-    saved = {name: (await ask_leader(leader, one, StampSaved)).kept for name, one in given.items()}
+    saved = {name: (await ask_leader(leader, one, StampSaved)).is_stored for name, one in given.items()}
     return measured, given, saved
 
 
@@ -84,7 +85,7 @@ async def measure_session(session: Path, reference: str | None) -> MeasuredTimes
     try:
         return msgspec.json.decode(printed, type=MeasuredTimes)
     except UNREADABLE as error:
-        raise NotApplicableError(f"what reconstruct time says is not understood: {error}") from error
+        raise NotApplicableError(f"the output of reconstruct time is unreadable: {error}") from error
 
 
 def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes) -> dict[str, StampAccuracy]:
@@ -110,9 +111,9 @@ def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes
             parts_ns += [_clock_error_ns(records[one]) for one in (name, measured.reference)]
         error_ns = round(math.hypot(*parts_ns))
         if known.source not in UNMEASURED:
-            alike = known.against == against
-            before_ns = known.uncertainty_ns + (0 if alike else facts.shared_uncertainty_ns)
-            if before_ns <= error_ns + (0 if alike else common_ns):
+            same_reference = known.against == against
+            before_ns = known.uncertainty_ns + (0 if same_reference else facts.shared_uncertainty_ns)
+            if before_ns <= error_ns + (0 if same_reference else common_ns):
                 continue
         found[name] = StampAccuracy(
             # Light later than its timestamp means a smaller timestamp delay than the one subtracted.
@@ -142,17 +143,17 @@ def measured_asymmetries(
         shared = record.facts.stamp_accuracy.against == reference.facts.stamp_accuracy.against
         if record.clock is None or not shared or record.facts.stamp_accuracy.source in UNMEASURED:
             continue
-        own_ns, usual_ns = _clock_error_ns(record), SIGMAS_95 * ASYMMETRY * record.clock.round_trip_ns / 2.0
+        own_ns, typical_ns = _clock_error_ns(record), SIGMAS_95 * ASYMMETRY * record.clock.round_trip_ns / 2.0
         error_ns = math.hypot(
             SIGMAS_95 * time.sd_ms * 1e6,
             _clock_error_ns(reference),
             reference.facts.stamp_accuracy.uncertainty_ns,
             record.facts.stamp_accuracy.uncertainty_ns,
-            math.sqrt(own_ns**2 - usual_ns**2) if own_ns > usual_ns else own_ns,
+            math.sqrt(own_ns**2 - typical_ns**2) if own_ns > typical_ns else own_ns,
         )
-        way = PathAsymmetry(time.offset_ms * 1e6, error_ns, record.clock.round_trip_ns)
-        if name != measured.reference and way.sigma(way.round_trip_ns) is not None:
-            found[name] = way
+        asymmetry = PathAsymmetry(time.offset_ms * 1e6, error_ns, record.clock.round_trip_ns)
+        if name != measured.reference and asymmetry.sigma(asymmetry.round_trip_ns) is not None:
+            found[name] = asymmetry
     return found
 
 

@@ -168,8 +168,8 @@ class StreamWatch:
 
     async def frames(self, count: int) -> None:
         """Wait for `count` more frames."""
-        wanted = self.phase.frames + count
-        await self.until(lambda: self.phase.frames >= wanted)
+        target = self.phase.frames + count
+        await self.until(lambda: self.phase.frames >= target)
 
     async def until(self, holds: Callable[[], bool]) -> None:
         """Wait until `holds`, which frames change. Raises CameraError if none arrive."""
@@ -179,7 +179,7 @@ class StreamWatch:
                 async with asyncio.timeout(NO_FRAME_TIMEOUT_S):
                     await self._arrived.wait()
             except TimeoutError:
-                raise CameraError(f"the camera gave no frames for {NO_FRAME_TIMEOUT_S:.0f} s") from None
+                raise CameraError(f"the camera delivered no frames for {NO_FRAME_TIMEOUT_S:.0f} s") from None
             if self._failure is not None:
                 raise CameraError(f"the camera failed: {self._failure}")
 
@@ -212,7 +212,7 @@ def common_step(shifts_ns: Sequence[float], noise_ns: float) -> float | None:
     tried, best, best_ns = 0, 0.0, WIDEST_NS
     step_ns = WIDEST_NS
     while step_ns > FINEST * noise_ns:
-        likely = log(step_ns / max(_misfit(offs, step_ns), noise_ns / 2.0))
+        likely = log(step_ns / max(_residual(offs, step_ns), noise_ns / 2.0))
         if likely > best:
             best, best_ns = likely, step_ns
         step_ns *= 1.0 - grain
@@ -230,7 +230,7 @@ def _residuals(offs_ns: Sequence[float], step_ns: float) -> list[float]:
     return [off - middle - step_ns * round((off - middle) / step_ns) for off in offs_ns]
 
 
-def _misfit(offs_ns: Sequence[float], step_ns: float) -> float:
+def _residual(offs_ns: Sequence[float], step_ns: float) -> float:
     return sqrt(fmean(off * off for off in _residuals(offs_ns, step_ns)))
 
 
@@ -306,8 +306,8 @@ def _reason(effective: int, step_ns: float | None) -> str:
     if not effective:
         return "no command moved its phase"
     if effective < MIN_SHIFTS:
-        return f"too few moves for rows to show: {MIN_SHIFTS} are needed"
-    return "" if step_ns is not None else "its stamps scatter too much for rows to show in its shifts"
+        return f"too few moves to measure the row time: {MIN_SHIFTS} are needed"
+    return "" if step_ns is not None else "its timestamps scatter too much to measure the row time"
 
 
 async def characterize(
@@ -354,10 +354,10 @@ async def measure_camera(
         facts = watch.camera.facts
         await watch.frames(SETTLING_FRAMES)
         watch.deliveries_ns.clear()
-        wanted = max(SETTLING_FRAMES, round(seconds * 1e9 / facts.period_ns))
-        talk(f"watching {count(wanted, 'frame')}")
+        target = max(SETTLING_FRAMES, round(seconds * 1e9 / facts.period_ns))
+        talk(f"watching {count(target, 'frame')}")
         min_ns = max_ns = watch.exposure_ns
-        for _ in range(wanted):
+        for _ in range(target):
             await watch.frames(1)
             if watch.exposure_ns is not None and min_ns is not None and max_ns is not None:
                 min_ns, max_ns = min(min_ns, watch.exposure_ns), max(max_ns, watch.exposure_ns)

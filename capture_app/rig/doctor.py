@@ -65,7 +65,7 @@ async def clock(rate: HostRate, watched_s: float = CLOCK_WATCHED_S) -> Finding:
     await asyncio.sleep(watched_s)
     ppm = rate.slewing_ppm(EVERY_NS)
     if ppm is None:
-        return Finding("clock", "note", "this host does not say whether its clock is being corrected")
+        return Finding("clock", "note", "this host does not report whether its clock is being corrected")
     if ppm:
         what, _, remedy = slewing("this host", ppm).partition("; ")
         return Finding("clock", "warning", what, remedy)
@@ -80,11 +80,11 @@ def disk(folder: Path, holds: str, option: str, sample_bytes: int = SAMPLE_BYTES
             folder = folder.parent
         mb_s, free = _write_speed(folder, sample_bytes), free_bytes(folder)
     except (OSError, DiskError) as error:
-        told = error if isinstance(error, DiskError) else disk_error(error, folder)
-        return Finding("disk", "problem", f"{holds}: {told.what}", other)
+        failure = error if isinstance(error, DiskError) else disk_error(error, folder)
+        return Finding("disk", "problem", f"{holds}: {failure.what}", other)
     what = f"{holds}: {mb_s:.0f} MB/s to {folder}, {megabytes(free)} free"
     if free < LITTLE_BYTES:
-        return Finding("disk", "warning", what, f"make room, or {other}")
+        return Finding("disk", "warning", what, f"free some space, or {other}")
     if mb_s < SLOW_MB_S:
         return Finding("disk", "warning", what, f"{other} on a faster disk")
     return Finding("disk", "good", what)
@@ -95,7 +95,7 @@ def cameras(found: Sequence[CameraListing]) -> Iterator[Finding]:
     real = [listing for listing in found if not listing.spec.startswith("sim:")]
     if not real:
         yield Finding(
-            "cameras", "note", "no camera is plugged into this machine", "capture-app cameras lists them"
+            "cameras", "note", "no camera is connected to this machine", "list them with: capture-app cameras"
         )
     for listing in real:
         if listing.usable:
@@ -152,7 +152,7 @@ async def own_rig(address: Address) -> Finding:
         return Finding(
             "rig",
             "warning",
-            f"a rig with {nodes} runs here, and only this machine reaches it, at {status.leader}",
+            f"a rig with {nodes} runs here; only this machine can reach it, at {status.leader}",
             "start it without --host 127.0.0.1 for cameras of other machines",
         )
     hosts = announced_hosts("") or [status.leader.rpartition(":")[0]]
@@ -170,8 +170,8 @@ async def announced_leaders(listen_s: float = LISTEN_S) -> list[Finding]:
             Finding(
                 "discovery",
                 "note",
-                "no leader is announced in this network",
-                "start one with: capture-app; one that multicast does not reach is named by --leader",
+                "no leader is announced on this network",
+                "start one with: capture-app; for one beyond multicast give --leader HOST:PORT",
             )
         ]
     return list(await asyncio.gather(*map(_announced_leader, found)))
@@ -183,12 +183,14 @@ async def _announced_leader(found: FoundLeader) -> Finding:
     reached = [address for address, obstacle in zip(found.addresses, obstacles, strict=True) if not obstacle]
     if not reached:
         why = next((obstacle for obstacle in obstacles if obstacle is not None), None)
-        text = f"{kind} {found.name} is announced and not reached: {why.what if why else 'it has no address'}"
+        text = (
+            f"{kind} {found.name} is announced but not reachable: {why.what if why else 'it has no address'}"
+        )
         return Finding("discovery", "warning", text, why.remedy if why else "")
     text = f"{kind} {found.name} is announced and answers at {reached[0]}"
     if found.version != __version__:
         what = f"{text}; it runs simulshot {found.version}, this machine {__version__}"
-        return Finding("discovery", "warning", what, "install the same on both")
+        return Finding("discovery", "warning", what, "install the same version on both")
     return Finding("discovery", "good", text)
 
 
@@ -210,15 +212,15 @@ def firewalls(active: Sequence[Firewall], ports: Sequence[int]) -> Iterator[Find
         for port in ports:
             opened = firewall.opens(port)
             if not opened:
-                text = f"{firewall.name} is active here, and must let cameras come in to port {port}"
-                unseen = " (only root sees whether it does)" if opened is None else ""
+                text = f"{firewall.name} is active here, and must allow incoming cameras on port {port}"
+                unseen = " (only root can see whether it does)" if opened is None else ""
                 yield Finding("firewall", "warning", text + unseen, firewall.opening.format(port=port))
         if not firewall.opens(MDNS_PORT) and firewall.name != "ufw":
             # By default, ufw admits mDNS.
-            text = f"{firewall.name} is active here: leaders are found by themselves only if it lets mDNS in"
+            text = f"{firewall.name} is active here: leaders are discovered only if it allows mDNS"
             yield Finding("firewall", "note", text, firewall.opening_udp.format(port=MDNS_PORT))
     if not active:
-        yield Finding("firewall", "good", "no firewall is switched on here, by its files")
+        yield Finding("firewall", "good", "no firewall is enabled here, according to its files")
 
 
 def trust(own: Trust) -> Finding:
@@ -241,7 +243,7 @@ def wifi(interfaces: Sequence[str]) -> Iterator[Finding]:
             case False:
                 yield Finding("wifi", "good", f"the WiFi of this machine ({interface}) saves no power")
             case None:
-                what = f"the driver of {interface} does not say whether it saves power"
+                what = f"the driver of {interface} does not report whether it saves power"
                 yield Finding("wifi", "note", what)
 
 
@@ -255,7 +257,7 @@ async def examine(
     """
     folders = dict.fromkeys(folder for _, folder in own_rigs)
     disks = [(spool, "the spool", "--spool"), *((folder, "sessions", "--sessions") for folder in folders)]
-    clock_finding, announced, rigs, ways = await asyncio.gather(
+    clock_finding, announced, rigs, paths = await asyncio.gather(
         clock(HostRate()),
         announced_leaders(),
         asyncio.gather(*(own_rig(address) for address, _ in own_rigs)),
@@ -267,7 +269,7 @@ async def examine(
         version(),
         trust(Trust.of_user()),
         *rigs,
-        *ways,
+        *paths,
         *announced,
         *firewalls(active_firewalls(), sorted({address.port for address, _ in own_rigs})),
         *wifi(wifi_interfaces()),

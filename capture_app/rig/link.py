@@ -55,13 +55,13 @@ async def ask_leader(leader: Address, request: Message, kind: type[A]) -> A:
 
 
 async def ask_controls(
-    leader: Address, camera: str, wanted: Mapping[Control, ControlValue]
+    leader: Address, camera: str, values: Mapping[Control, ControlValue]
 ) -> CameraControls:
-    """Set the `wanted` controls of a camera, none if empty; return the resulting state of all.
+    """Set the `values` controls of a camera, none if empty; return the resulting state of all.
 
     Raises NetworkError, and the leader's own errors.
     """
-    request = orders.ControlsRequest(camera=camera, wanted=dict(wanted))
+    request = orders.ControlsRequest(camera=camera, values=dict(values))
     return (await ask_leader(leader, request, orders.ControlsAnswer)).state
 
 
@@ -99,7 +99,7 @@ async def read_all(leader: Address) -> CamerasControls:
 
 
 async def set_cameras(
-    leader: Address, wanted: Mapping[Control, ControlValue], cameras: Sequence[str] = ()
+    leader: Address, values: Mapping[Control, ControlValue], cameras: Sequence[str] = ()
 ) -> CamerasControls:
     """Set controls of these cameras, or of all present ones.
 
@@ -107,8 +107,10 @@ async def set_cameras(
     """
     here = present_cameras(await ask_status(leader))
     if unknown := sorted({*cameras} - {*here}):
-        raise BadInputError(f"no camera {', '.join(unknown)} is here", hint="capture-app status lists them")
-    return await _each(leader, cameras or here, wanted)
+        raise BadInputError(
+            f"the rig has no camera {', '.join(unknown)}", hint="list them with: capture-app status"
+        )
+    return await _each(leader, cameras or here, values)
 
 
 async def match_cameras(
@@ -123,8 +125,8 @@ async def match_cameras(
     first = (await set_cameras(leader, dict.fromkeys(controls, "hold"), [source]))[source]
     others = [name for name in present_cameras(rig) if name != source]
     rest = await asyncio.gather(*(_set_like(leader, name, first, controls) for name in others))
-    alike = {source: first, **dict(zip(others, rest, strict=True))}
-    return alike | await _set_app_phones(leader, rig, first)
+    states = {source: first, **dict(zip(others, rest, strict=True))}
+    return states | await _set_app_phones(leader, rig, first)
 
 
 def present_cameras(rig: RigStatus) -> list[str]:
@@ -137,36 +139,36 @@ def present_cameras(rig: RigStatus) -> list[str]:
 
 
 async def _each(
-    leader: Address, cameras: Sequence[str], wanted: Mapping[Control, ControlValue]
+    leader: Address, cameras: Sequence[str], values: Mapping[Control, ControlValue]
 ) -> CamerasControls:
-    states = await asyncio.gather(*(_ask_camera(leader, name, wanted) for name in cameras))
+    states = await asyncio.gather(*(_ask_camera(leader, name, values) for name in cameras))
     return dict(zip(cameras, states, strict=True))
 
 
-async def _ask_camera(leader: Address, name: str, wanted: Mapping[Control, ControlValue]) -> CameraControls:
+async def _ask_camera(leader: Address, name: str, values: Mapping[Control, ControlValue]) -> CameraControls:
     try:
-        return await ask_controls(leader, name, wanted)
+        return await ask_controls(leader, name, values)
     except IncompleteError as error:
-        return CameraControls(problems=dict.fromkeys(wanted, error.what))
+        return CameraControls(problems=dict.fromkeys(values, error.what))
 
 
 async def _set_like(
     leader: Address, name: str, like: CameraControls, controls: Sequence[Control]
 ) -> CameraControls:
     own = await _ask_camera(leader, name, {})
-    wanted: dict[Control, ControlValue] = {}
+    values: dict[Control, ControlValue] = {}
     problems: dict[Control, str] = {}
     for control in controls:
         measured, mine = like.state(control), own.state(control)
         if measured is None or measured.value is None:
             continue
         if mine is None:
-            problems[control] = f"it has no control of its {control}"
+            problems[control] = f"its {control} cannot be controlled"
         elif mine.unit != measured.unit:
-            problems[control] = f"its {control} is in {mine.unit}, and was measured in {measured.unit}"
+            problems[control] = f"its {control} is in {mine.unit}, but was measured in {measured.unit}"
         else:
-            wanted[control] = measured.value
-    done = await _ask_camera(leader, name, wanted)
+            values[control] = measured.value
+    done = await _ask_camera(leader, name, values)
     return CameraControls(controls=done.controls, problems={**problems, **done.problems})
 
 
@@ -177,16 +179,16 @@ async def _set_app_phones(leader: Address, rig: RigStatus, like: CameraControls)
         return {}
     exposure, gain = like.state(Control.EXPOSURE), like.state(Control.GAIN)
     values = (None if exposure is None else exposure.value, None if gain is None else gain.value)
-    told = "it was told, and answers nothing"
+    unconfirmed = "the value was sent; the phone does not confirm it"
     if exposure is not None and gain is not None and None not in values and gain.unit == TIMES:
         assert exposure.unit == MICROSECONDS, "the unit of every exposure"
         order = ExposeAppPhones(
             exposure_ns=round((exposure.value or 0) * 1000), iso=round((gain.value or 0) * ISO_OF_GAIN_1)
         )
         await give_order(leader, order)
-        problems = {Control.EXPOSURE: told, Control.GAIN: told}
+        problems = {Control.EXPOSURE: unconfirmed, Control.GAIN: unconfirmed}
     else:
-        problems = {Control.EXPOSURE: "it takes an exposure with a gain only, which was not measured in ×"}
+        problems = {Control.EXPOSURE: "it accepts an exposure only with a gain, which was not measured in ×"}
     return {name: CameraControls(problems=problems) for name in phones}
 
 

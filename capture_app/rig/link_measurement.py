@@ -166,7 +166,7 @@ async def synchronize(
         if link.problem:
             raise NetworkError(f"{address} refused this client: {link.problem}") from None
         raise NetworkError(
-            f"nobody answers at {address}",
+            f"no answer from {address}",
             hint="start the other end with `capture-app link --serve`",
         ) from None
     finally:

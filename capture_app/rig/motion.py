@@ -25,7 +25,7 @@ WHOLE: Region = (0.0, 0.0, 1.0, 1.0)
 @dataclass(slots=True)
 class _View:
     mean: NDArray[np.float32]
-    spread: NDArray[np.float32]
+    deviation: NDArray[np.float32]
     seen: int = 1
 
 
@@ -49,11 +49,11 @@ class MotionWatch:
             self._views[camera] = _View(picture, np.zeros_like(picture))
             return False
         brighter = np.median((picture + 1) / (view.mean + 1))
-        away = np.abs(picture - brighter * view.mean)
-        changed = float((away > np.maximum(MIN_LEVELS, CLEAR * view.spread)).mean())
-        share = max(BASELINE_RATE, 1 / (view.seen + 1))
-        view.mean += share * (picture - view.mean)
-        view.spread += share * (np.minimum(away, MIN_LEVELS) - view.spread)
+        difference = np.abs(picture - brighter * view.mean)
+        changed = float((difference > np.maximum(MIN_LEVELS, CLEAR * view.deviation)).mean())
+        weight = max(BASELINE_RATE, 1 / (view.seen + 1))
+        view.mean += weight * (picture - view.mean)
+        view.deviation += weight * (np.minimum(difference, MIN_LEVELS) - view.deviation)
         view.seen += 1
         return view.seen > LEARN and changed > self.min_fraction
 

@@ -18,7 +18,7 @@ from capture_app.session.format.manifest import JOURNAL, MANIFEST
 from capture_app.session.reading.reader import Session, is_being_written
 from capture_app.session.reading.verify import verify
 
-NOT_BROUGHT = "it was not on the leader's disk when the session was repaired, and no node brought it"
+NOT_BROUGHT = "it was not on the leader's disk when the session was repaired, and no node sent it"
 
 
 class RepairResult(Struct, frozen=True, kw_only=True):
@@ -33,7 +33,7 @@ class RepairResult(Struct, frozen=True, kw_only=True):
     what: str = ""
 
 
-async def repair(path: Path, *, wait_s: float, address: Address, news: Log) -> list[RepairResult]:
+async def repair(path: Path, *, wait_s: float, address: Address, log: Log) -> list[RepairResult]:
     """Finish the session at `path`, or all in that folder, and return the result of each.
 
     For `wait_s` a leader listens on the address for nodes that deliver what they still have; with 0 it does
@@ -43,7 +43,7 @@ async def repair(path: Path, *, wait_s: float, address: Address, news: Log) -> l
     problems = {folder: _problem(folder) for folder in folders}
     broken = [folder for folder, problem in problems.items() if problem and (folder / PLAN).is_file()]
     if broken and wait_s > 0:
-        await _ask_nodes(broken, wait_s, address, news)
+        await _ask_nodes(broken, wait_s, address, log)
     for folder in broken:
         if _problem(folder):
             try:
@@ -54,19 +54,19 @@ async def repair(path: Path, *, wait_s: float, address: Address, news: Log) -> l
     return [_result(folder, problems[folder], folder in broken) for folder in folders]
 
 
-async def _ask_nodes(broken: Sequence[Path], wait_s: float, address: Address, news: Log) -> None:
+async def _ask_nodes(broken: Sequence[Path], wait_s: float, address: Address, log: Log) -> None:
     options = LeaderOptions(
         sessions=broken[0].parent,
         host=address.host,
         port=address.port,
-        news=news,
+        log=log,
         resume=broken,
         return_ns=round(wait_s * 1e9),
     )
     try:
         leader = await LeaderNode.start(options)
     except NetworkError as error:
-        hint = "a leader that runs there takes up its own sessions; --wait-s 0 finishes without asking nodes"
+        hint = "a leader that runs there resumes its own sessions; --wait-s 0 finishes without asking nodes"
         raise NetworkError(error.what, hint=hint) from error
     async with leader:
         await leader.bursts.resumed.wait_until_finished()

@@ -45,7 +45,7 @@ class AsyncRig:
         sessions: str | PathLike[str] = "sessions",
     ) -> None:
         if leader is not None and (simulated or cameras):
-            raise BadInputError("a rig that runs has its cameras: give a leader, or cameras for a rig here")
+            raise BadInputError("give either the leader of a running rig, or cameras for a new rig here")
         try:
             self._leader = None if leader is None else parse_address(leader)
         except ValueError as error:

@@ -77,19 +77,21 @@ class TakePlan(BurstRequest, frozen=True, kw_only=True, tag=False):
 
     def __post_init__(self) -> None:
         """Check the values."""
-        for field, (least, most) in _LIMITS.items():
+        for field, (low, high) in _LIMITS.items():
             value = getattr(self, field)
-            if value is not None and not (isinstance(value, int | float) and least <= value <= most):
-                raise BadInputError(f"{field} of a take is {value!r}: give {least:g} to {most:g}")
+            if value is not None and not (isinstance(value, int | float) and low <= value <= high):
+                raise BadInputError(f"{field} of a take is {value!r}: give {low:g} to {high:g}")
         if self.name:
             check_name(self.name, "take")
         if self.at_leader_ns is not None and (self.repeat > 1 or self.on_motion is not None):
-            raise BadInputError("a take at a given time is one take, and waits for no motion")
+            raise BadInputError("a take at a given time cannot be repeated or wait for motion")
         if self.on_motion is not None:
             left, top, right, bottom = self.on_motion
             if not (0 <= left < right <= 1 and 0 <= top < bottom <= 1):
-                what = f"{self.on_motion} is not a region of the picture"
-                raise BadInputError(what, hint="LEFT TOP RIGHT BOTTOM, as 0.5 0 1 1 for the right half")
+                what = f"{self.on_motion} is not a region of the image"
+                raise BadInputError(
+                    what, hint="give LEFT TOP RIGHT BOTTOM, for example 0.5 0 1 1 for the right half"
+                )
 
     def request(self) -> BurstRequest:
         """Return the leader's order of one take; a take by its duration skips no instants."""
@@ -150,7 +152,7 @@ class Saved(TakeEvent, frozen=True):
 
         session = local_session(self.status)
         if session is None:
-            what = f"the pictures are where the leader runs, in {self.session or 'its phones'}"
+            what = f"the images are on the leader's machine, in {self.session or 'its phones'}"
             raise NotAvailableError(what, hint="copy the session to this machine, and open it")
         return OpenSession.open(session.folder)
 
@@ -332,7 +334,7 @@ class Taking:
                 raise
             return await self._find_again(number, self._active[number], error)
         if last is None:
-            raise NetworkError(f"the leader at {self._link.leader} did not take the burst")
+            raise NetworkError(f"the leader at {self._link.leader} did not accept the burst")
         return last
 
     def _note(self, number: int, status: BurstStatus) -> None:
@@ -361,8 +363,8 @@ class Taking:
         except TimeoutError:
             pass
         raise NetworkError(
-            f"the leader was lost when {last.received} of {last.expected} images of {last.name} had come",
-            hint="it may have saved the take: look with capture-app sessions list on its machine",
+            f"the leader was lost after {last.received} of {last.expected} images of {last.name} had arrived",
+            hint="it may have saved the take: check with capture-app sessions list on its machine",
         ) from error
 
 

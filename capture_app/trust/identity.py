@@ -39,12 +39,13 @@ def load_identity(folder: Path) -> Identity:
         certificate = ssl.PEM_cert_to_DER_cert(pem[pem.index("-----BEGIN CERTIFICATE-----") :])
     except OSError as error:
         raise DiskError(
-            f"cannot keep this machine's key in {folder}: {error.strerror or error}",
-            hint="set XDG_DATA_HOME to a folder that can be written",
+            f"cannot store this machine's key in {folder}: {error.strerror or error}",
+            hint="set XDG_DATA_HOME to a writable folder",
         ) from error
     except ValueError as error:
         raise BadInputError(
-            f"{path} holds no key and certificate", hint="delete it, and pair this machine again"
+            f"{path} does not contain a key and its certificate",
+            hint="delete it, and pair this machine again",
         ) from error
     return Identity(path, certificate, pin_of(certificate))
 

@@ -36,10 +36,10 @@ class ClientKeys:
     """Keys that a leader has issued."""
 
     def __init__(
-        self, random_bytes: Callable[[int], bytes] = secrets.token_bytes, most: int = MAX_KEYS
+        self, random_bytes: Callable[[int], bytes] = secrets.token_bytes, max_keys: int = MAX_KEYS
     ) -> None:
         """`random_bytes` returns that many cryptographically random bytes."""
-        self._random_bytes, self._most = random_bytes, most
+        self._random_bytes, self._max_keys = random_bytes, max_keys
         self._clients: dict[int, _Client] = {}
         """Clients by key number, most recently heard last."""
         self._at: dict[Address, _Client] = {}
@@ -58,7 +58,7 @@ class ClientKeys:
         given[key_id] = None
         if len(given) > MAX_KEYS_PER_MACHINE:
             self._forget(next(known for known in self._clients if known in given))
-        if len(self._clients) > self._most:
+        if len(self._clients) > self._max_keys:
             self._forget(next(iter(self._clients)))
         return Grant(key_id=key_id, key=key)
 
@@ -111,19 +111,19 @@ class LeaderKeys:
     """Keys that leaders have issued to a client."""
 
     def __init__(self) -> None:
-        self.wanted: set[Address] = set()
+        self.missing: set[Address] = set()
         """Leaders to send to without a key, or with a key that they no longer know."""
         self._seals: dict[Address, Seal] = {}
         self._last: dict[Address, bytes] = {}
         """Last message to each leader; it is sent again once a requested key arrives."""
-        self._kept: dict[Address, bytes] = {}
+        self._unsent: dict[Address, bytes] = {}
 
     def hold(self, leader: Address, grant: Grant) -> None:
         """Use the key of a grant with that leader."""
         self._seals[leader] = Seal(grant.key_id, grant.key, seals=Side.CLIENT, opens=Side.LEADER)
-        self.wanted.discard(leader)
+        self.missing.discard(leader)
         if leader in self._last:
-            self._kept[leader] = self._last[leader]
+            self._unsent[leader] = self._last[leader]
 
     def seal(self, message: bytes, leader: Address) -> bytes | None:
         """Return the datagram of a message; None if that leader has no key yet.
@@ -133,13 +133,13 @@ class LeaderKeys:
         seal = self._seals.get(leader)
         self._last[leader] = message
         if seal is None:
-            self.wanted.add(leader)
+            self.missing.add(leader)
             return None
         return seal.seal(message)
 
     def take_stored(self) -> list[tuple[bytes, Address]]:
         """Return the datagrams of the messages that waited for a key which has arrived."""
-        return [(self._seals[leader].seal(self._kept.pop(leader)), leader) for leader in list(self._kept)]
+        return [(self._seals[leader].seal(self._unsent.pop(leader)), leader) for leader in list(self._unsent)]
 
     def open(self, data: bytes, leader: Address) -> bytes:
         """Return the message of a leader's datagram. Raises SealError if it is refused."""
@@ -162,5 +162,5 @@ class LeaderKeys:
         seal = self._seals.get(leader)
         if seal is None or seal.key_id != key_id or not seal.has_sent(notice):
             return False
-        self.wanted.add(leader)
+        self.missing.add(leader)
         return True

@@ -14,7 +14,7 @@ from capture_app.common.pairing_codes import Role, pin_of
 from capture_app.trust.state_file import StateFile
 
 FILE = "machines.json"
-MOST = 1000
+MAX_MACHINES = 1000
 
 
 INCLUDED = {Role.STANDBY: (Role.STANDBY, Role.LEADER, Role.CAMERA)}
@@ -86,8 +86,11 @@ class KnownMachines:
             others = tuple(machine for machine in machines if machine.pin != pin)
             known = next((machine for machine in machines if machine.pin == pin), None)
             if known is None:
-                if len(machines) >= MOST:
-                    raise BadInputError(f"{MOST} machines are known already", hint="capture-app trust remove")
+                if len(machines) >= MAX_MACHINES:
+                    raise BadInputError(
+                        f"{MAX_MACHINES} machines are already known",
+                        hint="remove one: capture-app trust remove NAME",
+                    )
                 known = KnownMachine(pin=pin, name="", roles=(), added_unix_s=int(time.time()))
             names = {machine.name for machine in others}
             return *others, replace(
@@ -108,8 +111,8 @@ class KnownMachines:
         standbys = (one for one in own if Role.STANDBY in one.roles)
         return tuple(replace(one, roles=(Role.LEADER,), certificate=None) for one in standbys)
 
-    def take_trust_of(self, of: str, told: Collection[KnownMachine]) -> None:
-        """Replace the machines that the leader with that pin vouches for by `told`.
+    def take_trust_of(self, of: str, offered: Collection[KnownMachine]) -> None:
+        """Replace the machines that the leader with that pin vouches for by `offered`.
 
         Nothing changes unless that leader was confirmed here. A leader that is also a standby here may
         introduce machines with any role, another one only leaders. Machines confirmed here, or known through
@@ -123,15 +126,15 @@ class KnownMachines:
         def change(machines: tuple[KnownMachine, ...]) -> tuple[KnownMachine, ...]:
             known = {one.pin: one for one in machines if one.vouched_by != of}
             names = {one.name for one in known.values()}
-            for one in told:
+            for one in offered:
                 roles = tuple(sorted(allowed & {*one.roles}))
-                if roles and one.pin not in known and len(known) < MOST:
+                if roles and one.pin not in known and len(known) < MAX_MACHINES:
                     name = free_name(name_like(one.name, "machine"), names)
                     names.add(name)
                     known[one.pin] = replace(one, name=name, roles=roles, vouched_by=of)
             return tuple(known.values())
 
-        for one in told:
+        for one in offered:
             if one.certificate is not None:
                 _check_certificate(one.certificate, one.pin)
         if {*change(self.all())} != {*self.all()}:
@@ -179,6 +182,6 @@ def _check_certificate(certificate: bytes, pin: str) -> None:
         x509.load_der_x509_certificate(certificate)
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_verify_locations(cadata=certificate)
     except (ssl.SSLError, ValueError) as error:
-        raise BadInputError("what a machine showed is no certificate") from error
+        raise BadInputError("a machine presented an invalid certificate") from error
     if pin_of(certificate) != pin:
-        raise BadInputError(f"a certificate is not of the pin {pin}")
+        raise BadInputError(f"a certificate does not match the pin {pin}")

@@ -15,8 +15,8 @@ from capture_app.common.pairing_codes import CODE_DIGITS, SHOW_CODE, Role
 
 TRIES = 3
 GOOD_FOR_S = 600
-NO_CODE = "there is no code to join with at present"
-WRONG_CODE = "that is not the code"
+NO_CODE = "no pairing code is valid at present"
+WRONG_CODE = "wrong pairing code"
 
 
 @dataclass(slots=True)
@@ -58,7 +58,7 @@ class Invitations:
         return [one for one in self._invitations if one.tries_left > 0 and self._now_s() < one.ends_s]
 
     def answer(
-        self, pin: str, share: bytes, own_pin: str, digit: str = ""
+        self, pin: str, spake2_message: bytes, own_pin: str, digit: str = ""
     ) -> tuple[bytes, Invitation, bytes]:
         """Answer a machine's SPAKE2 message; spend one try of its code.
 
@@ -74,8 +74,8 @@ class Invitations:
         from spake2 import SPAKE2_B
 
         half = SPAKE2_B(invitation.code.encode(), idA=pin.encode(), idB=own_pin.encode())
-        own_fraction: bytes = half.start()
-        return own_fraction, invitation, _finish(half, share)
+        own_message: bytes = half.start()
+        return own_message, invitation, _finish(half, spake2_message)
 
     def accept(self, invitation: Invitation, key: bytes, proof: bytes) -> bytes:
         """Return the leader's proof for a machine that proved that it knows the code; the code is then spent.
@@ -99,29 +99,29 @@ class Candidate:
         from spake2 import SPAKE2_A
 
         self._half = SPAKE2_A(code.encode(), idA=pin.encode(), idB=leader_pin.encode())
-        self.share: bytes = self._half.start()
+        self.spake2_message: bytes = self._half.start()
         """First SPAKE2 message, for the leader."""
         self._key = b""
 
-    def prove(self, share: bytes) -> bytes:
+    def prove(self, spake2_message: bytes) -> bytes:
         """Process the leader's message, and return the proof that this machine knows the code.
 
         Raises BadInputError for an invalid message.
         """
-        self._key = _finish(self._half, share)
+        self._key = _finish(self._half, spake2_message)
         return _proof(self._key, b"machine")
 
     def check(self, proof: bytes) -> None:
         """Check the proof that the leader knew the code. Raises UnknownMachineError."""
         if not self._key or not hmac.compare_digest(proof, _proof(self._key, b"leader")):
-            raise UnknownMachineError("whoever answers there does not know the code itself")
+            raise UnknownMachineError("the machine that answers does not know the code")
 
 
-def _finish(half: Any, share: bytes) -> bytes:
+def _finish(half: Any, spake2_message: bytes) -> bytes:
     try:
-        key: bytes = half.finish(share)
+        key: bytes = half.finish(spake2_message)
     except Exception as error:
-        raise BadInputError("what came is no word of this pairing") from error
+        raise BadInputError("invalid pairing message") from error
     return key
 
 

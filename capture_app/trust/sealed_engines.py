@@ -23,7 +23,7 @@ from capture_app.trust.keys import Address, ClientKeys, LeaderKeys
 from capture_app.trust.sealing import Refusals, Refused, SealError, unknown_key, unknown_key_of
 
 Sealed = Iterator[tuple[bytes, Address]]
-NOT_PAIRED = "this rig takes paired nodes only: start this one without --open"
+NOT_PAIRED = "this rig accepts paired nodes only: start this one without --open"
 MAX_NOTICES = 64
 
 

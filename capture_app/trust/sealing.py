@@ -182,11 +182,11 @@ class Refusals:
         """Return the refusals since the last report, unless that was less than REPORT_INTERVAL_NS ago."""
         if self._due_ns is not None and now_ns < self._due_ns:
             return []
-        told = [
+        reported = [
             (host, why)
             for (host, why), count in self._counts.items()
             if count >= FEW or why not in (Refused.UNKNOWN_KEY, Refused.REPLAYED)
         ]
-        if told:
+        if reported:
             self._due_ns = now_ns + REPORT_INTERVAL_NS
-        return [DatagramsRefused(*key, self._counts.pop(key)) for key in told]
+        return [DatagramsRefused(*key, self._counts.pop(key)) for key in reported]

@@ -129,9 +129,9 @@ class Trust:
         """
         self.known.take_trust_of(leader.pin, machines)
         if leader.may(Role.STANDBY) and leader.pin != self.identity.pin and self.folder is not None:
-            kept = CameraNames(self.folder)
-            kept.owners.update(names)
-            kept.keep()
+            names_file = CameraNames(self.folder)
+            names_file.owners.update(names)
+            names_file.keep()
 
     def server_context(self) -> ssl.SSLContext | None:
         """TLS context for incoming streams; a client without a certificate connects as an unknown peer."""

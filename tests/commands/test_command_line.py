@@ -54,7 +54,7 @@ NODE = ("node", "--leader", "127.0.0.1:1")
         (("relay", "10.0.0.1:port"), USAGE, "not HOST:PORT"),
         (("relay", "127.0.0.1", "--name", "a b"), USAGE, "is not a valid name for a node"),
         (("relay", "127.0.0.1", "--clock", "sundial"), BAD_INPUT, "unknown clock"),
-        (("relay", "[::1]:5", "--host", "127.0.0.1", "--port", "0"), NETWORK, "not of one kind"),
+        (("relay", "[::1]:5", "--host", "127.0.0.1", "--port", "0"), NETWORK, "mix IPv4 and IPv6"),
         (("demo", "--cameras", "8"), USAGE, "--cameras"),
         (("sessions", "show", "nowhere"), BAD_INPUT, "nowhere"),
     ],

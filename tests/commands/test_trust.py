@@ -89,7 +89,7 @@ async def test_an_invitation_makes_another_machine_an_operator(
         invitation = json.loads(invited[1])
         assert invitation["join_with"].startswith("capture-app trust pair ")
         code, _, said = await there("trust", "pair", address, "--code", "00000000")
-        assert (code, "not the code" in said) == (ExitCode.NETWORK, True)
+        assert (code, "wrong pairing code" in said) == (ExitCode.NETWORK, True)
         code, said, _ = await there("trust", "pair", address, "--code", invitation["code"], "--json")
         assert json.loads(said)["roles"] == [Role.OPERATOR]
         code, said, _ = await there("status", "--leader", address, "--json")
@@ -105,6 +105,10 @@ async def test_an_open_rig_asks_nobody_and_has_no_codes(on: Machine, tmp_path: P
         code, _, _ = await asyncio.to_thread(on, THERE, "status", "--leader", address, "--open")
         assert code == ExitCode.OK
         code, _, said = await asyncio.to_thread(on, THERE, "status", "--leader", address)
-        assert (code, "does not show who it is" in said, "--open" in said) == (ExitCode.NETWORK, True, False)
+        assert (code, "does not prove its identity" in said, "--open" in said) == (
+            ExitCode.NETWORK,
+            True,
+            False,
+        )
         code, _, said = await asyncio.to_thread(on, THERE, "trust", "invite", "--leader", address, "--open")
-        assert (code, "needs no code" in said) == (ExitCode.NETWORK, True)
+        assert (code, "without a code" in said) == (ExitCode.NETWORK, True)

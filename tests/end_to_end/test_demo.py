@@ -26,7 +26,7 @@ from capture_app.protocol.orders import AddSimulated
 async def main():
     options = LeaderOptions(sessions=Path("unused"), host="127.0.0.1", port=0)
     async with await LeaderNode.start(options) as leader:
-        async with LocalNodes(leader.own_address, Path("spool"), leader.news) as nodes:
+        async with LocalNodes(leader.own_address, Path("spool"), leader.log) as nodes:
             await nodes.add_simulated(AddSimulated(cameras=2, scene="bars"))
             while [node.state for node in leader.status().nodes] != ["ready", "ready"]:
                 await asyncio.sleep(0.05)

@@ -66,9 +66,11 @@ def test_nothing_is_waited_for_in_silence(tmp_path: Path) -> None:
         early, lost = two.join("early"), two.join("lost", "--leader", NOBODY)
         before = two.join("before", "--leader", LEADER_HOST)
         said(early, "looking for a leader in this network")
-        assert "start one with: capture-app" in said(early, "no leader is found in this network yet")
+        assert "start one with: capture-app" in said(early, "no leader found on this network yet")
         assert "capture-app doctor" in said(lost, f"no machine answers at {NOBODY}")
-        assert "start it there with: capture-app" in said(before, f"{LEADER_HOST} is there, but no leader")
+        assert "start it there with: capture-app" in said(
+            before, f"{LEADER_HOST} is reachable, but no leader"
+        )
         two.lead()
         assert said(early, f"found a leader at {LEADER_HOST}:47010")
         for node in (early, before):

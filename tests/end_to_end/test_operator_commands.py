@@ -37,7 +37,7 @@ async def test_a_camera_is_started_looked_at_and_removed(start: Start, tmp_path:
     assert (await watching.next_json())["rig"]["nodes"] == []
     assert await result("cameras", "add", CAMERA, "--name", "desk") == {"added": ["desk"]}
     assert await result("cameras", "add", "--simulated", "1", "--scene", "bars") == {"added": ["cam00"]}
-    assert "is here already" in await refusal(ExitCode.BAD_INPUT, "cameras", "add", CAMERA, "--name", "desk")
+    assert "already exists" in await refusal(ExitCode.BAD_INPUT, "cameras", "add", CAMERA, "--name", "desk")
     assert "'moon'" in await refusal(
         ExitCode.BAD_INPUT, "cameras", "add", "--simulated", "2", "--scene", "moon"
     )

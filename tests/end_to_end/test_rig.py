@@ -140,7 +140,7 @@ async def test_a_burst_that_nobody_can_take_is_one_line_and_no_session(start: St
     leader, address = await lead(start, tmp_path / "sessions")
     for options, says in (
         ((), "no camera is here (start one with: capture-app node --leader"),
-        (("--wait-s", "0.2", "--min-nodes", "3"), "not ready after 0.2 s: 0 of 3 nodes are here"),
+        (("--wait-s", "0.2", "--min-nodes", "3"), "not ready after 0.2 s: 0 of 3 nodes have joined"),
     ):
         command = await start("burst", "--leader", address, *options)
         assert await command.finish() == ""
@@ -164,4 +164,4 @@ async def test_several_cameras_of_a_machine_run_in_one_process(start: Start, tmp
     assert {camera.name for camera in session.manifest.cameras} == {"host-phone-a", "host-phone-b"}
     assert await node.stop() == 130
     twice = await start("node", "--camera", specs[2], "--camera", specs[2], "--leader", address)
-    assert "named twice" in await twice.says("error")
+    assert "given twice" in await twice.says("error")

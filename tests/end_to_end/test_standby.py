@@ -93,6 +93,6 @@ async def test_a_standby_leads_when_the_leader_is_killed_and_the_other_way_round
 
 async def test_a_leader_that_is_not_among_those_named_says_so(start: Start, tmp_path: Path) -> None:
     leader = await ranked(start, "127.0.0.1:47999", ["192.0.2.1:47010", "192.0.2.2:47010"], tmp_path)
-    await leader.says("name all leaders of the rig, the best first, on each of them alike")
+    await leader.says("give each of them the same list of all leaders, preferred first")
     await leader.finish()
     assert leader.process.returncode == ExitCode.BAD_INPUT

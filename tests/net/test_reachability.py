@@ -47,7 +47,7 @@ async def test_a_leader_whose_streams_are_shut_out_is_told_from_one_that_is_reac
     async with answering() as leader:
         found = await find_obstacle(leader, silence_s=60.0)
     assert found is not None
-    assert "takes no stream" in found.what
+    assert "accepts no TCP connection" in found.what
     assert f"ufw allow {leader.port}/tcp" in found.remedy
 
 
@@ -55,7 +55,7 @@ async def test_a_stream_that_does_not_show_who_it_is_is_said_and_ends_nothing(tm
     async with a_leader(Trust.open()) as open_leader:
         found = await find_obstacle(open_leader, silence_s=60.0, trust=Trust(tmp_path))
     assert found is not None
-    assert "does not show who it is" in found.what
+    assert "does not prove its identity" in found.what
 
 
 async def test_a_leader_of_another_version_is_told_from_none() -> None:
@@ -83,7 +83,7 @@ async def test_a_leader_and_a_machine_that_do_not_know_each_other_are_to_be_pair
 async def test_a_machine_without_a_leader_is_told_at_once() -> None:
     found = await find_obstacle(closed_port(), silence_s=60.0)
     assert found is not None
-    assert "127.0.0.1 is there, but no leader listens" in found.what
+    assert "127.0.0.1 is reachable, but no leader listens" in found.what
     assert "start it there with: capture-app" in found.remedy
 
 
@@ -108,16 +108,16 @@ async def test_where_no_leader_answers_none_is_found() -> None:
     [
         (Answer.SILENCE, Answer.SILENCE, True, "a firewall drops"),
         (Answer.SILENCE, Answer.SILENCE, False, "no machine answers"),
-        (Answer.SILENCE, Answer.SILENCE, None, "nothing comes back"),
-        (Answer.SILENCE, Answer.CAME, True, "answers no datagram"),
-        (Answer.REFUSED, Answer.CAME, True, "answers no datagram"),
-        (Answer.CAME, Answer.SILENCE, True, "takes no stream"),
-        (Answer.CAME, Answer.REFUSED, None, "takes no stream"),
+        (Answer.SILENCE, Answer.SILENCE, None, "no reply"),
+        (Answer.SILENCE, Answer.CAME, True, "does not answer UDP"),
+        (Answer.REFUSED, Answer.CAME, True, "does not answer UDP"),
+        (Answer.CAME, Answer.SILENCE, True, "accepts no TCP connection"),
+        (Answer.CAME, Answer.REFUSED, None, "accepts no TCP connection"),
         (Answer.REFUSED, Answer.REFUSED, True, "no leader listens"),
         (Answer.SILENCE, Answer.REFUSED, None, "no leader listens"),
         (Answer.FORBIDDEN, Answer.SILENCE, None, "this machine's own firewall"),
         (Answer.UNREACHABLE, Answer.SILENCE, None, "no machine answers"),
-        (Answer.NO_WAY, Answer.NO_WAY, None, "no network that leads to"),
+        (Answer.NO_ROUTE, Answer.NO_ROUTE, None, "no route to"),
     ],
 )
 def test_what_is_in_the_way_is_told_by_what_comes_back(
@@ -144,12 +144,14 @@ def test_firewalls_and_wrong_addresses_are_told_apart_on_a_real_network() -> Non
             listening.kill()
             listening.communicate()
     no_datagrams, dropped, nobody_listens, own_firewall, no_machine, no_network = said.splitlines()
-    assert "10.77.0.1:47020 takes streams, but answers no datagram: let UDP through" in no_datagrams
-    assert "10.77.0.1 is there, but a firewall drops what is sent to its port 47030" in dropped
-    assert "10.77.0.1 is there, but no leader listens on its port 47040" in nobody_listens
-    assert "this machine's own firewall lets nothing out to 10.77.0.1:47050" in own_firewall
+    assert (
+        "10.77.0.1:47020 accepts TCP connections, but does not answer UDP: allow UDP through" in no_datagrams
+    )
+    assert "10.77.0.1 is reachable, but a firewall drops packets to its port 47030" in dropped
+    assert "10.77.0.1 is reachable, but no leader listens on its port 47040" in nobody_listens
+    assert "this machine's own firewall blocks all traffic to 10.77.0.1:47050" in own_firewall
     assert "no machine answers at 10.77.0.99" in no_machine
-    assert "this machine has no network that leads to 10.99.0.1" in no_network
+    assert "this machine has no route to 10.99.0.1" in no_network
 
 
 async def test_a_port_that_is_open_and_silent_is_told_from_a_firewall(tmp_path: Path) -> None:
@@ -159,13 +161,13 @@ async def test_a_port_that_is_open_and_silent_is_told_from_a_firewall(tmp_path: 
     address = Address("127.0.0.1", listening.getsockname()[1])
     try:
         found = await find_obstacle(address, silence_s=1.5, trust=node)
-        with pytest.raises(NetworkError, match="is open, but nothing there says a word") as error:
+        with pytest.raises(NetworkError, match="is open, but nothing there answers") as error:
             await connect(address, Ping, trust=node, timeout_s=0.5)
     finally:
         datagrams.close()
         listening.close()
     assert found is not None
-    assert found.what == f"the port of {address} is open, but nothing there says a word"
+    assert found.what == f"the port of {address} is open, but nothing there answers"
     assert "firewall" not in found.remedy + error.value.hint
 
 
@@ -179,4 +181,4 @@ async def test_a_handshake_that_is_cut_is_no_reason_to_ask_nobody(tmp_path: Path
             with pytest.raises(NetworkError) as error:
                 await connect(address, Ping, trust=node)
         assert "--open" not in str(error.value) + error.value.hint
-        assert ("was paired with this machine" in str(error.value)) is paired
+        assert ("no longer paired with this machine" in str(error.value)) is paired

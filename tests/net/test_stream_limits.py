@@ -74,7 +74,7 @@ async def test_who_takes_nothing_in_keeps_no_room() -> None:
 
     stream_timeouts = StreamTimeouts(first_s=60.0, message_s=0.3)
     async with (
-        serving(tell_for_ever, stream_timeouts=stream_timeouts, most=1) as address,
+        serving(tell_for_ever, stream_timeouts=stream_timeouts, max_streams=1) as address,
         await connect(address, Pong) as stuck,
     ):
         await stuck.send(Ping(1))
@@ -96,7 +96,7 @@ async def test_a_stream_that_is_closed_is_not_kept_for_what_nobody_takes_in() ->
 
     stream_timeouts = StreamTimeouts(first_s=60.0, message_s=0.5)
     async with (
-        serving(leave_unsent, stream_timeouts=stream_timeouts, most=1) as address,
+        serving(leave_unsent, stream_timeouts=stream_timeouts, max_streams=1) as address,
         await connect(address, Pong) as stuck,
     ):
         await stuck.send(Ping(1))

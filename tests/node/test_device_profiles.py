@@ -75,11 +75,11 @@ def test_a_folder_that_cannot_be_written_is_no_failure(tmp_path: Path) -> None:
 
 
 def test_a_measured_link_is_known_by_its_camera_and_leader(tmp_path: Path) -> None:
-    way = PathAsymmetry(150_000, 40_000, 1_200_000)
+    asymmetry = PathAsymmetry(150_000, 40_000, 1_200_000)
     profiles = DeviceProfiles(tmp_path)
-    assert profiles.way("a", "192.168.1.2") is None
-    assert profiles.save_asymmetry("a", "192.168.1.2", way)
+    assert profiles.asymmetry("a", "192.168.1.2") is None
+    assert profiles.save_asymmetry("a", "192.168.1.2", asymmetry)
     again = DeviceProfiles(tmp_path)
-    assert again.way("a", "192.168.1.2") == way
-    assert again.way("b", "192.168.1.2") is None
-    assert again.way("a", "192.168.1.3") is None
+    assert again.asymmetry("a", "192.168.1.2") == asymmetry
+    assert again.asymmetry("b", "192.168.1.2") is None
+    assert again.asymmetry("a", "192.168.1.3") is None

@@ -107,17 +107,17 @@ async def test_a_leader_whose_disk_is_full_before_the_first_image_says_so_and_go
             assert isinstance(refusal, Refusal)
             assert refusal.retry
             assert "is full" in (await anext(taking)).message
-            await until(lambda: any("is full" in line.text for line in leader.news.after(0)))
+            await until(lambda: any("is full" in line.text for line in leader.log.after(0)))
             await asyncio.to_thread(filling.unlink)
             await channel.send(report)
-            assert (await answer(channel)).wanted == (0,)
+            assert (await answer(channel)).requested == (0,)
             await channel.send(upload, bursts.IMAGE)
             assert isinstance(await answer(channel), ImageAck)
         done = [told async for told in taking][-1]
         assert (done.received, done.expected) == (1, 1)
         assert done.session is not None
         assert Session.open(Path(done.session)).manifest.missing == ()
-        await until(lambda: any("can be used again" in line.text for line in leader.news.after(0)))
+        await until(lambda: any("is usable again" in line.text for line in leader.log.after(0)))
 
 
 async def test_a_spool_that_cannot_be_written_is_told_and_used_again_when_it_can(tmp_path: Path) -> None:
@@ -144,7 +144,7 @@ async def test_a_spool_that_cannot_be_written_is_told_and_used_again_when_it_can
             await until(lambda: len(got) == 2 and told[-1].problem)
             assert "Read-only file system" in told[-1].problem
             assert told[-1].free_bytes > 0, "memory stands in for it"
-            assert any("kept in memory" in line for line in said)
+            assert any("stays in memory" in line for line in said)
         uploader.add_burst(burst_upload(Picture(b"2")))
         await until(lambda: len(got) == 3 and not told[-1].problem)
 

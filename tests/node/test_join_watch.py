@@ -31,7 +31,7 @@ async def test_it_says_what_is_in_the_way_to_each_leader() -> None:
     await until(lambda: said)
     watching.cancel()
     (sentence,) = said
-    assert "127.0.0.1 is there, but no leader listens" in sentence
+    assert "127.0.0.1 is reachable, but no leader listens" in sentence
     assert "cannot resolve host 'nobody.invalid'" in sentence
 
 
@@ -49,7 +49,9 @@ async def test_it_says_nothing_before_an_answer_is_missing() -> None:
 async def test_what_the_leader_said_itself_is_not_said_again() -> None:
     said: list[str] = []
     leader, client = closed_port(), asking_in_vain()
-    client.note_refusal(f"127.0.0.1 is there, but no leader listens on its port {leader.port} (as it said)")
+    client.note_refusal(
+        f"127.0.0.1 is reachable, but no leader listens on its port {leader.port} (as it said)"
+    )
     for _ in range(UNANSWERED):
         client.handle_timer(client.next_timer())
     others = leader, Address("nobody.invalid", 47010)

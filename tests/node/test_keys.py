@@ -65,7 +65,7 @@ async def test_datagrams_of_strangers_change_nothing_and_are_told(
                 answer = await asyncio.get_running_loop().sock_recv(sock, 2048)
             assert isinstance(decode(answer), JoinRefusal)
             assert len(answer) <= len(hello)
-            await until(lambda: any("refused" in line.text for line in leader.news.after(0)))
+            await until(lambda: any("refused" in line.text for line in leader.log.after(0)))
         assert here(leader) == ["cam"]
         await until(lambda: node.time.is_member)
 
@@ -131,7 +131,7 @@ async def test_a_camera_is_not_taken_for_a_relay(tmp_path: Path, leader: LeaderN
             host="127.0.0.1",
             port=0,
             trust=camera,
-            news=Log(said.append),
+            log=Log(said.append),
         )
     )
     async with relay:

@@ -47,7 +47,7 @@ async def test_a_missing_camera_is_tried_again_while_others_run() -> None:
     group = group_of({"here": here, "late": late}, said, retry_s=0.01)
     await run_until(group, lambda: late.runs)
     assert (here.runs, late.runs) == (1, 1)
-    assert said == ["late: no camera; tried again while the others run"] * 2
+    assert said == ["late: no camera; the node tries again while the others run"] * 2
 
 
 async def test_without_any_camera_it_ends_with_the_error() -> None:

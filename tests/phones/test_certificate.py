@@ -44,5 +44,5 @@ def test_one_of_the_users_own_must_have_its_key(tmp_path: Path) -> None:
     assert load_certificate(made.file) == made
     text = made.file.read_text("ascii")
     file.write_text(text[text.index("-----BEGIN CERT") :])
-    with pytest.raises(BadInputError, match="holds no certificate with its key"):
+    with pytest.raises(BadInputError, match="does not contain a certificate with its key"):
         load_certificate(file)

@@ -68,7 +68,7 @@ async def test_a_page_in_the_background_is_told_and_comes_back(place: Place) -> 
     await phone.join()
     await phone.open_camera()
     await until(lambda: place.state("left") not in (None, NodeState.FAILED))
-    await phone.say(type="away", why="its page is in the background")
+    await phone.say(type="page-hidden", why="its page is in the background")
     await until(lambda: place.state("left") is NodeState.FAILED)
     assert any("in the background" in line for line in place.said)
     await phone.open_camera()
@@ -127,7 +127,7 @@ async def test_a_phone_that_an_operator_puts_off_stays_off(place: Place) -> None
                 await give_order(place.leader.own_address, RemoveCamera(name="left"))
             await asyncio.sleep(0.05)
     status, body = await phone.ask()
-    assert (status, "put this phone off" in body["words"]) == (403, True)
+    assert (status, "has removed this phone" in body["words"]) == (403, True)
     again = await place.phone(key=phone.key)
     assert await again.join() == "left"
 
@@ -189,7 +189,7 @@ async def test_a_phone_that_talks_nonsense_is_cut_off_alone(place: Place) -> Non
 
 @pytest.mark.parametrize(
     "first",
-    [b"no words", "[" * 100_000, '{"type": "away", "why": "x"}', None],
+    [b"no words", "[" * 100_000, '{"type": "page-hidden", "why": "x"}', None],
     ids=["bytes", "deep", "away", "close"],
 )
 async def test_a_link_that_does_not_begin_with_a_hello_is_closed(
@@ -240,7 +240,7 @@ async def test_two_phones_by_one_code_are_one_and_a_refusal(place: Place) -> Non
     assert await first.join() == "left"
     status, body = await second.ask()
     assert status == 403
-    assert "has let another phone in" in body["words"]
+    assert "Another phone has used" in body["words"]
     second.secret = place.admission.secret
     assert await second.join() == "left-2"
 

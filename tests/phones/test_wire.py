@@ -28,9 +28,9 @@ def test_any_text_is_read_or_refused(text: str) -> None:
 
 @pytest.mark.parametrize("time_us", [math.inf, math.nan, 1e300])
 def test_times_that_no_clock_shows_are_refused(time_us: float) -> None:
-    with pytest.raises(ValueError, match="no clock shows"):
+    with pytest.raises(ValueError, match="out of range"):
         wire.decode_binary(struct.pack("<BIIdd", wire.PING, 1, 0, 0.0, time_us))
-    with pytest.raises(ValueError, match="no clock shows"):
+    with pytest.raises(ValueError, match="out of range"):
         wire.decode_binary(struct.pack("<BIIddd", wire.FRAME, 1, 0, 0.0, time_us, 0.0))
 
 

@@ -59,7 +59,7 @@ def test_a_node_is_shown_written_and_started(log: Path, capsys: pytest.CaptureFi
     assert not unit_of(log).exists()
     assert f"systemctl --user disable --now {unit}" in log.read_text()
     assert run([*NODE, "--not-at-boot"]) == ExitCode.BAD_INPUT
-    assert "does not start with this machine" in capsys.readouterr().err
+    assert "is not set to start with this machine" in capsys.readouterr().err
 
 
 def test_a_node_that_accepts_any_machine_does_so_at_boot(log: Path) -> None:
@@ -105,7 +105,7 @@ def test_a_machine_without_systemd(
 ) -> None:
     monkeypatch.setenv("PATH", str(tmp_path / "nothing"))
     assert run([*NODE, "--at-boot", "--yes"]) == ExitCode.NOT_AVAILABLE
-    assert "there is no systemd here" in capsys.readouterr().err
+    assert "systemd is not available" in capsys.readouterr().err
     assert not unit_of(log).exists()
 
 

@@ -90,7 +90,7 @@ def test_a_common_step_is_found_or_none_is_claimed(seed: int) -> None:
 async def test_a_camera_without_frames_is_an_error_in_words() -> None:
     clock = LoopClock(7)
     spec = "sim:perfect,drops=1"
-    with pytest.raises(CameraError, match="gave no frames for 15 s"):
+    with pytest.raises(CameraError, match="delivered no frames for 15 s"):
         await measure_camera(spec, lambda: open_camera(spec, clock=clock, name="cam"), clock)
 
 

@@ -13,9 +13,9 @@ def test_a_leader_that_does_not_know_the_key_is_asked_for_another_and_taken_back
     node = rig.nodes["a"]
     rig.leader.keys.revoke_all_but([])
     rig.run(600)
-    assert node.sealed.keys.wanted == {LEADER}
+    assert node.sealed.keys.missing == {LEADER}
     node.sealed.keys.hold(LEADER, rig.leader.keys.grant(node.principal))
-    assert not node.sealed.keys.wanted
+    assert not node.sealed.keys.missing
     rig.run(600)
     assert rig.joined == ["a"]
     assert node.client.time.is_member
@@ -47,8 +47,8 @@ def test_the_keys_of_a_removed_machine_go_and_the_others_stay() -> None:
     assert len(keys) == 1
     rig.run(3000)
     assert rig.joined == ["a"]
-    assert not one.sealed.keys.wanted
-    assert other.sealed.keys.wanted == {LEADER}
+    assert not one.sealed.keys.missing
+    assert other.sealed.keys.missing == {LEADER}
 
 
 def test_a_notice_that_nobody_could_have_written_is_no_reason_to_ask_for_a_key() -> None:
@@ -58,9 +58,9 @@ def test_a_notice_that_nobody_could_have_written_is_no_reason_to_ask_for_a_key()
     assert data is not None
     far = data[:8] + (2**40).to_bytes(8, "big") + data[16:]
     rig.deliver(unknown_key(far), LEADER, node.address)
-    assert not node.sealed.keys.wanted
+    assert not node.sealed.keys.missing
     rig.deliver(unknown_key(data), LEADER, node.address)
-    assert node.sealed.keys.wanted == {LEADER}
+    assert node.sealed.keys.missing == {LEADER}
 
 
 def test_a_node_without_a_key_still_tells_and_hears_of_another_version() -> None:

@@ -33,42 +33,42 @@ def another(code: str) -> str:
 def attempt(desk: Invitations, code: str, *, pin: str = NODE, seen: str = LEADER, said: str = NODE) -> None:
     """A machine of that pin tries a code at a leader that shows a pin, and hears that machine say one."""
     candidate = Candidate(code, pin, seen)
-    share, begun, key = desk.answer(said, candidate.share, LEADER)
-    candidate.check(desk.accept(begun, key, candidate.prove(share)))
+    spake2_message, begun, key = desk.answer(said, candidate.spake2_message, LEADER)
+    candidate.check(desk.accept(begun, key, candidate.prove(spake2_message)))
 
 
 def test_the_code_makes_both_known_to_each_other_once(desk: Invitations) -> None:
     invitation = desk.invite(Role.CAMERA)
     attempt(desk, invitation.code)
     assert desk.invitation is None
-    with pytest.raises(UnknownMachineError, match="no code"):
+    with pytest.raises(UnknownMachineError, match="no pairing code"):
         attempt(desk, invitation.code)
 
 
 def test_a_code_is_good_for_a_few_tries(desk: Invitations) -> None:
     code = desk.invite(Role.CAMERA).code
     for _ in range(TRIES):
-        with pytest.raises(UnknownMachineError, match="not the code"):
+        with pytest.raises(UnknownMachineError, match="wrong pairing code"):
             attempt(desk, another(code))
-    with pytest.raises(UnknownMachineError, match="no code"):
+    with pytest.raises(UnknownMachineError, match="no pairing code"):
         attempt(desk, code)
 
 
 def test_who_leaves_before_proving_anything_has_spent_a_try(desk: Invitations) -> None:
     code = desk.invite(Role.CAMERA).code
     for _ in range(TRIES):
-        desk.answer(NODE, Candidate(another(code), NODE, LEADER).share, LEADER)
+        desk.answer(NODE, Candidate(another(code), NODE, LEADER).spake2_message, LEADER)
     assert desk.invitation is None
 
 
 def test_a_code_ends_after_some_minutes_also_while_it_is_tried(desk: Invitations, clock: Clock) -> None:
     code = desk.invite(Role.CAMERA).code
     candidate = Candidate(code, NODE, LEADER)
-    share, begun, key = desk.answer(NODE, candidate.share, LEADER)
+    spake2_message, begun, key = desk.answer(NODE, candidate.spake2_message, LEADER)
     clock.now_s += GOOD_FOR_S
     with pytest.raises(UnknownMachineError):
-        desk.accept(begun, key, candidate.prove(share))
-    with pytest.raises(UnknownMachineError, match="no code"):
+        desk.accept(begun, key, candidate.prove(spake2_message))
+    with pytest.raises(UnknownMachineError, match="no pairing code"):
         attempt(desk, code)
 
 
@@ -86,30 +86,30 @@ def test_a_false_leader_cannot_prove_itself(desk: Invitations) -> None:
     candidate = Candidate("12345678", NODE, LEADER)
     false = Invitations(lambda: 0.0)
     false.invite(Role.CAMERA)
-    share, _, _ = false.answer(NODE, candidate.share, LEADER)
-    proof = candidate.prove(share)
+    spake2_message, _, _ = false.answer(NODE, candidate.spake2_message, LEADER)
+    proof = candidate.prove(spake2_message)
     for claimed in (b"", proof, bytes(32)):
         with pytest.raises(UnknownMachineError, match="does not know the code"):
             candidate.check(claimed)
 
 
 @pytest.mark.parametrize(
-    "share", [b"", b"A", b"A" + bytes(32), b"A" + b"\xff" * 32, b"B" + bytes(32), b"\0" * 99]
+    "spake2_message", [b"", b"A", b"A" + bytes(32), b"A" + b"\xff" * 32, b"B" + bytes(32), b"\0" * 99]
 )
-def test_what_is_no_share_is_refused(desk: Invitations, share: bytes) -> None:
+def test_invalid_spake2_message_is_refused(desk: Invitations, spake2_message: bytes) -> None:
     desk.invite(Role.CAMERA)
     with pytest.raises(BadInputError):
-        desk.answer(NODE, share, LEADER)
+        desk.answer(NODE, spake2_message, LEADER)
     with pytest.raises(BadInputError):
-        Candidate("12345678", NODE, LEADER).prove(share)
+        Candidate("12345678", NODE, LEADER).prove(spake2_message)
 
 
 def test_a_word_that_is_sent_back_is_refused(desk: Invitations) -> None:
     candidate = Candidate("12345678", NODE, LEADER)
     with pytest.raises(BadInputError):
-        candidate.prove(candidate.share)
+        candidate.prove(candidate.spake2_message)
     with pytest.raises(BadInputError):
-        candidate.prove(b"B" + candidate.share[1:])
+        candidate.prove(b"B" + candidate.spake2_message[1:])
 
 
 def test_codes_have_eight_digits_and_differ(desk: Invitations) -> None:
@@ -123,8 +123,8 @@ def test_codes_that_are_good_side_by_side_are_told_apart_by_their_first_digit(de
     assert len({code[0] for code in codes}) == 10
     for code in codes[5:] + codes[:5]:
         candidate = Candidate(code, NODE, LEADER)
-        share, begun, key = desk.answer(NODE, candidate.share, LEADER, code[0])
-        candidate.check(desk.accept(begun, key, candidate.prove(share)))
+        spake2_message, begun, key = desk.answer(NODE, candidate.spake2_message, LEADER, code[0])
+        candidate.check(desk.accept(begun, key, candidate.prove(spake2_message)))
     assert desk.invitation is None
 
 
@@ -132,6 +132,6 @@ def test_of_more_than_ten_codes_the_oldest_is_good_no_more(desk: Invitations) ->
     codes = [desk.invite(Role.CAMERA).code for _ in range(11)]
     assert codes[0][0] == codes[10][0]
     candidate = Candidate(codes[0], NODE, LEADER)
-    share, begun, key = desk.answer(NODE, candidate.share, LEADER, codes[0][0])
-    with pytest.raises(UnknownMachineError, match="not the code"):
-        desk.accept(begun, key, candidate.prove(share))
+    spake2_message, begun, key = desk.answer(NODE, candidate.spake2_message, LEADER, codes[0][0])
+    with pytest.raises(UnknownMachineError, match="wrong pairing code"):
+        desk.accept(begun, key, candidate.prove(spake2_message))

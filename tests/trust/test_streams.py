@@ -139,7 +139,7 @@ async def test_open_and_closed_rigs_say_what_keeps_them_apart(leader: Trust, mac
     async with served(leader) as (address, _):
         assert await ask(address, Trust.open()) is None, "the stream is closed without a word"
     async with served(Trust.open()) as (address, seen):
-        with pytest.raises(UnknownMachineError, match="OPEN where it asks nobody who they are"):
+        with pytest.raises(UnknownMachineError, match="which shows OPEN"):
             await ask(address, machine)
         assert await ask(address, Trust.open()) == (Pong(7), b"picture")
     assert seen[-1].who.may(Role.OPERATOR)

@@ -52,7 +52,7 @@ class BurstSession:
     def __init__(
         self,
         burst: Burst,
-        shares: Iterable[CameraDelivery],
+        deliveries: Iterable[CameraDelivery],
         writer: SessionWriter,
         disk: DiskThreads,
         *,
@@ -71,13 +71,13 @@ class BurstSession:
         self._lost = lost
         self._now_ns = 0
         """Leader time of the last check for silent cameras."""
-        self._shares = {share.name: share for share in shares}
+        self._deliveries = {delivery.name: delivery for delivery in deliveries}
         self._choice = InstantChoice(burst, None if writer.plan is None else writer.plan.chosen)
         self._committing = asyncio.Lock()
         self._plan: BurstPlan | None = writer.plan
         """The plan that is to be on disk."""
         self._writing_plan = asyncio.Lock()
-        self._intake = Intake(writer, disk, self.finished, self._shares, in_videos=burst.video)
+        self._intake = Intake(writer, disk, self.finished, self._deliveries, in_videos=burst.video)
         self._background = Background()
 
     @classmethod
@@ -96,11 +96,11 @@ class BurstSession:
         """
         heard_ns = burst.instants_ns[0 if burst.streamed else -1] + AFTER_LAST_INSTANT_NS
         records = (CameraRecord(name=n, facts=facts) for n, facts in cameras.items() if n in burst.clients)
-        shares = [
+        deliveries = [
             CameraDelivery(CameraPlan(camera=camera), heard_ns, short_timeout=camera.name in short_timeouts)
             for camera in records
         ]
-        return cls(burst, shares, writer, disk)
+        return cls(burst, deliveries, writer, disk)
 
     @classmethod
     def resume(cls, folder: Path, heard_ns: int, disk: DiskThreads) -> "BurstSession":
@@ -111,11 +111,11 @@ class BurstSession:
         """
         writer = SessionWriter.resume(folder)
         assert writer.plan is not None
-        shares = [
+        deliveries = [
             CameraDelivery(plan, heard_ns, instants=writer.instants_of(plan.camera.name))
             for plan in writer.plan.cameras
         ]
-        return cls(burst_of(writer.plan), shares, writer, disk, lost=lost_images(writer, shares))
+        return cls(burst_of(writer.plan), deliveries, writer, disk, lost=lost_images(writer, deliveries))
 
     async def write_plan(self, leader: int, note: str = "", pins: Mapping[str, str] | None = None) -> None:
         """Write the burst's plan to disk; `leader` is the id by which nodes know this run of the leader.
@@ -123,7 +123,7 @@ class BurstSession:
         `pins` are the cameras' machines. Raises DiskFullError where there is no room for it.
         """
         self._plan = plan_of(self.burst, self._writer, leader, note, pins or {})
-        await self._save_plan(self._choice.wanted)
+        await self._save_plan(self._choice.requested)
 
     # Status and summaries
 
@@ -132,19 +132,23 @@ class BurstSession:
         """Progress of the burst; a burst of an earlier run has no number in this one."""
         done = self.finished.is_set()
         # A recording's length is unknown until it ends: expect as many as any camera has sent so far.
-        so_far = max((share.instants.end for share in self._shares.values()), default=0)
+        so_far = max((delivery.instants.end for delivery in self._deliveries.values()), default=0)
         instants = so_far if self.burst.video and not done else self.burst.frames
-        transfer = tuple(share.transfer(instants) for _, share in sorted(self._shares.items()))
+        transfer = tuple(delivery.transfer(instants) for _, delivery in sorted(self._deliveries.items()))
         received, expected = sum(t.received for t in transfer), sum(t.expected for t in transfer)
         message = self.message or ("" if done else self.trouble or self._waiting_text())
         if self._lost is not None:
             message = f"{self._writer.name} of an earlier run: {received} of {expected} images" + (
-                f"; {message}" if message else "" if done else ", waiting for what its nodes still hold"
+                f"; {message}"
+                if message
+                else ""
+                if done
+                else ", waiting for images that its nodes still have"
             )
         return BurstStatus(
             burst=self.burst.number if self._lost is None else 0,
             name=self._writer.name,
-            cameras=len(self._shares),
+            cameras=len(self._deliveries),
             instants=instants,
             received=received,
             expected=expected,
@@ -153,7 +157,7 @@ class BurstSession:
             message="; ".join(filter(None, (self.without, message))),
             transfer=transfer,
             recording=self.burst.video,
-            skipped=self._choice.skipped(self._told),
+            skipped=self._choice.skipped(self._reported_plans),
         )
 
     @property
@@ -165,8 +169,8 @@ class BurstSession:
         """Return the mean size in bytes of each camera's images, for cameras that have any."""
         videos = self._writer.videos.records()
         means = {video.camera: video.bytes // video.frames for video in videos if video.frames}
-        for name, share in self._shares.items():
-            instants = () if name in means else share.instants
+        for name, delivery in self._deliveries.items():
+            instants = () if name in means else delivery.instants
             images = [self._writer.image(name, instant) for instant in instants]
             if sizes := [image.bytes for image in images if image is not None]:
                 means[name] = sum(sizes) // len(sizes)
@@ -174,11 +178,11 @@ class BurstSession:
 
     def silent_cameras(self) -> set[str]:
         """Return the cameras that have delivered nothing and were given up because they were silent."""
-        return {name for name, of in self._shares.items() if of.silent and not of.instants}
+        return {name for name, of in self._deliveries.items() if of.silent and not of.instants}
 
     def is_empty(self) -> bool:
         """Return whether no image has arrived yet."""
-        return not any(share.instants for share in self._shares.values())
+        return not any(delivery.instants for delivery in self._deliveries.values())
 
     # Incoming reports and images
 
@@ -189,12 +193,12 @@ class BurstSession:
 
     def stream_opened(self, camera: str) -> None:
         """Note that a camera is connected, so that its images may take longer."""
-        self._share(camera).streams += 1
+        self._delivery(camera).streams += 1
 
     def stream_closed(self, camera: str, now_ns: int) -> None:
         """Note that a camera's stream broke off or was closed."""
-        self._share(camera).streams -= 1
-        self._share(camera).note_heard(now_ns)
+        self._delivery(camera).streams -= 1
+        self._delivery(camera).note_heard(now_ns)
 
     async def accept_report(self, report: CameraReport, now_ns: int, *, wait_s: float = 0.0) -> ReportAck:
         """Store a camera's report of what it will send; return which images to send, and which are here.
@@ -202,32 +206,32 @@ class BurstSession:
         While that depends on other cameras it waits up to `wait_s` for them. Raises BadInputError for a
         report that does not belong to this burst, DiskError while the disk does not accept it.
         """
-        share, told = self._share(report.plan.camera.name), report.plan
+        delivery, plan = self._delivery(report.plan.camera.name), report.plan
         if self.burst.streamed:
             # The camera may have learned late that the burst ends earlier.
-            told = replace(told, instants=tuple(n for n in told.instants if n < self.burst.frames))
-        self._choice.check_ordered([*told.instants, *(missing.instant for missing in told.missing)])
+            plan = replace(plan, instants=tuple(n for n in plan.instants if n < self.burst.frames))
+        self._choice.check_ordered([*plan.instants, *(missing.instant for missing in plan.missing)])
         try:
-            async with self._intake.interrupted(share.name):
+            async with self._intake.interrupted(delivery.name):
                 self._check_open()
-                first = not share.plan.reported
+                first = not delivery.plan.reported
                 if first and report.events:
-                    events = ({"camera": share.name, **event} for event in report.events)
+                    events = ({"camera": delivery.name, **event} for event in report.events)
                     await self._disk.call(self._writer.add_event, *events)
-                share.note_report(told, is_of_earlier_run=self._lost is not None)
-                share.note_heard(now_ns, advanced=first or not self._choice.is_committed)
+                delivery.note_report(plan, is_of_earlier_run=self._lost is not None)
+                delivery.note_heard(now_ns, advanced=first or not self._choice.is_committed)
                 await self._commit_instants()
                 if self._choice.is_committed:
-                    await self._save_plan(self._choice.wanted)
+                    await self._save_plan(self._choice.requested)
         except DiskError as error:
             self.trouble = str(error)
             raise
         self.trouble = ""
         if not await self._choice.wait(wait_s):
             return ReportAck(undecided=True)
-        receipts = await self._disk.call(share.receipts, self._writer, self._choice)
+        receipts = await self._disk.call(delivery.receipts, self._writer, self._choice)
         await self.finish_if_complete()
-        return ReportAck(receipts=receipts, wanted=self._choice.wanted)
+        return ReportAck(receipts=receipts, requested=self._choice.requested)
 
     async def take_image(
         self, upload: ImageUpload, payload: AsyncIterator[bytes], now_ns: int
@@ -246,24 +250,24 @@ class BurstSession:
         record, number = upload.record, self._choice.number(upload.record.instant)
         path = image_path(record.camera, number, check_image_path(record))
         upload = replace(upload, record=replace(record, instant=number, path=path))
-        share = self._share(record.camera)
-        if (others := self._intake.find(share.name, number)) is not None:
+        delivery = self._delivery(record.camera)
+        if (others := self._intake.find(delivery.name, number)) is not None:
             return others
         try:
             saving = await self._intake.receive(upload, payload)
         except DiskError as error:
             self._background.start(self.finish_now(_disk_reason(error)))
             raise
-        saving.add_done_callback(functools.partial(self._note_saved, share, number))
-        share.note_heard(now_ns, advanced=True)
+        saving.add_done_callback(functools.partial(self._note_saved, delivery, number))
+        delivery.note_heard(now_ns, advanced=True)
         return saving
 
-    def _note_saved(self, share: CameraDelivery, number: int, saved: "asyncio.Future[str]") -> None:
+    def _note_saved(self, delivery: CameraDelivery, number: int, saved: "asyncio.Future[str]") -> None:
         if saved.cancelled():
             return
         error = saved.exception()
         if error is None:
-            share.instants.add(number)
+            delivery.instants.add(number)
             # Acknowledged before the session is finished, which takes the disk some time.
             self._background.start(self.finish_if_complete())
         elif isinstance(error, DiskError):
@@ -279,7 +283,9 @@ class BurstSession:
         async with self._committing:
             if self._choice.is_committed:
                 return
-            awaited = [share.told for share in self._shares.values() if not share.given_up]
+            awaited = [
+                delivery.reported_plan for delivery in self._deliveries.values() if not delivery.given_up
+            ]
             chosen = self._choice.find(awaited)
             if chosen is not None:
                 await self._save_plan(chosen)
@@ -292,8 +298,8 @@ class BurstSession:
         """
         if self._plan is None:
             return
-        told = tuple(share.plan for share in self._shares.values())
-        self._plan = replace(self._plan, cameras=told, chosen=chosen, streamed=instant_range(self.burst))
+        plans = tuple(delivery.plan for delivery in self._deliveries.values())
+        self._plan = replace(self._plan, cameras=plans, chosen=chosen, streamed=instant_range(self.burst))
         async with self._writing_plan:
             if self._plan != self._writer.plan:
                 await self._disk.call(self._writer.set_plan, self._plan)
@@ -304,30 +310,30 @@ class BurstSession:
         """Shorten the burst to the instants of `burst`, as it ends earlier than ordered."""
         self.burst = burst
         self._choice.end(burst)
-        await self._save_plan(self._choice.wanted)
+        await self._save_plan(self._choice.requested)
         await self.finish_if_complete()
 
     async def give_up_camera(self, name: str, reason: str, *, silent: bool = False) -> None:
         """Stop waiting for a camera; `silent` if it may still have its images."""
-        share = self._shares.get(name)
-        if share is None or share.is_complete(self._choice):
+        delivery = self._deliveries.get(name)
+        if delivery is None or delivery.is_complete(self._choice):
             return
-        share.given_up, share.silent = reason, silent
+        delivery.given_up, delivery.silent = reason, silent
         try:
             await self._commit_instants()
         except SimulshotError as error:
             # No node may learn of instants that a crash would renumber.
             self._choice.commit(range(self.burst.frames))
-            for other in self._shares.values():
+            for other in self._deliveries.values():
                 other.given_up = other.given_up or error.what
         await self.finish_if_complete()
 
     async def give_up_silent_cameras(self, lost: Mapping[str, str], now_ns: int) -> None:
         """Stop waiting for cameras that have no stream, are lost (name to reason), or have stalled."""
         self._now_ns = now_ns
-        for name, share in self._shares.items():
-            share.note_arrivals(self._intake.arrived_bytes(name), now_ns)
-            if not self._intake.is_saving(name) and (reason := share.why_silent(lost, now_ns)):
+        for name, delivery in self._deliveries.items():
+            delivery.note_arrivals(self._intake.arrived_bytes(name), now_ns)
+            if not self._intake.is_saving(name) and (reason := delivery.why_silent(lost, now_ns)):
                 await self.give_up_camera(name, reason, silent=True)
 
     async def finish_now(self, reason: str, *, silent: bool = True) -> None:
@@ -335,7 +341,7 @@ class BurstSession:
 
         Without any image no session is made, unless the cameras were `silent`.
         """
-        for name in self._shares:
+        for name in self._deliveries:
             await self.give_up_camera(name, reason, silent=silent)
         await self.finish_if_complete()
 
@@ -358,43 +364,43 @@ class BurstSession:
         async with self._intake.at_rest():
             if not self.finished.is_set():
                 await self._disk.call(self._writer.abort)
-                how = f"the next leader goes on, or capture-app sessions repair {self.folder}"
+                how = f"the next leader continues it, or: capture-app sessions repair {self.folder}"
                 self.message = f"left unfinished: {how}"
                 self.finished.set()
 
     def _may_finish(self) -> bool:
         return not self.finished.is_set() and all(
-            share.is_complete(self._choice) for share in self._shares.values()
+            delivery.is_complete(self._choice) for delivery in self._deliveries.values()
         )
 
     def _finish(self) -> Path | None:
         if self.burst.video:
             # Without an end, or cut off by one, the burst lasts as long as the longest recording.
-            ends = [n for of in self._shares.values() for n in (of.plan.picked or 0, of.instants.end)]
+            ends = [n for of in self._deliveries.values() for n in (of.plan.picked or 0, of.instants.end)]
             instants_ns = self.burst.instants_ns[: max([1, *ends])]
             self.burst = dataclasses.replace(self.burst, instants_ns=instants_ns)
             self._choice.end(self.burst)
         lost = self._lost or {}
-        missing = [gap for of in self._shares.values() for gap in of.missing_images(self._choice, lost)]
-        burst = self._choice.record(self._told)
+        missing = [gap for of in self._deliveries.values() for gap in of.missing_images(self._choice, lost)]
+        burst = self._choice.record(self._reported_plans)
         self.message = result_text(burst, missing)
-        silent = any(share.silent for share in self._shares.values())
+        silent = any(delivery.silent for delivery in self._deliveries.values())
         if self.is_empty() and self._lost is None and not silent:
             self._writer.discard()
-            self.message = f"no image came, so no session was made; {self.message}"
+            self.message = f"no image arrived, so no session was made; {self.message}"
             return None
-        return write_manifest(self._writer, self._shares, burst, missing)
+        return write_manifest(self._writer, self._deliveries, burst, missing)
 
     # Parts
 
     @property
-    def _told(self) -> dict[str, CameraPlan | None]:
-        return {name: share.told for name, share in self._shares.items()}
+    def _reported_plans(self) -> dict[str, CameraPlan | None]:
+        return {name: delivery.reported_plan for name, delivery in self._deliveries.items()}
 
-    def _share(self, name: str) -> CameraDelivery:
-        if name not in self._shares:
+    def _delivery(self, name: str) -> CameraDelivery:
+        if name not in self._deliveries:
             raise BadInputError(f"camera {name!r} is not in burst {self.burst.number}")
-        return self._shares[name]
+        return self._deliveries[name]
 
     def _check_open(self) -> None:
         if self.finished.is_set():
@@ -405,15 +411,15 @@ class BurstSession:
         images, seconds = self._intake.waiting()
         if seconds >= SAID_AFTER_S:
             return f"waiting for the disk: {count(images, 'image')}, {seconds:.0f} s"
-        late = [of for _, of in sorted(self._shares.items()) if not of.is_complete(self._choice)]
-        untold = [of.name for of in late if not of.told]
-        if untold and not self._choice.is_committed and len(untold) < len(self._shares):
-            return f"waiting to hear from {', '.join(untold)}"
+        late = [of for _, of in sorted(self._deliveries.items()) if not of.is_complete(self._choice)]
+        unreported = [of.name for of in late if not of.reported_plan]
+        if unreported and not self._choice.is_committed and len(unreported) < len(self._deliveries):
+            return f"waiting to hear from {', '.join(unreported)}"
         # In a long burst the next frame may be hours away, and a burst of an earlier run has other times.
         since_ns = self._now_ns - self.burst.instants_ns[-1]
         if not late or self.burst.streamed or self._lost is not None or since_ns < SAID_AFTER_S * 1e9:
             return ""
-        return f"waiting for pictures of {', '.join(of.name for of in late)}"
+        return f"waiting for images of {', '.join(of.name for of in late)}"
 
 
 def _disk_reason(error: DiskError) -> str:
@@ -421,12 +427,12 @@ def _disk_reason(error: DiskError) -> str:
     return "the leader's disk is full" if isinstance(error, DiskFullError) else f"at the leader: {error.what}"
 
 
-def lost_images(writer: SessionWriter, shares: Iterable[CameraDelivery]) -> Lost:
+def lost_images(writer: SessionWriter, deliveries: Iterable[CameraDelivery]) -> Lost:
     """Return the images that an earlier run's session lists as missing or damaged. Blocks on the disk.
 
     If that session was finished, no camera is awaited any more; images that it gave up may still come.
     """
-    reason = "its file was damaged or lost after it came"
+    reason = "its file was damaged or lost after it arrived"
     lost = {
         (camera, instant): MissingImage(camera=camera, instant=instant, reason=reason)
         for camera, instant in writer.images.damaged
@@ -435,15 +441,17 @@ def lost_images(writer: SessionWriter, shares: Iterable[CameraDelivery]) -> Lost
         missing = Session.open(writer.folder).stored_manifest.missing
     except SimulshotError:
         return lost
-    for share in shares:
-        share.given_up = next((gap.reason for gap in missing if gap.camera == share.name), "it never came")
-        share.silent = True
+    for delivery in deliveries:
+        delivery.given_up = next(
+            (gap.reason for gap in missing if gap.camera == delivery.name), "it never came"
+        )
+        delivery.silent = True
     return lost | {(gap.camera, gap.instant): gap for gap in missing}
 
 
 def write_manifest(
     writer: SessionWriter,
-    shares: Mapping[str, CameraDelivery],
+    deliveries: Mapping[str, CameraDelivery],
     burst: BurstRecord,
     missing: Sequence[MissingImage],
 ) -> Path:
@@ -451,7 +459,7 @@ def write_manifest(
 
     Raises BadInputError where the records contradict each other, DiskFullError.
     """
-    plans = {name: share.plan for name, share in shares.items()}
+    plans = {name: delivery.plan for name, delivery in deliveries.items()}
     calibrated = {name: of.calibration for name, of in plans.items() if of.calibration is not None}
     if calibrated:
         writer.set_calibration(Calibration(cameras=calibrated, source="the simulated scene"))

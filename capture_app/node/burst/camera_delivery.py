@@ -53,7 +53,7 @@ class CameraDelivery:
         return self.plan.camera.name
 
     @property
-    def told(self) -> CameraPlan | None:
+    def reported_plan(self) -> CameraPlan | None:
         """The camera's plan once it has reported it, else None."""
         return self.plan if self.plan.reported else None
 
@@ -66,8 +66,10 @@ class CameraDelivery:
             return False
         if plan.picked is not None:
             decided = min(plan.picked, len(choice.chosen or ()))
-            gone = sum(max(0, min(run.first + run.count, decided) - run.first) for run in plan.missing_runs)
-            return len(self.instants) >= decided - gone
+            missing = sum(
+                max(0, min(run.first + run.count, decided) - run.first) for run in plan.missing_runs
+            )
+            return len(self.instants) >= decided - missing
         return self.instants >= choice.numbers(plan.instants)
 
     def transfer(self, instants: int) -> CameraTransfer:
@@ -80,10 +82,10 @@ class CameraDelivery:
         """Return why not to wait for it any longer, empty for no reason; `lost` are reasons by name."""
         silent_ns = now_ns - self.heard_ns
         if self.short_timeout:
-            gone_ns, stalled_ns = CAMERA_DISCONNECTED_AGAIN_NS, CAMERA_DISCONNECTED_NS
+            disconnected_ns, stalled_ns = CAMERA_DISCONNECTED_AGAIN_NS, CAMERA_DISCONNECTED_NS
         else:
-            gone_ns, stalled_ns = CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
-        if silent_ns >= gone_ns and (not self.streams or self.name in lost):
+            disconnected_ns, stalled_ns = CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
+        if silent_ns >= disconnected_ns and (not self.streams or self.name in lost):
             return lost.get(self.name, "it sent nothing")
         if self.streams and self.name not in lost and self.plan.picking:
             # The next instant may be hours away.
@@ -104,17 +106,17 @@ class CameraDelivery:
             self.counted_bytes = arrived_bytes
             self.note_heard(now_ns, advanced=True)
 
-    def note_report(self, told: CameraPlan, *, is_of_earlier_run: bool) -> None:
+    def note_report(self, plan: CameraPlan, *, is_of_earlier_run: bool) -> None:
         """Store the camera's report as its plan, and wait for its images.
 
         The camera's facts, calibration and true clock from an earlier run of the leader stay unchanged.
         """
         if is_of_earlier_run and self.plan.reported:
             before = self.plan
-            told = replace(
-                told, camera=before.camera, calibration=before.calibration, true_clock=before.true_clock
+            plan = replace(
+                plan, camera=before.camera, calibration=before.calibration, true_clock=before.true_clock
             )
-        self.plan = replace(told, reported=True)
+        self.plan = replace(plan, reported=True)
         self.given_up, self.silent = "", False
 
     def receipts(self, writer: SessionWriter, choice: InstantChoice) -> tuple[ImageReceipt, ...]:
@@ -142,18 +144,18 @@ class CameraDelivery:
     ) -> list[MissingImage]:
         """Return the session's instants without an image, and why; `lost` are reasons from before."""
         name, chosen = self.name, choice.chosen or ()
-        told = {gap.instant: gap for (camera, _), gap in lost.items() if camera == name}
+        reasons = {gap.instant: gap for (camera, _), gap in lost.items() if camera == name}
         for run in self.plan.missing_runs:
             for instant in range(run.first, min(run.first + run.count, len(chosen))):
-                told[instant] = MissingImage(
+                reasons[instant] = MissingImage(
                     camera=name, instant=instant, reason=run.reason, dropped=run.dropped
                 )
         for gap in self.plan.missing:
             if gap.instant in chosen:
                 number = chosen.index(gap.instant)
-                told[number] = replace(gap, instant=number)
+                reasons[number] = replace(gap, instant=number)
         return [
-            told.get(number)
+            reasons.get(number)
             or MissingImage(camera=name, instant=number, reason=self.given_up or "it never came")
             for number in range(len(chosen))
             if number not in self.instants

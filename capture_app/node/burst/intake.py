@@ -69,7 +69,7 @@ class PartialImage:
                 os.lseek(self._handle, self.upload.offset, os.SEEK_SET)
                 return
         raise TryAgainError(
-            f"this image goes on at byte {self.upload.offset}, but only {length} have arrived"
+            f"this part of the image starts at byte {self.upload.offset}, but only {length} have arrived"
         )
 
     def add(self, chunk: bytes) -> None:

@@ -33,11 +33,11 @@ def choose_instants(
     `cameras` are the awaited cameras, None for one without a report. If fewer instants are complete than
     requested, those with the most cameras are added, the earliest first among equals.
     """
-    told = [camera for camera in cameras if camera is not None]
-    if len(told) < len(cameras):
+    reports = [camera for camera in cameras if camera is not None]
+    if len(reports) < len(cameras):
         return None
-    there = [frozenset(camera.instants) for camera in told]
-    missing = {gap.instant for camera in told for gap in camera.missing}
+    there = [frozenset(camera.instants) for camera in reports]
+    missing = {gap.instant for camera in reports for gap in camera.missing}
     complete: list[int] = []
     undecided = False
     for instant in range(ordered):
@@ -89,7 +89,7 @@ class InstantChoice:
         return await has_come(self._committed, timeout_s)
 
     @property
-    def wanted(self) -> tuple[int, ...] | None:
+    def requested(self) -> tuple[int, ...] | None:
         """The instants that nodes are to send; None for all, or while undecided."""
         return tuple(self.chosen) if self._burst.spare and self.chosen is not None else None
 
@@ -111,8 +111,8 @@ class InstantChoice:
         """Return the session's numbers of the given ordered instants that it contains."""
         if not self._burst.spare:
             return {instant for instant in ordered if instant < self._burst.frames}
-        told = frozenset(ordered)
-        return {number for number, instant in enumerate(self.chosen or ()) if instant in told}
+        reports = frozenset(ordered)
+        return {number for number, instant in enumerate(self.chosen or ()) if instant in reports}
 
     def number(self, instant: int) -> int:
         """Return the session's number of an ordered instant.
@@ -121,9 +121,9 @@ class InstantChoice:
         """
         self.check_ordered([instant])
         if self.chosen is None:
-            raise TryAgainError(f"it is not known yet which instants burst {self._burst.number} has")
+            raise TryAgainError(f"the instants of burst {self._burst.number} are not decided yet")
         if instant not in self.chosen:
-            raise BadInputError(f"burst {self._burst.number} does without instant {instant}")
+            raise BadInputError(f"instant {instant} was not chosen for burst {self._burst.number}")
         return self.chosen.index(instant)
 
     def skipped(self, reports: Reports) -> tuple[SkippedInstant, ...]:
@@ -177,7 +177,7 @@ def check_machine(plan: BurstPlan, camera: str, pin: str) -> None:
     if pin and plan.pins.get(camera, pin) != pin:
         raise BadInputError(
             f"{camera} of {plan.name} is another machine's camera",
-            hint="only the machine that took part in the burst can bring its pictures",
+            hint="only the machine that took part in the burst can send its images",
         )
 
 
@@ -207,7 +207,7 @@ def burst_of(plan: BurstPlan) -> Burst:
         instants_ns,
         plan.burst.period_ns,
         instants_ns[0] if requested_ns is None else requested_ns,
-        tuple(told.camera.name for told in plan.cameras),
+        tuple(camera.camera.name for camera in plan.cameras),
         plan.spare,
         streamed=plan.streamed is not None,
         video=plan.streamed is not None and plan.streamed.video,
@@ -216,8 +216,8 @@ def burst_of(plan: BurstPlan) -> Burst:
 
 def result_text(burst: BurstRecord, missing: Sequence[MissingImage]) -> str:
     """Return one line about missing images and skipped instants; empty for neither."""
-    told = ""
+    text = ""
     if missing:
         reasons = sorted({f"{gap.camera}: {gap.reason}" for gap in missing})
-        told = f"{count(len(missing), 'image')} missing ({'; '.join(reasons)})"
-    return "; ".join(filter(None, (told, skipped_text(burst.skipped))))
+        text = f"{count(len(missing), 'image')} missing ({'; '.join(reasons)})"
+    return "; ".join(filter(None, (text, skipped_text(burst.skipped))))

@@ -67,9 +67,9 @@ class ResumedBursts:
         session = self._open.get(key)
         if session is not None and not session.finished.is_set():
             return None
-        return await asyncio.to_thread(self._whole_fraction, key, report.plan.camera.name, pin)
+        return await asyncio.to_thread(self._answer_if_whole, key, report.plan.camera.name, pin)
 
-    def _whole_fraction(self, key: Key, camera: str, pin: str) -> ReportAck | None:
+    def _answer_if_whole(self, key: Key, camera: str, pin: str) -> ReportAck | None:
         folder = self._find(key)
         if folder is None:
             return None
@@ -88,7 +88,7 @@ class ResumedBursts:
             ImageReceipt(instant=chosen[r.instant], sha256=r.sha256, bytes=r.bytes, stored=True)
             for r in records
         )
-        return ReportAck(receipts=tuple(receipts), wanted=chosen if plan.spare else None)
+        return ReportAck(receipts=tuple(receipts), requested=chosen if plan.spare else None)
 
     async def reopen(self, report: CameraReport, now_ns: int) -> BurstSession:
         """Return the session that a report belongs to, reopened if it was closed.

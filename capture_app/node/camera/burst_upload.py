@@ -37,7 +37,7 @@ from capture_app.sync.rig.frame_selection import DROPPED, RING_BYTES, FramesSele
 REPORT = "report.json"
 UNKNOWN_ROOM = 1 << 30
 """Free space to report, in bytes, while memory replaces the spool."""
-TOO_SLOW = "the node could not save its frames as fast as they came"
+TOO_SLOW = "the node could not store its frames as fast as the camera delivered them"
 
 
 class SpooledBurst:
@@ -246,7 +246,7 @@ class BurstUpload:
     """Whether to use the spool; False once that has failed."""
     is_committed: bool = False
     """Whether the leader has named the instants that it requests."""
-    wanted: frozenset[int] | None = None
+    requested: frozenset[int] | None = None
     """The instants that the leader requests; None for all."""
     is_over: bool = False
     """Whether sending is over: the leader has the burst, or does not want it."""
@@ -301,9 +301,9 @@ class BurstUpload:
         """
         if not self.streamed:
             return self.report
-        told = self.report.with_plan(instants=waiting, picking=not self.ended, missing=())
+        plan = self.report.with_plan(instants=waiting, picking=not self.ended, missing=())
         runs = tuple(self.missing_runs)
-        return told.with_plan(picked=self.over, missing_runs=runs) if self.ended else told
+        return plan.with_plan(picked=self.over, missing_runs=runs) if self.ended else plan
 
     def load(self, image: ImageUpload) -> bytes | None:
         """Return an image's bytes; None if the spool no longer has them unchanged.
@@ -339,22 +339,22 @@ class BurstUpload:
         self.frames.extend(picked.frames)
         plan, name = self.report.plan, self.report.camera
         instants = (*plan.instants, *(frame.instant for frame in picked.frames))
-        gone = (
+        missing = (
             MissingImage(camera=name, instant=gap.instant, reason=gap.reason, dropped=gap.reason == DROPPED)
             for gap in picked.gaps
         )
-        self.report = self.report.with_plan(instants=instants, missing=(*plan.missing, *gone))
+        self.report = self.report.with_plan(instants=instants, missing=(*plan.missing, *missing))
 
-    def commit(self, wanted: Collection[int] | None) -> list[Path]:
-        """Keep only the `wanted` instants, None for all; return the dropped images' files."""
+    def commit(self, requested: Collection[int] | None) -> list[Path]:
+        """Keep only the `requested` instants, None for all; return the dropped images' files."""
         first, self.is_committed = not self.is_committed, True
-        self.wanted = None if wanted is None else frozenset(wanted)
+        self.requested = None if requested is None else frozenset(requested)
         if first and not self.streamed:
             self.on_commit()
-        if wanted is None:
+        if requested is None:
             return []
-        self.frames = deque(frame for frame in self.frames if frame.instant in wanted)
-        return self._let_go(lambda instant: instant not in wanted)
+        self.frames = deque(frame for frame in self.frames if frame.instant in requested)
+        return self._let_go(lambda instant: instant not in requested)
 
     def reopen(self) -> None:
         """Reset for a new stream: the leader may be another one, or have changed its mind."""
@@ -387,8 +387,8 @@ class BurstUpload:
             return []
         here = {image.record.instant for image in self.images} | {frame.instant for frame in self.frames}
         announced = frozenset(self.report.plan.instants)
-        wanted = announced if self.wanted is None else self.wanted & announced
-        return sorted(wanted - here - self.confirmed)
+        requested = announced if self.requested is None else self.requested & announced
+        return sorted(requested - here - self.confirmed)
 
     def report_lost(self, instants: Collection[int], reason: str) -> None:
         """Report announced images that will not come as missing."""
@@ -399,9 +399,9 @@ class BurstUpload:
                 self.report = replace(self.report)
             return
         plan, name = self.report.plan, self.report.camera
-        gone = tuple(MissingImage(camera=name, instant=instant, reason=reason) for instant in instants)
+        missing = tuple(MissingImage(camera=name, instant=instant, reason=reason) for instant in instants)
         left = tuple(instant for instant in plan.instants if instant not in instants)
-        self.report = self.report.with_plan(instants=left, missing=(*plan.missing, *gone))
+        self.report = self.report.with_plan(instants=left, missing=(*plan.missing, *missing))
 
     def _add_frames(self, frames: Iterable[SelectedFrame[CapturedFrame]]) -> None:
         """Add those frames that fit into memory; the others are missing."""
@@ -424,9 +424,9 @@ class BurstUpload:
             self.missing_runs.append(MissingRun(first=instant, count=1, reason=reason, dropped=dropped))
 
     def _let_go(self, of: Callable[[int], bool]) -> list[Path]:
-        gone = [image for image in self.images if of(image.record.instant)]
-        for image in gone:
+        dropped = [image for image in self.images if of(image.record.instant)]
+        for image in dropped:
             self.images.remove(image)
             self.in_memory.pop(image.record.instant, None)
             self.unsynced.pop(image.record.instant, None)
-        return [] if self.spooled is None else [self.spooled.image_file(image) for image in gone]
+        return [] if self.spooled is None else [self.spooled.image_file(image) for image in dropped]

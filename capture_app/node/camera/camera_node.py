@@ -47,11 +47,11 @@ RESET_TOLERANCE_NS = 2_000_000
 _LEADER_LINES = {"refused": "join-refused", "said": "leader-said", "lost": "leader-lost"}
 _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     events.Joined: ("joined", ("leader",)),
-    events.ForeignTrigger: ("strange-trigger", ("leader", "burst")),
+    events.ForeignTrigger: ("foreign-trigger", ("leader", "burst")),
     events.FramesDropped: ("frames-dropped", ("count", "sequence")),
     events.AlignmentFailed: ("alignment-failed", ("reason",)),
     clock_events.StepRefused: ("clock-step-refused", ("times",)),
-    clock_events.PathDelayIncreased: ("way-longer", ("longer_ns",)),
+    clock_events.PathDelayIncreased: ("path-delay-increased", ("longer_ns",)),
     clock_events.ClockRateUnusual: ("clock-rate-unusual", ("fast_ppm",)),
 }
 """Each event's name in the log, and the fields that are copied from it."""
@@ -97,7 +97,7 @@ class CameraNode:
             family = found[0][0]
             if any(other != family for other, _ in found):
                 raise NetworkError(
-                    f"{' and '.join(map(str, options.leaders))} are not of one kind (IPv4 and IPv6)",
+                    f"{' and '.join(map(str, options.leaders))} mix IPv4 and IPv6",
                     hint="give all of them as IPv4, or all as IPv6",
                 )
             watch = JoinWatch(options.leaders, options.log)
@@ -205,18 +205,20 @@ class RigMember:
         """Whether frames of a burst are being selected or sent, so that previews must wait."""
         return self._engine.has_burst_pending or self._uploader.is_busy
 
-    def keep(self, measured: SaveStamp) -> bool:
+    def save_stamp(self, measured: SaveStamp) -> bool:
         """Apply a measurement from now on; return whether it is saved for later runs, too."""
-        facts, name, profiles, kept = self._stream.facts, self.options.name, self._profiles, True
+        facts, name, profiles, is_stored = self._stream.facts, self.options.name, self._profiles, True
         if measured.stamp is not None:
             self._stream.set_stamp(measured.stamp)
             self._camera.note_exposure()
             self._pump.turn()
-            kept = profiles is not None and profiles.save_stamp(name, facts, measured.stamp)
-        if measured.way is not None:
-            way = self._engine.add_path_asymmetry(measured.way)
-            kept = profiles is not None and profiles.save_asymmetry(name, self._failover.leader[0], way)
-        return kept
+            is_stored = profiles is not None and profiles.save_stamp(name, facts, measured.stamp)
+        if measured.asymmetry is not None:
+            asymmetry = self._engine.add_path_asymmetry(measured.asymmetry)
+            is_stored = profiles is not None and profiles.save_asymmetry(
+                name, self._failover.leader[0], asymmetry
+            )
+        return is_stored
 
     def detail(self) -> NodeDetail:
         """Return the node's details for operators."""
@@ -279,7 +281,9 @@ class RigMember:
             self._uploader.set_leader(leader, self._engine.time.followed.path[0])
             self._viewfinder.set_leader(leader)
             self._samples.clear()
-            known = None if self._profiles is None else self._profiles.way(self.options.name, leader.host)
+            known = (
+                None if self._profiles is None else self._profiles.asymmetry(self.options.name, leader.host)
+            )
             self._engine.set_path_asymmetry(known)
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")
@@ -399,5 +403,5 @@ def event_words(event: events.ClientEvent[Any]) -> str:
         case events.AlignmentFailed():
             return f"alignment-failed: {event.reason}"
         case events.ForeignTrigger():
-            return f"refused a trigger for burst {event.burst}: it is not of the leader that is followed"
+            return f"refused a trigger for burst {event.burst}: it is from a leader that is not followed"
     return status_text.of_event(event)

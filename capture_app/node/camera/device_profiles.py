@@ -23,7 +23,7 @@ class _Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
     injection: InjectionProfile | None = None
     start_latencies_ns: tuple[int, ...] = ()
     stamp: StampAccuracy | None = None
-    way: PathAsymmetry | None = None
+    asymmetry: PathAsymmetry | None = msgspec.field(default=None, name="way")
 
 
 class DeviceProfiles:
@@ -36,8 +36,8 @@ class DeviceProfiles:
     def injection_profile(self, facts: CameraFacts) -> InjectionProfile | None:
         """Return the effect of a long frame on cameras of this kind and mode; None if unknown."""
         known = self._entry(facts).injection
-        least, most = GAIN_LIMITS
-        if known is None or not least <= known.gain <= most or known.row_time_ns <= 0:
+        min_gain, max_gain = GAIN_LIMITS
+        if known is None or not min_gain <= known.gain <= max_gain or known.row_time_ns <= 0:
             return None
         return known
 
@@ -61,20 +61,20 @@ class DeviceProfiles:
         """Store one camera's timestamp delay in this mode; return False if it cannot be written."""
         return self._write(_key_of_one(camera, facts), stamp=stamp)
 
-    def way(self, camera: str, leader: str) -> PathAsymmetry | None:
+    def asymmetry(self, camera: str, leader: str) -> PathAsymmetry | None:
         """Return the measured path asymmetry of a camera's node and the leader on that host, if any."""
-        return self._read().get(f"{camera}>{leader}", _Entry()).way
+        return self._read().get(f"{camera}>{leader}", _Entry()).asymmetry
 
-    def save_asymmetry(self, camera: str, leader: str, way: PathAsymmetry) -> bool:
+    def save_asymmetry(self, camera: str, leader: str, asymmetry: PathAsymmetry) -> bool:
         """Store the path asymmetry of such a link; return False if it cannot be written."""
-        return self._write(f"{camera}>{leader}", way=way)
+        return self._write(f"{camera}>{leader}", asymmetry=asymmetry)
 
     def _entry(self, facts: CameraFacts) -> _Entry:
         return self._read().get(_key(facts), _Entry())
 
-    def _write(self, key: str, **news: Any) -> bool:
+    def _write(self, key: str, **changes: Any) -> bool:
         known = self._read().get(key, _Entry())
-        if msgspec.structs.replace(known, **news) == known:
+        if msgspec.structs.replace(known, **changes) == known:
             return True
         lock_path = self._path.with_name(f"{FILE}.lock")
         try:
@@ -84,7 +84,7 @@ class DeviceProfiles:
             return False
         try:
             entries = self._read()
-            entries[key] = msgspec.structs.replace(entries.get(key, _Entry()), **news)
+            entries[key] = msgspec.structs.replace(entries.get(key, _Entry()), **changes)
             write_atomic(self._path, msgspec.json.format(msgspec.json.encode(entries, order="sorted")))
         except OSError:
             return False

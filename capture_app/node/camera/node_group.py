@@ -33,7 +33,7 @@ async def run_nodes(nodes: Mapping[str, CameraNode], log: Log, *, retry_s: float
                 failed.add(name)
                 if len(failed) == len(nodes):
                     raise
-                log.say(f"{name}: {error}; tried again while the others run")
+                log.say(f"{name}: {error}; the node tries again while the others run")
             await asyncio.sleep(retry_s)
 
     with ungrouped_errors():
@@ -53,7 +53,7 @@ def name_cameras(name: str, specs: Sequence[str]) -> dict[str, str]:
     named: dict[str, str] = {}
     for spec, label in zip(specs, labels, strict=True):
         if spec in named.values() and not spec.startswith("sim:"):
-            raise BadInputError(f"the camera {spec} is named twice", hint="leave one out")
+            raise BadInputError(f"the camera {spec} is given twice", hint="leave one out")
         named[free_name(check_name(f"{name}-{label}", "camera"), named)] = spec
     return named
 

@@ -85,15 +85,15 @@ class ControlKeeper:
         async with self._busy:
             return CameraControls(controls=await self._look())
 
-    async def apply(self, wanted: Mapping[Control, ControlValue]) -> CameraControls:
+    async def apply(self, values: Mapping[Control, ControlValue]) -> CameraControls:
         """Set these controls as far as possible; return the resulting state of all, and any problems."""
         problems: dict[Control, str] = {}
         async with self._busy:
             before = CameraControls(controls=await self._look())
-            for control, value in wanted.items():
+            for control, value in values.items():
                 state = before.state(control)
                 if state is None:
-                    problems[control] = f"it has no control of its {control}"
+                    problems[control] = f"its {control} cannot be controlled"
                     continue
                 try:
                     if problem := await self._set(state, value):
@@ -128,20 +128,20 @@ class ControlKeeper:
         if not state.can_be_set:
             return f"its {control} cannot be set"
         if asked is None:
-            return f"it does not tell its {control}, which is not held"
+            return f"it does not report its {control}, so that cannot be locked"
         nearest = state.clamped(asked)
         await self._supervisor.camera.set_control(control, nearest)
         self.held[control] = nearest
         self._locked.discard(control)
         if value == "hold" and state.automatic and control not in self._live:
-            return f"it may not tell the {control} that it had chosen: look whether the picture has changed"
+            return f"it may report another {control} than it used: check whether the picture has changed"
         if nearest != asked:
             return f"{asked:g} {state.unit} is out of its range, {state.least:g} to {state.most:g}"
         return ""
 
     async def _release(self, state: ControlState) -> str:
         if not state.can_be_automatic:
-            return f"it does not choose its {state.control} itself"
+            return f"it has no automatic {state.control}"
         self.held.pop(state.control, None)
         self._locked.discard(state.control)
         await self._supervisor.camera.set_control(state.control, None)
@@ -253,14 +253,14 @@ class CameraStream:
     def update_facts(self) -> None:
         """Read the camera's facts and timestamp accuracy, as the leader and sessions get them."""
         facts = self.camera.facts
-        told, just_set = facts.stamp_accuracy, self._set_stamp
+        reported, just_set = facts.stamp_accuracy, self._set_stamp
         if just_set is not None and just_set.exposure_ns == facts.exposure_ns:
             self.facts = replace(facts, stamp=just_set)
             return
         profiles, measured = self._options.profiles, None
-        if profiles is not None and not told.is_exact:
+        if profiles is not None and not reported.is_exact:
             measured = profiles.stamp(self._options.name, facts)
-        self.facts = replace(facts, stamp=measured or told)
+        self.facts = replace(facts, stamp=measured or reported)
 
     def _deliver(self, frame: CapturedFrame) -> None:
         for receiver in self.receivers:

@@ -90,14 +90,14 @@ class BurstSender:
         where the stream breaks off.
         """
         # A reconnected leader still has what it acknowledged; only the stream's own state is new.
-        told: CameraReport | None = None
+        sent_report: CameraReport | None = None
         burst.reopen()
         while not burst.is_over:
             self._changed.clear()
             refusal = None
-            if told is not burst.report or not burst.is_committed:
-                first, told = told is None, burst.report
-                refusal = await self._tell(burst, first=first)
+            if sent_report is not burst.report or not burst.is_committed:
+                first, sent_report = sent_report is None, burst.report
+                refusal = await self._report_burst(burst, first=first)
             elif len(burst.images) > len(self._in_flight) < MAX_IN_FLIGHT:
                 await self._send_image(burst, burst.images[len(self._in_flight)])
             elif self._in_flight:
@@ -112,7 +112,7 @@ class BurstSender:
                 await self._changed.wait()
             elif burst.disputed:
                 numbers = ", ".join(str(image.record.instant) for image in burst.disputed)
-                return Refusal(what=f"the leader has other pictures than these of instants {numbers}")
+                return Refusal(what=f"the leader has different images of instants {numbers}")
             else:
                 return None
             if refusal is not None:
@@ -123,7 +123,7 @@ class BurstSender:
         await self._take_all_answers(burst)
         return None
 
-    async def _tell(self, burst: BurstUpload, *, first: bool) -> Refusal | None:
+    async def _report_burst(self, burst: BurstUpload, *, first: bool) -> Refusal | None:
         """Report the burst to the leader, with its events the `first` time only.
 
         Drop images that the leader does not need or has already, and store its receipts for partial ones.
@@ -140,9 +140,9 @@ class BurstSender:
             # This leader waits before it answers so; another one may not.
             await asyncio.sleep(ASK_AGAIN_S)
             return None
-        unwanted = burst.commit(answer.wanted)
+        dropped = burst.commit(answer.requested)
         stored = {receipt.instant: receipt.sha256 for receipt in answer.receipts if receipt.stored}
-        await _delete([*unwanted, *burst.confirm(stored)])
+        await _delete([*dropped, *burst.confirm(stored)])
         if lost := burst.lost_instants():
             await self._report_lost(burst, lost, "the node was stopped before the frame was encoded")
         return None
@@ -301,8 +301,8 @@ class Uploader:
         self._waiting.append(burst)
         if len(self._waiting) > MAX_WAITING_BURSTS:
             given_up = self._waiting.popleft()
-            where = f"; what it has is in {given_up.spooled.folder}" if given_up.spooled else ""
-            self._log.say(f"burst {given_up.report.burst} given up: the leader is away for too long{where}")
+            where = f"; its images are in {given_up.spooled.folder}" if given_up.spooled else ""
+            self._log.say(f"burst {given_up.report.burst} given up: the leader was lost for too long{where}")
         self._changed.set()
         self._to_encode.set()
 
@@ -401,7 +401,7 @@ class Uploader:
     def _note_useless_spool(self, burst: BurstUpload, error: SimulshotError) -> None:
         """Keep a burst in memory from now on, as the spool failed; the next burst tries the spool again."""
         burst.spooling = False
-        self._log.say(f"burst {burst.report.burst} is kept in memory until the leader has it: {error}")
+        self._log.say(f"burst {burst.report.burst} stays in memory until the leader has it: {error}")
 
     async def _keep_ends(self) -> None:
         """Store the final reports of ended bursts in the spool."""
@@ -482,13 +482,13 @@ class Uploader:
             self._space_is_due = self.spool is not None
         else:
             burst.frames.clear()
-            kept = ""
+            where = ""
             if burst.spooled is not None and forget:
                 await asyncio.to_thread(burst.spooled.remove)
             elif burst.spooled is not None:
                 self._refused.append(burst)
-                kept = f"; its images stay in {burst.spooled.folder}"
-            self._log.say(f"burst {burst.report.burst} given up: {refusal.what}{kept}")
+                where = f"; its images stay in {burst.spooled.folder}"
+            self._log.say(f"burst {burst.report.burst} given up: {refusal.what}{where}")
         with contextlib.suppress(ValueError):
             self._waiting.remove(burst)
 

@@ -52,7 +52,7 @@ class ShownMember(Protocol):
     def detail(self) -> NodeDetail:
         """Return the node's details for operators."""
 
-    def keep(self, measured: SaveStamp) -> bool:
+    def save_stamp(self, measured: SaveStamp) -> bool:
         """Apply a measurement from now on; return whether it is saved for later runs, too."""
 
 
@@ -71,7 +71,7 @@ class Viewfinder:
         self._leader: Address | None = None
         self._leader_changed = asyncio.Event()
         self._channel: Channel[Any] | None = None
-        self._wanted: PreviewRequest | None = None
+        self._request: PreviewRequest | None = None
         self._request_changed = asyncio.Event()
         self._may_send = asyncio.Event()
         self._thread = ThreadPoolExecutor(1, "preview", initializer=lower_priority)
@@ -116,7 +116,7 @@ class Viewfinder:
             self._thread.shutdown(wait=False, cancel_futures=True)
 
     async def _serve(self, channel: Channel[Any]) -> None:
-        self._channel, self._wanted = channel, None
+        self._channel, self._request = channel, None
         self._request_changed.clear()
         self._may_send.set()
         await channel.send(NodeStream(camera=self._name, instance=self._instance, shows=True))
@@ -131,17 +131,19 @@ class Viewfinder:
         while (message := await channel.receive_header()) is not None:
             match message:
                 case PreviewRequest():
-                    self._wanted = message
+                    self._request = message
                     self._request_changed.set()
                 case PreviewSeen():
                     self._may_send.set()
                 case DetailRequest():
                     await channel.send(self._member.detail())
-                case ControlsRequest(wanted=wanted):
-                    state = await (self._controls.apply(wanted) if wanted else self._controls.read())
+                case ControlsRequest(values=values):
+                    state = await (self._controls.apply(values) if values else self._controls.read())
                     await channel.send(ControlsAnswer(camera=self._name, state=state))
                 case SaveStamp() if message.camera == self._name:
-                    await channel.send(StampSaved(camera=self._name, kept=self._member.keep(message)))
+                    await channel.send(
+                        StampSaved(camera=self._name, is_stored=self._member.save_stamp(message))
+                    )
                 case RemoveCamera() if message.name == self._name:
                     self._options.put_off()
                 case Refusal():
@@ -151,10 +153,10 @@ class Viewfinder:
         raise NetworkError("the leader closed the stream")
 
     async def _send_health(self, channel: Channel[Any]) -> None:
-        told = None
+        sent = None
         while True:
-            if (health := self.health) != told:
-                told = health
+            if (health := self.health) != sent:
+                sent = health
                 await channel.send(health)
             await asyncio.sleep(HEALTH_INTERVAL_S)
 
@@ -163,8 +165,8 @@ class Viewfinder:
         shown: CapturedFrame | None = None
         due_s = 0.0
         while True:
-            wanted = self._wanted
-            if wanted is None or not wanted.fps:
+            request = self._request
+            if request is None or not request.fps:
                 self._request_changed.clear()
                 await self._request_changed.wait()
                 continue
@@ -174,8 +176,8 @@ class Viewfinder:
             if frame is None or frame is shown or self._member.is_busy:
                 await asyncio.sleep(BUSY_CHECK_S)
                 continue
-            due_s, shown = loop.time() + 1 / wanted.fps, frame
-            made = await loop.run_in_executor(self._thread, small_jpeg, frame, wanted.width)
+            due_s, shown = loop.time() + 1 / request.fps, frame
+            made = await loop.run_in_executor(self._thread, small_jpeg, frame, request.width)
             if made is None or self._member.is_busy:
                 continue
             jpeg, width, height = made

@@ -71,8 +71,8 @@ def frames_and_spacing(request: BurstRequest, period_ns: int) -> tuple[int, int]
             fps = 1e9 / period_ns
             rates = ", ".join(f"{fps / n:.4g}" for n in (1, 2, 3, 4, 5))
             raise BadInputError(
-                f"the rig takes {fps:.4g} frames a second, of which {1 / request.interval_s:.4g} cannot be",
-                hint=f"take every frame or every nth: {rates} ...",
+                f"{1 / request.interval_s:.4g} frames a second do not divide the rig's {fps:.4g} evenly",
+                hint=f"use one of: {rates} ...",
             )
     step_ns = spacing * period_ns
     if request.frames is not None:
@@ -134,7 +134,7 @@ class ActiveBursts:
 
     def __init__(self, options: LeaderOptions, engine: Leader, pump: Pump) -> None:
         self._options, self._engine = options, engine
-        self._pump, self._event_log = pump, options.news
+        self._pump, self._event_log = pump, options.log
         self.saved: deque[str] = deque(maxlen=REMEMBERED)
         """Paths of this run's newest sessions, newest last, which every status includes."""
         self.newest: BurstSession | None = None
@@ -184,21 +184,22 @@ class ActiveBursts:
         frames, asked_ns, engine = request.frames or 0, self.now_ns(), self._engine
         if request.before > frames:
             raise BadInputError(
-                f"{request.before} of {request.frames} frames cannot be before", hint="ask for more frames"
+                f"{request.before} of {request.frames} frames cannot be taken before the request",
+                hint="ask for more frames",
             )
         before = BurstStatus(burst=0, name="", cameras=0, instants=frames, received=0, expected=0)
         if engine.grid is None:
-            told = [follower.take_alone(request) for follower in self._options.followers]
-            if any(told):
-                yield replace(before, done=True, message="; ".join(filter(None, told)))
+            accepted = [follower.take_alone(request) for follower in self._options.followers]
+            if any(accepted):
+                yield replace(before, done=True, message="; ".join(filter(None, accepted)))
                 return
         if request.wait_ready_s:
             wait_s, nodes = request.wait_ready_s, request.nodes
             async for reason in reasons_until_ready(engine, self._options.clock, wait_s, nodes):
                 yield replace(before, message=f"waiting for the rig: {reason}")
             asked_ns = self.now_ns()
-        if coarse := degraded_nodes(engine.roster.by_name()):
-            yield replace(before, message=f"less accurate than asked for: {coarse}")
+        if degraded := degraded_nodes(engine.roster.by_name()):
+            yield replace(before, message=f"less accurate than requested: {degraded}")
         grid = engine.grid
         # Without a camera there is no grid; `order` reports that.
         order = BurstOrder(frames=1) if grid is None else order_of(request, asked_ns, grid.period_ns)
@@ -287,7 +288,7 @@ class ActiveBursts:
             )
         if open_bursts - len(ahead) >= MAX_OPEN_BURSTS:
             raise IncompleteError(
-                f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are there"
+                f"{MAX_OPEN_BURSTS} bursts are still being saved", hint="wait until they are saved"
             )
 
     async def cancel(self, number: int) -> None:
@@ -297,7 +298,9 @@ class ActiveBursts:
         """
         session = self._bursts.get(number)
         if session is None or session.finished.is_set():
-            raise BadInputError(f"burst {number} is not under way", hint="a saved one is a session")
+            raise BadInputError(
+                f"burst {number} is not under way", hint="capture-app sessions list shows saved ones"
+            )
         self._cancelled.add(number)
         self._engine.orders.cancel(session.burst, self.now_ns())
         await session.finish_now(CANCELLED, silent=False)
@@ -307,8 +310,8 @@ class ActiveBursts:
         streamed = (of for of in self._bursts.values() if of.burst.streamed and not of.finished.is_set())
         found = [of for of in streamed if number in (None, of.burst.number)]
         if not found:
-            what = "no recording is" if number is None else f"burst {number} is no recording that is"
-            raise BadInputError(f"{what} under way", hint="capture-app status shows what is")
+            what = "no recording is" if number is None else f"burst {number} is not a recording"
+            raise BadInputError(f"{what} under way", hint="capture-app status shows the current one")
         await self._end(found[-1])
 
     async def _end(self, session: BurstSession) -> None:

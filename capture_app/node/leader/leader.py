@@ -42,16 +42,16 @@ class LeaderNode:
         """Address for processes of this machine."""
         self.address = Address(reachable_host(options.host, bound.family), port)
         """Address for other machines."""
-        self.news = options.news
+        self.log = options.log
         self.engine, self._clock, self._names = engine, options.clock, names
         self._sealed = sealed = None if options.trust.is_open else SealedLeader(engine)
-        self.enrolment = Enrolment(options.trust, self.news, sealed)
+        self.enrolment = Enrolment(options.trust, self.log, sealed)
         self._pump = Pump(sealed or engine, options.clock, self._drain)
         self.bursts = ActiveBursts(options, engine, self._pump)
         self._local: LocalNodes | None = None
         if options.spool is not None:
             self._local = LocalNodes(
-                self.own_address, options.spool, self.news, self.address.host, options.trust
+                self.own_address, options.spool, self.log, self.address.host, options.trust
             )
         viewfinders = Viewfinders()
         self._rig = RigState(self.address, options, engine, self.bursts, viewfinders, self._local)
@@ -87,7 +87,7 @@ class LeaderNode:
         leader = cls(options, Leader(config, rng, owners=owners), listening, names)
         try:
             for follower in options.followers:
-                follower.start(options.clock, options.news, leader.shared_grid)
+                follower.start(options.clock, options.log, leader.shared_grid)
             await leader._server.start(listening)
         except BaseException:
             await leader.stop()
@@ -148,7 +148,7 @@ class LeaderNode:
                     try:
                         self._names.keep()
                     except SimulshotError as error:
-                        self.news.say_of_disk(None, str(error))
-            self.news.note(event)
-        for news in self._rig.look_at_rates(now_ns):
-            self.news.note(news)
+                        self.log.say_of_disk(None, str(error))
+            self.log.note(event)
+        for change in self._rig.look_at_rates(now_ns):
+            self.log.note(change)

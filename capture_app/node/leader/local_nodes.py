@@ -24,9 +24,9 @@ EVENT = "invitation"
 class LocalPhones:
     """Server for phones, started with the first invitation and restarted by the next if it has ended."""
 
-    def __init__(self, leader: Address, spool: Path, host: str, news: Log, options: Sequence[str]) -> None:
+    def __init__(self, leader: Address, spool: Path, host: str, log: Log, options: Sequence[str]) -> None:
         """`host` is this machine's address for phones, `options` apply to each process."""
-        self._leader, self._spool, self._host, self._event_log = leader, spool, host, news
+        self._leader, self._spool, self._host, self._event_log = leader, spool, host, log
         self._options = options
         self._child: Child | None = None
         self._reading: asyncio.Task[None] | None = None
@@ -40,7 +40,7 @@ class LocalPhones:
             if self._child is None or self._child.process.returncode is not None:
                 await self._start()
         if self._invited is None:
-            raise NetworkError("the server of phones has not begun", hint="ask again in a moment")
+            raise NetworkError("the phone server has not started yet", hint="ask again in a moment")
         invited, until_s = self._invited
         left_s = max(0, round(until_s - asyncio.get_running_loop().time()))
         return msgspec.structs.replace(invited, good_for_s=left_s)
@@ -57,7 +57,7 @@ class LocalPhones:
         self._log_came.clear()
         arguments = ("capture_app.cli", "phones", "--until-eof", "--json", "--host", self._host)
         where = ("--leader", str(self._leader), "--spool", str(self._spool), *self._options)
-        self._child = await Child.start("the server of phones", (*arguments, *where))
+        self._child = await Child.start("the phone server", (*arguments, *where))
         self._reading = asyncio.create_task(self._read(self._child))
         try:
             async with asyncio.timeout(PHONES_START_TIMEOUT_S):
@@ -76,15 +76,13 @@ class LocalPhones:
             except ValueError:
                 continue
             if line["event"] == EVENT:
-                told = PhoneInvited(
+                invited = PhoneInvited(
                     url=line["url"], fingerprint=line["fingerprint"], good_for_s=line["good_for_s"]
                 )
-                self._invited = told, asyncio.get_running_loop().time() + told.good_for_s
+                self._invited = invited, asyncio.get_running_loop().time() + invited.good_for_s
                 self._log_came.set()
         if self._invited is not None:
-            self._event_log.add(
-                "the server of phones has ended; invite a phone to start it again", level="error"
-            )
+            self._event_log.add("the phone server has ended; invite a phone to start it again", level="error")
         self._log_came.set()
 
 
@@ -95,7 +93,7 @@ class LocalNodes:
         self,
         leader: Address,
         spool: Path,
-        news: Log | None = None,
+        log: Log | None = None,
         host: str | None = None,
         trust: Trust | None = None,
     ) -> None:
@@ -107,7 +105,7 @@ class LocalNodes:
         self._options = (trust or Trust.of_user()).options
         self._leader = leader
         self._spool = spool
-        self._event_log = news or Log()
+        self._event_log = log or Log()
         self.phones = LocalPhones(leader, spool, host or leader.host, self._event_log, self._options)
         """Server for the phones that are cameras here."""
         self._children: dict[str, Child] = {}
@@ -172,7 +170,7 @@ class LocalNodes:
         async with self._adding:
             free = [name for name in pool if name not in taken and name not in self._children]
             if not 1 <= cameras <= len(free):
-                more = "" if flat else f"; any number can look at {FLAT_SCENES[0]}"
+                more = "" if flat else f"; any number can use {FLAT_SCENES[0]}"
                 raise BadInputError(
                     f"{cameras} further simulated cameras of the scene {scene} are not available",
                     hint=f"it has {len(pool)} views, {len(free)} of them free{more}",
@@ -189,7 +187,7 @@ class LocalNodes:
         """End a node. Raises BadInputError if there is none of that name."""
         child = self._children.get(name)
         if child is None:
-            raise BadInputError(f"{name} is no node of this leader's machine")
+            raise BadInputError(f"{name} is not a node of this leader's machine")
         watching = self._watching.pop(name, None)
         if watching is None:  # it is being ended already
             await child.process.wait()
@@ -206,9 +204,9 @@ class LocalNodes:
 
     def _check(self, name: str, taken: Collection[str]) -> None:
         if name in self._children or name in taken:
-            raise BadInputError(f"a node named {name} is here already", hint="choose another name")
+            raise BadInputError(f"a node named {name} already exists", hint="choose another name")
         if len(self._children) >= MAX_NODES:
-            raise BadInputError(f"{MAX_NODES} nodes run on this machine already")
+            raise BadInputError(f"{MAX_NODES} nodes already run on this machine")
 
     async def _start(self, name: str, spec: str, clock: str, tolerance_us: int | None = None) -> Child:
         arguments = [

@@ -25,7 +25,7 @@ class PortOptions:
     trust: Trust = field(default_factory=Trust.of_user)
     """This process's identity and the machines that it accepts and follows."""
     clock: NodeClock = field(default_factory=HostClock)
-    news: Log = field(default_factory=Log)
+    log: Log = field(default_factory=Log)
     """Receives events."""
 
 

@@ -54,7 +54,7 @@ def why_not_ready(members: Sequence[Member], cameras: int, *, accept_degraded: b
     late = [shortfall(member) for member in members if member.report.state not in enough]
     there = len(present_cameras(members))
     if there < cameras:
-        late.append(f"{there} of {cameras} nodes are here")
+        late.append(f"{there} of {cameras} nodes have joined")
     return ", ".join(late)
 
 
@@ -76,7 +76,7 @@ async def reasons_until_ready(
             if now_s >= deadline_s:
                 raise IncompleteError(
                     f"not ready after {timeout_s:g} s: {reason}",
-                    hint="capture-app status says why; without --wait-s a burst is taken as things are",
+                    hint="capture-app status says why; without --wait-s the burst is taken at once",
                 )
         else:
             usable_s = now_s if usable_s is None else usable_s
@@ -152,14 +152,14 @@ def rig_advice(
         return sentence
     cameras = present_cameras(members)
     if not cameras:
-        return f"no camera is here: start one with capture-app node --leader {leader} --camera SPEC"
+        return f"no camera has joined: start one with capture-app node --leader {leader} --camera SPEC"
     bars_ns = [member.report.uncertainty_ns for member in cameras if member.report.uncertainty_ns is not None]
-    sure = f", clocks sure to ±{duration(max(bars_ns))} (95 %)" if bars_ns else ""
+    sure = f", clock error ≤ {duration(max(bars_ns))} (95 %)" if bars_ns else ""
     facts = {member.name: member.camera for member in cameras}
     if unsure := unmeasured_stamps(facts):
         sure += f"; {unsure}"
     elif stamps_ns := max(one.stamp_accuracy.uncertainty_ns for one in facts.values()):
-        sure += f", stamps to ±{duration(stamps_ns)}"
+        sure += f", timestamp error ≤ {duration(stamps_ns)}"
     return f"{count(len(cameras), 'camera')} ready{sure}"
 
 

@@ -45,13 +45,13 @@ class ImageAnswers:
     def __init__(self, channel: Channel[Any]) -> None:
         self._channel = channel
         self._waiting: asyncio.Queue[asyncio.Future[str]] = asyncio.Queue()
-        self._telling: asyncio.Task[None] | None = None
+        self._sending: asyncio.Task[None] | None = None
 
     def add(self, saving: "asyncio.Future[str]") -> None:
         """Answer with an image's checksum once it is known, or with its error."""
         self._waiting.put_nowait(saving)
-        if self._telling is None:
-            self._telling = asyncio.create_task(self._send_all())
+        if self._sending is None:
+            self._sending = asyncio.create_task(self._send_all())
 
     async def drain(self) -> None:
         """Wait until everything has been answered."""
@@ -59,8 +59,8 @@ class ImageAnswers:
 
     async def close(self) -> None:
         """Stop answering; received images are saved all the same."""
-        if self._telling is not None:
-            await end(self._telling)
+        if self._sending is not None:
+            await end(self._sending)
 
     async def _send_all(self) -> None:
         while True:
@@ -96,7 +96,7 @@ class LeaderService:
         self._options, self._engine, self._pump = options, engine, pump
         self._rig, self._bursts, self._local, self._viewfinders = rig, bursts, local, viewfinders
         self._enrolment = enrolment
-        self._settings = RigSettings(options.sessions, viewfinders, options.news)
+        self._settings = RigSettings(options.sessions, viewfinders, options.log)
         self._departures: dict[str, asyncio.Event] = {}
         """Nodes that are being removed, by name; the event is set when the roster has lost or removed one."""
         self._speaking: dict[str, Channel[messages.ToLeader]] = {}
@@ -125,7 +125,7 @@ class LeaderService:
                     if isinstance(error, NetworkError) and not isinstance(error, UnknownMachineError):
                         raise
                     # Network errors are NetworkErrors, so this one is the disk's.
-                    what = error if isinstance(error, SimulshotError) else DiskError(f"on its disk: {error}")
+                    what = error if isinstance(error, SimulshotError) else DiskError(f"disk: {error}")
                     await answers.drain()
                     await channel.send(messages.Refusal.of_error(what))
                 if channel.who.is_unknown:
@@ -161,7 +161,7 @@ class LeaderService:
                 channel.trust()
             case messages.CameraReport() | messages.SpoolSpace():
                 if message.camera != principal:
-                    raise BadInputError(f"this stream does not speak for camera {message.camera!r}")
+                    raise BadInputError(f"this stream may not send for camera {message.camera!r}")
 
     async def _take_image(
         self, channel: Channel[messages.ToLeader], message: messages.ImageUpload, working_on: WorkingOn
@@ -169,7 +169,7 @@ class LeaderService:
         """Receive an image that this stream has reported; permission was checked with the report."""
         session = working_on.get((message.leader, message.burst, message.camera))
         if session is None:
-            raise BadInputError(f"this stream does not speak for camera {message.camera!r} in that burst")
+            raise BadInputError(f"this stream may not send for camera {message.camera!r} in that burst")
         saving = await session.take_image(message, channel.payload(), self._bursts.now_ns())
         saving.add_done_callback(lambda _: self._bursts.report_progress(session))
         return saving
@@ -213,7 +213,7 @@ class LeaderService:
                     async for status in progress:
                         await channel.send(messages.BurstAnswer(burst=status))
             case orders.WatchRequest():
-                await Watcher(channel, self._rig, self._options.news, self._viewfinders).serve()
+                await Watcher(channel, self._rig, self._options.log, self._viewfinders).serve()
             case messages.NodeStream():
                 giving = asyncio.create_task(self._settings.give(message.camera))
                 try:
@@ -262,14 +262,14 @@ class LeaderService:
             case orders.InvitePhone():
                 return await self._nodes().phones.invitation()
             case orders.StopRig():
-                self._options.news.add("stopped by an operator")
+                self._options.log.add("stopped by an operator")
                 self.stop_requested.set()
         return orders.Done(names=names)
 
     def _nodes(self) -> LocalNodes:
         if self._local is None:
             raise NotAvailableError(
-                "this leader runs no cameras", hint="start them with capture-app node on their machine"
+                "this leader runs no cameras", hint="run capture-app node on the camera's machine"
             )
         return self._local
 
@@ -312,8 +312,8 @@ class LeaderService:
         if self._is_here(name):
             where = members[name].address[0]
             raise BadInputError(
-                f"{name} runs on {where}, not as a process of the leader's",
-                hint="stop its capture-app node there",
+                f"{name} runs on {where}, not as a process of the leader",
+                hint="stop capture-app node there",
             )
         self._engine.forget(name)
         self._pump.turn()

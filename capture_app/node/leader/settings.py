@@ -40,7 +40,7 @@ class RigSettings:
         """Forward a request to its camera, and store the result. Raises IncompleteError, OSError."""
         answer = await self._viewfinders.ask(request, ControlsAnswer)
         held = dict(self._held.get(request.camera, {}))
-        for control, asked in request.wanted.items():
+        for control, asked in request.values.items():
             state = answer.state.state(control)
             held.pop(control, None)
             if state is not None and state.value is not None and not state.automatic:
@@ -58,24 +58,24 @@ class RigSettings:
             return
         with suppress(IncompleteError, OSError):
             state = (await self._viewfinders.ask(ControlsRequest(camera=camera), ControlsAnswer)).state
-            wanted = self._wanted(camera, state)
-            if wanted:
-                answer = await self.ask(ControlsRequest(camera=camera, wanted=wanted))
+            values = self._values_to_set(camera, state)
+            if values:
+                answer = await self.ask(ControlsRequest(camera=camera, values=values))
                 for problem in dict.fromkeys(answer.state.problems.values()):
                     self._log.say(f"{camera}: {problem}")
 
-    def _wanted(self, camera: str, state: CameraControls) -> dict[Control, ControlValue]:
-        wanted: dict[Control, ControlValue] = {}
+    def _values_to_set(self, camera: str, state: CameraControls) -> dict[Control, ControlValue]:
+        values: dict[Control, ControlValue] = {}
         here = set(self._viewfinders.health) - {camera}
         for control in Control:
             own = self._held.get(camera, {}).get(control)
             others = {of[control] for name, of in self._held.items() if name in here and control in of}
-            alike = next(iter(others)) if len(others) == 1 else None
-            setting, mine = own or alike, state.state(control)
+            common = next(iter(others)) if len(others) == 1 else None
+            setting, mine = own or common, state.state(control)
             if setting is None:
                 continue
             if mine is None:
-                self._log.say(f"{camera}: it has no control of its {control}, which others hold")
+                self._log.say(f"{camera}: its {control} cannot be controlled, as the other cameras' can")
             elif mine.unit == setting.unit:
-                wanted[control] = setting.value
-        return wanted
+                values[control] = setting.value
+        return values

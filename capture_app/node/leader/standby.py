@@ -63,7 +63,7 @@ class RankedLeader:
         self._make_options, options = make_options, make_options()
         for bound in bind_port(options.host, options.port):
             bound.close()
-        self._event_log, self._clock = options.news, options.clock
+        self._event_log, self._clock = options.log, options.clock
         instance = secrets.randbits(32)
         name = name_like(f"leader-{socket.gethostname().split('.')[0]}-{options.port}", "leader")
         self._engine = engine = Succession(name, instance, others, rank, random.Random(secrets.randbits(64)))
@@ -89,7 +89,7 @@ class RankedLeader:
                     self._serving = asyncio.ensure_future(_serve(self._taken_over(), lead))
                     self._serving.add_done_callback(lambda _: self._changed.set())
                 elif not self._engine.leads and self._serving is not None:
-                    self._event_log.say("a leader of better rank leads, too: this one gives way")
+                    self._event_log.say("another leader of higher rank leads too: this one stops leading")
                     await end(self._serving)
                     self._serving = None
                 await self._changed.wait()
@@ -102,7 +102,9 @@ class RankedLeader:
     def _look(self) -> None:
         self._keys.look()
         if self._engine.leader not in (self._followed, None):
-            self._event_log.say(f"{Address(*self._engine.leader)} leads: this one follows until it is gone")
+            self._event_log.say(
+                f"{Address(*self._engine.leader)} leads: this one follows until that leader is lost"
+            )
         self._followed = self._engine.leader
         if self._engine.leads is not (self._serving is not None):
             self._changed.set()
@@ -113,7 +115,7 @@ class RankedLeader:
         if continued is None:
             return options
         self._event_log.say(
-            "the leader is gone: this one leads now, in its time as far as"
+            "the leader is lost: this one leads now, in the same time within"
             f" {duration(continued.told.uncertainty_ns)}"
         )
         return replace(options, clock=ContinuedClock(self._clock, continued.time_map), continued=continued)
@@ -123,7 +125,7 @@ class RankedLeader:
         while True:
             await asyncio.sleep(ASK_EVERY_S)
             if self._sealed is not None and self._engine.leader is not None:
-                self._sealed.keys.wanted.add(self._engine.leader)
+                self._sealed.keys.missing.add(self._engine.leader)
                 self._keys.look()
 
 
@@ -157,7 +159,7 @@ async def lead_by_rank(
     if len(ranks) != 1 or any(one != family for one, _ in found):
         raise BadInputError(
             f"of {', '.join(map(str, leaders))} one must be this machine's, on port {options.port}",
-            hint="name all leaders of the rig, the best first, on each of them alike",
+            hint="give each of them the same list of all leaders, preferred first",
         )
     others = tuple(Address(*peer) for rank, (_, peer) in enumerate(found) if rank != ranks[0])
     await RankedLeader(make_options, others, ranks[0]).run(lead, client_socket(family))

@@ -39,7 +39,7 @@ class _Stream:
 
     channel: Channel[ToLeader]
     health: CameraHealth = UNKNOWN
-    wanted: PreviewRequest = NOTHING
+    request: PreviewRequest = NOTHING
     picture: Preview | None = None
     asked: "dict[type[NodeAnswer], asyncio.Future[Any]]" = field(default_factory=dict)
     """Pending requests, by type of answer."""
@@ -48,7 +48,7 @@ class _Stream:
 
     def wants(self, size: int) -> bool:
         """Return whether to read a preview of `size` bytes: an operator watches, and it is not too large."""
-        return bool(self.wanted.fps) and size <= MAX_PREVIEW_BYTES
+        return bool(self.request.fps) and size <= MAX_PREVIEW_BYTES
 
 
 @dataclass(slots=True)
@@ -56,7 +56,7 @@ class Viewfinders:
     """All nodes with an open viewfinder stream, and the previews that operators request."""
 
     _streams: dict[str, _Stream] = field(default_factory=dict)
-    _wishes: dict[object, PreviewRequest] = field(default_factory=dict)
+    _requests: dict[object, PreviewRequest] = field(default_factory=dict)
 
     async def serve(self, channel: Channel[ToLeader], opened: NodeStream) -> None:
         """Process a node's messages until it closes its stream."""
@@ -96,11 +96,11 @@ class Viewfinders:
         """Current health of the cameras, by name."""
         return {name: stream.health for name, stream in self._streams.items()}
 
-    async def want(self, operator: object, wish: PreviewRequest | None) -> None:
+    async def want(self, operator: object, request: PreviewRequest | None) -> None:
         """Store which previews an operator requests, None for none, and request them from the nodes."""
-        self._wishes.pop(operator, None)
-        if wish is not None and wish.fps > 0:
-            self._wishes[operator] = wish
+        self._requests.pop(operator, None)
+        if request is not None and request.fps > 0:
+            self._requests[operator] = request
         for name in tuple(self._streams):
             await self._ask(name)
 
@@ -138,14 +138,14 @@ class Viewfinders:
         stream = self._streams.get(name)
         if stream is None:
             return
-        wishes = [w for w in self._wishes.values() if w.cameras is None or name in w.cameras]
-        wanted = NOTHING
-        if wishes:
-            wanted = PreviewRequest(width=max(w.width for w in wishes), fps=max(w.fps for w in wishes))
-        if wanted != stream.wanted:
-            stream.wanted = wanted
-            stream.picture = None if wanted is NOTHING else stream.picture
-            await _send(stream.channel, wanted)
+        requests = [w for w in self._requests.values() if w.cameras is None or name in w.cameras]
+        request = NOTHING
+        if requests:
+            request = PreviewRequest(width=max(w.width for w in requests), fps=max(w.fps for w in requests))
+        if request != stream.request:
+            stream.request = request
+            stream.picture = None if request is NOTHING else stream.picture
+            await _send(stream.channel, request)
 
 
 async def _answer(stream: _Stream, name: str, answer: "asyncio.Future[A]") -> A:
@@ -168,4 +168,6 @@ async def _send(channel: Channel[ToLeader], message: ToViewfinder) -> None:
 
 
 def _closed(name: str) -> IncompleteError:
-    return IncompleteError(f"{name} shows nothing at present", hint="is it connected? see capture-app status")
+    return IncompleteError(
+        f"{name} has no open stream", hint="check that it is connected: capture-app status"
+    )

@@ -107,15 +107,13 @@ class RigState:
 class Watcher:
     """Sender of a rig's changes to one operator; it costs nothing while no one watches."""
 
-    def __init__(
-        self, channel: Channel[ToLeader], rig: RigState, news: Log, viewfinders: Viewfinders
-    ) -> None:
+    def __init__(self, channel: Channel[ToLeader], rig: RigState, log: Log, viewfinders: Viewfinders) -> None:
         self._request: PreviewRequest | None = None
-        self._on_their_way: set[str] = set()
+        self._unacknowledged: set[str] = set()
         """Cameras whose last preview the operator has not acknowledged yet."""
         self._channel = channel
         self._rig = rig
-        self._event_log = news
+        self._event_log = log
         self._viewfinders = viewfinders
         self._due_s: dict[str, float] = {}
         self._shown: dict[str, Preview] = {}
@@ -123,51 +121,51 @@ class Watcher:
     async def serve(self) -> None:
         """Send changes until the operator closes the stream."""
         self._channel.allow_silence()
-        telling = asyncio.create_task(self._tell())
+        sending = asyncio.create_task(self._send_changes())
         try:
             while (message := await self._channel.receive_header()) is not None:
                 if isinstance(message, PreviewSeen):
-                    self._on_their_way.discard(message.camera)
+                    self._unacknowledged.discard(message.camera)
                 elif isinstance(message, PreviewRequest):
                     self._request = message
                     await self._viewfinders.want(self, message)
         finally:
-            await end(telling)
+            await end(sending)
             await self._viewfinders.want(self, None)
 
-    async def _tell(self) -> None:
+    async def _send_changes(self) -> None:
         loop = asyncio.get_running_loop()
-        told: RigStatus | None = None
-        told_s, news_ns = 0.0, 0
+        sent: RigStatus | None = None
+        sent_s, logged_ns = 0.0, 0
         while True:
             began_s = loop.time()
             status = self._rig.status("")
             timeless = without_times(status)
-            if timeless != told or began_s - told_s >= KEEPALIVE_S:
-                told, told_s = timeless, began_s
+            if timeless != sent or began_s - sent_s >= KEEPALIVE_S:
+                sent, sent_s = timeless, began_s
                 await self._channel.send(StatusAnswer(rig=status))
-            if lines := self._event_log.after(news_ns):
-                news_ns = lines[-1].unix_ns
+            if lines := self._event_log.after(logged_ns):
+                logged_ns = lines[-1].unix_ns
                 await self._channel.send(LogAnswer(lines=lines))
             await self._send_pictures(began_s)
             # If a slow link has made this tick long, the next one counts from here.
             await asyncio.sleep(max(TICK_S / 2, began_s + TICK_S - loop.time()))
 
     async def _send_pictures(self, now_s: float) -> None:
-        wish = self._request
-        if wish is None or not wish.fps:
+        request = self._request
+        if request is None or not request.fps:
             return
-        for picture in self._viewfinders.pictures(wish.cameras):
+        for picture in self._viewfinders.pictures(request.cameras):
             camera = picture.camera
             if (
-                camera in self._on_their_way
+                camera in self._unacknowledged
                 or picture is self._shown.get(camera)
                 or now_s < self._due_s.get(camera, 0.0)
             ):
                 continue
             self._shown[camera] = picture
-            self._due_s[camera] = now_s + 0.9 / wish.fps  # a tick is not exact
-            self._on_their_way.add(camera)
+            self._due_s[camera] = now_s + 0.9 / request.fps  # a tick is not exact
+            self._unacknowledged.add(camera)
             await self._channel.send(replace(picture, jpeg=b""), picture.jpeg)
 
 

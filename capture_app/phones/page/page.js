@@ -69,7 +69,7 @@ function stop(words) {
 }
 
 async function loseCamera() {
-  say({type: "away", why: "its camera was taken by something else"});
+  say({type: "page-hidden", why: "its camera was taken by something else"});
   while (running && !document.hidden) {
     show("bad", "Camera lost", "Something else took the camera, or it failed. It is tried again; close other camera apps.");
     closeCamera();
@@ -226,7 +226,7 @@ async function keepAwake() {
 document.addEventListener("visibilitychange", async () => {
   if (!running) return;
   if (document.hidden) {
-    say({type: "away", why: "its page is in the background, or its screen is locked"});
+    say({type: "page-hidden", why: "its page is in the background, or its screen is locked"});
     return;
   }
   keepAwake();

@@ -93,7 +93,7 @@ def test_what_one_webcam_has_chosen_is_set_on_another(out: Path) -> None:
 
 
 def test_what_a_webcam_cannot_do_is_said(out: Path) -> None:
-    assert found(out, "set")["problems"] == {"focus": "it has no control of its focus"}
+    assert found(out, "set")["problems"] == {"focus": "its focus cannot be controlled"}
     assert found(out, "too long")["problems"] == {"exposure": "9000 µs is out of its range, 100 to 3000"}
     assert state(out, "too long", "exposure")["value"] == 3000.0
 

@@ -102,7 +102,7 @@ async def test_whose_pictures_are_waited_for_is_told_a_second_after_the_last_ins
     await session.give_up_silent_cameras({}, last_ns + S // 2)
     assert session.status.message == ""
     await session.give_up_silent_cameras({}, last_ns + S)
-    assert session.status.message == "waiting for pictures of a, cam03"
+    assert session.status.message == "waiting for images of a, cam03"
     await session.accept_report(report("a"), now_ns=0)
-    assert session.status.message == "waiting for pictures of cam03"
+    assert session.status.message == "waiting for images of cam03"
     await session.suspend()

@@ -31,7 +31,7 @@ async def begun_session(root: Path, *names: str) -> BurstSession:
 async def breaking_off(data: bytes) -> AsyncIterator[bytes]:
     async for piece in pieces(data):
         yield piece
-    raise NetworkError("the transfer broke off")
+    raise NetworkError("the connection broke off")
 
 
 def lies(session: Session) -> list[str]:
@@ -106,14 +106,14 @@ async def test_repair_without_nodes_finishes_with_what_is_there(tmp_path: Path) 
     session = await begun_session(tmp_path, "a", "b")
     await session.accept_report(report("a", 0, 1), 0)
     await receive_image(session, upload("a", 0), pieces(IMAGE))
-    busy = await repair(tmp_path, wait_s=0, address=Address("127.0.0.1", 0), news=Log())
+    busy = await repair(tmp_path, wait_s=0, address=Address("127.0.0.1", 0), log=Log())
     assert "being written" in busy[0].what
     await session.suspend()
-    await repair(tmp_path, wait_s=0, address=Address("127.0.0.1", 0), news=Log())
+    await repair(tmp_path, wait_s=0, address=Address("127.0.0.1", 0), log=Log())
     opened = Session.open(session.folder)
     assert lies(opened) == []
     assert len(opened.manifest.images) == 1
-    assert all("no node brought it" in gap.reason for gap in opened.manifest.missing)
+    assert all("no node sent it" in gap.reason for gap in opened.manifest.missing)
 
 
 def test_a_burst_that_will_not_fit_is_told_before_it_is_taken(tmp_path: Path) -> None:

@@ -110,5 +110,5 @@ class ShownNode:
     def detail(self) -> NodeDetail:
         return NodeDetail(camera=self.options.name, samples=((5, 6),))
 
-    def keep(self, measured: SaveStamp) -> bool:
+    def save_stamp(self, measured: SaveStamp) -> bool:
         return False

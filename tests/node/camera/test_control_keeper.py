@@ -66,7 +66,7 @@ async def test_what_cannot_be_set_is_told_with_its_reason(node: Node) -> None:
     assert done.problems == {
         Control.EXPOSURE: "90000 µs is out of its range, 100 to 30000",
         Control.WHITE_BALANCE: "its white-balance cannot be set",
-        Control.FOCUS: "it has no control of its focus",
+        Control.FOCUS: "its focus cannot be controlled",
     }
     assert node.camera.set == [(Control.EXPOSURE, 30_000.0)]
 
@@ -82,7 +82,7 @@ async def test_a_camera_that_is_gone_ends_nothing(node: Node) -> None:
     node.camera.refuses = True
     assert (await node.keeper.read()).controls == ()
     done = await node.keeper.apply({Control.GAIN: 3.0})
-    assert done.problems == {Control.GAIN: "it has no control of its gain"}
+    assert done.problems == {Control.GAIN: "its gain cannot be controlled"}
     node.keeper.set_in_burst(True)
     await settled(node)
     node.keeper.set_in_burst(False)
@@ -94,7 +94,7 @@ async def test_a_camera_that_is_gone_ends_nothing(node: Node) -> None:
 async def test_automatic_where_the_camera_can(node: Node) -> None:
     await node.keeper.apply({Control.EXPOSURE: 2500.0})
     done = await node.keeper.apply({Control.EXPOSURE: "auto", Control.GAIN: "auto"})
-    assert done.problems == {Control.GAIN: "it does not choose its gain itself"}
+    assert done.problems == {Control.GAIN: "it has no automatic gain"}
     assert node.camera.set[-1] == (Control.EXPOSURE, None)
 
 
@@ -108,7 +108,7 @@ async def test_hold_keeps_what_is(node: Node) -> None:
 
 async def test_hold_says_where_the_driver_may_not_tell(node: Node) -> None:
     done = await node.keeper.apply({Control.EXPOSURE: "hold"})
-    assert "look whether the picture has changed" in done.problems[Control.EXPOSURE]
+    assert "check whether the picture has changed" in done.problems[Control.EXPOSURE]
 
 
 async def test_a_camera_that_was_opened_anew_is_set_again(node: Node) -> None:

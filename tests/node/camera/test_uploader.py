@@ -143,4 +143,4 @@ async def test_a_full_spool_is_told_and_memory_takes_its_place(tmp_path: Path) -
     async with uploading(serve, said, FullSpool(tmp_path, "a")) as uploader:
         uploader.add_burst(burst_upload(Picture(b"0"), Picture(b"1")))
         assert [await stored.get(), await stored.get()] == [b"0", b"1"]
-    assert any("kept in memory" in line for line in said)
+    assert any("stays in memory" in line for line in said)

@@ -30,7 +30,7 @@ async def test_only_what_the_leader_wants_is_sent_once_it_is_settled(tmp_path: P
     def answer(report: CameraReport) -> ReportAck:
         reports.append(report)
         enough = len(report.plan.instants) == 3
-        return ReportAck(wanted=(0, 3)) if enough else ReportAck(undecided=True)
+        return ReportAck(requested=(0, 3)) if enough else ReportAck(undecided=True)
 
     async def serve(channel: Channel[ToLeader]) -> None:
         async for image, _ in images(channel, answer):

@@ -189,7 +189,7 @@ async def test_two_hundred_bursts_leave_no_threads_and_no_open_files(tmp_path: P
             begun.append(weakref.ref(session))
             number = session.burst.number
             told = replace(report("a", 0), burst=number)
-            assert (await session.accept_report(told, NOW_NS)).wanted == (0,)
+            assert (await session.accept_report(told, NOW_NS)).requested == (0,)
             await receive_image(session, replace(upload("a", 0), burst=number), pieces(IMAGE), NOW_NS)
             await session.finished.wait()
             assert session.status.received == 1

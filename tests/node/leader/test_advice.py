@@ -22,12 +22,12 @@ def view(name: str, state: NodeState = NodeState.READY, message: str = "") -> Me
 
 def test_an_empty_rig_is_told_how_to_get_a_camera() -> None:
     assert rig_advice([], LEADER, 0) == (
-        f"no camera is here: start one with capture-app node --leader {LEADER} --camera SPEC"
+        f"no camera has joined: start one with capture-app node --leader {LEADER} --camera SPEC"
     )
 
 
 def test_a_ready_rig_is_told_how_sure_its_clocks_are() -> None:
-    assert rig_advice([view("a"), view("b")], LEADER, 0) == "2 cameras ready, clocks sure to ±41 µs (95 %)"
+    assert rig_advice([view("a"), view("b")], LEADER, 0) == "2 cameras ready, clock error ≤ 41 µs (95 %)"
 
 
 def test_the_node_that_waits_for_a_person_is_named_first() -> None:
@@ -50,8 +50,7 @@ def test_a_lost_camera_is_news_for_a_minute() -> None:
     lost = view("b", NodeState.LOST, "it left")
     assert rig_advice([view("a"), lost], LEADER, 0) == "b is lost: it left"
     assert (
-        rig_advice([view("a"), lost], LEADER, 61_000_000_000)
-        == "1 camera ready, clocks sure to ±41 µs (95 %)"
+        rig_advice([view("a"), lost], LEADER, 61_000_000_000) == "1 camera ready, clock error ≤ 41 µs (95 %)"
     )
 
 
@@ -61,13 +60,13 @@ def test_a_ready_rig_is_told_whose_stamps_nobody_has_measured() -> None:
     said = rig_advice([view("a"), unsure], LEADER, 0)
     half = duration(webcam.assumed_stamp.uncertainty_ns)
     assert said == (
-        f"2 cameras ready, clocks sure to ±41 µs (95 %); stamp error of web not measured (±{half}):"
+        f"2 cameras ready, clock error ≤ 41 µs (95 %); stamp error of web not measured (±{half}):"
         " capture-app cameras calibrate-time measures it"
     )
     stamp = StampAccuracy(bias_ns=15_000_000, uncertainty_ns=300_000, source=StampSource.MOTION)
     measured = dataclasses.replace(unsure, camera=replace(webcam, stamp=stamp))
     said = rig_advice([view("a"), measured], LEADER, 0)
-    assert said == "2 cameras ready, clocks sure to ±41 µs (95 %), stamps to ±300 µs"
+    assert said == "2 cameras ready, clock error ≤ 41 µs (95 %), timestamp error ≤ 300 µs"
     of_another = replace(stamp, against="hall", against_uncertainty_ns=20_000_000)
     joined = dataclasses.replace(unsure, camera=replace(webcam, stamp=of_another))
     assert "stamp error of web not measured except against hall (±20 ms)" in rig_advice(

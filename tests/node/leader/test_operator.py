@@ -49,8 +49,8 @@ async def next_of(updates: AsyncIterator[Update], wanted: Callable[[Update], boo
 
 
 async def test_a_link_begins_with_the_status_and_the_news_so_far(leader: LeaderNode) -> None:
-    leader.news.add("a joined", camera="a")
-    leader.news.add("lost a: it left", camera="a", level="warning")
+    leader.log.add("a joined", camera="a")
+    leader.log.add("lost a: it left", camera="a", level="warning")
     updates = RigLink(leader.own_address).updates()
     first = await next_of(updates, lambda _: True)
     assert isinstance(first, RigStatus)
@@ -61,7 +61,7 @@ async def test_a_link_begins_with_the_status_and_the_news_so_far(leader: LeaderN
         ("a joined", "info"),
         ("lost a: it left", "warning"),
     ]
-    leader.news.add("a is back", camera="a")
+    leader.log.add("a is back", camera="a")
     line = await next_of(updates, lambda update: isinstance(update, LogLine))
     assert isinstance(line, LogLine)
     assert line.text == "a is back"
@@ -72,7 +72,7 @@ async def test_a_lost_leader_is_told_and_its_successor_is_shown_without_telling_
     tmp_path: Path,
 ) -> None:
     first = await leader_at(tmp_path / "sessions")
-    first.news.add("of the first run")
+    first.log.add("of the first run")
     link = RigLink(first.own_address)
     updates = link.updates()
     await next_of(updates, lambda update: isinstance(update, LogLine))
@@ -84,7 +84,7 @@ async def test_a_lost_leader_is_told_and_its_successor_is_shown_without_telling_
     assert lost.reason.endswith(f": capture-app rig start --port {port} --sessions {folder}")
     async with await leader_at(tmp_path / "sessions", first.own_address.port) as second:
         await next_of(updates, lambda update: isinstance(update, RigStatus))
-        second.news.add("of the second run")
+        second.log.add("of the second run")
         line = await next_of(updates, lambda update: isinstance(update, LogLine))
         assert isinstance(line, LogLine)
         assert line.text == "of the second run"
@@ -136,7 +136,7 @@ async def test_cameras_of_the_leaders_machine_come_and_go_by_order(tmp_path: Pat
         status = await next_of(updates, shows_desk)
         assert isinstance(status, RigStatus)
         assert status.nodes[0].on_leader
-        with pytest.raises(BadInputError, match="desk is here already"):
+        with pytest.raises(BadInputError, match="desk already exists"):
             await link.order(AddCamera(spec="sim:webcam", name="desk"))
         with pytest.raises(BadInputError, match="unknown simulated camera 'nope'"):
             await link.order(AddCamera(spec="sim:nope"))
@@ -159,7 +159,7 @@ async def test_a_camera_that_is_being_ended_is_ended_once_and_keeps_its_name(
         await nodes.add_camera("sim:webcam,scale=0.1", "desk")
         removals = [asyncio.create_task(nodes.remove("desk")) for _ in range(2)]
         await asyncio.sleep(0)
-        with pytest.raises(BadInputError, match="desk is here already"):
+        with pytest.raises(BadInputError, match="desk already exists"):
             await nodes.add_camera("sim:webcam,scale=0.1", "desk")
         await asyncio.gather(*removals)
         assert list(nodes.names) == []

@@ -64,5 +64,5 @@ def test_a_node_that_cannot_do_better_is_waited_for_but_stops_no_burst() -> None
 def test_a_node_that_is_not_aligned_does() -> None:
     with pytest.raises(IncompleteError, match="not ready after 0 s: cam02 is aligning"):
         waited_for(READY, view("cam02", NodeState.ALIGNING))
-    with pytest.raises(IncompleteError, match="0 of 1 nodes are here"):
+    with pytest.raises(IncompleteError, match="0 of 1 nodes have joined"):
         waited_for()

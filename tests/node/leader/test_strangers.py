@@ -83,14 +83,14 @@ async def test_nobody_speaks_for_another_camera(tmp_path: Path) -> None:
             assert isinstance(await answer(channel), ReportAck)
             for message in (report, SpoolSpace(camera="cam0", free_bytes=0, spool="/")):
                 await channel.send(message)
-                assert "does not speak for" in (await answer(channel)).what
+                assert "may not send for" in (await answer(channel)).what
             await channel.send(forged, FORGED)
-            assert "does not speak for" in (await answer(channel)).what
+            assert "may not send for" in (await answer(channel)).what
             await channel.send(NodeStream(camera="cam0", instance=UNKNOWN_PEER, shows=True))
             assert isinstance(await answer(channel), Refusal)
         async with await connect(leader.own_address, FromLeader) as channel:
             await channel.send(report)
-            assert "does not speak for" in (await answer(channel)).what
+            assert "may not send for" in (await answer(channel)).what
 
         async with stream(leader, "cam0", CAM0) as channel:
             assert isinstance(await answer(channel), ReportAck)
@@ -151,7 +151,7 @@ async def test_a_node_deletes_only_what_the_leader_has_as_it_is(tmp_path: Path) 
     folder = tmp_path / "a/00000001-000001"
     async with uploading(serve, said, Spool(tmp_path, "a")) as uploader:
         uploader.add_burst(burst_upload(Picture(b"0"), Picture(b"1"), Picture(b"2")))
-        await until(lambda: any("other pictures" in line for line in said))
+        await until(lambda: any("different images" in line for line in said))
         assert stored[0] == hashlib.sha256(b"0").hexdigest()
         await until(lambda: [file.name for file in folder.glob("*.jpg")] == ["000001.jpg"])
         assert (folder / "000001.jpg").read_bytes() == b"1"
@@ -237,7 +237,7 @@ def test_a_line_that_is_nested_too_deeply_is_a_damaged_one(tmp_path: Path) -> No
 async def test_nobody_is_made_known_to_an_open_rig_and_is_told_so(tmp_path: Path) -> None:
     async with await LeaderNode.start(LeaderOptions(sessions=tmp_path, host="127.0.0.1", port=0)) as leader:
         for message in (
-            PairingMessage(certificate=b"x", name="x", share=b"x"),
+            PairingMessage(certificate=b"x", name="x", spake2_message=b"x"),
             PairingProof(proof=b"x"),
             EnrolRequest(certificate=b"x"),
         ):

@@ -104,13 +104,13 @@ async def test_a_node_goes_by_what_was_measured_of_its_link_and_keeps_it(
 ) -> None:
     """Both run on one clock: what the node adds to it is what it was told."""
     round_trip_ns = (await clock_of(link)).round_trip_ns
-    measured = SaveStamp(camera="a", way=PathAsymmetry(round_trip_ns // 3, 1_000, round_trip_ns))
-    assert (await ask_leader(link.leader, measured, StampSaved)).kept
+    measured = SaveStamp(camera="a", asymmetry=PathAsymmetry(round_trip_ns // 3, 1_000, round_trip_ns))
+    assert (await ask_leader(link.leader, measured, StampSaved)).is_stored
     async with asyncio.timeout(TIMEOUT_S):
         while (clock := await clock_of(link)).offset_ns < round_trip_ns // 6:
             pass
     assert clock.offset_ns <= clock.hard_bound_ns
-    kept = DeviceProfiles(tmp_path).way("a", link.leader.host)
+    kept = DeviceProfiles(tmp_path).asymmetry("a", link.leader.host)
     assert kept is not None
     assert kept.late_ns == round_trip_ns // 3
 

@@ -57,7 +57,7 @@ async def invite(leader: LeaderNode, home: Trust, role: Role = Role.CAMERA) -> s
 
 
 def news(leader: LeaderNode) -> list[str]:
-    return [line.text for line in leader.news.after(0)]
+    return [line.text for line in leader.log.after(0)]
 
 
 async def test_a_code_makes_a_machine_known_for_ever(leader: LeaderNode, home: Trust, machine: Trust) -> None:
@@ -66,8 +66,8 @@ async def test_a_code_makes_a_machine_known_for_ever(leader: LeaderNode, home: T
     assert await pair(leader.own_address, code, machine) == (Role.CAMERA,)
     assert await is_known(leader.own_address, machine)
     assert await is_known(leader.own_address, Trust(machine.folder)), "also after it was started again"
-    assert any("is known as camera" in line for line in news(leader))
-    with pytest.raises(UnknownMachineError, match="no code"):
+    assert any("is now known as camera" in line for line in news(leader))
+    with pytest.raises(UnknownMachineError, match="no pairing code"):
         await pair(leader.own_address, code, Trust(home.folder.parent / "another"))
 
 
@@ -75,7 +75,7 @@ async def test_a_wrong_code_changes_nothing_and_is_said(
     leader: LeaderNode, home: Trust, machine: Trust
 ) -> None:
     code = await invite(leader, home)
-    with pytest.raises(UnknownMachineError, match="not the code"):
+    with pytest.raises(UnknownMachineError, match="wrong pairing code"):
         await pair(leader.own_address, f"{(int(code) + 1) % 10**8:08d}", machine)
     assert home.known.all() == machine.known.all() == ()
     assert any("wrong code" in line for line in news(leader))
@@ -94,10 +94,10 @@ async def test_pins_that_are_pasted_on_both_sides_do_without_a_code(
     assert any("wants to join" in line for line in news(leader))
     home.known.add(machine.identity.pin, Role.CAMERA, name="garage")
     shown: list[str] = []
-    leader.news.show = shown.append
+    leader.log.show = shown.append
     for _ in range(5):
         await ask_to_enrol(leader.own_address, machine)
-    assert shown == ["garage is known from now on"], "said once, however often it knocks"
+    assert shown == ["garage is now known"], "said once, however often it knocks"
     assert await is_known(leader.own_address, machine)
 
 

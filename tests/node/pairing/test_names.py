@@ -75,7 +75,7 @@ async def test_after_a_restart_of_the_leader_a_name_is_still_its_owners(
         assert "capture-app cameras remove cam0" in said.reason
         assert granted(await bring(leader.own_address, thief, THIEF, burst, FIVE)) == []
         assert pictures(tmp_path) == []
-        assert any("two machines are called cam0" in line.text for line in leader.news.after(0))
+        assert any("two machines are called cam0" in line.text for line in leader.log.after(0))
         async with joined(leader.own_address, CAM, trust=owner):
             answers = await bring(leader.own_address, owner, CAM, burst, FIVE, b"the true picture")
             assert len(granted(answers)) == 7, answers

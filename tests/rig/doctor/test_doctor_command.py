@@ -27,7 +27,7 @@ def test_a_leader_out_of_reach_is_a_problem_in_json_and_for_people(
 
     assert run(("doctor", *leader)) == ExitCode.FAILURE
     printed, _ = capfd.readouterr()
-    assert "problem  leader     127.0.0.1 is there, but no leader listens" in printed
+    assert "problem  leader     127.0.0.1 is reachable, but no leader listens" in printed
     assert "→ start it there with: capture-app" in printed
 
 

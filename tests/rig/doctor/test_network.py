@@ -42,7 +42,7 @@ def test_ufw_needs_the_port_of_a_leader_and_nothing_of_a_node(tmp_path: Path) ->
     active = active_firewalls(tmp_path)
     (found,) = doctor.firewalls(active, [47010])
     assert found.grade == "warning"
-    assert "only root sees" in found.text
+    assert "only root can see" in found.text
     assert found.remedy == "sudo ufw allow 47010"
     assert list(doctor.firewalls(active, [])) == []
     write(tmp_path, "etc/ufw/user.rules", "### tuple ### allow any 47010 0.0.0.0/0 any 0.0.0.0/0 in\n")
@@ -57,7 +57,7 @@ def test_a_leader_warns_of_what_keeps_cameras_away_and_of_nothing_else(tmp_path:
     write(tmp_path, "etc/ufw/ufw.conf", "ENABLED=yes\n")
     (tmp_path / "sys/class/net/no-such-wlan/phy80211").mkdir(parents=True)
     (warning,) = doctor.warnings_for_leader(EVERYWHERE, 47010, tmp_path)
-    assert warning.startswith("ufw is active here, and must let cameras come in to port 47010")
+    assert warning.startswith("ufw is active here, and must allow incoming cameras on port 47010")
     assert warning.endswith(": sudo ufw allow 47010")
 
 
@@ -127,7 +127,7 @@ async def test_a_leader_in_reach_is_good_and_one_that_is_not_is_a_problem(tmp_pa
         assert (await doctor.leader(running.address)).grade == "good"
         own = await doctor.own_rig(running.address)
     assert own.grade == "warning"
-    assert "only this machine reaches it" in own.text
+    assert "only this machine can reach it" in own.text
     found = await doctor.leader(closed_port())
     assert found.grade == "problem"
     assert "start it there" in found.remedy

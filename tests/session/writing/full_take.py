@@ -74,7 +74,7 @@ class Take:
 
     def check_repaired(self) -> Session:
         """Repair, and see that all that was confirmed is there as it was, and that nothing lies."""
-        results = asyncio.run(repair(self.folder, wait_s=0, address=Address("127.0.0.1", 0), news=Log()))
+        results = asyncio.run(repair(self.folder, wait_s=0, address=Address("127.0.0.1", 0), log=Log()))
         assert results[0].ok, results
         session = Session.open(self.folder)
         assert verify(session) == []

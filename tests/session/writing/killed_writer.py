@@ -191,7 +191,7 @@ def run(work: Callable[[int], None], kill_after_s: float | None = None) -> tuple
 
 
 def mend(root: Path) -> None:
-    asyncio.run(repair(root / NAME, wait_s=0, address=Address("127.0.0.1", 0), news=Log()))
+    asyncio.run(repair(root / NAME, wait_s=0, address=Address("127.0.0.1", 0), log=Log()))
 
 
 def mending_until(step: int, root: Path) -> Callable[[int], None]:

@@ -252,7 +252,9 @@ async def test_a_burst_that_is_being_saved_is_cancelled_too_and_a_refusal_is_tol
         await studio.settle(pilot)
         first = studio.app.screen.query(Button).first()
         assert str(first.label).startswith("1 burst-001: 0 of ")
-        rig.failure = BadInputError("burst 1 is not under way", hint="a saved one is a session")
+        rig.failure = BadInputError(
+            "burst 1 is not under way", hint="capture-app sessions list shows saved ones"
+        )
         await pilot.press("1")
         await studio.settle(pilot)
         assert ("order", CancelBurst(burst=1)) in rig.asked

@@ -208,7 +208,7 @@ def test_the_mode_looks_as_it_did(
 ) -> None:
     rig = ready_rig(5)
     rig.take = saves_into(tmp_path, cameras=5)
-    rig.different["advice"] = "5 cameras ready, clocks sure to ±9.0 µs (95 %)"
+    rig.different["advice"] = "5 cameras ready, clock error ≤ 9.0 µs (95 %)"
     studio = Studio(rig, tmp_path)
 
     async def before(pilot: Pilot[None]) -> None:

@@ -92,7 +92,11 @@ async def lead(name: str, options: Namespace) -> None:
 
     async def serve(node: LeaderNode) -> None:
         now_ns, clock, continued = time.monotonic_ns(), node.options.clock, node.options.continued
-        told = None if continued is None else (continued.told.uncertainty_ns, continued.told.hard_bound_ns)
+        told = (
+            None
+            if continued is None
+            else (continued.upstream_map.uncertainty_ns, continued.upstream_map.hard_bound_ns)
+        )
         line = now_ns, clock.local_from_true(now_ns), clock.local_from_true(now_ns + SPAN_NS)
         print(LEADS + json.dumps({"line": line, "told": told}), file=sys.stderr, flush=True)
         await node.service.stop_requested.wait()

@@ -8,7 +8,7 @@ import numpy as np
 from benchmarks.scenery import materials
 from benchmarks.scenery.meshes import Mesh, box, ellipsoid, panel, rod
 from capture_app.simulation.scenes.definition import Part, Picture, Point, SceneDefinition, Stage, read_stage
-from capture_app.simulation.scenes.moving_bodies import jumping_child, turn, walking_child
+from capture_app.simulation.scenes.moving_bodies import jumping_child, rotation, walking_child
 
 SEED = 20190516
 FLOOR, BACK, FRONT, TOP = 1.0, 4.3, 0.6, -2.2
@@ -75,7 +75,9 @@ def _room(rng: np.random.Generator, plant: list[Mesh]) -> list[Part]:
         panel((RIGHT, TOP, FRONT), (0, 0, deep), (0, high, 0), "side"),
     ]
     walls += box((0.9, 0.05, BACK - 0.01), (0.9, 2.0, 0.05), "door")
-    cupboard = [m.moved((-1.5, 0.55, 3.5), turn(1, 0.5)) for m in box((0, 0, 0), (0.7, 1.0, 0.5), "cupboard")]
+    cupboard = [
+        m.moved((-1.5, 0.55, 3.5), rotation(1, 0.5)) for m in box((0, 0, 0), (0.7, 1.0, 0.5), "cupboard")
+    ]
     pictures = [
         panel((-1.0, -0.95, BACK - 0.012), (0.5, 0, 0), (0, 0.68, 0), "shapes"),
         panel((-0.25, -0.65, BACK - 0.012), (0.56, 0, 0), (0, 0.4, 0), "city"),

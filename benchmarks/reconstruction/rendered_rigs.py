@@ -18,7 +18,7 @@ from capture_app.simulation.rendering import layers as still
 from capture_app.simulation.rendering.layers import View as RenderedView
 from capture_app.simulation.rendering.raycast import LINEAR, Body, Texture
 from capture_app.simulation.rendering.scene import develop
-from capture_app.simulation.scenes.moving_bodies import turn
+from capture_app.simulation.scenes.moving_bodies import rotation
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
 
@@ -182,7 +182,8 @@ def _still_life() -> list[Mesh]:
     vase = lathe([*profile, (0.09, -0.08), (0.075, -0.03)], "carpet", around=48)
     meshes = [vase, *box((0, -0.015, 0), (0.62, 0.03, 0.52), "stone")]
     meshes += [
-        part.moved((-0.17, -0.16, -0.08), turn(1, 0.5)) for part in box((0, 0, 0), (0.2, 0.26, 0.2), "crate")
+        part.moved((-0.17, -0.16, -0.08), rotation(1, 0.5))
+        for part in box((0, 0, 0), (0.2, 0.26, 0.2), "crate")
     ]
     meshes.append(ellipsoid((0.1, 0.1, 0.1), "clay", around=36).moved((0.17, -0.13, -0.1)))
     meshes.append(ellipsoid((0.07, 0.12, 0.07), "stone", around=36).moved((0.1, -0.15, 0.16)))
@@ -211,7 +212,7 @@ def _two_faces() -> list[Mesh]:
     whole = [lathe(profile, "clay", around=48, window=(0.0, 0.0, 2.0, 1.0))]
     whole += box((0, -0.27, 0), (0.34, 0.26, 0.04), "stone")[2:]
     whole.append(lathe([(0.02, -0.14), (0.16, -0.12), (0.2, 0.0)], "stone", window=(0.0, 0.0, 2.0, 1.0)))
-    return whole + [part.moved((0, 0, 0), turn(1, np.pi * side)) for side in (0, 1) for part in half]
+    return whole + [part.moved((0, 0, 0), rotation(1, np.pi * side)) for side in (0, 1) for part in half]
 
 
 OBJECTS = {"still life": _still_life, "temple": _temple, "two faces": _two_faces}

@@ -82,7 +82,7 @@ class Machine:
             return
         self.leader, continued = None, self.succession.continued
         if self.succession.leads:
-            told = (None, None) if continued is None else (continued.told, continued.grid)
+            told = (None, None) if continued is None else (continued.upstream_map, continued.grid)
             config = LeaderConfig(self.rng.getrandbits(32), 0, continues=told[0], grid=told[1])
             self.leader = Leader(config, self.rng)
 

@@ -62,8 +62,8 @@ class SimulatedControls:
         if not self.automatic:
             return False
         before = self._chosen_ns
-        share = 1.0 + WANDER * math.sin(2.0 * math.pi * (true_ns % WANDER_NS) / WANDER_NS)
-        self._chosen_ns = self._whole(share * self._profile.exposure_ns)
+        factor = 1.0 + WANDER * math.sin(2.0 * math.pi * (true_ns % WANDER_NS) / WANDER_NS)
+        self._chosen_ns = self._whole(factor * self._profile.exposure_ns)
         return self._chosen_ns != before
 
     def states(self) -> tuple[ControlState, ...]:
@@ -106,8 +106,8 @@ class SimulatedControls:
     def _whole(self, exposure_ns: float) -> int:
         """Return the exposure in whole rows, limited so that it stretches no frame."""
         rows = self._profile.whole_rows(round(exposure_ns))
-        least = -(-self._profile.min_exposure_ns // self._profile.row_time_ns)
-        return max(least, min(rows, self._profile.neutral_rows)) * self._profile.row_time_ns
+        min_rows = -(-self._profile.min_exposure_ns // self._profile.row_time_ns)
+        return max(min_rows, min(rows, self._profile.neutral_rows)) * self._profile.row_time_ns
 
 
 @dataclass(frozen=True, slots=True)

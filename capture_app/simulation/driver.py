@@ -33,12 +33,12 @@ OPTIONS = {
     "calibration": "none: sessions do not get the scene's true calibration",
     "seed": "whole number; with the node's name it chooses crystal, noise and drops",
     "exposure_ms": "exposure of every frame",
-    "auto": "exposure: the camera chooses it itself, a little anew all the time, until it is set",
+    "auto": "exposure: the camera chooses the exposure, which varies slightly, until it is set",
     "ppm": "error of this device's crystal",
     "noise_us": "standard deviation of the timestamps",
     "stamp_bias_ms": "all timestamps are late by this, and the camera does not know it, as no real one does",
-    "outliers": "share of timestamps that are late, 0 to 1",
-    "drops": "share of frames that never arrive, 0 to 1",
+    "outliers": "fraction of timestamps that are late, 0 to 1",
+    "drops": "fraction of frames that never arrive, 0 to 1",
     "start_ms": "time from the start command to the first frame, without its scatter",
     "fail_after_s": "the camera goes away this long after its start",
 }
@@ -48,8 +48,8 @@ _CHANGES: dict[str, tuple[float, Callable[[float], dict[str, Any]]]] = {
     "exposure_ms": (1e3, lambda ms: {"exposure_ns": round(ms * 1e6)}),
     "noise_us": (1e4, lambda us: {"timestamp_noise_ns": round(us * 1e3)}),
     "stamp_bias_ms": (100, lambda ms: {"stamp_bias_ns": round(ms * 1e6)}),
-    "outliers": (1, lambda share: {"outlier_fraction": share}),
-    "drops": (1, lambda share: {"drop_fraction": share}),
+    "outliers": (1, lambda fraction: {"outlier_fraction": fraction}),
+    "drops": (1, lambda fraction: {"drop_fraction": fraction}),
     "start_ms": (1e4, lambda ms: {"start_latency_ns": (round(ms * 1e6), 0)}),
 }
 """Max value of an option, whose min is 0, and the change that it makes to the profile."""
@@ -115,19 +115,19 @@ def open_camera(profile: str, options: Mapping[str, str], *, clock: NodeClock, n
 
 def _adjusted(profile: SensorProfile, options: Mapping[str, str]) -> SensorProfile:
     """Return the profile with the options' changes; the profile validates the exposure."""
-    for key, (most, change) in _CHANGES.items():
-        value = read_number(options, key, _CAMERA, low=0, high=most)
+    for key, (max_value, change) in _CHANGES.items():
+        value = read_number(options, key, _CAMERA, low=0, high=max_value)
         if value is not None:
             profile = replace(profile, **change(value))
     return profile
 
 
-def _says(options: Mapping[str, str], key: str, word: str, *, otherwise: str = "") -> bool:
-    """Return whether an option has the value `word`; its only other valid value is `otherwise`."""
+def _says(options: Mapping[str, str], key: str, value: str, *, otherwise: str = "") -> bool:
+    """Return whether an option is `value`; its only other valid value is `otherwise`."""
     text = options.get(key, otherwise)
-    if text not in (word, otherwise):
-        raise BadInputError(f"{key}={text} of a simulated camera", hint=f"{word}, or leave it out")
-    return text == word
+    if text not in (value, otherwise):
+        raise BadInputError(f"{key}={text} of a simulated camera", hint=f"{value}, or leave it out")
+    return text == value
 
 
 def _seed(options: Mapping[str, str]) -> int:

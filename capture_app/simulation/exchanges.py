@@ -13,7 +13,7 @@ from capture_app.sync.clock.clock_filter import ClockSample
 
 COLUMNS = ("t_s", "rtt_ms")
 MIN_ROWS = 50
-MOST = 1e10
+MAX_NUMBER = 1e10
 """Upper bound of a recording's times in s, and of its round trips in ms."""
 TURNAROUND_NS = 30_000
 """Time that a leader takes from the receipt of a request to the reply."""
@@ -35,8 +35,10 @@ def read_trace(path: Path, rng: random.Random) -> Link:
         ) from None
     if len(rows) < MIN_ROWS:
         raise BadInputError(f"{path} has {len(rows)} rows", hint=f"{MIN_ROWS} or more are needed")
-    if not all(abs(number) < MOST for row in rows for number in row):
-        raise BadInputError(f"{path} has numbers that are none or no times", hint="leave lost messages out")
+    if not all(abs(number) < MAX_NUMBER for row in rows for number in row):
+        raise BadInputError(
+            f"{path} has numbers that are not finite, or too large for times", hint="leave lost messages out"
+        )
     times_s, round_trips_ms = zip(*rows, strict=True)
     every_ns = round((times_s[-1] - times_s[0]) / (len(rows) - 1) * 1e9)
     min_ms = min(round_trips_ms)

@@ -16,7 +16,7 @@ from capture_app.common.errors import BadInputError
 
 @dataclass(frozen=True, slots=True, kw_only=True)
 class SensorProfile:
-    """Properties that all devices of a model share; times in ns, lengths in rows, shares in [0, 1]."""
+    """Properties that all devices of a model share; times in ns, lengths in rows, fractions in [0, 1]."""
 
     name: str
     model: str
@@ -60,9 +60,9 @@ class SensorProfile:
         """Raise BadInputError for values that no sensor can have."""
         if not 1 <= self.injection_gain <= 3:
             raise BadInputError(f"injection gain {self.injection_gain} is out of range (1 to 3)")
-        for share in (self.drop_fraction, self.outlier_fraction):
-            if not 0.0 <= share <= 1.0:
-                raise BadInputError(f"a share of {share:g} is out of range (0 to 1)")
+        for fraction in (self.drop_fraction, self.outlier_fraction):
+            if not 0.0 <= fraction <= 1.0:
+                raise BadInputError(f"a fraction of {fraction:g} is out of range (0 to 1)")
         if (
             min(self.timestamp_noise_ns, self.timestamp_quantum_ns, self.injection_jitter_ns) < 0
             or not abs(self.period_error_ppm) <= 10_000
@@ -88,8 +88,8 @@ class SensorProfile:
         """Min and max frame duration that can be set; None if durations cannot be set."""
         if self.phase_control is not PhaseControl.FRAME_DURATION:
             return None, None
-        least = self.min_frame_rows or self.frame_length_rows
-        return least * self.row_time_ns, 4 * self.frame_length_rows * self.row_time_ns
+        min_rows = self.min_frame_rows or self.frame_length_rows
+        return min_rows * self.row_time_ns, 4 * self.frame_length_rows * self.row_time_ns
 
     @property
     def neutral_rows(self) -> int:

@@ -105,11 +105,13 @@ class Sensor:
         obeying = self._obeying(true_ns)
         rows = self.profile.whole_rows(exposure_ns)
         self._exposure_rows[obeying] = rows
-        usual = self.profile.frame_length_rows
+        typical_rows = self.profile.frame_length_rows
         if self.profile.injection_jitter_ns:
             self._delay_ns[obeying] = round(self._command_rng.gauss(0.0, self.profile.injection_jitter_ns))
         for sequence, stretch in enumerate(self.profile.stretches_rows(exposure_ns), obeying):
-            self._length_rows[sequence] = max(usual + stretch, self._length_rows.get(sequence, usual))
+            self._length_rows[sequence] = max(
+                typical_rows + stretch, self._length_rows.get(sequence, typical_rows)
+            )
 
     def set_frame_duration(self, duration_ns: int, true_ns: int) -> None:
         """Set the duration of one coming frame; the command arrives at `true_ns`.

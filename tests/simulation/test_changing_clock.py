@@ -5,7 +5,7 @@ from benchmarks.simulated.changing_clocks import ChangingClock, RateSpell
 S = 1_000_000_000
 
 
-def test_a_spell_is_gained_while_it_lasts_and_kept_after() -> None:
+def test_a_rate_change_is_applied_while_it_lasts_and_its_offset_stays() -> None:
     clock = ChangingClock(7 * S, 20e-6, 100 * S, (RateSpell(120 * S, 220 * S, 500e-6),))
     gained_us = [(clock.local_from_true(t * S) - t * S - 7 * S) / 1000 for t in (100, 120, 170, 220, 320)]
     assert gained_us == [0, 400, 400 + 26_000, 400 + 52_000, 400 + 54_000]

@@ -34,7 +34,7 @@ def test_a_small_change_of_the_rate_is_noticed_in_seconds() -> None:
     assert share(found, "stated_95_held") >= 0.9
 
 
-def test_an_outage_with_a_crystal_that_warms_up_is_told_as_it_is() -> None:
+def test_an_outage_with_a_warming_crystal_is_reported_as_it_is() -> None:
     assert share(figures("hold-over, warming, wire", 3), "stated_95_held") >= 0.9
     all_along = figures("hold-over, warming all along, wire")
     used = share(all_along, "mean_us") / share(all_along, "stated_us")
@@ -43,7 +43,7 @@ def test_an_outage_with_a_crystal_that_warms_up_is_told_as_it_is() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("ms", ["0.2", "5"])
-def test_a_way_that_becomes_longer_is_counted_into_the_error_bar(ms: str) -> None:
+def test_an_increased_path_delay_widens_the_error_bar(ms: str) -> None:
     found = figures(f"one way {ms} ms longer, wire")
     assert share(found, "stated_95_held") >= 0.9
     assert share(found, "hard_bound_held") == 1.0

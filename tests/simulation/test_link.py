@@ -45,7 +45,7 @@ def test_a_replayed_law_goes_by_the_time() -> None:
     assert [law.draw(rng, t) for t in (0, 99, 100, 200, 300)] == [6, 6, 7, 5, 6]
 
 
-def test_a_recorded_link_is_split_into_its_two_ways(tmp_path: Path) -> None:
+def test_a_recorded_link_is_split_into_its_two_directions(tmp_path: Path) -> None:
     path = tmp_path / "link.csv"
     with path.open("w", newline="") as file:
         writer = csv.writer(file)

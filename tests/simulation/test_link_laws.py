@@ -82,7 +82,7 @@ def test_the_papers_link_is_as_steady_as_the_paper_says() -> None:
     assert 60.0 < max(errors_us) < 140.0
 
 
-def test_quick_moments_are_of_both_ways_and_not_at_first() -> None:
+def test_quick_moments_cover_both_directions_and_not_the_start() -> None:
     slow, quick = GammaDelay(2 * MS, 2 * MS + 1), GammaDelay(MS, MS + 1)
     moments = QuickMoments(quick, quick, share=0.1, after_ns=S)
     link, rng = WirelessLink(slow, slow, quick=moments), random.Random(4)

@@ -106,7 +106,7 @@ def test_seed_changes_only_the_noise(scene: Scene) -> None:
     assert abs(difference.mean()) < 0.1
 
 
-def test_rolling_shutter_moves_movers_only(scene: Scene) -> None:
+def test_rolling_shutter_displaces_moving_objects_only(scene: Scene) -> None:
     later_ns = 80_000
     depth, _, movers = scene.ground_truth("cam00", START_NS, EXPOSURE_NS, 0)
     rolled_depth, _, rolled = scene.ground_truth("cam00", START_NS, EXPOSURE_NS, later_ns)
@@ -181,7 +181,7 @@ def test_depth_agrees_with_the_calibration(scene: Scene) -> None:
     assert checked > 30
 
 
-def test_movers_cover_what_changes_between_two_instants(scene: Scene) -> None:
+def test_moving_regions_cover_the_change_between_two_instants(scene: Scene) -> None:
     depth, _, movers = scene.ground_truth("cam00", START_NS, EXPOSURE_NS, ROW_NS)
     later_depth, _, later = scene.ground_truth("cam00", START_NS + 66_000_000, EXPOSURE_NS, ROW_NS)
     changed = depth != later_depth
@@ -189,7 +189,7 @@ def test_movers_cover_what_changes_between_two_instants(scene: Scene) -> None:
     assert not np.any(changed & ~(movers | later))
 
 
-def test_things_are_named_and_movers_are_the_moving_ones(scene: Scene) -> None:
+def test_objects_are_named_and_moving_ones_marked(scene: Scene) -> None:
     _, things, movers = scene.ground_truth("cam04", START_NS, EXPOSURE_NS, ROW_NS)
     names = [scene.things[number] for number in np.unique(things)]
     assert {"figure", "pinwheel", "floor", "walls", "rug", "shelf"} <= set(names)
@@ -198,7 +198,7 @@ def test_things_are_named_and_movers_are_the_moving_ones(scene: Scene) -> None:
 
 
 @pytest.mark.parametrize("step", range(10))
-def test_movers_are_in_every_view_at_any_time(scene: Scene, step: int) -> None:
+def test_moving_objects_are_in_every_view_at_any_time(scene: Scene, step: int) -> None:
     start = START_NS + step * 9_777_777_777
     shares = {v: scene.ground_truth(v, start, EXPOSURE_NS, ROW_NS)[2].mean() for v in scene.views}
     assert min(shares.values()) > 0.05
@@ -271,7 +271,7 @@ def test_the_board_is_held_everywhere_before_every_camera() -> None:
 
 @pytest.mark.slow
 @pytest.mark.parametrize("name", ["pinwheel", "crossing"])
-def test_the_other_scenes_show_their_movers_in_every_view(name: str) -> None:
+def test_the_other_scenes_show_their_moving_objects_in_every_view(name: str) -> None:
     scene = load(name, scale=SCALE)
     for view in scene.views:
         shot = picture(scene, view, start_ns=8_000_000_000)

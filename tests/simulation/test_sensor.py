@@ -152,7 +152,7 @@ def test_crystal_drifts_in_true_time_without_adding_up_rounding() -> None:
     assert last.start_true_ns - START_NS == elapsed_ns - elapsed_ns * 125 // 10**7
 
 
-def test_noise_outliers_and_drops_as_told() -> None:
+def test_noise_outliers_and_drops_as_configured() -> None:
     profile = replace(PROFILES["phone-a"], drop_fraction=0.1, outlier_fraction=0.05)
     seen = frames(sensor(profile), 4000)
     errors = [f.timestamp_true_ns - f.start_true_ns for f in seen]
@@ -201,7 +201,7 @@ def test_a_stopped_sensor_gives_nothing() -> None:
         made.inject(40_000_000, START_NS)
 
 
-def test_all_profiles_share_one_period_and_read_out_in_about_5_ms() -> None:
+def test_all_profiles_have_one_period_and_read_out_in_about_5_ms() -> None:
     assert {profile.period_ns for profile in PROFILES.values()} == {33_333_000}
     for profile in PROFILES.values():
         assert 4.5e6 < profile.readout_ns < 6e6

@@ -80,7 +80,7 @@ class LeaderNode:
                 max_delay_ns=options.max_delay_ns,
                 grid_phase_ns=options.grid_phase_ns,
             ),
-            continues=None if continued is None else continued.told,
+            continues=None if continued is None else continued.upstream_map,
             grid=None if continued is None else continued.grid,
         )
         rng, owners = random.Random(secrets.randbits(64)), None if names is None else names.owners

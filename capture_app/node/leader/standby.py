@@ -116,7 +116,7 @@ class RankedLeader:
             return options
         self._event_log.say(
             "the leader is lost: this one leads now, in the same time within"
-            f" {duration(continued.told.uncertainty_ns)}"
+            f" {duration(continued.upstream_map.uncertainty_ns)}"
         )
         return replace(options, clock=ContinuedClock(self._clock, continued.time_map), continued=continued)
 

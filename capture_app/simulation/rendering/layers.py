@@ -143,20 +143,20 @@ def _sky_light(room: Body, points: Floats, normals: Floats, number: int) -> Floa
     directions = _sphere(_SKY_RAYS, number / len(SUBPIXELS))
     facing = np.maximum(directions @ normals.T, 0)
     total = facing.sum(axis=0)
-    for direction, share in zip(directions, facing, strict=True):
-        lit = np.flatnonzero(share > 0.02)
+    for direction, weights in zip(directions, facing, strict=True):
+        lit = np.flatnonzero(weights > 0.02)
         rays = bundle_rays(points[lit], direction)
-        share[lit[room.occludes(rays, near=0.0, far=_SKY_DISTANCE_M)]] = 0
+        weights[lit[room.occludes(rays, near=0.0, far=_SKY_DISTANCE_M)]] = 0
     # Radiance of the open directions, and the bounce from all others.
     light = facing.T @ (lighting.sky_radiance(directions) - _BOUNCE) + total[:, None] * _BOUNCE
     return np.asarray(light / np.maximum(total, 1e-3)[:, None], np.float32)
 
 
-def _sphere(count: int, turn: float) -> Floats:
+def _sphere(count: int, rotation: float) -> Floats:
     number = np.arange(count) + 0.5
-    height = 1 - 2 * ((number + turn - 0.375) / count)
+    height = 1 - 2 * ((number + rotation - 0.375) / count)
     radius = np.sqrt(np.maximum(1 - height**2, 0))
-    angle = 2 * np.pi * (number * 0.618034 + turn * 0.618034)
+    angle = 2 * np.pi * (number * 0.618034 + rotation * 0.618034)
     return np.stack([radius * np.cos(angle), height, radius * np.sin(angle)], -1).astype(np.float32)
 
 
@@ -196,13 +196,13 @@ def moving_part(view: View, body: Body, pose: Poses) -> MovingPart:
     rotation, translation = pose.rotation.astype(np.float32), pose.translation.astype(np.float32)
     centres = rotation @ body.centre + translation
     image = view.project(centres)
-    reach = body.radius * view.focal_px / np.maximum(image[:, 2] - body.radius, 0.1) + 2
+    radius_px = body.radius * view.focal_px / np.maximum(image[:, 2] - body.radius, 0.1) + 2
     # A row sees the part at its own time only.
-    rows = np.flatnonzero(np.abs(np.arange(view.height) - image[:, 1]) < reach)
+    rows = np.flatnonzero(np.abs(np.arange(view.height) - image[:, 1]) < radius_px)
     rectangle = (slice(0), slice(0))
     if len(rows):
-        left = max(int(np.min(image[rows, 0] - reach[rows])), 0)
-        right = min(int(np.max(image[rows, 0] + reach[rows])) + 1, view.width)
+        left = max(int(np.min(image[rows, 0] - radius_px[rows])), 0)
+        right = min(int(np.max(image[rows, 0] + radius_px[rows])) + 1, view.width)
         rectangle = (slice(rows[0], rows[-1] + 1), slice(left, max(left, right)))
     plane = centres @ lighting.SUN_PLANE.T
     middle = (plane.min(0) + plane.max(0)) / 2
@@ -232,9 +232,9 @@ def find_visible(
         count = (rows.stop - rows.start, columns.stop - columns.start)
         if 0 in count:
             continue
-        turn = part.rotation[rows]
-        centre = np.matmul((view.centre - part.translation[rows])[:, None], turn)
-        rays = bundle_rays(centre, np.matmul(directions[rows, columns], turn))
+        rotation = part.rotation[rows]
+        centre = np.matmul((view.centre - part.translation[rows])[:, None], rotation)
+        rays = bundle_rays(centre, np.matmul(directions[rows, columns], rotation))
         hits = part.body.cast(rays)
         closer = np.flatnonzero(hits.distance < depth[rows, columns].reshape(-1))
         row, column = np.divmod(closer, count[1])
@@ -242,11 +242,11 @@ def find_visible(
         depth.reshape(-1)[pixels] = hits.distance[closer]
         found.append(VisiblePart(part, pixels, rays[closer], hits.select(closer)))
     front = depth.reshape(-1)
-    kept = []
+    visible = []
     for seen in found:
         won = np.flatnonzero(seen.hits.distance == front[seen.pixels])
-        kept.append(VisiblePart(seen.part, seen.pixels[won], seen.rays[won], seen.hits.select(won)))
-    return kept
+        visible.append(VisiblePart(seen.part, seen.pixels[won], seen.rays[won], seen.hits.select(won)))
+    return visible
 
 
 def light_changes(
@@ -264,8 +264,8 @@ def light_changes(
         footprint = seen.hits.distance / (2 * view.focal_px)
         colour, normals = seen.part.body.surface_at(seen.hits, seen.rays[:, 3:], footprint)
         normals = np.matmul(seen.part.rotation[rows], normals[:, :, None])[:, :, 0]
-        away = still.directions.reshape(-1, 3)[seen.pixels] * seen.hits.distance[:, None]
-        light = _shade(view.centre + away, normals, rows, parts, room, sky, to_sun)
+        displacement = still.directions.reshape(-1, 3)[seen.pixels] * seen.hits.distance[:, None]
+        light = _shade(view.centre + displacement, normals, rows, parts, room, sky, to_sun)
         changed.append(seen.pixels)
         change.append(colour * light - from_sky[seen.pixels] - from_sun[seen.pixels])
         covered[seen.pixels] = True
@@ -302,8 +302,8 @@ def in_shadow(
     hidden = np.zeros(len(points), np.bool_)
     across, along = lighting.SUN_PLANE @ points.T
     for part in parts:
-        middle_across, middle_along, reach = part.shadow
-        chosen = np.flatnonzero((across - middle_across) ** 2 + (along - middle_along) ** 2 < reach**2)
+        middle_across, middle_along, radius_m = part.shadow
+        chosen = np.flatnonzero((across - middle_across) ** 2 + (along - middle_along) ** 2 < radius_m**2)
         if len(chosen):
             start = part.to_part_frame(points[chosen], rows[chosen])
             rays = bundle_rays(start, to_sun @ part.rotation[rows[chosen]])

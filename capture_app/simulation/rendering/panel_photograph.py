@@ -60,13 +60,13 @@ def see_panel(
     still = np.zeros((height, width))
     found: list[tuple[NDArray[np.int64], Floats]] = []
     offsets = (np.arange(SUBPIXELS) + 0.5) / SUBPIXELS - 0.5
-    share = 1 / SUBPIXELS**2
+    weight = 1 / SUBPIXELS**2
     for dy, dx in product(offsets, offsets):
         x, y = _trace(panel, width, height, corners, distortion, float(dx), float(dy))
         which, profile = _lamp_at(panel, x, y)
-        still += share * np.where(which >= 0, _LENS_RING, _surface(panel, x, y, hidden))
+        still += weight * np.where(which >= 0, _LENS_RING, _surface(panel, x, y, hidden))
         rows, columns = np.nonzero(which >= 0)
-        found.append((np.stack([which[rows, columns], rows, columns]), share * profile[rows, columns]))
+        found.append((np.stack([which[rows, columns], rows, columns]), weight * profile[rows, columns]))
     places, weights = np.concatenate([f[0] for f in found], axis=1), np.concatenate([f[1] for f in found])
     keys, inverse = np.unique(places, axis=1, return_inverse=True)
     return still, keys, np.asarray(np.bincount(inverse.ravel(), weights, keys.shape[1]), np.float64)
@@ -118,11 +118,11 @@ def _lamp_at(panel: Panel, x: Floats, y: Floats) -> tuple[NDArray[np.int64], Flo
     for di, dj in product((0, 1), (0, 1)):
         number = lattice[np.floor(2 * x).astype(int) + di, np.floor(2 * y).astype(int) + dj]
         across, down = (x - places[number, 0]) / size, (y - places[number, 1]) / size
-        away = across**2 + down**2
+        distance_squared = across**2 + down**2
         if panel.is_screen:
             inside, bright = np.maximum(np.abs(across), np.abs(down)) < 1, np.ones(len(x))
         else:
-            inside, bright = away < 1, 1.3 - 0.6 * away
+            inside, bright = distance_squared < 1, 1.3 - 0.6 * distance_squared
         inside &= number >= 0
         best[inside], shape[inside] = number[inside], bright[inside]
     which[rows, columns], profile[rows, columns] = best, shape
@@ -162,8 +162,8 @@ class Photograph:
         """Return the image, BGR uint8 (height, width, 3), exposed from panel time `start_ns` in row 0."""
         scene = self._blur(self._look(start_ns, rng))
         y, x = np.mgrid[: self.height, : self.width]
-        away = (x - self.width / 2) ** 2 + (y - self.height / 2) ** 2
-        scene *= 1 - self.vignette * (4 * away / (self.width**2 + self.height**2))[..., None]
+        distance_squared = (x - self.width / 2) ** 2 + (y - self.height / 2) ** 2
+        scene *= 1 - self.vignette * (4 * distance_squared / (self.width**2 + self.height**2))[..., None]
         return self._develop(scene, rng)
 
     def _look(self, start_ns: float, rng: np.random.Generator) -> Floats:
@@ -173,8 +173,8 @@ class Photograph:
         )
         pairs, inverse = np.unique(np.stack([lamp, row]), axis=1, return_inverse=True)
         shares = self._shares(start_ns, pairs[0], pairs[1], rng)[inverse.ravel()]
-        spread = np.random.default_rng(len(self.panel.name)).standard_normal(len(self.panel.lamps))
-        gains = 1 + self.uneven * spread
+        brightness = np.random.default_rng(len(self.panel.name)).standard_normal(len(self.panel.lamps))
+        gains = 1 + self.uneven * brightness
         bright = self.lamp_light * gains[lamp] * shares * weight
         colour = np.array(_SCREEN_LIGHT if self.panel.is_screen else _LED_LIGHT)
         light = np.repeat(self.ambient * still[..., None], 3, axis=2)

@@ -89,8 +89,8 @@ class ColourBars(PictureSource):
         centre = (self.width // 2, self.height // 3)
         radius = round(110 * unit)
         middle_ns = frame.start_true_ns + frame.exposure_ns // 2
-        turn = (middle_ns % 10**9) / 1e9 * 2 * np.pi
-        tip = (round(centre[0] + radius * np.sin(turn)), round(centre[1] - radius * np.cos(turn)))
+        hand_angle = (middle_ns % 10**9) / 1e9 * 2 * np.pi
+        tip = (round(centre[0] + radius * np.sin(hand_angle)), round(centre[1] - radius * np.cos(hand_angle)))
         thick = max(1, round(6 * unit))
         cv2.circle(image, centre, round(radius * 1.15), (24, 24, 24), -1, cv2.LINE_AA)
         cv2.circle(image, centre, round(radius * 1.15), (245, 245, 245), max(1, thick // 2), cv2.LINE_AA)

@@ -120,14 +120,14 @@ class Scene:
             still_depth, still_things = self._still_depth[view]
         depth = np.where(still_depth > 0, still_depth, np.inf).astype(np.float32)
         things = still_things.copy()
-        movers_mask = np.zeros(depth.shape, np.bool_)
+        moving_mask = np.zeros(depth.shape, np.bool_)
         parts = self._parts(camera, start_ns + exposure_ns // 2, row_time_ns)
         numbers = {id(part): self._thing_of[name] for name, part in parts.items()}
         for seen in find_visible(camera, directions, depth, parts.values()):
             things.reshape(-1)[seen.pixels] = numbers[id(seen.part)]
-            movers_mask.reshape(-1)[seen.pixels] = True
+            moving_mask.reshape(-1)[seen.pixels] = True
         depth[~np.isfinite(depth)] = 0
-        return depth, things, movers_mask
+        return depth, things, moving_mask
 
     def calibration(self) -> Calibration:
         """Return true intrinsics and poses of all views, by name; the rig's frame is the scene's, in m."""

@@ -31,7 +31,7 @@ CONTACT_S = 0.12
 TAKE_OFF_M_S = 9.81 * (HOP_S - CONTACT_S) / 2
 """2.6 m/s: the speed that gravity reverses within the flight."""
 SWAY_M = 0.13
-TURN_S = 3.9
+YAW_PERIOD_S = 3.9
 FIGURE_AT = (-0.30, 2.44)
 """x and z in m of the middle of the sway."""
 LEG_M = 0.505
@@ -57,7 +57,7 @@ class Poses(NamedTuple):
         return np.asarray(self.rotation @ np.array([x, y, z]) + self.translation)
 
 
-def turn(axis: int, angle: ArrayLike) -> NDArray[np.float64]:
+def rotation(axis: int, angle: ArrayLike) -> NDArray[np.float64]:
     """Return rotation matrices (..., 3, 3) by angles (...), in radians, about x, y or z (0, 1, 2).
 
     A positive angle rotates y to z, z to x, or x to y.
@@ -111,8 +111,8 @@ def cycle_seconds(times_ns: NDArray[np.int64]) -> Series:
 
 def turning_wheel(time_s: Series) -> dict[str, Poses]:
     """Return poses of the pinwheel's blades, which face the cameras with a slight slant."""
-    slant = turn(1, np.full_like(time_s, 0.16)) @ turn(0, np.full_like(time_s, 0.07))
-    turning = turn(2, 2 * np.pi * WHEEL_TURNS_PER_S * time_s)
+    slant = rotation(1, np.full_like(time_s, 0.16)) @ rotation(0, np.full_like(time_s, 0.07))
+    turning = rotation(2, 2 * np.pi * WHEEL_TURNS_PER_S * time_s)
     return {"wheel": Poses(slant @ turning, np.broadcast_to(np.array(WHEEL_HUB), (len(time_s), 3)))}
 
 
@@ -134,32 +134,32 @@ def jumping_child(time_s: Series) -> dict[str, Poses]:
     airborne = np.sin(np.pi * np.clip((time_s % HOP_S - CONTACT_S) / (HOP_S - CONTACT_S), 0, 1)) ** 2
     # The sway stops only midway between the lowest point and the top, where the hop is fast.
     sway = np.pi * (time_s - CONTACT_S / 2) / HOP_S + np.pi / 4
-    yaw = 0.42 * np.sin(2 * np.pi * time_s / TURN_S)
+    yaw = 0.42 * np.sin(2 * np.pi * time_s / YAW_PERIOD_S)
     roll = 0.09 * np.cos(sway)
 
     leg = LEG_M + np.minimum(height, 0.0) - 0.085 * airborne
     x, z = FIGURE_AT[0] + SWAY_M * np.sin(sway), FIGURE_AT[1] + 0.05 * np.cos(sway)
     y = FLOOR_Y - ANKLE_M - LEG_M - height
-    hips = Poses(turn(1, yaw) @ turn(2, roll), np.stack([x, y, z], axis=1))
+    hips = Poses(rotation(1, yaw) @ rotation(2, roll), np.stack([x, y, z], axis=1))
     lean = 0.10 + 0.10 * np.cos(2 * np.pi * (time_s - CONTACT_S / 2) / HOP_S)
     knee = np.arccos(np.clip(leg / (THIGH_M + SHIN_M), -1, 1))
 
     def limbs(side: float) -> LimbTurns:
-        spread = side * (0.06 + 0.42 * airborne)
-        level = turn(1, np.full_like(yaw, -side * 0.22)) @ turn(0, 0.55 * airborne)
+        leg_spread = side * (0.06 + 0.42 * airborne)
+        level = rotation(1, np.full_like(yaw, -side * 0.22)) @ rotation(0, 0.55 * airborne)
         beat = np.cos(2 * np.pi * (time_s - CONTACT_S / 2 + side * 0.02) / HOP_S)
-        raised = 1.28 - 0.72 * beat + side * 0.16 * np.sin(2 * np.pi * time_s / TURN_S)
+        raised = 1.28 - 0.72 * beat + side * 0.16 * np.sin(2 * np.pi * time_s / YAW_PERIOD_S)
         bent = 0.55 - 0.30 * beat
         return LimbTurns(
-            thigh=turn(2, -spread) @ turn(0, -knee),
-            shin=turn(0, 2 * knee),
+            thigh=rotation(2, -leg_spread) @ rotation(0, -knee),
+            shin=rotation(0, 2 * knee),
             shoe=hips.rotation @ level,
-            arm=turn(2, -side * raised) @ turn(0, np.full_like(beat, -0.25)),
-            forearm=turn(2, -side * bent) @ turn(0, -0.3 * bent),
+            arm=rotation(2, -side * raised) @ rotation(0, np.full_like(beat, -0.25)),
+            forearm=rotation(2, -side * bent) @ rotation(0, -0.3 * bent),
         )
 
-    head = turn(1, -0.45 * yaw) @ turn(0, -0.9 * lean + 0.05)
-    return child_poses(hips, turn(0, lean), head, limbs(-1.0), limbs(1.0))
+    head = rotation(1, -0.45 * yaw) @ rotation(0, -0.9 * lean + 0.05)
+    return child_poses(hips, rotation(0, lean), head, limbs(-1.0), limbs(1.0))
 
 
 def walking_child(time_s: Series, *, ahead: float, prefix: str) -> dict[str, Poses]:
@@ -175,20 +175,20 @@ def walking_child(time_s: Series, *, ahead: float, prefix: str) -> dict[str, Pos
     x = WALK_CENTRE[0] + WALK_AXES_M[0] * np.cos(round_)
     z = WALK_CENTRE[1] + WALK_AXES_M[1] * np.sin(round_)
     place = np.stack([x, FLOOR_Y - ANKLE_M - HIP_Y - leg, z], axis=1)
-    hips = Poses(turn(1, yaw) @ turn(2, 0.04 * np.sin(gait)), place)
+    hips = Poses(rotation(1, yaw) @ rotation(2, 0.04 * np.sin(gait)), place)
 
     def limbs(side: float) -> LimbTurns:
-        pitch = turn(0, 0.6 * (knee[side] - swing[side]) - 0.12)
+        pitch = rotation(0, 0.6 * (knee[side] - swing[side]) - 0.12)
         return LimbTurns(
-            thigh=turn(0, -swing[side]),
-            shin=turn(0, knee[side]),
+            thigh=rotation(0, -swing[side]),
+            shin=rotation(0, knee[side]),
             shoe=hips.rotation @ pitch,
-            arm=turn(2, np.full_like(yaw, -side * 0.16)) @ turn(0, 0.75 * swing[side]),
-            forearm=turn(0, -0.45 - 0.3 * swing[side]),
+            arm=rotation(2, np.full_like(yaw, -side * 0.16)) @ rotation(0, 0.75 * swing[side]),
+            forearm=rotation(0, -0.45 - 0.3 * swing[side]),
         )
 
-    torso = turn(1, -0.10 * np.sin(gait)) @ turn(0, np.full_like(yaw, 0.09))
-    head = turn(0, 0.03 * np.cos(2 * gait) - 0.05)
+    torso = rotation(1, -0.10 * np.sin(gait)) @ rotation(0, np.full_like(yaw, 0.09))
+    head = rotation(0, 0.03 * np.cos(2 * gait) - 0.05)
     parts = child_poses(hips, torso, head, limbs(-1.0), limbs(1.0))
     return {prefix + name: poses for name, poses in parts.items()}
 

@@ -17,7 +17,7 @@ from capture_app.simulation.scenes.moving_bodies import (
     Poses,
     Series,
     jumping_child,
-    turn,
+    rotation,
     turning_wheel,
     walking_child,
 )
@@ -37,7 +37,7 @@ PAGE_M = (0.297, 0.210)
 """Size in m of the sheet that `reconstruct board` fills."""
 TEXELS_PER_MM = 4
 CENTRE = (0.0, -0.05, 0.60)
-REACH_M = (0.31, 0.27, 0.07)
+AMPLITUDE_M = (0.31, 0.27, 0.07)
 """Amplitude in m of the board's motion: sideways, vertically, and in depth."""
 TILT_RAD = (0.50, 0.62, 0.20)
 """Amplitude in radians of its rotation about x, y and z."""
@@ -66,8 +66,8 @@ def _sheet() -> Picture:
 def _held(time_s: Series) -> dict[str, Poses]:
     """Return poses of the sheet, slow enough for sharp images: at most 0.2 m/s."""
     wave = {name: np.sin(2 * np.pi * times * time_s / CYCLE_S) for name, times in TIMES_A_CYCLE.items()}
-    place = np.stack([wave["right"], wave["down"], wave["away"]], axis=-1) * REACH_M + CENTRE
-    tilts = (turn(axis, TILT_RAD[axis] * wave[name]) for axis, name in enumerate("xyz"))
+    place = np.stack([wave["right"], wave["down"], wave["away"]], axis=-1) * AMPLITUDE_M + CENTRE
+    tilts = (rotation(axis, TILT_RAD[axis] * wave[name]) for axis, name in enumerate("xyz"))
     about_x, about_y, about_z = tilts
     return {"sheet": Poses(about_y @ about_x @ about_z, place)}
 

@@ -35,9 +35,9 @@ class Newest(NamedTuple):
     """Mean deviation of the offset: positive if the leader's clock is later than the line predicts."""
     grown: float
     """Mean increase of the round-trip delay."""
-    doubt: float
+    sigma: float
     """One sigma of `moved`."""
-    usual: float
+    typical: float
     """Largest deviation of any equally long run of earlier groups."""
     min_skew: float
     """Lower bound of the clocks' relative rate, at SIGMAS sigma, from the earlier groups; dimensionless."""
@@ -45,14 +45,14 @@ class Newest(NamedTuple):
     @property
     def is_beyond_chance(self) -> bool:
         """Whether the deviation is significant: a clock or a path has changed."""
-        return abs(self.moved) > max(SIGMAS * self.doubt, TIMES_TYPICAL * self.usual)
+        return abs(self.moved) > max(SIGMAS * self.sigma, TIMES_TYPICAL * self.typical)
 
     @property
     def hidden(self) -> float:
         """Possible error of the line in ns that its uncertainty does not include."""
         if self.is_beyond_chance:
             return 2.0 * abs(self.moved)
-        return abs(self.moved) - max(HIDDEN_SIGMAS * self.doubt, self.usual) if self.is_of_clock else 0.0
+        return abs(self.moved) - max(HIDDEN_SIGMAS * self.sigma, self.typical) if self.is_of_clock else 0.0
 
     @property
     def is_of_clock(self) -> bool:
@@ -107,11 +107,11 @@ class AnswerGroups:
         points = [(float(t - at_ns), offset - level, gap) for t, offset, gap in self._groups]
         terms = [(t, x, gap, t * t, t * x, x * x) for t, x, gap in points]
         sums = [list(accumulate(column, initial=0.0)) for column in zip(*terms, strict=True)]
-        most = len(points)
+        total = len(points)
         return [
             self._compare(sums, count)
             for count in COUNTS
-            if count <= most // 2 and most - count >= MIN_GROUPS
+            if count <= total // 2 and total - count >= MIN_GROUPS
         ]
 
     def _compare(self, sums: Sequence[Sequence[float]], count: int) -> Newest:
@@ -123,20 +123,20 @@ class AnswerGroups:
         times, offsets, gaps, squares, products, offset_squares = sums
         many = len(times) - 1 - count
         middle, level, gap = times[many] / many, offsets[many] / many, gaps[many] / many
-        spread = max(1.0, squares[many] - many * middle**2)
-        slope = (products[many] - many * middle * level) / spread
-        variance = max(0.0, offset_squares[many] - many * level**2 - slope**2 * spread) / (many - 2)
+        scatter = max(1.0, squares[many] - many * middle**2)
+        slope = (products[many] - many * middle * level) / scatter
+        variance = max(0.0, offset_squares[many] - many * level**2 - slope**2 * scatter) / (many - 2)
 
         intercept = level - slope * middle
         sloped = [offset - slope * time for offset, time in zip(offsets, times, strict=True)]
         earlier = list(map(sub, sloped[count : many + 1], sloped))
         ahead = (times[-1] - times[many]) / count - middle
-        chance = variance * (1.0 / count + 1.0 / many + ahead**2 / spread)
+        chance = variance * (1.0 / count + 1.0 / many + ahead**2 / scatter)
         return Newest(
             since_ns=self._groups[-count][0],
             moved=(sloped[-1] - sloped[many]) / count - intercept,
             grown=(gaps[-1] - gaps[many]) / count - gap,
-            doubt=hypot(sqrt(chance), DRIFT * ahead**2 / 2.0, 2.0 * STAMP_NS),
-            min_skew=abs(slope) - SIGMAS * sqrt(variance / spread),
-            usual=max(max(earlier) / count - intercept, intercept - min(earlier) / count),
+            sigma=hypot(sqrt(chance), DRIFT * ahead**2 / 2.0, 2.0 * STAMP_NS),
+            min_skew=abs(slope) - SIGMAS * sqrt(variance / scatter),
+            typical=max(max(earlier) / count - intercept, intercept - min(earlier) / count),
         )

@@ -96,7 +96,7 @@ class ClockFilter:
         self._min_window_ns, self._longest_ns = window_ns, longest_ns
         self._not_before_ns = LONG_AGO_NS
         self._groups = AnswerGroups(window_ns)
-        self.way: PathAsymmetry | None = None
+        self.asymmetry: PathAsymmetry | None = None
         """Path asymmetry of the link, measured from images; None if unknown."""
         self.late_ns = 0.0
         """Asymmetry correction applied in the newest map, in ns."""
@@ -138,9 +138,9 @@ class ClockFilter:
         """Local time in ns of the last rate change; None if there was none or it is not significant."""
         if self._changed is None:
             return None
-        change, doubt = self._line().skew - self._changed[1], sqrt(self._line().skew_variance)
-        told = abs(change) > CHANGE_PPM * 1e-6 + SIGMAS_95 * doubt
-        return self._changed[0] if told else None
+        change, sigma = self._line().skew - self._changed[1], sqrt(self._line().skew_variance)
+        significant = abs(change) > CHANGE_PPM * 1e-6 + SIGMAS_95 * sigma
+        return self._changed[0] if significant else None
 
     def add(self, sample: ClockSample) -> bool:
         """Add a sample. Return False if the filter restarted.
@@ -187,15 +187,15 @@ class ClockFilter:
             return None
         line, age = self._line(), float(now_local_ns - self._newest_ns)
         highest, lowest = _bound_at(self._highest, now_local_ns), -_bound_at(self._lowest, now_local_ns)
-        sigma = None if self.way is None else self.way.sigma(line.gap)
-        self.late_ns = 0.0 if self.way is None or sigma is None else self.way.late_ns
+        sigma = None if self.asymmetry is None else self.asymmetry.sigma(line.gap)
+        self.late_ns = 0.0 if self.asymmetry is None or sigma is None else self.asymmetry.late_ns
         offset_ns = round(min(max(line.offset + line.skew * age + self.late_ns, lowest), highest))
         # The best line through a parabola is below its end and less steep there.
         span = float(self._newest_ns - min(self._blocks) * BLOCK_NS)
         bend = DRIFT * (span * span / 12.0 + (span + age) * age / 2.0)
-        turn = DRIFT * (span / 2.0 + abs(age))
-        unequal = ASYMMETRY * line.gap / 2.0 if sigma is None else sigma
-        unseen = hypot(unequal, STAMP_NS, bend)
+        skew_drift = DRIFT * (span / 2.0 + abs(age))
+        asymmetry_ns = ASYMMETRY * line.gap / 2.0 if sigma is None else sigma
+        unseen = hypot(asymmetry_ns, STAMP_NS, bend)
         # All growth of the round-trip delay may be in one direction.
         self._min_gap = min(self._min_gap, line.gap)
         longer = max(self.longer_ns / 2.0, (line.gap - self._min_gap) / 2.0 - sqrt(line.excess), 0.0)
@@ -209,7 +209,7 @@ class ClockFilter:
                 SIGMAS_95 * sqrt(line.variance_at(age) + unseen**2) + longer + self.hidden_ns, bound
             ),
             hard_bound_ns=bound,
-            skew_uncertainty=min(SIGMAS_95 * sqrt(line.skew_variance + turn**2), skew_bound),
+            skew_uncertainty=min(SIGMAS_95 * sqrt(line.skew_variance + skew_drift**2), skew_bound),
             skew_bound=skew_bound,
             drift_uncertainty=SIGMAS_95 * DRIFT,
             samples=self.samples,
@@ -233,9 +233,9 @@ class ClockFilter:
     def _line(self) -> LikelyLine:
         """Return the line through all samples, with the newest one as its reference."""
         if self._fitted is None or self._stale:
-            ref_ns, sides = self._newest_ns, zip(*self._blocks.values(), strict=True)
+            ref_ns, bounds = self._newest_ns, zip(*self._blocks.values(), strict=True)
             uppers, lowers = (
-                [(float(t - ref_ns), float(v)) for one in side for t, v in one] for side in sides
+                [(float(t - ref_ns), float(v)) for one in side for t, v in one] for side in bounds
             )
             self._fitted, self._stale = fit_line(uppers, lowers), False
         return self._fitted
@@ -265,7 +265,7 @@ class ClockFilter:
         if self.beyond_chance < CONFIRMED:
             return True
         # The most significant groups are all from after the change by then.
-        change = max(beyond, key=lambda one: abs(one.moved) / one.doubt)
+        change = max(beyond, key=lambda one: abs(one.moved) / one.sigma)
         self.beyond_chance, self.hidden_ns = 0, 0.0
         self._groups.forget_before(change.since_ns)
         if change.is_of_clock:
@@ -278,11 +278,11 @@ class ClockFilter:
         """Start a new line with the samples since a local time in ns, after a clock's rate changed."""
         if self._changed is None or self._newest_ns - self._changed[0] > SETTLING_NS:
             self._changed = self._newest_ns, self._line().skew
-        kept = {
+        remaining = {
             i: ({b for b in above if b[0] >= local_ns}, {b for b in below if b[0] >= local_ns})
             for i, (above, below) in self._blocks.items()
         }
-        self._blocks = {i: sides for i, sides in kept.items() if any(sides)}
+        self._blocks = {i: bounds for i, bounds in remaining.items() if any(bounds)}
         self._fitted, self._stale = None, True
         self._min_gap = float(-LONG_AGO_NS)
 

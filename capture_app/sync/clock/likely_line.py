@@ -99,18 +99,18 @@ def fit_line(uppers: Sequence[Point], lowers: Sequence[Point]) -> LikelyLine:
         high, low = min([v - skew * t for t, v in above]), min([v + skew * t for t, v in below])
         return high + low, (high - low) / 2.0
 
-    best, spread = 0.0, [room(0.0)[0]] * 2
-    near = spread
+    best, mean_distances = 0.0, [room(0.0)[0]] * 2
+    near = mean_distances
     if min(len(uppers), len(lowers)) >= TIGHTEST:
         # The gap is concave and piecewise linear in the skew, with corners at the slopes of the hulls.
-        turns = [(v2 - v1) / (t2 - t1) for (t1, v1), (t2, v2) in pairwise(above)]
-        turns += [(v1 - v2) / (t2 - t1) for (t1, v1), (t2, v2) in pairwise(below)]
-        best = max([s for s in turns if abs(s) < MAX_SKEW], key=lambda skew: room(skew)[0], default=0.0)
-        sides = [v - best * t for t, v in uppers], [v + best * t for t, v in lowers]
-        spread = [_mean_distance(side, TIGHTEST) for side in sides]
+        corners = [(v2 - v1) / (t2 - t1) for (t1, v1), (t2, v2) in pairwise(above)]
+        corners += [(v1 - v2) / (t2 - t1) for (t1, v1), (t2, v2) in pairwise(below)]
+        best = max([s for s in corners if abs(s) < MAX_SKEW], key=lambda skew: room(skew)[0], default=0.0)
+        intercepts = [v - best * t for t, v in uppers], [v + best * t for t, v in lowers]
+        mean_distances = [_mean_distance(side, TIGHTEST) for side in intercepts]
         near = [
             min(_mean_distance(side, NEAREST) / NEAREST_FRACTION, far)
-            for side, far in zip(sides, spread, strict=True)
+            for side, far in zip(intercepts, mean_distances, strict=True)
         ]
     gap, width = room(best)[0], max(WIDTH * sum(near) / 2.0, 1.0)
     grid = sorted({s for s in (*[best + step for step in _NEAR], *_PRIOR_SKEWS) if abs(s) <= MAX_SKEW})
@@ -128,7 +128,11 @@ def fit_line(uppers: Sequence[Point], lowers: Sequence[Point]) -> LikelyLine:
         covariance=sum(w * (o - mean) * (s - slope) for w, o, s in votes) / total,
         skew_variance=sum(w * (s - slope) ** 2 for w, _, s in votes) / total,
         gap=abs(gap),
-        excess=((spread[0] - spread[1]) ** 2 + EXCESS**2 * (spread[0] ** 2 + spread[1] ** 2)) / 4.0,
+        excess=(
+            (mean_distances[0] - mean_distances[1]) ** 2
+            + EXCESS**2 * (mean_distances[0] ** 2 + mean_distances[1] ** 2)
+        )
+        / 4.0,
     )
 
 

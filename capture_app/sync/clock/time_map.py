@@ -36,8 +36,8 @@ class TimeMap:
 
     def uncertainty_at(self, local_ns: int) -> float:
         """Return the estimated 95 % error of `leader_from_local(local_ns)`, in ns."""
-        away_ns = abs(local_ns - self.epoch_local_ns)
-        growth = (self.skew_uncertainty + self.drift_uncertainty * away_ns / 2.0) * away_ns
+        elapsed_ns = abs(local_ns - self.epoch_local_ns)
+        growth = (self.skew_uncertainty + self.drift_uncertainty * elapsed_ns / 2.0) * elapsed_ns
         return min(self.uncertainty_ns + growth, self.hard_bound_at(local_ns))
 
     def hard_bound_at(self, local_ns: int) -> float:
@@ -52,7 +52,7 @@ class TimeMap:
         relay_ns = self.leader_from_local(self.epoch_local_ns)
         # The instant at which the upstream map is evaluated is itself uncertain by this map's bound.
         stretch = 1.0 + abs(upstream.skew) + upstream.skew_bound
-        pace = 1.0 + abs(self.skew) + self.skew_bound
+        rate = 1.0 + abs(self.skew) + self.skew_bound
         drifted = upstream.drift_uncertainty * max(0, relay_ns - upstream.epoch_local_ns)
         return replace(
             self,
@@ -61,6 +61,6 @@ class TimeMap:
             uncertainty_ns=hypot(self.uncertainty_ns, upstream.uncertainty_at(relay_ns)),
             hard_bound_ns=self.hard_bound_ns * stretch + upstream.hard_bound_at(relay_ns) + ROUNDING_NS,
             skew_uncertainty=hypot(self.skew_uncertainty, upstream.skew_uncertainty + drifted),
-            skew_bound=self.skew_bound * stretch + upstream.skew_bound * pace,
+            skew_bound=self.skew_bound * stretch + upstream.skew_bound * rate,
             drift_uncertainty=hypot(self.drift_uncertainty, upstream.drift_uncertainty),
         )

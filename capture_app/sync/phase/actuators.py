@@ -226,13 +226,13 @@ class ResetActuator(PhaseActuator):
             for i in range(middle - near, middle + near + 1):
                 off = i / AIMS - latency
                 density[i % AIMS] += (1.0 - BACKGROUND) * height * weight * exp(-0.5 * (off / WIDTH) ** 2)
-        reach = max(1, min(AIMS // 2 - 1, round(half_window * AIMS)))
-        mass = sum(density[i] for i in range(-reach, reach + 1))
-        most, middle = mass, 0
+        half_aims = max(1, min(AIMS // 2 - 1, round(half_window * AIMS)))
+        mass = sum(density[i] for i in range(-half_aims, half_aims + 1))
+        max_mass, middle = mass, 0
         for i in range(1, AIMS):
-            mass += density[(i + reach) % AIMS] - density[i - 1 - reach]
-            if mass > most:
-                most, middle = mass, i
-        if most < UNSURE * (2 * reach + 1):
+            mass += density[(i + half_aims) % AIMS] - density[i - 1 - half_aims]
+            if mass > max_mass:
+                max_mass, middle = mass, i
+        if max_mass < UNSURE * (2 * half_aims + 1):
             return None
         return middle / AIMS

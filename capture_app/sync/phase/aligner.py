@@ -124,13 +124,13 @@ class AlignmentWindow:
         self.within_window = self.within_window and abs(error_ns) <= self.inner_ns
 
     def _limit_ns(self, before: bool, tolerance_ns: int, now: PhaseEstimate) -> float:
-        inner_ns, doubt_ns = self._inner_ns(tolerance_ns), 2.0 * now.sigma_ns
-        if self._hidden_ns > doubt_ns:
-            return inner_ns - doubt_ns
+        inner_ns, two_sigma_ns = self._inner_ns(tolerance_ns), 2.0 * now.sigma_ns
+        if self._hidden_ns > two_sigma_ns:
+            return inner_ns - two_sigma_ns
         if self._moves and not before:
-            return self.landing_fraction * inner_ns - doubt_ns
+            return self.landing_fraction * inner_ns - two_sigma_ns
         # Noise alone should not end the alignment of a stream that can only be restarted.
-        return inner_ns + min(doubt_ns, inner_ns / 2) if before and not self._moves else inner_ns
+        return inner_ns + min(two_sigma_ns, inner_ns / 2) if before and not self._moves else inner_ns
 
     def _inner_ns(self, tolerance_ns: int) -> int:
         return max(0, round(tolerance_ns - self._hidden_ns))
@@ -191,7 +191,7 @@ class Aligner:
         """Means of moving the phase; its `profile` is what injections have shown about this device."""
         self.corrections = 0
         """Commands so far that moved the phase by more than a few rows."""
-        self._under_way: tuple[CameraCommand, int, int] | None = None
+        self._pending: tuple[CameraCommand, int, int] | None = None
         """Command whose effect is awaited, the time it was issued, and the stream number at that time."""
         self._stream, self._first_frame_ns, self._start_learned = -1, 0, True
         self._min_frames = SETTLED_FRAMES[0]
@@ -202,7 +202,7 @@ class Aligner:
     def settled(self) -> bool:
         """Whether period and phase are accurate enough to act on, and no move is under way."""
         phase = self.phase
-        if self._under_way or phase.disturbed:
+        if self._pending or phase.disturbed:
             return False
         if phase.frames < WARM_FRAMES[1]:
             blur_ns = phase.period_sigma_ns / phase.period_ns * self._hold_ns
@@ -213,7 +213,7 @@ class Aligner:
     @property
     def meets_bursts(self) -> bool:
         """Whether a stream that drifts too fast to be held is brought to its grid for each burst."""
-        return self._under_way is None and self.window.drifts_fast and self.actuator.meets_bursts
+        return self._pending is None and self.window.drifts_fast and self.actuator.meets_bursts
 
     @property
     def start_latencies_ns(self) -> tuple[int, ...]:
@@ -244,18 +244,18 @@ class Aligner:
     def complete_command(self, now_local_ns: int) -> None:
         """End the command under way once its effect shows or is overdue, and learn from the effect."""
         run_settled, phase = self._run_settled, self.phase
-        if self._under_way is not None:
-            command, issued_ns, stream = self._under_way
+        if self._pending is not None:
+            command, issued_ns, stream = self._pending
             if isinstance(command, RestartStream):
                 done = self._stream > stream and run_settled
                 overdue = now_local_ns - issued_ns > RESET_TIMEOUT_NS + command.delay_ns
             else:
                 done = not phase.disturbed
-                patience_ns = INJECTION_TIMEOUT_NS + 2 * TIMEOUT_FRAMES * phase.period_ns
-                overdue = now_local_ns - issued_ns > patience_ns
+                timeout_ns = INJECTION_TIMEOUT_NS + 2 * TIMEOUT_FRAMES * phase.period_ns
+                overdue = now_local_ns - issued_ns > timeout_ns
             if not done and not overdue:
                 return
-            self._under_way = None
+            self._pending = None
             if overdue:
                 return
             self.actuator.learn(phase.last_shift_ns, phase.noise_ns, phase.last_latency_frames)
@@ -344,18 +344,18 @@ class Aligner:
 
     def _drift(self, now: PhaseEstimate, now_local_ns: int) -> Drift:
         """Return the stream's error and drift, with the error limits below which no correction is made."""
-        doubt_ns, inner_ns = 2.0 * now.sigma_ns, self.window.inner_ns
-        within_window, share = self.window.within_window, self.window.landing_fraction
-        still_coarse = now.quantum_error_ns > doubt_ns and now.frames < QUANTIZED_FRAMES
+        two_sigma_ns, inner_ns = 2.0 * now.sigma_ns, self.window.inner_ns
+        within_window, landing_fraction = self.window.within_window, self.window.landing_fraction
+        still_quantized = now.quantum_error_ns > two_sigma_ns and now.frames < QUANTIZED_FRAMES
         return Drift(
             now.error_ns + self.phase.shift_to_come(now_local_ns),
             now.drift_ppm * 1e-6,
             self.phase.period_ns,
             inner_ns,
-            min(doubt_ns, self.window.tolerance_ns / 2) if within_window else 0.0,
+            min(two_sigma_ns, self.window.tolerance_ns / 2) if within_window else 0.0,
             self.phase.shifts.latency_frames,
-            inner_ns if within_window or still_coarse else share * inner_ns - doubt_ns,
-            share,
+            inner_ns if within_window or still_quantized else landing_fraction * inner_ns - two_sigma_ns,
+            landing_fraction,
         )
 
     def _command_towards(
@@ -387,7 +387,7 @@ class Aligner:
             return True
         if self.phase.shift_to_come(now_local_ns):
             return False
-        self._under_way = command, now_local_ns, self._stream
+        self._pending = command, now_local_ns, self._stream
         self.corrections += 1
         if not isinstance(command, RestartStream):
             self.phase.mark_disturbance(self.actuator.expected_shift_ns)
@@ -414,8 +414,8 @@ class Aligner:
         return frames >= SETTLED_FRAMES[1] or sigma_ns < self.window.tolerance_ns / 4
 
     def _find_problem(self, now: PhaseEstimate, grid: FrameGrid) -> str:
-        doubt_ppm = 3e6 * self.phase.period_sigma_ns / self.phase.period_ns
-        if abs(now.drift_ppm) - doubt_ppm > MAX_DRIFT_PPM:
+        three_sigma_ppm = 3e6 * self.phase.period_sigma_ns / self.phase.period_ns
+        if abs(now.drift_ppm) - three_sigma_ppm > MAX_DRIFT_PPM:
             return (
                 f"this camera runs at {1e9 / now.period_ns:.3f} frames/s and the rig at"
                 f" {1e9 / grid.period_ns:.3f}, too different to align"

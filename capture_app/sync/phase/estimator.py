@@ -171,7 +171,7 @@ class PhaseEstimator(FrameLine):
         """Whether the phase is moving or expected to move."""
         self._pending: list[Point] = []
         """Frames since a disturbance was first expected."""
-        self._height_before_ns, self._begun_index = 0.0, 0
+        self._intercept_before_ns, self._begun_index = 0.0, 0
         self._expected_ns: float | None = None
         self.last_latency_frames: int | None = None
         """Frames from the start of the last disturbance until the phase had moved; None if unknown."""
@@ -188,7 +188,7 @@ class PhaseEstimator(FrameLine):
         """Whether the newest frame of a disturbance is still on the old line."""
         if not self.disturbed or not self._pending:
             return False
-        off_ns = self.heights_of(self._pending[-1:])[0] - self._height_before_ns
+        off_ns = self.intercepts_of(self._pending[-1:])[0] - self._intercept_before_ns
         return abs(off_ns) < self.tolerance_ns / 2
 
     def add(self, stamp: FrameStamp) -> int:
@@ -238,17 +238,17 @@ class PhaseEstimator(FrameLine):
         before the last phase move are not compared with the line, as their own line is not stored.
         """
         step_ns, run = self.quantum_ns, self.run
-        as_told = StampError(0, max(step_ns, 2.0 * self.noise_ns), step_ns)
+        reported = StampError(0, max(step_ns, 2.0 * self.noise_ns), step_ns)
         if self.disturbed or not self.known or len(run) < PHASE_FRAMES:
-            return as_told
+            return reported
         if stamp_ns < self._origin_ns + run[0][1]:
-            return as_told
+            return reported
         off_ns, sigma_ns = stamp_ns - self.nearest_frame_ns(stamp_ns), self.sigma_at(stamp_ns)
         line_ns = self.quantum_error_ns + 2.0 * sigma_ns
         if line_ns < step_ns and self.shifts.all_in_effect(self.index_near(stamp_ns)):
             return StampError(off_ns, line_ns, step_ns)
         outlier = abs(off_ns) > self.tolerance_ns + 3.0 * sigma_ns
-        return StampError(off_ns, step_ns, step_ns) if outlier else as_told
+        return StampError(off_ns, step_ns, step_ns) if outlier else reported
 
     def sigma_at(self, local_ns: int) -> float:
         """Return one standard deviation in ns of a predicted frame time near a local time."""
@@ -260,7 +260,7 @@ class PhaseEstimator(FrameLine):
     def first_off_ns(self) -> float:
         """Return the distance in ns from the line of the first frame since the last phase move."""
         index, first_ns = self.run[0]
-        return abs(self.heights_of([(index, first_ns)])[0] - self.height_ns)
+        return abs(self.intercepts_of([(index, first_ns)])[0] - self.intercept_ns)
 
     def shift_to_come(self, local_ns: int) -> int:
         """Return the expected shifts in ns that may not be in effect yet at the frame near a local time."""
@@ -280,7 +280,7 @@ class PhaseEstimator(FrameLine):
         self.disturbed, self._expected_ns = True, expected_ns
         self.last_shift_ns, self.last_latency_frames, self.as_expected = None, None, False
         self._pending.clear()
-        self._begun_index, self._height_before_ns = self._index, self.height_ns
+        self._begun_index, self._intercept_before_ns = self._index, self.intercept_ns
 
     def _start_stream(self, stamp: FrameStamp) -> None:
         self._stream, self._sequence, self.last_ns = stamp.stream, stamp.sequence, stamp.timestamp_ns
@@ -327,7 +327,7 @@ class PhaseEstimator(FrameLine):
 
     def _add_point(self) -> None:
         elapsed_ns = self.last_ns - self._origin_ns
-        seen_ns = self.heights_of([(self._index, elapsed_ns)])[0] - self.height_ns
+        seen_ns = self.intercepts_of([(self._index, elapsed_ns)])[0] - self.intercept_ns
         point = (self._index, elapsed_ns - self.shifts.effective_at(self._index, seen_ns))
         if self.disturbed:
             self._pending.append(point)
@@ -340,18 +340,18 @@ class PhaseEstimator(FrameLine):
     def _time_at(self, index: int) -> float:
         # Shifts after a past frame were not yet in effect at it.
         shifted_ns = self.shifts.seen_at(index) if index < self._index else self.shifts.certain_at(index)
-        return self._origin_ns + self.height_ns + self.period_ns * index + shifted_ns
+        return self._origin_ns + self.intercept_ns + self.period_ns * index + shifted_ns
 
     def _end_disturbance(self) -> None:
         """End a disturbance once the last frames are on a line again, moved, or unmoved until the timeout."""
-        heights = self.heights_of(self._pending)
-        count = self._frames_as_expected(heights)
+        intercepts = self.intercepts_of(self._pending)
+        count = self._frames_as_expected(intercepts)
         if not count:
-            count, last = CALM_FRAMES, heights[-CALM_FRAMES:]
+            count, last = CALM_FRAMES, intercepts[-CALM_FRAMES:]
             if len(last) < CALM_FRAMES:
                 return
             calm = max(last) - min(last) < self.tolerance_ns
-            shift_ns = median(last) - self._height_before_ns
+            shift_ns = median(last) - self._intercept_before_ns
             moved = abs(shift_ns) > max(4.0 * self.noise_ns, 2_000.0)
             if self._expected_ns is not None:
                 moved = moved and abs(shift_ns - self._expected_ns) < abs(shift_ns)
@@ -362,15 +362,17 @@ class PhaseEstimator(FrameLine):
         last_points = self._pending[-count:]
         self.disturbed = False
         self.begin_run(last_points)
-        self.last_shift_ns = round(self.height_ns - self._height_before_ns)
+        self.last_shift_ns = round(self.intercept_ns - self._intercept_before_ns)
         self.last_latency_frames = last_points[0][0] - self._begun_index
 
-    def _frames_as_expected(self, heights: list[float]) -> int:
+    def _frames_as_expected(self, intercepts: list[float]) -> int:
         """Return the number of newest frames that show the phase moved as expected; 0 while that is open."""
         if self._expected_ns is None:
             return 0
         needed = 1 if abs(self._expected_ns) > UNMISTAKABLE * self.tolerance_ns else CALM_FRAMES
-        off_ns = [height - self._height_before_ns - self._expected_ns for height in heights[-needed:]]
+        off_ns = [
+            intercept - self._intercept_before_ns - self._expected_ns for intercept in intercepts[-needed:]
+        ]
         self.as_expected = len(off_ns) == needed and max(map(abs, off_ns)) < self.tolerance_ns / 2
         return needed if self.as_expected else 0
 
@@ -379,8 +381,8 @@ class PhaseEstimator(FrameLine):
         run = self.run
         if len(run) < 2 * CALM_FRAMES:
             return
-        before = median(self.heights_of(run[-CALM_FRAMES - PHASE_FRAMES : -CALM_FRAMES]))
-        off = [height - before for height in self.heights_of(run[-CALM_FRAMES:])]
+        before = median(self.intercepts_of(run[-CALM_FRAMES - PHASE_FRAMES : -CALM_FRAMES]))
+        off = [intercept - before for intercept in self.intercepts_of(run[-CALM_FRAMES:])]
         limit = max(8.0 * self.noise_ns, 20_000.0)
         if min(off) > limit or max(off) < -limit:
             self.split_off(CALM_FRAMES)

@@ -75,40 +75,41 @@ def fit_shared_slope(
     usable = [run for run in runs if len(run) >= 3]
     if not usable:
         return start, float("inf"), 0.0
-    slope, noise, spread = start, 0.0, 0.0
-    heights = [median([y - slope * x for x, y in run]) for run in usable]
+    slope, noise, time_variance = start, 0.0, 0.0
+    intercepts = [median([y - slope * x for x, y in run]) for run in usable]
     for _ in range(ROUNDS):
-        misses = [
-            [y - slope * x - height for x, y in run] for run, height in zip(usable, heights, strict=True)
+        residuals = [
+            [y - slope * x - intercept for x, y in run]
+            for run, intercept in zip(usable, intercepts, strict=True)
         ]
-        noise = SIGMA_FROM_MAD * median([abs(miss) for run in misses for miss in run])
+        noise = SIGMA_FROM_MAD * median([abs(residual) for run in residuals for residual in run])
         limit = HUBER * max(noise, 1.0)
-        spread = product = 0.0
+        time_variance = product = 0.0
         means = []
-        for run, run_misses in zip(usable, misses, strict=True):
+        for run, run_misses in zip(usable, residuals, strict=True):
             first_x = run[0][0]
             total = sum_x = sum_miss = sum_xx = sum_x_miss = 0.0
-            for (x, _), miss in zip(run, run_misses, strict=True):
-                weight = 1.0 if -limit <= miss <= limit else limit / abs(miss)
+            for (x, _), residual in zip(run, run_misses, strict=True):
+                weight = 1.0 if -limit <= residual <= limit else limit / abs(residual)
                 along = x - first_x
                 weighed = weight * along
                 total += weight
                 sum_x += weighed
-                sum_miss += weight * miss
+                sum_miss += weight * residual
                 sum_xx += weighed * along
-                sum_x_miss += weighed * miss
-            spread += sum_xx - sum_x * sum_x / total
+                sum_x_miss += weighed * residual
+            time_variance += sum_xx - sum_x * sum_x / total
             product += sum_x_miss - sum_x * sum_miss / total
             means.append((first_x + sum_x / total, sum_miss / total))
-        if spread <= 0.0:
+        if time_variance <= 0.0:
             return start, float("inf"), noise
-        turn = product / spread
-        slope += turn
-        heights = [
-            height + mean_miss - turn * mean_x
-            for height, (mean_x, mean_miss) in zip(heights, means, strict=True)
+        correction = product / time_variance
+        slope += correction
+        intercepts = [
+            intercept + mean_miss - correction * mean_x
+            for intercept, (mean_x, mean_miss) in zip(intercepts, means, strict=True)
         ]
-    return slope, max(noise, 1.0) / sqrt(spread), noise
+    return slope, max(noise, 1.0) / sqrt(time_variance), noise
 
 
 class StampQuantum:
@@ -139,10 +140,10 @@ def find_quantum(intervals_ns: Sequence[int]) -> float:
         # No clock with finer timestamps runs so evenly that they stay equally far apart.
         # 33,333,333 ns is also 3000 ticks of a 90 kHz clock: if all intervals are equal, only decimal
         # steps count.
-        alike = max(offs) - min(offs) <= EXACT_NS
-        steps = (step for step in KNOWN_STEPS_NS if not alike or step % 1000 == 0)
+        equal = max(offs) - min(offs) <= EXACT_NS
+        steps = (step for step in KNOWN_STEPS_NS if not equal or step % 1000 == 0)
         fitting = (step for step in steps if _are_multiples(intervals_ns, step))
-        if alike:
+        if equal:
             return _skewed_step(median(intervals_ns)) or next(fitting, 0.0)
         found_ns = next(fitting, 0.0)
         if found_ns:
@@ -173,20 +174,20 @@ def _skewed_step(interval_ns: float) -> float:
 
 def _deviations(intervals_ns: Sequence[int]) -> list[int]:
     """Return each interval's deviation from the median, without intervals over dropped or long frames."""
-    usual_ns = sorted(intervals_ns)[len(intervals_ns) // 2]
-    return [interval - usual_ns for interval in intervals_ns if abs(interval - usual_ns) < usual_ns / 2]
+    median_ns = sorted(intervals_ns)[len(intervals_ns) // 2]
+    return [interval - median_ns for interval in intervals_ns if abs(interval - median_ns) < median_ns / 2]
 
 
 def _keep_to(step_ns: float, offs_ns: Sequence[int]) -> bool:
     """Whether nearly all deviations are multiples of a step, within the most common interval's jitter."""
-    away_ns = [(abs(off - step_ns * (count := round(off / step_ns))), count) for off in offs_ns]
-    usual_ns = [away for away, count in away_ns if not count]
-    jitter_ns = median(usual_ns) if usual_ns else 0.0
+    distances_ns = [(abs(off - step_ns * (count := round(off / step_ns))), count) for off in offs_ns]
+    zero_ns = [distance_ns for distance_ns, count in distances_ns if not count]
+    jitter_ns = median(zero_ns) if zero_ns else 0.0
     near_ns = max(EXACT_NS, min(ON_LATTICE * step_ns, JITTERS * jitter_ns))
-    others_ns = [away for away, count in away_ns if count]
+    others_ns = [distance_ns for distance_ns, count in distances_ns if count]
     return all(
-        sum(away <= near_ns for away in some_ns) >= SURE_FRACTION * len(some_ns)
-        for some_ns in (usual_ns, others_ns)
+        sum(distance_ns <= near_ns for distance_ns in some_ns) >= SURE_FRACTION * len(some_ns)
+        for some_ns in (zero_ns, others_ns)
     )
 
 
@@ -209,7 +210,7 @@ class FrameLine:
         """One standard deviation of the period; infinite before the first fit."""
         self.noise_ns = 0.0
         """Standard deviation of one timestamp."""
-        self.height_ns = 0.0
+        self.intercept_ns = 0.0
         """Intercept of the current run."""
         self.quantum_ns = 0.0
         """Step of the timestamps; 0 if it is negligible."""
@@ -252,25 +253,25 @@ class FrameLine:
             return 0.0
         if self._hidden_ns is not None:
             return self._hidden_ns
-        heights = self.heights_of(self.run[-self.phase_frames :])
-        places = sorted(height / self.quantum_ns % 1.0 for height in heights)
+        intercepts = self.intercepts_of(self.run[-self.phase_frames :])
+        places = sorted(intercept / self.quantum_ns % 1.0 for intercept in intercepts)
         widest = max([b - a for a, b in pairwise(places)] + [places[0] + 1.0 - places[-1]]) if places else 1.0
         self._hidden_ns = self.quantum_ns * (0.25 + widest / 2)
         return self._hidden_ns
 
-    def heights_of(self, points: Iterable[Point]) -> list[float]:
+    def intercepts_of(self, points: Iterable[Point]) -> list[float]:
         """Return each point's intercept in ns, corrected for the mean effect of truncation and rounding."""
         return [time_ns - self.period_ns * index + self.quantum_ns / 4 for index, time_ns in points]
 
     def update_height(self) -> None:
         """Set the intercept of the line from the newest frames."""
         self._hidden_ns = None
-        heights = self.heights_of(self.run[-self.phase_frames :])
-        self.height_ns = median(heights)
+        intercepts = self.intercepts_of(self.run[-self.phase_frames :])
+        self.intercept_ns = median(intercepts)
         if self.quantum_ns:
             limit = self.quantum_ns
-            offs = (min(max(height - self.height_ns, -limit), limit) for height in heights)
-            self.height_ns += sum(offs) / len(heights)
+            offs = (min(max(intercept - self.intercept_ns, -limit), limit) for intercept in intercepts)
+            self.intercept_ns += sum(offs) / len(intercepts)
 
     def begin_run(self, points: Sequence[Point] = ()) -> None:
         """Start a run with these points; an empty current run is reused."""
@@ -279,7 +280,7 @@ class FrameLine:
         self.run.extend(points)
         self._frames += len(points)
         self._since_fit = 0
-        self.height_ns = 0.0
+        self.intercept_ns = 0.0
         if points:
             self.update_height()
 
@@ -318,10 +319,10 @@ class FrameLine:
 
     def _fit(self) -> None:
         self._since_fit = 0
-        period_ns, spread_ns, self.noise_ns = fit_shared_slope(self.runs, self.period_ns)
+        period_ns, period_sigma_ns, self.noise_ns = fit_shared_slope(self.runs, self.period_ns)
         min_ns = QUANTUM_NOISE * self.quantum_ns
         if self.noise_ns < min_ns:
-            spread_ns *= min_ns / max(self.noise_ns, 1.0)
+            period_sigma_ns *= min_ns / max(self.noise_ns, 1.0)
             self.noise_ns = min_ns
-        if spread_ns < 0.01 * self._nominal_ns:
-            self.period_ns, self.period_sigma_ns = period_ns, spread_ns
+        if period_sigma_ns < 0.01 * self._nominal_ns:
+            self.period_ns, self.period_sigma_ns = period_ns, period_sigma_ns

@@ -24,7 +24,7 @@ EARLY_COST = 0.1
 """Cost of an instant before all restarts are done, as a fraction of the missing time: some drift away."""
 MAX_OUTSIDE = 100
 """Maximum number of cameras outside their tolerance that is distinguished."""
-PATIENCE_NS = 3_000_000_000
+START_TIMEOUT_NS = 3_000_000_000
 """Timeout before the first restart while the phase of some cameras is unknown."""
 KEEP_NS = 3_000_000_000
 """Time for which all cameras must stay within their tolerance for the grid to be kept."""
@@ -126,7 +126,7 @@ class GridPhaseChoice:
         candidates = [ahead_s * 1e9 for ahead_s in AHEAD_S]
         if self.common_instant_leader_ns is not None and self.common_instant_leader_ns > now_leader_ns:
             candidates.insert(0, self.common_instant_leader_ns - now_leader_ns)
-        least = float("inf")
+        min_cost = float("inf")
         best_ahead_ns, best_move_ns = 0.0, 0
         for ahead_ns in candidates:
             shift_ns, weight = best_shift(drifts, ahead_ns, period_ns)
@@ -136,8 +136,8 @@ class GridPhaseChoice:
             # Expected maximum of `outside` geometric tries: the harmonic number over the probability of one.
             needed_ns = ceil(sum(1.0 / n for n in range(1, outside + 1)) / chance * RESTART_NS)
             cost = max(ahead_ns, needed_ns) + EARLY_COST * max(0.0, needed_ns - ahead_ns)
-            if cost < least:
-                least, best_ahead_ns, best_move_ns = cost, ahead_ns, shift_ns
+            if cost < min_cost:
+                min_cost, best_ahead_ns, best_move_ns = cost, ahead_ns, shift_ns
         self.common_instant_leader_ns = now_leader_ns + round(best_ahead_ns)
         if best_move_ns:
             self.grid = FrameGrid(self.grid.anchor_leader_ns + best_move_ns, period_ns)
@@ -150,7 +150,7 @@ class GridPhaseChoice:
         if self._began_leader_ns is None or unknown == 0:
             self._patient = self._patient and unknown > 0
             return not known
-        self._patient = self._patient and now_leader_ns < self._began_leader_ns + PATIENCE_NS
+        self._patient = self._patient and now_leader_ns < self._began_leader_ns + START_TIMEOUT_NS
         return self._patient
 
     def _chance(self, cameras: Sequence[CameraPhase], now_leader_ns: int) -> float:

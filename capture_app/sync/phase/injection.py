@@ -133,12 +133,12 @@ class InjectionHistory:
             neutral = float(round(neutral))
         profile = InjectionProfile(self.row_ns, gain, neutral)
         misses = [self.miss_rows(profile, *one) for one in self._seen]
-        misfit = penalty + sum(min(miss, MAX_RESIDUAL_ROWS) for miss in misses) / len(misses)
+        residual = penalty + sum(min(miss, MAX_RESIDUAL_ROWS) for miss in misses) / len(misses)
         overhead_ns = (self._period_rows - neutral) * self.row_ns
-        misfit += abs(overhead_ns - TYPICAL_OVERHEAD_NS) / OVERHEAD_SCALE_NS
+        residual += abs(overhead_ns - TYPICAL_OVERHEAD_NS) / OVERHEAD_SCALE_NS
         if overhead_ns < -2.0 * self._grain * self.row_ns:
-            misfit += NO_OVERHEAD
-        return misfit, profile
+            residual += NO_OVERHEAD
+        return residual, profile
 
 
 class InjectionActuator(PhaseActuator):
@@ -165,7 +165,7 @@ class InjectionActuator(PhaseActuator):
     def problem(self) -> str:
         """Reason why this camera can never be moved: no long exposures, or none with an effect."""
         if self._fruitless >= FRUITLESS:
-            return "its phase does not move when it is told to expose one frame for longer"
+            return "its phase does not move after an order to expose one frame for longer"
         if self._max_ns >= self._period_ns + FIRST_STRETCH_NS:
             return ""
         return (
@@ -274,7 +274,7 @@ class InjectionActuator(PhaseActuator):
         """
         step_ns = profile.gain * self._row_ns
         min_rows = max(profile.neutral_rows, self._history.idle_rows)
-        best_rows, least = None, WORTHWHILE * min(move.shift_ns, move.period_ns - move.shift_ns)
+        best_rows, min_cost = None, WORTHWHILE * min(move.shift_ns, move.period_ns - move.shift_ns)
         for turns in range(max(2, ceil(profile.gain))):
             shift_ns = move.shift_ns + turns * move.period_ns
             below = floor(shift_ns / step_ns + profile.neutral_rows)
@@ -283,12 +283,15 @@ class InjectionActuator(PhaseActuator):
                 # A landing outside the tolerance would need another injection, however close to the target.
                 beyond_ns = abs(move.off_centre_ns + late_ns) - INSIDE_TOLERANCE * move.tolerance_ns
                 cost = abs(late_ns) + max(0.0, beyond_ns)
-                if min_rows < rows <= self._max_rows() and cost < least:
-                    best_rows, least = rows, cost
-        most = self._max_rows()
-        if best_rows is None and profile.neutral_rows < most < move.shift_ns / step_ns + profile.neutral_rows:
+                if min_rows < rows <= self._max_rows() and cost < min_cost:
+                    best_rows, min_cost = rows, cost
+        max_rows = self._max_rows()
+        if (
+            best_rows is None
+            and profile.neutral_rows < max_rows < move.shift_ns / step_ns + profile.neutral_rows
+        ):
             # Not possible with one exposure: use the longest one.
-            return most
+            return max_rows
         return best_rows
 
 

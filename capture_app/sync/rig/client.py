@@ -150,7 +150,7 @@ class PhaseLoop:
         aligner.complete_command(now_ns)
         if not aligner.settled:
             self._reported = self._answered = False
-        news = aligner.settled and not self._reported
+        reportable = aligner.settled and not self._reported
         command = aligner.next_command(
             time_map,
             grid.grid_of_stamps,
@@ -163,12 +163,12 @@ class PhaseLoop:
             self.commands.append(command)
         if aligner.corrections > corrections and command is not None:
             self.events.append(PhaseCorrected(command, before))
-            news = True
+            reportable = True
         if aligner.problem != self._reported_problem:
             self._reported_problem = aligner.problem
             if aligner.problem:
                 self.events.append(AlignmentFailed(aligner.problem))
-        return news or was_ready is not self.ready
+        return reportable or was_ready is not self.ready
 
 
 class Client(Generic[F]):
@@ -222,13 +222,13 @@ class Client(Generic[F]):
 
     def set_path_asymmetry(self, known: PathAsymmetry | None) -> None:
         """Set the known asymmetry of the path to the followed leader; None: unknown."""
-        self.time.timekeeper.clock.way = known
+        self.time.timekeeper.clock.asymmetry = known
 
     def add_path_asymmetry(self, measured: PathAsymmetry) -> PathAsymmetry:
         """Add a measured residual to the path's asymmetry; return the sum."""
         clock = self.time.timekeeper.clock
-        clock.way = replace(measured, late_ns=measured.late_ns + clock.late_ns)
-        return clock.way
+        clock.asymmetry = replace(measured, late_ns=measured.late_ns + clock.late_ns)
+        return clock.asymmetry
 
     def note_host_slewing(self, slewing_ppm: float | None) -> None:
         """Set the rate at which the host currently slews its own clock, in ppm; None if unknown."""

@@ -37,7 +37,7 @@ class LeaderChoice:
         self.due_ns = NEVER_NS
         """Time of the next probes."""
         self._leaders, self._time, self._probe_every_ns = leaders, time, probe_every_ns
-        self._turn = 0
+        self._current = 0
         self._was_member = False
         self._found_by_probes = False
         """Whether the current leader was chosen by probes, not by asking each in turn."""
@@ -51,7 +51,7 @@ class LeaderChoice:
     @property
     def leader(self) -> Address:
         """Leader that is followed, or currently asked to join."""
-        return self._leaders[self._turn]
+        return self._leaders[self._current]
 
     def update(self, now_ns: int) -> None:
         """Note whether the leader is present; switch to the next one when hellos stay unanswered."""
@@ -62,7 +62,7 @@ class LeaderChoice:
             else:
                 self.leader_lost(self.leader, now_ns)
         if self._time.hellos > HELLOS:
-            self._turn = (self._turn + 1) % len(self._leaders)
+            self._current = (self._current + 1) % len(self._leaders)
             self._time.hellos = 1
             self._found_by_probes = False
 
@@ -75,7 +75,7 @@ class LeaderChoice:
 
     def change_to(self, leader: Address, now_ns: int) -> None:
         """Follow another leader, which was chosen by probes."""
-        self._turn = self._leaders.index(leader)
+        self._current = self._leaders.index(leader)
         self._found_by_probes = True
         if self._time.is_member:
             self.leader_joined(now_ns, back=True)

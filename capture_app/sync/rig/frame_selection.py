@@ -165,8 +165,8 @@ class FramesSelected(Generic[F]):
 
 def is_possible_burst(frames: int, step_ns: int, *, streamed: bool = False) -> bool:
     """Whether a burst of that many frames, `step_ns` apart, is within the limits."""
-    most, max_ns = (MAX_STREAMED_FRAMES, MAX_STREAMED_NS) if streamed else (MAX_FRAMES, MAX_BURST_NS)
-    return 0 < frames <= most and step_ns > 0 and (frames - 1) * step_ns <= max_ns
+    max_frames, max_ns = (MAX_STREAMED_FRAMES, MAX_STREAMED_NS) if streamed else (MAX_FRAMES, MAX_BURST_NS)
+    return 0 < frames <= max_frames and step_ns > 0 and (frames - 1) * step_ns <= max_ns
 
 
 def burst_instants(grid: FrameGrid, at_leader_ns: int, frames: int, spacing: int) -> range:
@@ -259,7 +259,7 @@ class _PendingBurst(Generic[F]):
     trigger: Trigger
     picked: list[SelectedFrame[F] | Gap] = field(default_factory=list)
     """Selected frames and gaps that are not reported yet."""
-    told: int = 0
+    reported: int = 0
     """Number of instants reported so far."""
     time_map: TimeMap | None = None
     """Map used for the reported frames: one per burst, except for a streamed burst."""
@@ -269,7 +269,7 @@ class _PendingBurst(Generic[F]):
     @property
     def over(self) -> int:
         """Number of instants that are over."""
-        return self.told + len(self.picked)
+        return self.reported + len(self.picked)
 
     @property
     def has_events(self) -> bool:
@@ -302,15 +302,15 @@ class _PendingBurst(Generic[F]):
         self.last_stamp_ns = picked.stamp_ns
         return picked
 
-    def tell(
+    def report(
         self, picks: tuple[SelectedFrame[F], ...], time_map: TimeMap, phase: PhaseEstimate | None
     ) -> FramesSelected[F]:
         """Return the unreported frames, with times by this map, and the unreported gaps."""
-        further = self.told > 0
+        further = self.reported > 0
         gaps = tuple(gap for gap in self.picked if isinstance(gap, Gap))
-        self.told, self.time_map = self.over, time_map
+        self.reported, self.time_map = self.over, time_map
         self.picked.clear()
-        return FramesSelected(self.trigger, picks, gaps, time_map, phase, further, self.told)
+        return FramesSelected(self.trigger, picks, gaps, time_map, phase, further, self.reported)
 
 
 class PendingBursts(Generic[F]):
@@ -329,9 +329,9 @@ class PendingBursts(Generic[F]):
         ends = []
         for burst in self._pending.values():
             if burst.trigger.streamed and burst.time_map is not None:
-                burst.trigger = structs.replace(burst.trigger, count=burst.told)
+                burst.trigger = structs.replace(burst.trigger, count=burst.reported)
                 burst.picked.clear()
-                ends.append(burst.tell((), burst.time_map, None))
+                ends.append(burst.report((), burst.time_map, None))
         self._pending.clear()
         self._done.clear()
         return ends
@@ -393,8 +393,8 @@ class PendingBursts(Generic[F]):
                     for pick in burst.picked
                     if isinstance(pick, SelectedFrame)
                 )
-                due.append(burst.tell(tuple(picks), by, phase))
-            if burst.told == burst.trigger.count:
+                due.append(burst.report(tuple(picks), by, phase))
+            if burst.reported == burst.trigger.count:
                 self.forget(*key)
         return due
 

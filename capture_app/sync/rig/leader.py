@@ -18,7 +18,7 @@ from capture_app.sync.phase.grid_phase_choice import GridPhaseChoice
 from capture_app.sync.rig.events import LeaderEvent, NodeChanged
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.rig.orders import BurstOrder, Orders
-from capture_app.sync.rig.relay_summary import Uplink
+from capture_app.sync.rig.relay_summary import RelaySummary
 from capture_app.sync.rig.rig_config import CurrentConfig, RigConfig
 from capture_app.sync.rig.roster import Member, Roster, camera_phases
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, FIRST_INTERVAL_NS
@@ -55,7 +55,7 @@ from capture_app.sync.wire.principal import Principal
 FEW_CAMERAS, UPDATE_EVERY_NS = 20, 200_000
 """With more than FEW_CAMERAS cameras the grid is updated once per UPDATE_EVERY_NS and camera, not at each
 heartbeat."""
-MIN_REPORT_INTERVAL_NS, REPEAT_REPORT_NS, MAX_TOLD = 5_000_000_000, 600_000_000_000, 256
+MIN_REPORT_INTERVAL_NS, REPEAT_REPORT_NS, MAX_REPORTED = 5_000_000_000, 600_000_000_000, 256
 """Interval between two reported refusals of one machine; interval for an unchanged reason; machines
 remembered."""
 MAX_POLL_INTERVAL_NS = 60_000_000_000
@@ -87,7 +87,7 @@ class LeaderConfig:
 class Leader:
     """Leader side of the protocol; `now_ns` is the leader's clock, which is the rig's time.
 
-    The leader of a relay has an `uplink`: it forwards the clients' messages there, and receives bursts from
+    The leader of a relay has an `summary`: it forwards the clients' messages there, and receives bursts from
     there.
     """
 
@@ -95,7 +95,7 @@ class Leader:
         self,
         config: LeaderConfig,
         rng: random.Random,
-        uplink: Uplink | None = None,
+        summary: RelaySummary | None = None,
         owners: dict[str, str] | None = None,
     ) -> None:
         """`owners` maps names to the pins of their machines, from earlier runs; it is updated in place."""
@@ -105,10 +105,10 @@ class Leader:
             self.current.grid_choice, self.current.grid_is_of_cameras = GridPhaseChoice(config.grid), True
         self.impostures = 0
         """Messages whose seal belongs to another machine than the one they name."""
-        self._uplink = uplink
+        self._summary = summary
         self.roster = Roster(rng, owners)
         """All members, including lost ones."""
-        self._told: dict[str, tuple[str, int]] = {}
+        self._reported: dict[str, tuple[str, int]] = {}
         """Last reported refusal and its time, by machine pin or, without one, by host."""
         self.orders = Orders(config.instance, self.roster)
         """Bursts ordered from the members."""
@@ -121,7 +121,7 @@ class Leader:
         self._waited_ns = 0.0
         """Running mean of the time from the arrival of a time request to its reply, in ns."""
         self._events: deque[LeaderEvent] = deque()
-        self._share, self._adapt_due_ns = 1.0, AT_ONCE_NS
+        self._rate_fraction, self._adapt_due_ns = 1.0, AT_ONCE_NS
 
     @property
     def grid(self) -> FrameGrid | None:
@@ -131,7 +131,7 @@ class Leader:
     @property
     def poll_interval_ns(self) -> int:
         """Shortest mean interval of a client's time requests that this leader can serve, in ns; 0: any."""
-        exchanges_per_s = self._share * self.config.exchanges_per_s
+        exchanges_per_s = self._rate_fraction * self.config.exchanges_per_s
         poll_interval_ns = round(self.roster.pollers * 1e9 / exchanges_per_s)
         return min(MAX_POLL_INTERVAL_NS, poll_interval_ns) if poll_interval_ns > FIRST_INTERVAL_NS else 0
 
@@ -189,12 +189,12 @@ class Leader:
 
     def handle_timer(self, now_ns: int) -> None:
         """Do everything that is due; call it at `next_timer`, or at any other time."""
-        for gone in self.roster.mark_silent_lost(now_ns):
-            self._events.append(gone)
+        for lost in self.roster.mark_silent_lost(now_ns):
+            self._events.append(lost)
             self._review_is_due = True
         self._events.extend(self.roster.forget_long_lost(now_ns))
         # The root decides the grid of a relay.
-        if self._review_is_due and self._uplink is None and self._review_grid(now_ns):
+        if self._review_is_due and self._summary is None and self._review_grid(now_ns):
             self.acknowledge_all()
         self._events.extend(self.orders.expire(now_ns))
         for members, trigger in self.orders.triggers_due(now_ns):
@@ -219,7 +219,7 @@ class Leader:
         if datagrams and now_ns >= self._adapt_due_ns:
             self._adapt_due_ns = now_ns + ADAPT_EVERY_NS
             change = RELIEF if self._waited_ns > LOADED_NS else RISE
-            self._share = min(max(change * self._share, MIN_FRACTION), 1.0)
+            self._rate_fraction = min(max(change * self._rate_fraction, MIN_FRACTION), 1.0)
         return datagrams
 
     def next_event(self) -> LeaderEvent | None:
@@ -318,17 +318,17 @@ class Leader:
     def _pass_up(
         self, member: Member, message: Hello | Heartbeat | TriggerAck | Goodbye, now_ns: int
     ) -> bool:
-        return self._uplink is not None and self._uplink.pass_up(member, message, now_ns)
+        return self._summary is not None and self._summary.pass_up(member, message, now_ns)
 
     def _receive_heartbeat(self, member: Member, message: Heartbeat, now_ns: int) -> None:
         if message.report.state is NodeState.LOST:
             self._note_lost(self.roster.mark_lost(member, message.report.message or "it left"))
             return
-        is_news = self._pass_up(member, message, now_ns)
+        is_new = self._pass_up(member, message, now_ns)
         member.report = message.report
         if member.name in self.roster.immovable and self._update_grid(now_ns):
             self.acknowledge_all()
-        if member.via is None and not is_news:
+        if member.via is None and not is_new:
             self.acknowledge(member)
 
     def _review_grid(self, now_ns: int) -> bool:
@@ -363,12 +363,12 @@ class Leader:
         """Refuse a client; at intervals report it to the operator and to the name's present camera."""
         self.refuse(hello, reason, address)
         who = hello.pin or address[0]
-        told, told_ns = self._told.get(who, ("", now_ns - REPEAT_REPORT_NS))
-        if now_ns - told_ns < (REPEAT_REPORT_NS if told == reason else MIN_REPORT_INTERVAL_NS):
+        reported, reported_ns = self._reported.get(who, ("", now_ns - REPEAT_REPORT_NS))
+        if now_ns - reported_ns < (REPEAT_REPORT_NS if reported == reason else MIN_REPORT_INTERVAL_NS):
             return
-        if len(self._told) >= MAX_TOLD:
-            del self._told[next(iter(self._told))]
-        self._told[who] = reason, now_ns
+        if len(self._reported) >= MAX_REPORTED:
+            del self._reported[next(iter(self._reported))]
+        self._reported[who] = reason, now_ns
         where = f"at {address[0]}" if hello.via is None else f"below {hello.via}"
         self._events.append(NodeChanged(hello.name, "refused", reason, where))
         owner = self.roster.members.get(hello.name)
@@ -390,18 +390,18 @@ class Leader:
         sealed_by = "" if principal is None else principal.pin
         hello = structs.replace(hello, pin=(hello.via and sealed_by and hello.pin) or sealed_by)
         refusal = self.roster.refusal(hello)
-        if refusal and self._uplink is not None and self.roster.is_of_another_machine(hello):
-            self._uplink.ask(hello)
-        refusal = refusal or ("" if self._uplink is None else self._uplink.refusal(hello))
+        if refusal and self._summary is not None and self.roster.is_of_another_machine(hello):
+            self._summary.ask(hello)
+        refusal = refusal or ("" if self._summary is None else self._summary.refusal(hello))
         if refusal:
             self._report_refusal(hello, refusal, address, now_ns)
             return
         # The root decides the grid of a relay.
-        if self._uplink is None and self.current.lay_grid(hello.camera, now_ns):
+        if self._summary is None and self.current.lay_grid(hello.camera, now_ns):
             self.acknowledge_all()
         self._events.extend(self.roster.make_room(hello))
         member, event = self.roster.admit(hello, address, now_ns, principal)
-        if self._uplink is None and hello.pin:
+        if self._summary is None and hello.pin:
             self.roster.claim(hello)
         if event is not None:
             self._events.append(event)

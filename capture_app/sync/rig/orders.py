@@ -29,14 +29,14 @@ TRIGGER_LEAD_NS = 500_000_000
 TRIGGER_AGAIN_NS = 50_000_000
 AFTER_BURST_NS = 1_000_000_000
 """Time after a burst's last instant in which the grid must not move: clients still select frames."""
-MAX_AWAY_NS = 24 * 3_600_000_000_000
+MAX_LEAD_NS = 24 * 3_600_000_000_000
 """Maximum time between the order of a burst and its start, in the future or the past."""
 NO_ANSWER = "it does not answer"
 CANCELLED = "it was cancelled"
 """Client's answer to a trigger that cancels a burst."""
 
 
-def spread_ns(grid: FrameGrid, phases: Sequence[CameraPhase], at_leader_ns: int) -> float:
+def peak_to_peak_ns(grid: FrameGrid, phases: Sequence[CameraPhase], at_leader_ns: int) -> float:
     """Return the predicted peak-to-peak time difference, in ns, of the frames nearest to a leader time."""
     errors = []
     for phase in phases:
@@ -51,7 +51,7 @@ def spread_ns(grid: FrameGrid, phases: Sequence[CameraPhase], at_leader_ns: int)
 def instant_of_min_scatter(
     grid: FrameGrid, phases: Sequence[CameraPhase], from_leader_ns: int, within_ns: int
 ) -> int:
-    """Return the grid instant with the smallest predicted `spread_ns`.
+    """Return the grid instant with the smallest predicted `peak_to_peak_ns`.
 
     The search begins at a leader time and covers `within_ns`. The earliest wins a tie. At most
     MAX_CANDIDATES evenly spaced instants are evaluated.
@@ -59,7 +59,7 @@ def instant_of_min_scatter(
     first, last = grid.index_of(from_leader_ns), grid.index_of(from_leader_ns + max(0, within_ns))
     step = max(1, -(-(last - first) // MAX_CANDIDATES))
     instants = [grid.instant(index) for index in range(first, last + 1, step)]
-    return min(instants, key=lambda instant_ns: spread_ns(grid, phases, instant_ns))
+    return min(instants, key=lambda instant_ns: peak_to_peak_ns(grid, phases, instant_ns))
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -117,12 +117,12 @@ class Orders:
         if grid is None or not self._cameras(order):
             raise NoCameraHereError("no camera is here")
         if not is_possible_burst(order.frames, order.spacing * grid.period_ns, streamed=order.streamed):
-            most, max_ns = MAX_FRAMES, MAX_BURST_NS
+            max_frames, max_ns = MAX_FRAMES, MAX_BURST_NS
             if order.streamed:
-                most, max_ns = MAX_STREAMED_FRAMES, MAX_STREAMED_NS
+                max_frames, max_ns = MAX_STREAMED_FRAMES, MAX_STREAMED_NS
             raise BadInputError(
                 f"a burst of {order.frames} frames, every {order.spacing} periods, is not possible",
-                hint=f"1 to {most} frames, spacing 1 or more, {max_ns // 10**9} s at most",
+                hint=f"1 to {max_frames} frames, spacing 1 or more, {max_ns // 10**9} s at most",
             )
         return grid
 
@@ -135,10 +135,10 @@ class Orders:
         grid, cameras = self.check(grid, order), self._cameras(order)
         asked_ns = now_ns + TRIGGER_LEAD_NS if order.at_leader_ns is None else order.at_leader_ns
         first_ns = asked_ns
-        if abs(asked_ns - now_ns) > MAX_AWAY_NS:
+        if abs(asked_ns - now_ns) > MAX_LEAD_NS:
             raise BadInputError(
                 f"a burst at {asked_ns} ns of the leader's clock, which shows {now_ns}, is not possible",
-                hint=f"at most {MAX_AWAY_NS // 3_600_000_000_000} hours away; for later ones, start it then",
+                hint=f"at most {MAX_LEAD_NS // 3_600_000_000_000} hours away; for later ones, start it then",
             )
         if max_delay_ns > 0 and order.at_leader_ns is None:
             first_ns = instant_of_min_scatter(grid, camera_phases(cameras), first_ns, max_delay_ns)

@@ -25,14 +25,14 @@ from capture_app.sync.wire.messages import (
     TriggerAck,
 )
 
-SUM_EVERY_NS = 250_000_000
+REPORT_INTERVAL_NS = 250_000_000
 """Interval between batches of member reports; a batch fills at most one datagram."""
-ACKS_WAIT_NS = 10_000_000
+ACK_BATCH_NS = 10_000_000
 """Time for which burst acknowledgements are collected before they are sent together."""
-TOO_LONG = "what it tells of its camera is too long for a relay to pass on"
+DESCRIPTION_TOO_LONG = "the camera's description is too long for a relay to forward"
 
 
-class Uplink:
+class RelaySummary:
     """Members of a relay by the numbers that its parent assigned; clock-only nodes are left out."""
 
     def __init__(self, relay: str, max_members: int = MAX_CLIENTS) -> None:
@@ -50,9 +50,9 @@ class Uplink:
         self._lost: dict[int, Report] = {}
         """Last report of each earlier instance of a member, until the parent confirms that it no longer knows
         it."""
-        self._told: dict[int, tuple[str, bool]] = {}
+        self._reported: dict[int, tuple[str, bool]] = {}
         """State last sent for each member; a change of it is reported at once."""
-        self._sum_due_ns = self._acks_due_ns = NEVER_NS
+        self._report_due_ns = self._acks_due_ns = NEVER_NS
         self._acks: dict[tuple[int, int, str], list[int]] = {}
         """Numbers at the parent of the members that acknowledged, by leader, burst and refusal."""
         self._outbox: deque[bytes] = deque()
@@ -60,11 +60,11 @@ class Uplink:
     def restart(self, *, has_parent: bool) -> None:
         """Reset for another parent, or none: it knows no member yet."""
         self._has_parent = has_parent
-        self._sum_due_ns, self._acks_due_ns = AT_ONCE_NS if has_parent else NEVER_NS, NEVER_NS
+        self._report_due_ns, self._acks_due_ns = AT_ONCE_NS if has_parent else NEVER_NS, NEVER_NS
         for known in (self._numbers, self._members, self._introduced, self._refused, self._outbox):
             known.clear()
-        for told in (self._reports, self._lost, self._told, self._acks):
-            told.clear()
+        for table in (self._reports, self._lost, self._reported, self._acks):
+            table.clear()
 
     @property
     def remembered(self) -> int:
@@ -78,7 +78,7 @@ class Uplink:
         try:
             encode(self._with_relay(hello))
         except WireError:
-            return TOO_LONG
+            return DESCRIPTION_TOO_LONG
         reason = self._refused.get(_who(hello), "")
         if reason:
             self.ask(hello)
@@ -99,46 +99,48 @@ class Uplink:
             self._send(Goodbye(number))
         elif isinstance(message, TriggerAck):
             self._acks.setdefault((message.leader, message.burst, message.refusal), []).append(number)
-            self._acks_due_ns = min(self._acks_due_ns, now_ns + ACKS_WAIT_NS)
+            self._acks_due_ns = min(self._acks_due_ns, now_ns + ACK_BATCH_NS)
         else:
             self._reports[number] = message.report
-            return self._told.get(number) != _stage(message.report)
+            return self._reported.get(number) != _stage(message.report)
         return False
 
     def next_timer(self) -> int:
         """Local time in ns at which `handle_timer` is due."""
-        return min(self._acks_due_ns, self._sum_due_ns)
+        return min(self._acks_due_ns, self._report_due_ns)
 
     def handle_timer(self, now_ns: int) -> None:
         """Send the batches that are due."""
         if now_ns >= self._acks_due_ns:
             self._acks_due_ns = NEVER_NS
             for (leader, burst, refusal), numbers in self._acks.items():
-                most = MAX_OTHERS // 4 if refusal else MAX_OTHERS
-                for i in range(0, len(numbers), most):
-                    others = tuple(numbers[i + 1 : i + most])
+                batch_size = MAX_OTHERS // 4 if refusal else MAX_OTHERS
+                for i in range(0, len(numbers), batch_size):
+                    others = tuple(numbers[i + 1 : i + batch_size])
                     self._send(TriggerAck(numbers[i], leader, burst, refusal, others))
             self._acks.clear()
-        if now_ns >= self._sum_due_ns:
-            self._sum_due_ns = now_ns + SUM_EVERY_NS
+        if now_ns >= self._report_due_ns:
+            self._report_due_ns = now_ns + REPORT_INTERVAL_NS
             self._sum_up()
 
     def _sum_up(self) -> None:
         """Send all changed states, and as many of the other reports as fit into one datagram."""
         # The parent confirms a lost or replaced member by answering that it is unknown.
         lost = {number: member.report for member, number in self._numbers.values() if member.lost}
-        gone = self._lost | lost
-        reports = self._reports | gone
-        news = {n: r for n, r in reports.items() if n in gone or self._told.get(n) != _stage(r)}
-        due = list((news | reports).items())
-        first, most = 0, MAX_REPORTS
-        while first < min(len(due), max(1, len(news))):
-            while not self._send(MemberReports(tuple(due[first : first + most]))):
-                most //= 2
-            for number, report in due[first : first + most]:
+        lost_members = self._lost | lost
+        reports = self._reports | lost_members
+        changed = {
+            n: r for n, r in reports.items() if n in lost_members or self._reported.get(n) != _stage(r)
+        }
+        due = list((changed | reports).items())
+        first, batch_size = 0, MAX_REPORTS
+        while first < min(len(due), max(1, len(changed))):
+            while not self._send(MemberReports(tuple(due[first : first + batch_size]))):
+                batch_size //= 2
+            for number, report in due[first : first + batch_size]:
                 self._reports.pop(number, None)
-                self._told[number] = _stage(report)
-            first += most
+                self._reported[number] = _stage(report)
+            first += batch_size
 
     def datagrams_to_send(self) -> list[bytes]:
         """Return the datagrams for the parent."""
@@ -186,7 +188,7 @@ class Uplink:
 
     def note_unknown(self, number: int) -> None:
         """Note that the parent no longer knows a number: the member is announced again."""
-        for known in (self._reports, self._lost, self._told):
+        for known in (self._reports, self._lost, self._reported):
             known.pop(number, None)
         member = self._members.pop(number, None)
         if member is not None and self._numbers.get(member.name) == (member, number):

@@ -156,10 +156,10 @@ class Roster:
         """Record a hello's machine as the owner of its name; release that machine's oldest excess names."""
         if self.owners.get(hello.name) != hello.pin:
             self.owners[hello.name] = hello.pin
-            gone = [
+            lost = [
                 name for name, pin in self.owners.items() if pin == hello.pin and name not in self.members
             ]
-            for name in gone[:-MAX_CAMERAS_PER_MACHINE]:
+            for name in lost[:-MAX_CAMERAS_PER_MACHINE]:
                 del self.owners[name]
 
     def confirm(self, member: Member) -> bool:

@@ -55,8 +55,9 @@ def of_state(
             own = keeper.map_to_leader
             by_relay = own is not None and own.uncertainty_at(now_ns) <= target_ns
             if keeper.clock.longer_ns and not by_relay:
-                return f"{_sure_to(error_ns, target_ns)}: {path_delay_increased(keeper.clock.longer_ns)}"
-            return coarse(error_ns, target_ns, time_map.round_trip_ns, by_relay=by_relay)
+                longer = path_delay_increased(keeper.clock.longer_ns)
+                return f"clock error ≤ {duration(error_ns)}, target {duration(target_ns)}: {longer}"
+            return degraded(error_ns, target_ns, time_map.round_trip_ns, by_relay=by_relay)
         case NodeState.READY if not can_move:
             return off_grid(phase, aligner.window.asked_ns)
         case NodeState.READY:
@@ -68,10 +69,10 @@ def syncing(samples: int, needed: int, error_ns: float | None, target_ns: float 
     """Describe the progress of the clock: samples counted, or its 95 % error and the requested one, in ns."""
     if samples < needed or error_ns is None or target_ns is None:
         return f"measuring clock {samples}/{needed}"
-    return f"clock sure to ±{duration(error_ns)} so far, asked for ±{duration(target_ns)}"
+    return f"clock error ≤ {duration(error_ns)} so far, target {duration(target_ns)}"
 
 
-def coarse(error_ns: float, target_ns: float, round_trip_ns: int, *, by_relay: bool) -> str:
+def degraded(error_ns: float, target_ns: float, round_trip_ns: int, *, by_relay: bool) -> str:
     """Describe why a clock's 95 % error exceeds the requested one, and the remedy; times in ns.
 
     `by_relay`: the followed relay's own clock is no more accurate.
@@ -80,23 +81,19 @@ def coarse(error_ns: float, target_ns: float, round_trip_ns: int, *, by_relay: b
     unseen_ns = SIGMAS_95 * ASYMMETRY * round_trip_ns / 2.0
     remedy = "nearer the access point, a cable, or "
     if by_relay:
-        why, remedy = "its relay knows the time no better", "bring the relay nearer to the leader, or "
+        why, remedy = "its relay's clock is no more accurate", "bring the relay nearer to the leader, or "
     elif target_ns < unseen_ns and error_ns < 2.0 * unseen_ns:
         why = (
-            f"even its quickest messages take {duration(round_trip_ns)} there and back,"
-            " and none shows how unequal the two ways are"
+            f"even its fastest messages have a round trip of {duration(round_trip_ns)},"
+            " and none shows how it divides between the two directions"
         )
         remedy = f"nearer the access point, a cable, a panel ({MEASURE}), or "
     else:
         why = "bursty link"
     if round_trip_ns < NETWORK_NS and not by_relay:
-        why, remedy = f"messages of {duration(round_trip_ns)} there and back are held up at times", "use "
+        why, remedy = f"messages with a round trip of {duration(round_trip_ns)} are delayed at times", "use "
     enough = f"--tolerance-us {_rounded_up(REMEDY_MARGIN * error_ns / 1000.0)}"
-    return f"{_sure_to(error_ns, target_ns)}: {why}; {remedy}{enough}"
-
-
-def _sure_to(error_ns: float, target_ns: float) -> str:
-    return f"clock sure to ±{duration(error_ns)} only, asked for ±{duration(target_ns)}"
+    return f"clock error ≤ {duration(error_ns)}, target {duration(target_ns)}: {why}; {remedy}{enough}"
 
 
 def of_event(event: object) -> str:
@@ -118,10 +115,10 @@ def of_event(event: object) -> str:
 def path_delay_increased(longer_ns: float) -> str:
     """Describe a path delay that has increased in one direction, or is back at its baseline (0)."""
     if not longer_ns:
-        return "the way to the leader is again as long as before"
+        return "the path delay to the leader is back at its earlier value"
     return (
-        f"the way to the leader has become {duration(longer_ns)} longer in one direction:"
-        " load, or somebody who holds messages back"
+        f"the path delay to the leader grew by {duration(longer_ns)} in one direction:"
+        " network load, or an attacker that delays messages"
     )
 
 
@@ -145,8 +142,8 @@ def fast_clock(ppm: float) -> str:
 def step_refused(times: int) -> str:
     """Describe answers that indicated a clock step which other answers did not confirm."""
     return (
-        f"{count(times, 'answer')} of the leader told of another time than all others and did not count:"
-        " is somebody on the way who alters them?"
+        f"{count(times, 'answer')} of the leader contradicted all other answers and did not count:"
+        " a device on the network may alter them"
     )
 
 

@@ -42,7 +42,7 @@ AHEAD_NS = 500_000_000
 
 Shortly after the first samples the rate is not known well enough for that.
 """
-GAIN, PATIENCE_NS = 0.9, 3_000_000_000
+GAIN, NO_GAIN_TIMEOUT_NS = 0.9, 3_000_000_000
 """An error that does not shrink by a tenth within this time is not expected to shrink much further."""
 LONGEST_TRY_NS = 15_000_000_000
 """Maximum time for which a node sends its leader requests in quick succession."""
@@ -208,5 +208,5 @@ class AccuracyTarget:
             self._began_ns = now_ns
         if self._min_ns is None or error_ns < GAIN * self._min_ns:
             self._min_ns, self._gained_ns = error_ns, now_ns
-        over = now_ns - self._gained_ns >= PATIENCE_NS or now_ns - self._began_ns >= LONGEST_TRY_NS
+        over = now_ns - self._gained_ns >= NO_GAIN_TIMEOUT_NS or now_ns - self._began_ns >= LONGEST_TRY_NS
         return self.met or over

@@ -33,8 +33,8 @@ class RateWatch:
     def judge(self, time_map: TimeMap, changed_ns: int | None) -> ClockRateUnusual | ClockChanged | None:
         """Update from the newest estimate and the time of the last rate change; return the event, if any."""
         # The map is from this clock to the leader's: a positive skew means that the leader's is faster.
-        fast_ppm, doubt_ppm = -time_map.skew * 1e6, time_map.skew_uncertainty * 1e6
-        min_ppm = TYPICAL_PPM + doubt_ppm if self.fast_ppm is None else STILL_UNUSUAL_PPM
+        fast_ppm, uncertainty_ppm = -time_map.skew * 1e6, time_map.skew_uncertainty * 1e6
+        min_ppm = TYPICAL_PPM + uncertainty_ppm if self.fast_ppm is None else STILL_UNUSUAL_PPM
         before, self.fast_ppm = self.fast_ppm, fast_ppm if abs(fast_ppm) > min_ppm else None
         if changed_ns not in (None, self._changed_ns):
             self._changed_ns = changed_ns
@@ -80,16 +80,18 @@ class RateVote:
             name: sum(abs(rate - other) <= TYPICAL_PPM / 2.0 for other in rates.values())
             for name, rate in rates.items()
         }
-        most = max(friends.values())
+        max_count = max(friends.values())
         # In a tie the leader's rate wins, because the leader's clock is the rig's time.
-        usual_ppm = rates[next(name for name, count in friends.items() if count == most)]
+        typical_ppm = rates[next(name for name, count in friends.items() if count == max_count)]
         off: dict[str | None, HostOffRate] = {}
         for name, rate in rates.items():
-            fast_ppm, own_ppm = rate - usual_ppm, slewing_ppm.get(name, 0.0)
+            fast_ppm, own_ppm = rate - typical_ppm, slewing_ppm.get(name, 0.0)
             if own_ppm:
                 off[name] = HostOffRate(name, own_ppm, certain=True)
             elif abs(fast_ppm) > (STILL_UNUSUAL_PPM if name in self.off else TYPICAL_PPM):
-                off[name] = HostOffRate(name, fast_ppm, ambiguous=most == friends[name])
+                off[name] = HostOffRate(name, fast_ppm, ambiguous=max_count == friends[name])
         before, self.off = self.off, off
-        news = [off[name] for name in off if name not in before or before[name].certain != off[name].certain]
-        return [*news, *(HostOffRate(name, 0.0) for name in before if name not in off)]
+        changes = [
+            off[name] for name in off if name not in before or before[name].certain != off[name].certain
+        ]
+        return [*changes, *(HostOffRate(name, 0.0) for name in before if name not in off)]

@@ -228,8 +228,8 @@ class Timekeeper:
         if self.clock.samples < schedule.synced_samples:
             return
         self.time_is_known = True
-        if news := self.rate.judge(time_map, self.clock.rate_changed_ns):
-            self.events.append(news)
+        if event := self.rate.judge(time_map, self.clock.rate_changed_ns):
+            self.events.append(event)
         if self.target.judge(time_map, now_ns) and not self.synced:
             self.synced = True
             self.events.append(ClockSynced(time_map))

@@ -15,7 +15,7 @@ from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_phase_choice import GridPhaseChoice
 from capture_app.sync.rig.events import LeaderEvent
 from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.relay_summary import Uplink
+from capture_app.sync.rig.relay_summary import RelaySummary
 from capture_app.sync.rig.time_client import TimeClientEvent
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.wire.codec import FromClient, Message, WireError, decode
@@ -46,8 +46,8 @@ class Relay:
 
     def __init__(self, member: TreeMember, leader: LeaderConfig, rng: random.Random) -> None:
         self.member = member
-        self.uplink = Uplink(member.time.name)
-        self.leader = Leader(replace(leader, instance=member.time.instance), rng, self.uplink)
+        self.summary = RelaySummary(member.time.name)
+        self.leader = Leader(replace(leader, instance=member.time.instance), rng, self.summary)
         self._number: int | None = None
 
     def receive_datagram(
@@ -90,7 +90,7 @@ class Relay:
         self.member.handle_timer(now_ns)
         self._update_terms()
         self.leader.handle_timer(now_ns)
-        self.uplink.handle_timer(now_ns)
+        self.summary.handle_timer(now_ns)
 
     def leave(self) -> None:
         """Send a goodbye to the parent and release the clients before this relay stops."""
@@ -101,7 +101,7 @@ class Relay:
 
     def next_timer(self) -> int:
         """Return the local time in ns at which `handle_timer` is to be called."""
-        above_ns = min(self.member.next_timer(), self.uplink.next_timer())
+        above_ns = min(self.member.next_timer(), self.summary.next_timer())
         leader_ns = self.leader.next_timer()
         return above_ns if leader_ns is None else min(above_ns, leader_ns)
 
@@ -112,7 +112,7 @@ class Relay:
     def datagrams_to_parents(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return the datagrams for parents only; the others in `datagrams_to_send` are the leader's."""
         datagrams = self.member.datagrams_to_send(now_ns)
-        return datagrams + [(data, self.member.parent) for data in self.uplink.datagrams_to_send()]
+        return datagrams + [(data, self.member.parent) for data in self.summary.datagrams_to_send()]
 
     def next_event(self) -> TimeClientEvent | LeaderEvent | None:
         """Return the next event of the member or the leader; None if there is none."""
@@ -122,23 +122,23 @@ class Relay:
 
     def _receive_from_parent(self, message: Message, address: Address, now_ns: int) -> None:
         """Process a message for this relay itself, or for one of its members."""
-        uplink, members = self.uplink, self.leader.roster.members
+        summary, members = self.summary, self.leader.roster.members
         match message:
             case Welcome() if message.instance != self.member.time.instance:
-                usurper = uplink.note_welcome(message.instance, message.client, members)
+                usurper = summary.note_welcome(message.instance, message.client, members)
                 if usurper is not None:
                     # The root decides who owns a name, and another member used it here.
                     self.leader.evict(usurper)
             case JoinRefusal() if message.instance != self.member.time.instance:
-                refused = uplink.note_refusal(message.instance, message.reason, members)
+                refused = summary.note_refusal(message.instance, message.reason, members)
                 if refused is not None:
                     self.leader.drop_member(refused, message.reason)
             case UnknownMember() if message.client != self.member.time.number:
-                uplink.note_unknown(message.client)
+                summary.note_unknown(message.client)
             case Trigger():
-                found = [uplink.member(number) for number in (message.client, *message.others)]
+                found = [summary.member(number) for number in (message.client, *message.others)]
                 self.leader.send_trigger((member for member in found if member is not None), message)
-            case Notice() if member := uplink.member(message.client):
+            case Notice() if member := summary.member(message.client):
                 self.leader.send(member, msgspec.structs.replace(message, client=member.number))
             case _:
                 self.member.receive_message(message, address, now_ns)
@@ -149,7 +149,7 @@ class Relay:
         current, above, number = leader.current, member.time.followed, member.time.number
         if number != self._number:
             self._number = number
-            self.uplink.restart(has_parent=number is not None)
+            self.summary.restart(has_parent=number is not None)
         current.continues = None if above is None else above.continues
         in_holdover = number is None or above is None or above.in_holdover
         if current.in_holdover is not in_holdover:
@@ -164,8 +164,8 @@ class Relay:
             # Another root's grid means nothing before its time is known.
             return
         path, epoch_ns = member.time.timekeeper.path, member.time.time_map.epoch_local_ns
-        told = current.upstream
-        if told is None or (told.path, told.epoch_local_ns) != (path, epoch_ns):
+        known_map = current.upstream
+        if known_map is None or (known_map.path, known_map.epoch_local_ns) != (path, epoch_ns):
             current.upstream = upstream_map(path, member.time.time_map)
         grid = FrameGrid(above.anchor_leader_ns, above.period_ns)
         moved = (leader.grid, current.config.align_row) != (grid, above.align_row)

@@ -33,7 +33,7 @@ class Continued:
 
     time_map: TimeMap
     """Map from the new leader's clock to the lost one's."""
-    told: UpstreamMap
+    upstream_map: UpstreamMap
     """Message form for its members, with the uncertainty of its time against the lost leader's."""
     grid: FrameGrid
 
@@ -112,7 +112,7 @@ class Succession:
         time_map = keeper.time_map
         if followed is None or time_map is None or not keeper.time_is_known:
             return None
-        told = UpstreamMap(
+        upstream_map = UpstreamMap(
             path=keeper.path[:1],
             epoch_local_ns=time_map.leader_from_local(now_ns),
             offset_ns=0,
@@ -125,4 +125,4 @@ class Succession:
             drift_uncertainty=time_map.drift_uncertainty,
         )
         grid = FrameGrid(followed.anchor_leader_ns, followed.period_ns)
-        return Continued(time_map, told, grid)
+        return Continued(time_map, upstream_map, grid)

@@ -42,7 +42,7 @@ def test_the_node_that_waits_for_a_person_is_named_first() -> None:
 
 
 def test_a_node_that_is_less_accurate_than_asked_for_speaks_for_itself() -> None:
-    sentence = "clock sure to ±1.7 ms only, asked for ±100 µs: bursty link; nearer the access point"
+    sentence = "clock error ≤ 1.7 ms, target 100 µs: bursty link; nearer the access point"
     assert rig_advice([view("a"), view("b", NodeState.DEGRADED, sentence)], LEADER, 0) == f"b: {sentence}"
 
 

@@ -15,7 +15,7 @@ from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.messages import Report
 from tests.facts import make_facts
 
-DEGRADED = "clock sure to ±1.7 ms only, asked for ±100 µs: bursty link; nearer the access point"
+DEGRADED = "clock error ≤ 1.7 ms, target 100 µs: bursty link; nearer the access point"
 
 
 def view(name: str, state: NodeState = NodeState.READY, message: str = "") -> Member:

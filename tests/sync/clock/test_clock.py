@@ -183,14 +183,14 @@ def test_nonsense_never_raises(samples: list[ClockSample], now_ns: int) -> None:
         clock.time_map(now_ns)
 
 
-def test_a_negative_time_on_the_way_is_passed_over() -> None:
+def test_a_sample_with_a_negative_round_trip_is_ignored() -> None:
     clock = ClockFilter()
     assert clock.add(ClockSample(0, 100, 500, 300))
     assert clock.samples == 0
 
 
 @pytest.mark.parametrize("step_ns", [-5 * MS, 5 * MS, 3600 * S])
-def test_a_step_is_told_and_learned_anew(step_ns: int) -> None:
+def test_a_step_is_reported_and_restarts_the_filter(step_ns: int) -> None:
     link = Link(offset_ns=10**10, skew_ppm=30, epoch_ns=0)
     clock, now_ns = run(link, 10**12, seed=2, seconds=3)
     on_its_way = link.exchange(now_ns - 30 * MS, 5 * MS, 24 * MS)
@@ -227,7 +227,7 @@ def test_a_step_that_the_next_samples_do_not_confirm_is_refused(lies: int) -> No
     assert error_ns(time_map, link, now_ns) <= time_map.hard_bound_ns
 
 
-def test_samples_that_tell_of_different_steps_confirm_none() -> None:
+def test_samples_of_different_steps_confirm_none() -> None:
     link = Link(offset_ns=10**10, skew_ppm=30, epoch_ns=0)
     clock, now_ns = run(link, 10**12, seed=2, seconds=3)
     map_before = clock.time_map(now_ns)
@@ -260,7 +260,7 @@ def test_slow_wander_forgets_the_old_and_is_not_a_step() -> None:
 
 
 @pytest.mark.parametrize("slew_ppm", [-500, 100, 500])
-def test_a_slewed_leader_is_told_and_followed(slew_ppm: int) -> None:
+def test_a_slewed_leader_is_reported_and_followed(slew_ppm: int) -> None:
     """Another rate from one moment on, as when an NTP daemon slews a clock."""
     link = Link(offset_ns=10**10, skew_ppm=20, epoch_ns=0)
     clock, now_ns = run(link, 10**12, seed=5, seconds=20)
@@ -327,10 +327,10 @@ def test_a_warming_crystal_stays_within_what_holdover_states() -> None:
     assert held >= 9
 
 
-def unequal_clock(way: PathAsymmetry | None, *, shorter_ns: int = 0) -> tuple[float, TimeMap]:
+def unequal_clock(asymmetry: PathAsymmetry | None, *, shorter_ns: int = 0) -> tuple[float, TimeMap]:
     """A second on a link whose least delays are 400 us there and 800 us back; the error, and the map."""
     link, rng, clock = Link(offset_ns=HOUR_NS, skew_ppm=8.0, epoch_ns=0), random.Random(4), ClockFilter()
-    clock.way = way
+    clock.asymmetry = asymmetry
     for i in range(300):
         there, back = (least + rng.gammavariate(2, 300_000) for least in (400_000, 800_000 - shorter_ns))
         assert clock.add(link.exchange(i * 3 * MS, int(there), int(back)))
@@ -350,7 +350,7 @@ def test_a_link_that_was_measured_keeps_what_messages_cannot_show() -> None:
     assert abs(error) < 60_000 < unsure.uncertainty_ns, "three and a half sigma from a usual link"
 
 
-def test_a_measurement_that_tells_less_than_is_usual_or_is_of_another_link_changes_nothing() -> None:
+def test_an_asymmetry_less_certain_than_the_default_or_of_another_link_is_ignored() -> None:
     assert unequal_clock(PathAsymmetry(200_000, 400_000, 1_210_000)) == unequal_clock(None)
     # The leader moved: the round trip is now another one, and so may be what the two ways differ by.
     measured = PathAsymmetry(200_000, 20_000, 1_210_000)

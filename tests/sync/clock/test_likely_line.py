@@ -40,13 +40,13 @@ def test_it_finds_any_skew_up_to_the_limit(skew_ppm: float) -> None:
     assert line.gap == pytest.approx(1e6, rel=0.05)
 
 
-def test_a_usual_skew_is_assumed_while_the_bounds_do_not_tell() -> None:
+def test_the_prior_skew_is_assumed_while_the_bounds_show_none() -> None:
     line = fit(count=300, seconds=0.01)
     assert abs(line.skew) < 1e-6
     assert 20e-6 < line.skew_variance**0.5 < 60e-6
 
 
-def test_what_the_line_does_not_know_grows_away_from_the_bounds() -> None:
+def test_the_variance_grows_outside_the_bounds() -> None:
     line = fit()
     assert line.variance_at(0.0) < line.variance_at(5 * S) < line.variance_at(50 * S)
     assert line.variance_at(0.0) >= line.excess > 0.0

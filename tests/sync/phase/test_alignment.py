@@ -34,7 +34,7 @@ def test_for_one_that_was_moved_all_of_its_tolerance_is_enough() -> None:
     assert not judged(window, 20_100)
 
 
-def test_more_frames_are_waited_for_only_while_they_may_tell() -> None:
+def test_more_frames_are_awaited_only_while_they_can_decide() -> None:
     window = AlignmentWindow(TOLERANCE_NS, PhaseControl.INJECTION)
     assert window.is_open(estimate(11_000, 5_000.0, 3))
     assert not window.is_open(estimate(16_000, 5_000.0, 3))

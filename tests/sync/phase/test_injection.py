@@ -117,7 +117,7 @@ def test_an_exposure_that_fits_into_a_period_and_moves_nothing_is_no_proof_of_a_
     assert inject.profile.neutral_rows == pytest.approx((PERIOD_NS - 100_000) // ROW_NS, abs=1)
 
 
-def test_the_first_shot_stretches_by_two_milliseconds_at_least() -> None:
+def test_the_first_injection_stretches_by_at_least_two_milliseconds() -> None:
     assert exposure_for(controller(), move(100_000)) > PERIOD_NS - 250_000 + 2_000_000 - ROW_NS
 
 
@@ -158,7 +158,7 @@ def test_a_longest_exposure_below_the_period_is_a_problem() -> None:
     assert not controller(max_exposure_ns=70_000_000).problem
 
 
-def test_a_shift_out_of_reach_is_done_in_part() -> None:
+def test_a_shift_beyond_the_maximum_is_done_in_part() -> None:
     inject = controller(max_exposure_ns=40_000_000, profile=InjectionProfile(ROW_NS, 1, 3050.0))
     assert 39_900_000 < exposure_for(inject, move(30_000_000)) <= 40_000_000
 
@@ -170,7 +170,7 @@ def test_an_error_below_what_rows_can_do_is_left_to_drift() -> None:
 
 @pytest.mark.parametrize("frame_rows", [2222, 2221])
 @pytest.mark.parametrize("wanted_rows", [1, 2, 301, 302])
-def test_whole_periods_bring_the_rows_between_two_steps_into_reach(frame_rows: int, wanted_rows: int) -> None:
+def test_whole_periods_make_the_rows_between_two_steps_possible(frame_rows: int, wanted_rows: int) -> None:
     row_ns, neutral = 15_000, 2200
     inject = known_device(row_ns, frame_rows, 3, neutral)
     exposure_ns = exposure_for(inject, Move(0, 0, wanted_rows * row_ns, frame_rows * row_ns, 20_000))

@@ -60,7 +60,7 @@ def test_drops_show_in_the_numbers() -> None:
 
 
 @pytest.mark.parametrize("lost", [{4}, {30}, {50, 51}])
-def test_drops_show_in_the_times_where_the_numbers_do_not_tell(lost: set[int]) -> None:
+def test_drops_show_in_the_timestamps_if_sequence_numbers_skip_none(lost: set[int]) -> None:
     phase = PhaseEstimator(period_ns=NOMINAL_NS)
     kept = [s for s in stream(100) if s.sequence not in lost]
     for n, stamp in enumerate(kept):

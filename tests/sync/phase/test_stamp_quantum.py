@@ -104,7 +104,7 @@ def test_no_frame_is_off_by_more_than_is_said(step_ns: float, tolerance_ns: int,
     assert off_uncertainty <= 0.05 * said
 
 
-def test_steps_that_are_coarser_than_the_tolerance_are_told() -> None:
+def test_quantization_coarser_than_the_tolerance_is_reported() -> None:
     bench = coarse_bench(1, 1e6, 100_000, cut=True)
     looks = bench.run(20 * S)
     assert not any(look.aligned for look in looks)
@@ -118,7 +118,7 @@ def test_steps_that_are_coarser_than_the_tolerance_are_told() -> None:
     assert not fine.aligner.window.degradation
 
 
-def test_a_drift_that_injections_cannot_hold_is_told_and_met_at_a_burst() -> None:
+def test_a_drift_beyond_injection_is_reported_and_met_at_a_burst() -> None:
     phone = unknown_phone(random.Random(0))
     held, fleeting, slow = (Bench(phone, 0, 20_000, ppm=ppm) for ppm in (100.0, 300.0, 5.0))
     for bench in (held, fleeting, slow):

@@ -142,7 +142,7 @@ def test_a_command_that_was_lost_is_given_again() -> None:
     assert len(bench.commands) == 2
 
 
-def test_without_a_way_to_move_it_a_camera_still_tells_its_phase() -> None:
+def test_a_camera_without_phase_control_still_reports_its_phase() -> None:
     aligner = Aligner(make_facts(phase_control=PhaseControl.NONE), tolerance_ns=50_000, rng=random.Random(1))
     grid = FrameGrid(0, 33_333_333)
     for n in range(100):
@@ -196,7 +196,7 @@ def test_start_latencies_of_one_use_save_restarts_on_the_next() -> None:
 
 
 @pytest.mark.parametrize(("control", "known"), [("reset", (5_000_000, 6_000_000)), ("none", ())])
-def test_a_client_is_told_what_its_camera_did_before(control: str, known: tuple[int, ...]) -> None:
+def test_a_client_starts_with_the_saved_injection_profile(control: str, known: tuple[int, ...]) -> None:
     camera = make_facts(phase_control=PhaseControl(control))
     config = ClientConfig("cam", 1, camera, 2_000_000, 90, start_latencies_ns=(5_000_000, 6_000_000))
     assert PhaseLoop(config, random.Random(1)).aligner.start_latencies_ns == known

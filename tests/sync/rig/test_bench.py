@@ -107,7 +107,7 @@ def test_a_burst_that_is_too_near_is_left_in_peace() -> None:
     assert len(bench.commands) == commands
 
 
-def test_cameras_that_only_restart_meet_sooner_than_the_papers_way() -> None:
+def test_cameras_that_only_restart_align_sooner_than_by_the_papers_method() -> None:
     webcam = PROFILES["webcam"]
     ours = [restart_together(webcam, 4, n, 1_000_000, aimed=True).seconds for n in range(4)]
     theirs = [restart_like_the_paper(webcam, 4, n, 1_000_000).seconds for n in range(30)]
@@ -116,7 +116,7 @@ def test_cameras_that_only_restart_meet_sooner_than_the_papers_way() -> None:
     assert sum(mine) / len(mine) < sum(s or 5000.0 for s in theirs) / len(theirs) / 3
 
 
-def test_the_panels_pictures_tell_their_time_to_microseconds() -> None:
+def test_panel_images_show_their_time_to_microseconds() -> None:
     rng = np.random.default_rng(4)
     for row_time_ns in (10_840, 12_300):
         start_ns = int(rng.integers(0, 10 * CYCLE_NS))

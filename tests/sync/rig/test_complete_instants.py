@@ -35,7 +35,7 @@ def test_nothing_is_chosen_before_it_is_known() -> None:
     assert choose_instants(8, 3, [camera(4, 1), camera(4)]) == (0, 2, 3)
 
 
-def test_with_too_few_complete_ones_those_of_the_most_cameras_are_added() -> None:
+def test_with_too_few_complete_instants_those_of_the_most_cameras_are_added() -> None:
     cameras = [camera(5, 0, 1, 2, 3), camera(5, 1), camera(5)]
     assert choose_instants(5, 3, cameras) == (0, 2, 4)
 

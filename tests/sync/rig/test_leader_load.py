@@ -29,7 +29,7 @@ def ask(leader: Leader, client: int, from_ns: int, *, waits_ns: int) -> int:
     return from_ns + 5 * S
 
 
-def test_the_pace_follows_how_long_requests_wait() -> None:
+def test_the_request_rate_follows_the_queueing_delay() -> None:
     leader, client = leader_of_many()
     free_ns = leader.poll_interval_ns
     assert free_ns == CLIENTS * S // 20_000

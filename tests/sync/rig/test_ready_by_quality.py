@@ -50,7 +50,7 @@ def test_on_a_bursty_link_a_node_asks_on_and_says_that_the_tolerance_is_not_met(
     assert told.uncertainty_ns is not None
     assert told.uncertainty_ns > 100_000
     assert re.fullmatch(
-        r"clock sure to ±[\d.]+ [µm]s only, asked for ±100 µs: bursty link;"
+        r"clock error ≤ [\d.]+ [µm]s, target 100 µs: bursty link;"
         r" nearer the access point, a cable, or --tolerance-us \d+",
         told.message,
     )
@@ -75,13 +75,13 @@ def test_a_clock_coarser_than_the_tolerance_stays_the_reason_while_frames_are_mo
         rig.run_for(S // 5)
         told = report(rig, "fine")
         states.add(told.state)
-        reasons.add(re.sub(r"sure to ±[\d.]+ [µm]s", "", told.message))
+        reasons.add(re.sub(r"error ≤ [\d.]+ [µm]s", "", told.message))
     assert NodeState.ALIGNING in states
     assert len(reasons) == 1
     assert "asked for ±1.0 µs" in reasons.pop()
 
 
-def test_a_coarse_node_takes_part_in_a_burst_with_honest_error_bars() -> None:
+def test_a_degraded_node_takes_part_in_a_burst_with_honest_error_bars() -> None:
     rig = VirtualRig([spec("far", BURSTY, 100_000), spec("near", LAN, 100_000)], seed=3)
     assert rig.run_until(lambda: in_state(rig, "far", NodeState.DEGRADED), limit_ns=40 * S)
     burst = rig.trigger(frames=3)

@@ -137,7 +137,7 @@ def test_clients_find_a_restarted_leader_and_serve_its_first_burst() -> None:
     assert len(errors_ns(rig, burst)) == 4
 
 
-def test_a_burst_is_finished_although_its_leader_is_gone() -> None:
+def test_a_burst_is_finished_although_its_leader_is_lost() -> None:
     rig = ready_rig(specs(2, "perfect"), seed=1)
     burst = rig.trigger(frames=3, at_leader_ns=rig.now_true_ns + S)
     rig.run_for(S // 10)

@@ -93,7 +93,7 @@ def test_an_operator_forgets_a_lost_node_but_none_that_is_here(leader: Leader) -
     assert changes(leader) == ["joined"], "as if for the first time"
 
 
-def test_the_grid_of_a_camera_that_is_gone_is_laid_anew_for_those_that_stay(leader: Leader) -> None:
+def test_the_grid_is_laid_again_when_its_camera_is_lost(leader: Leader) -> None:
     slow = joined(leader, "odd", S, LONG_NS)
     number = joined(leader, "cam", S)
     assert leader.grid is not None
@@ -126,7 +126,7 @@ def test_with_no_camera_left_the_next_one_lays_the_grid(leader: Leader) -> None:
     assert leader.grid.period_ns == USUAL_NS
 
 
-def test_a_rate_that_was_asked_for_is_kept() -> None:
+def test_a_requested_rate_is_not_changed() -> None:
     leader = Leader(LeaderConfig(1, 0, RigConfig(period_ns=LONG_NS)), random.Random(2))
     number = joined(leader, "cam", S)
     leader.receive_datagram(encode(Goodbye(number)), ("cam", 0), 2 * S)
@@ -182,7 +182,7 @@ def test_a_member_that_is_lost_for_the_longest_makes_room_in_a_full_rig(
         (USUAL_NS, (USUAL_NS + 5_000, 2 * USUAL_NS, 2 * USUAL_NS), USUAL_NS),
     ],
 )
-def test_the_grid_is_that_of_most_cameras_and_no_odd_one_sets_it(
+def test_the_majority_of_the_cameras_sets_the_grid(
     leader: Leader, first_ns: int, others: tuple[int, ...], expected_ns: int
 ) -> None:
     """A webcam that comes up in the dark first, at half its rate; a stranger that claims a frame a minute."""

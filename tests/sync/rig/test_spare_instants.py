@@ -86,7 +86,7 @@ def test_a_burst_ends_when_it_is_complete() -> None:
         assert max(pick.instant for pick in node.bursts[burst.number].frames) < 7
 
 
-def test_spare_instants_are_told_one_by_one_in_the_time_of_the_first() -> None:
+def test_spare_instants_are_reported_one_by_one_with_the_map_of_the_first() -> None:
     rig = dropping_rig(1, 0.3)
     burst = rig.trigger(frames=10, spare=4)
     rig.run_for(3 * S)

@@ -21,7 +21,7 @@ def ended(rig: VirtualRig, number: int) -> bool:
     return all(number in node.bursts and node.bursts[number].ended for node in rig.nodes.values())
 
 
-def test_every_frame_of_a_long_burst_is_told_as_it_comes() -> None:
+def test_every_frame_of_a_long_burst_is_reported_as_it_arrives() -> None:
     rig = rig_of_two()
     burst = rig.trigger(frames=FRAMES, streamed=True)
     assert rig.run_until(lambda: rig.now_true_ns > burst.instants_ns[100], limit_ns=10 * S)
@@ -38,7 +38,7 @@ def test_every_frame_of_a_long_burst_is_told_as_it_comes() -> None:
         assert len(node.client.ring) <= 61
 
 
-def test_what_a_camera_drops_is_told_with_the_rest() -> None:
+def test_dropped_frames_are_reported_with_the_rest() -> None:
     rig = rig_of_two(drop_fraction=0.05)
     burst = rig.trigger(frames=FRAMES, streamed=True)
     assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=20 * S)

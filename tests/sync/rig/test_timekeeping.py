@@ -109,7 +109,7 @@ def talk(client: TimeClient, leader: Leader, seconds: float) -> None:
             now_ns = max(now_ns, client.next_timer())
 
 
-def test_it_joins_keeps_the_time_at_its_pace_and_tells_every_sample() -> None:
+def test_a_node_joins_requests_at_its_interval_and_reports_every_sample() -> None:
     samples: list[ClockSample] = []
     schedule = SteadySchedule(first_interval_ns=STEADY_NS, easing_intervals_ns=(), poll_interval_ns=STEADY_NS)
     timekeeper = Timekeeper(5, schedule, samples=samples)
@@ -129,7 +129,7 @@ def test_it_joins_keeps_the_time_at_its_pace_and_tells_every_sample() -> None:
     assert [type(event) for event in events[1:]] == [ClockSynced]
 
 
-def test_it_notices_that_the_leader_is_gone_and_keeps_what_it_knows() -> None:
+def test_a_node_notices_a_lost_leader_and_keeps_its_map() -> None:
     client = TimeClient("probe", 9, Timekeeper(5))
     talk(client, Leader(LeaderConfig(1, 0), random.Random(2)), 2.0)
     client.handle_timer(2 * S + LEADER_SILENT_NS)

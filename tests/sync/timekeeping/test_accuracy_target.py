@@ -51,7 +51,7 @@ def test_no_clock_is_asked_quickly_for_ever() -> None:
     assert not target.met
 
 
-def test_an_error_at_the_edge_does_not_flicker_and_a_large_one_is_told() -> None:
+def test_an_error_at_the_limit_does_not_flicker_and_a_large_one_is_reported() -> None:
     target = AccuracyTarget(TOLERANCE_NS)
     target.judge(known_to(0.9 * WANTED_NS), 0)
     target.judge(known_to(LEAVE_AT * WANTED_NS), S)

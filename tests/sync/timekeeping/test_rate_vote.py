@@ -9,7 +9,7 @@ def off(vote: RateVote) -> dict[str | None, float]:
     return {name: host.fast_ppm for name, host in vote.off.items()}
 
 
-def test_crystals_as_they_are_give_no_news() -> None:
+def test_ordinary_crystals_cause_no_event() -> None:
     vote = RateVote()
     assert vote.review({"cam01": 35.0, "cam02": -48.0, "cam03": 12.0}, {}) == []
 
@@ -33,7 +33,7 @@ def test_where_all_nodes_agree_against_the_leader_it_is_the_leaders_clock() -> N
     assert not news.ambiguous
 
 
-def test_of_two_clocks_nobody_can_tell_which_one_is_odd() -> None:
+def test_of_two_clocks_the_unusual_one_is_ambiguous() -> None:
     vote = RateVote()
     assert vote.review({"cam01": 210.0}, {}) == [HostOffRate("cam01", 210.0, certain=False, ambiguous=True)]
 
@@ -56,7 +56,7 @@ def test_a_rate_at_the_edge_does_not_flicker() -> None:
         assert ("cam01" in vote.off) is named
 
 
-def test_a_node_that_is_gone_is_not_off_rate() -> None:
+def test_a_lost_node_is_not_off_rate() -> None:
     vote = RateVote()
     vote.review({"cam01": 210.0, "cam02": 0.0}, {})
     assert vote.review({"cam02": 0.0}, {}) == [HostOffRate("cam01", 0.0)]

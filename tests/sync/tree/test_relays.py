@@ -50,7 +50,7 @@ def test_a_camera_that_can_only_restart_is_weighed_by_the_root_wherever_it_is() 
     assert far.client.aligner.window.aligned
 
 
-def test_two_cameras_of_one_name_are_told_apart_anywhere_in_the_tree() -> None:
+def test_two_cameras_of_one_name_are_distinguished_anywhere_in_the_tree() -> None:
     rig = RelayRig()
     one, two = rig.relay("one", ROOT), rig.relay("two", ROOT)
     first = rig.camera("cam", one, at="cam")
@@ -87,7 +87,7 @@ def test_the_clients_of_a_dead_relay_go_on_below_the_next_parent(next_parent: st
     assert (rig.views()["a"].via, rig.views()["below"].via) == (expected, expected)
 
 
-def test_many_below_a_relay_are_told_together_and_answer_together() -> None:
+def test_members_below_a_relay_are_ordered_and_answer_in_batches() -> None:
     rig = RelayRig()
     upper = rig.relay("upper", ROOT)
     lower = rig.relay("lower", upper)

@@ -139,7 +139,7 @@ def ready_rig(leaders: str = "ab", **options: int) -> StandbyRig:
 
 
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2))])
-def test_the_next_one_leads_in_the_same_time_when_the_leader_is_gone(seed: int) -> None:
+def test_the_next_standby_leads_without_a_time_step_when_the_leader_is_lost(seed: int) -> None:
     rig = ready_rig(seed=seed)
     first, second = rig.machines["a"], rig.machines["b"]
     grid = first.leader.grid if first.leader is not None else None
@@ -172,7 +172,7 @@ def test_one_that_stops_in_order_sends_all_on_at_once() -> None:
     rig.check_burst("b")
 
 
-def test_one_that_returns_follows_and_takes_its_turn_in_the_same_time() -> None:
+def test_a_returned_leader_follows_and_may_lead_again_without_a_time_step() -> None:
     rig = ready_rig(cameras=1)
     rig.kill("a")
     rig.until(lambda: rig.all_follow("b"))

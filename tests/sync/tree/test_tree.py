@@ -266,7 +266,7 @@ def test_a_relay_takes_nobody_in_before_it_has_the_time() -> None:
     assert relay.datagrams_to_send(0) == []
 
 
-def test_a_leader_of_many_asks_for_a_slower_pace_until_they_are_silent() -> None:
+def test_a_leader_of_many_asks_for_a_lower_rate_until_they_are_silent() -> None:
     leader = Leader(LeaderConfig(1, 0, exchanges_per_s=1000.0), random.Random(1))
     paces = []
     for i in range(10):

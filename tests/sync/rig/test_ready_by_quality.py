@@ -78,7 +78,7 @@ def test_a_clock_coarser_than_the_tolerance_stays_the_reason_while_frames_are_mo
         reasons.add(re.sub(r"error ≤ [\d.]+ [µm]s", "", told.message))
     assert NodeState.ALIGNING in states
     assert len(reasons) == 1
-    assert "asked for ±1.0 µs" in reasons.pop()
+    assert "target 1.0 µs" in reasons.pop()
 
 
 def test_a_degraded_node_takes_part_in_a_burst_with_honest_error_bars() -> None:

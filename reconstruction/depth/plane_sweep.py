@@ -105,13 +105,13 @@ def sweep_view(
 ) -> Surface:
     """Return the surface of the reference view between two depths (nearest, farthest; the rig's unit)."""
     span = (1 / depth_range[1], 1 / depth_range[0])
-    scale, count = _plan_first_sweep(reference, sources, span, options)
+    scale, count = plan_first_sweep(reference, sources, span, options)
     small = reference.scaled(scale)
     source_views = [SourceView(small, source.scaled(scale)) for source in sources]
     surface = sweep_planes(small, source_views, np.linspace(*span, count), options)
     step = (span[1] - span[0]) / (count - 1)
     if scale < 1.0:
-        surface = _enlarge_surface(surface, reference)
+        surface = enlarge_surface(surface, reference)
     fine = replace(reference, window=options.fine_window)
     plan = options.refinements if scale == 1.0 else (*options.refinements, Refinement(0.25 * scale, 3))
     source_views = [SourceView(fine, source) for source in sources]
@@ -135,7 +135,7 @@ def adopt_proposals(
     `depth_range`: nearest and farthest depth, as in the first sweep.
     """
     span = (1 / depth_range[1], 1 / depth_range[0])
-    scale, count = _plan_first_sweep(reference, sources, span, options)
+    scale, count = plan_first_sweep(reference, sources, span, options)
     step = scale * (span[1] - span[0]) / (count - 1)
     new = proposed > 0
     level = np.where(new, proposed, surface.inverse_depth).astype(np.float32)
@@ -195,7 +195,7 @@ def _refine_surface(
     return surface
 
 
-def _plan_first_sweep(
+def plan_first_sweep(
     reference: CalibratedImage,
     sources: Sequence[CalibratedImage],
     span: tuple[float, float],
@@ -220,7 +220,7 @@ def motion_px(source_view: SourceView, low: float, high: float) -> float:
     return float(np.median(moved)) if moved.size else 0.0
 
 
-def _enlarge_surface(surface: Surface, reference: CalibratedImage) -> Surface:
+def enlarge_surface(surface: Surface, reference: CalibratedImage) -> Surface:
     """Enlarge the surface to the reference's size, extending each pixel's plane over its new pixels."""
     height, width = surface.inverse_depth.shape
     sx, sy = width / reference.view.width, height / reference.view.height

@@ -90,11 +90,11 @@ async def _run(
 ) -> None:
     from platformdirs import user_data_path
 
-    from capture_app.phones.admission import Admission
     from capture_app.phones.camera import PhoneNodes
-    from capture_app.phones.certificate import load_certificate, own_certificate
     from capture_app.phones.gateway import PhoneGateway
     from capture_app.protocol.orders import PhoneInvited
+    from capture_app.web.admission import Admission
+    from capture_app.web.certificate import load_certificate, own_certificate
 
     listening = listen_tcp(host, *((DEFAULT_PORT, 0) if port is None else (port,)))
     shown = reachable_host(host, listening.family) if host in ANY_HOST else host

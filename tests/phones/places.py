@@ -12,12 +12,12 @@ from typing import Any
 from capture_app.common.node_state import NodeState
 from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
-from capture_app.phones.admission import Admission
 from capture_app.phones.camera import PhoneNodes
-from capture_app.phones.certificate import own_certificate
 from capture_app.phones.gateway import PhoneGateway
 from capture_app.protocol.messages import BurstRequest
 from capture_app.session.reading.reader import Session
+from capture_app.web.admission import Admission
+from capture_app.web.certificate import own_certificate
 from tests.phones.stand_in import StandInPhone
 from tests.waiting import SLOW_PATIENCE_S, time_limit, until
 

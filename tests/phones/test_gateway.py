@@ -13,10 +13,11 @@ import pytest
 from capture_app.common.camera_facts import MICROSECONDS, CameraControls, Control, StampSource
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
-from capture_app.phones.gateway import MAX_GREETED, REPLACED
+from capture_app.phones.gateway import REPLACED
 from capture_app.protocol.orders import RemoveCamera
 from capture_app.rig.link import ask_controls, give_order
 from capture_app.session.reading.verify import verify
+from capture_app.web.paired_page import MAX_GREETED
 from tests.phones.places import Place, burst, ready, serving
 from tests.phones.stand_in import JPEG
 from tests.waiting import time_limit, until

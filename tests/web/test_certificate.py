@@ -9,7 +9,7 @@ from cryptography import x509
 from cryptography.hazmat.primitives import hashes
 
 from capture_app.common.errors import BadInputError
-from capture_app.phones.certificate import LASTS, load_certificate, own_certificate
+from capture_app.web.certificate import LASTS, load_certificate, own_certificate
 
 NOW = datetime.datetime(2026, 5, 1, tzinfo=datetime.UTC)
 

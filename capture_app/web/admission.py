@@ -1,4 +1,4 @@
-"""Admission of phones: by a one-time secret first, then by the key that the phone generated itself."""
+"""Admission of devices: by a one-time secret first, then by the key that the device generated itself."""
 
 import hashlib
 import re
@@ -12,38 +12,38 @@ from capture_app.common.names import free_name, name_like
 SECRET_BYTES = 16
 GOOD_FOR_S = 600.0
 TICKET_S = 30.0
-"""Validity of the ticket between a phone's admission and its stream."""
-MAX_PHONES = 64
+"""Validity of the ticket between a device's admission and its link."""
+MAX_DEVICES = 64
 _KEY = re.compile(r"[0-9a-f]{32}")
 
 
 @dataclass(frozen=True, slots=True)
 class Admitted:
-    """A phone that was admitted."""
+    """A device that was admitted."""
 
     name: str
-    """Name of its camera in the rig; the same every time the phone reconnects."""
+    """Its name in the rig; the same every time the device reconnects."""
     key: str
-    """Digest of the key by which the phone identifies itself."""
+    """Digest of the key by which the device identifies itself."""
 
 
 class Admission:
-    """Keeps one invitation open, and remembers in memory which phone used which secret."""
+    """Keeps one invitation open, and remembers in memory which device used which secret."""
 
-    def __init__(self, now_s: Callable[[], float]) -> None:
-        """Create an admission without phones; `now_s` is a monotonic clock."""
-        self._now_s = now_s
+    def __init__(self, now_s: Callable[[], float], kind: str = "phone") -> None:
+        """Create an admission without devices; `now_s` is a monotonic clock, `kind` the devices' kind."""
+        self._now_s, self._kind = now_s, kind
         self._secret, self._until_s = "", 0.0
         self._spent: dict[str, str] = {}
-        """Digest of each used secret to the digest of the key of the phone that used it."""
-        self._phones: dict[str, Admitted] = {}
+        """Digest of each used secret to the digest of the key of the device that used it."""
+        self._devices: dict[str, Admitted] = {}
         self._tickets: dict[str, tuple[Admitted, float]] = {}
         self._put_off: set[str] = set()
-        """Digests of the keys of phones that were removed from the rig."""
+        """Digests of the keys of devices that were removed from the rig."""
 
     @property
     def secret(self) -> str:
-        """Secret for the next phone; renewed once it is used or has expired."""
+        """Secret for the next device; renewed once it is used or has expired."""
         if not self._secret or self._now_s() >= self._until_s:
             self._renew()
         return self._secret
@@ -54,7 +54,7 @@ class Admission:
         return max(0, round(self._until_s - self._now_s()))
 
     def admit(self, secret: str, key: str, requested_name: str) -> Admitted:
-        """Admit a phone by a secret, or by the key that it used before.
+        """Admit a device by a secret, or by the key that it used before.
 
         `requested_name` is the name that its user asks for. Raises UnknownMachineError with a message for
         that user.
@@ -64,37 +64,38 @@ class Admission:
                 "This page belongs to another leader: scan the code that this leader shows."
             )
         digest, offered = _digest(key), _digest(secret)
-        if digest in self._phones:
+        if digest in self._devices:
             # It may have another secret by now, which stays valid for the next phone.
-            return self._phones[digest]
+            return self._devices[digest]
         if digest in self._put_off and (not secret or offered in self._spent):
             raise UnknownMachineError(
-                "The leader has removed this phone. To return, scan the code that it shows now."
+                f"The leader has removed this {self._kind}. To return, scan the code that it shows now."
             )
         if not secret:
             raise UnknownMachineError(
-                "This phone is not known here yet: scan the code that the leader shows."
+                f"This {self._kind} is not known here yet: scan the code that the leader shows."
             )
         if offered in self._spent:
             raise UnknownMachineError(
-                "Another phone has used this code; each works once. Scan the code that the leader shows now."
+                f"Another {self._kind} has used this code; each works once. "
+                "Scan the code that the leader shows now."
             )
         if not secrets.compare_digest(offered, _digest(self.secret)):
             raise UnknownMachineError("This code has expired: scan the one that the leader shows now.")
-        if len(self._phones) >= MAX_PHONES:
-            raise UnknownMachineError(f"{MAX_PHONES} phones are already connected.")
-        admitted = self._phones[digest] = Admitted(self._free_name(requested_name), digest)
+        if len(self._devices) >= MAX_DEVICES:
+            raise UnknownMachineError(f"{MAX_DEVICES} {self._kind}s are already connected.")
+        admitted = self._devices[digest] = Admitted(self._free_name(requested_name), digest)
         self._spent[offered] = digest
         self._renew()
         return admitted
 
     def put_off(self, admitted: Admitted) -> None:
-        """Remove a phone, which is then admitted by a new secret only."""
+        """Remove a device, which is then admitted by a new secret only."""
         self._put_off.add(admitted.key)
-        self._phones.pop(admitted.key, None)
+        self._devices.pop(admitted.key, None)
 
     def ticket(self, admitted: Admitted) -> str:
-        """Return a ticket that opens one stream of that phone within TICKET_S."""
+        """Return a ticket that opens one link of that device within TICKET_S."""
         now_s = self._now_s()
         self._tickets = {text: held for text, held in self._tickets.items() if held[1] > now_s}
         ticket = secrets.token_urlsafe(SECRET_BYTES)
@@ -102,7 +103,7 @@ class Admission:
         return ticket
 
     def redeem(self, ticket: str) -> Admitted | None:
-        """Return the phone whose stream a ticket opens; None for an unknown or expired ticket."""
+        """Return the device whose link a ticket opens; None for an unknown or expired ticket."""
         admitted, until_s = self._tickets.pop(ticket, (None, 0.0))
         return admitted if self._now_s() < until_s else None
 
@@ -110,8 +111,8 @@ class Admission:
         self._secret, self._until_s = secrets.token_urlsafe(SECRET_BYTES), self._now_s() + GOOD_FOR_S
 
     def _free_name(self, requested_name: str) -> str:
-        taken = {phone.name for phone in self._phones.values()}
-        return free_name(name_like(requested_name.strip()[:40], "phone"), taken)
+        taken = {device.name for device in self._devices.values()}
+        return free_name(name_like(requested_name.strip()[:40], self._kind), taken)
 
 
 def _digest(text: str) -> str:

@@ -1,11 +1,11 @@
-"""Who is let in as a phone, and who is not."""
+"""Which devices are admitted to a page, and which are not."""
 
 import secrets
 
 import pytest
 
 from capture_app.common.errors import UnknownMachineError
-from capture_app.phones.admission import GOOD_FOR_S, TICKET_S, Admission
+from capture_app.web.admission import GOOD_FOR_S, TICKET_S, Admission
 
 
 class HandClock:

@@ -1,4 +1,4 @@
-"""TLS certificate of the phones' page: of a kind that browsers accept, created once and stored."""
+"""TLS certificate of the pages for phones: of a kind that browsers accept, created once and stored."""
 
 import datetime
 import hashlib

@@ -1,0 +1,287 @@
+"""Web server of a page whose devices are admitted by a QR code: files, admission, and a link per device.
+
+Connections that have not identified themselves get few resources, for a short time.
+"""
+
+import asyncio
+import contextlib
+import logging
+import socket
+import ssl
+import time
+from abc import ABC, abstractmethod
+from collections.abc import AsyncIterator, Mapping
+from http import HTTPStatus
+from pathlib import Path
+from types import MappingProxyType
+
+import msgspec
+from aiohttp import web
+from aiohttp.http_exceptions import HttpProcessingError
+from aiohttp.typedefs import Handler
+
+from capture_app.common.errors import UnknownMachineError
+from capture_app.common.tasks import end
+from capture_app.common.text import UNREADABLE
+from capture_app.common.timeouts import HANDSHAKE_TIMEOUT_S, IDENTIFY_TIMEOUT_S
+from capture_app.web.admission import Admission, Admitted
+
+MAX_UNKNOWN = 128
+"""Max number of open connections without an admitted device; the newest in excess are closed."""
+MAX_GREETED = 64
+LOOK_EVERY_S = 0.5
+HEARTBEAT_S = 5.0
+CLOSE_S = 2.0
+"""Timeout of a page's answer to the closing of its link."""
+_TYPES = {".html": "text/html", ".css": "text/css", ".js": "text/javascript"}
+_POLICY = (
+    "default-src 'none'; script-src 'self'; worker-src 'self'; style-src 'self'; img-src data: blob:;"
+    " media-src 'self' blob: mediastream:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'"
+)
+_HEADERS = {
+    # Browsers give precise timers only to a page that is isolated from other origins.
+    "Cross-Origin-Opener-Policy": "same-origin",
+    "Cross-Origin-Embedder-Policy": "require-corp",
+    "Cross-Origin-Resource-Policy": "same-origin",
+    "Permissions-Policy": "camera=(self), screen-wake-lock=(self), microphone=(), geolocation=()",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cache-Control": "no-store",
+}
+
+
+def _is_ours(record: logging.LogRecord) -> bool:
+    error = record.exc_info[1] if record.exc_info else None
+    return not isinstance(error, HttpProcessingError | web.RequestPayloadError)
+
+
+_faults = logging.getLogger(f"{__name__}.http")
+"""Log of the web server's errors; errors caused by what untrusted peers send are left out."""
+_faults.addFilter(_is_ours)
+
+
+class _Connection(web.RequestHandler):
+    """Records when bytes arrive, before the task that reads them is woken."""
+
+    received_ns = 0
+    """Arrival of the last bytes, by the monotonic clock: possibly late, never early."""
+
+    def data_received(self, data: bytes) -> None:
+        self.received_ns = time.monotonic_ns()
+        super().data_received(data)
+
+
+class Door:
+    """Accepts connections for a web server, and closes those that stay untrusted for too long."""
+
+    def __init__(self) -> None:
+        self._since_s: dict[asyncio.BaseTransport, float] = {}
+        self._trusted: set[asyncio.BaseTransport] = set()
+        self._greeting: dict[asyncio.Task[None], None] = {}
+        """Connections that have not completed the TLS handshake, oldest first."""
+
+    @contextlib.asynccontextmanager
+    async def opened(
+        self, server: web.Server, listening: socket.socket, tls: ssl.SSLContext | None
+    ) -> AsyncIterator[None]:
+        """Accept connections on a listening socket until the block ends."""
+        tasks = [asyncio.create_task(self._accept(server, listening, tls))]
+        tasks.append(asyncio.create_task(self._sweep(server)))
+        try:
+            yield
+        finally:
+            await end(*tasks, *self._greeting)
+            listening.close()
+
+    async def _accept(self, server: web.Server, listening: socket.socket, tls: ssl.SSLContext | None) -> None:
+        listening.setblocking(False)
+        while True:
+            try:
+                connection, _ = await asyncio.get_running_loop().sock_accept(listening)
+            except OSError:
+                await asyncio.sleep(LOOK_EVERY_S)  # for example if no file descriptor is left
+                continue
+            # TLS takes memory from the first moment, so the oldest silent connection yields to a new one.
+            if len(self._greeting) >= MAX_GREETED:
+                next(iter(self._greeting)).cancel()
+            task = asyncio.create_task(self._greet(server, connection, tls))
+            self._greeting[task] = None
+            task.add_done_callback(lambda done: self._greeting.pop(done, None))
+
+    async def _greet(self, server: web.Server, connection: socket.socket, tls: ssl.SSLContext | None) -> None:
+        loop = asyncio.get_running_loop()
+        try:
+            await loop.connect_accepted_socket(
+                lambda: _Connection(server, loop=loop, logger=_faults, keepalive_timeout=5.0),
+                connection,
+                ssl=tls,
+                ssl_handshake_timeout=None if tls is None else HANDSHAKE_TIMEOUT_S,
+            )
+        except OSError:
+            connection.close()
+        except asyncio.CancelledError:
+            connection.close()
+            raise
+
+    def trust(self, transport: asyncio.BaseTransport | None) -> None:
+        """Keep a connection open: it belongs to an admitted device."""
+        if transport is not None:
+            self._trusted.add(transport)
+
+    async def _sweep(self, server: web.Server) -> None:
+        while True:
+            await asyncio.sleep(LOOK_EVERY_S)
+            now_s = asyncio.get_running_loop().time()
+            open_now = {one.transport for one in server.connections if one.transport is not None}
+            self._trusted &= open_now
+            known = self._since_s
+            self._since_s = {one: known.get(one, now_s) for one in open_now - self._trusted}
+            oldest_first = sorted(self._since_s, key=self._since_s.__getitem__)
+            late = [one for one in oldest_first if now_s - self._since_s[one] >= IDENTIFY_TIMEOUT_S]
+            for transport in (*late, *oldest_first[MAX_UNKNOWN:]):
+                if isinstance(transport, asyncio.WriteTransport):
+                    transport.abort()
+
+
+class PageLink:
+    """WebSocket of an admitted device's page."""
+
+    def __init__(self, admitted: Admitted, socket_: web.WebSocketResponse, connection: _Connection) -> None:
+        self.admitted, self.socket = admitted, socket_
+        self._connection = connection
+        self.reading: asyncio.Task[None]
+        """Task that reads the link."""
+        self.close_code, self.close_reason = 0, b""
+
+    @property
+    def received_ns(self) -> int:
+        """Arrival of the last bytes, by the monotonic clock: possibly late, never early."""
+        return self._connection.received_ns
+
+    async def send(self, message: str | bytes) -> None:
+        """Send a message; the reading task notices a link that has just broken."""
+        with contextlib.suppress(ConnectionError):
+            if not self.socket.closed:
+                await (
+                    self.socket.send_str(message)
+                    if isinstance(message, str)
+                    else self.socket.send_bytes(message)
+                )
+
+    def end(self, code: int, reason: bytes) -> None:
+        """Close the link, with a code and a reason for the page."""
+        # The reading task closes the link: when another does, aiohttp does not wait for the page's answer. A
+        # page that is still sending then has its connection reset and loses the code. Without the code it
+        # does not know that it is replaced, so it reconnects and takes the link from the newer page.
+        self.close_code, self.close_reason = code, reason
+        self.reading.cancel()
+
+
+class PairedPage(ABC):
+    """Server of the files of one folder, and of links to the devices that its admission knows."""
+
+    max_message_bytes = 1 << 16
+
+    def __init__(
+        self, admission: Admission, folder: Path, values: Mapping[str, str] = MappingProxyType({})
+    ) -> None:
+        """`values` replace the placeholders @NAME@ in the files."""
+        self._admission = admission
+        self._files = {path.name.removeprefix("index.html"): path for path in folder.iterdir()}
+        self._values = values
+        self._door = Door()
+        self._links: set[PageLink] = set()
+
+    @abstractmethod
+    async def serve_link(self, link: PageLink) -> None:
+        """Serve a device until its page closes the link.
+
+        A ValueError or a TimeoutError tells the page that it is of another version.
+        """
+
+    @contextlib.asynccontextmanager
+    async def serving(self, listening: socket.socket, tls: ssl.SSLContext | None) -> AsyncIterator[None]:
+        """Serve on a listening socket until the block ends; then notify all pages."""
+        app = web.Application(middlewares=[_guard], client_max_size=4096)
+        app.on_response_prepare.append(_say_no_server)
+        for name in self._files:
+            app.router.add_get(f"/{name}", self._send_file)
+        app.router.add_post("/join", self._join)
+        app.router.add_get("/link/{ticket}", self._link)
+        runner = web.AppRunner(app)
+        await runner.setup()
+        assert runner.server is not None
+        try:
+            async with self._door.opened(runner.server, listening, tls):
+                try:
+                    yield
+                finally:
+                    for link in self._links:
+                        link.end(1001, b"The leader has ended. This page waits for it.")
+        finally:
+            await runner.cleanup()
+
+    async def _send_file(self, request: web.Request) -> web.Response:
+        path = self._files[request.path.lstrip("/")]
+        text = await asyncio.to_thread(path.read_text, "utf-8")
+        for name, value in self._values.items():
+            text = text.replace(f"@{name}@", value)
+        return web.Response(text=text, content_type=_TYPES[path.suffix])
+
+    async def _join(self, request: web.Request) -> web.Response:
+        try:
+            asked = msgspec.json.decode(await request.read(), type=dict[str, str])
+            requested = asked["secret"], asked["key"], asked.get("name", "")
+        except (*UNREADABLE, ValueError, KeyError, web.RequestPayloadError):
+            words = "This page is outdated: load it again."
+            return web.json_response({"words": words}, status=HTTPStatus.BAD_REQUEST)
+        try:
+            admitted = self._admission.admit(*requested)
+        except UnknownMachineError as error:
+            return web.json_response({"words": str(error)}, status=HTTPStatus.FORBIDDEN)
+        return web.json_response({"name": admitted.name, "ticket": self._admission.ticket(admitted)})
+
+    async def _link(self, request: web.Request) -> web.StreamResponse:
+        admitted = self._admission.redeem(request.match_info["ticket"])
+        if admitted is None:
+            raise web.HTTPForbidden(text="this link was not asked for")
+        socket_ = web.WebSocketResponse(
+            timeout=CLOSE_S, compress=False, max_msg_size=self.max_message_bytes, heartbeat=HEARTBEAT_S
+        )
+        await socket_.prepare(request)
+        assert isinstance(request.protocol, _Connection)
+        link = PageLink(admitted, socket_, request.protocol)
+        link.reading = asyncio.create_task(self.serve_link(link))
+        self._links.add(link)
+        self._door.trust(request.transport)
+        try:
+            await link.reading
+        except asyncio.CancelledError:
+            if not link.close_code:
+                raise
+        except (*UNREADABLE, ValueError, TimeoutError):
+            link.end(1003, b"This page is of another version: load it again.")
+        finally:
+            self._links.discard(link)
+        if link.close_code:
+            await socket_.close(code=link.close_code, message=link.close_reason)
+        return socket_
+
+
+@web.middleware
+async def _guard(request: web.Request, handler: Handler) -> web.StreamResponse:
+    """Refuse requests from other origins; add headers for precise timers and isolation to responses."""
+    origin = request.headers.get("Origin")
+    if origin is not None and origin.rpartition("://")[2] != request.host:
+        raise web.HTTPForbidden(text="this address is for its own page only")
+    response = await handler(request)
+    if not response.prepared:
+        response.headers.update(_HEADERS)
+        # Older browsers do not count a WebSocket to the page's own host as 'self'.
+        response.headers["Content-Security-Policy"] = f"{_POLICY}; connect-src 'self' wss://{request.host}"
+    return response
+
+
+async def _say_no_server(request: web.Request, response: web.StreamResponse) -> None:
+    """Remove the header that names the server program and its version."""
+    response.headers.popall("Server", None)

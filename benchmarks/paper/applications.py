@@ -80,8 +80,8 @@ APPLICATIONS = (
             place="Figure 8",
             title="Depth of a jumping person from a pair of cameras, and 66 ms apart",
             command=f"{_COMPARE}/jumper --offset-ms 66",
-            engine="The paper's depth is COLMAP's; here distances are found by OpenCV's semi-global block "
-            "matching (SGBM), and COLMAP's own points of all views are counted below.",
+            engine="The paper uses COLMAP for depth. Here it is OpenCV's semi-global block matching (SGBM). "
+            "COLMAP's points of all views are counted below.",
         ),
         "jumper",
         "stereo",
@@ -94,7 +94,7 @@ APPLICATIONS = (
             place="Applications",
             title="Depth from five views, and at offsets from -66 to 66 ms",
             command=f"{_COMPARE}/jumper",
-            engine="Distances are found by our own plane sweep, not by COLMAP, whose stereo needs a GPU.",
+            engine="Depth is from our plane sweep, not from COLMAP, whose stereo needs a GPU.",
         ),
         "jumper",
         "multiview",

@@ -126,10 +126,10 @@ SHORT_RUNS = {300: 239, 1000: 100}
 """Number of runs by length: 239 as the panel's trials, each of which began with 300 messages."""
 SHORT = 5
 """Number of the message counts up to 1,000 at which filters are judged."""
-SIMULATED = "The link's delays, by a law made from the paper's figures, and the clocks."
+SIMULATED = "The clocks, and the link's delays by a distribution made from the paper's figures."
 BEGINS = (
-    "At the paper's protocol the leader asks its clients in turn, by default each client asks; an exchange "
-    "shows the same."
+    "In the paper's protocol the leader asks its clients in turn. By default each client asks. An exchange "
+    "gives the same information."
 )
 
 
@@ -179,11 +179,11 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             given=tuple(name for name in TABLE_3.names if name != "messages"),
             notes=(
                 BEGINS,
-                "The law is made from these figures and the least round trips below. How the quickest "
-                "message divides is one sample; no exchange can see the asymmetry, which half the least "
-                "round trip bounds.",
-                f"Not put in: after {FIRST} messages the minimum filter is {panel['mean_abs']:.0f} us off on "
-                f"average and {panel['max']:.0f} at most in {len(first)} trials. The paper's panel found "
+                "The delay distribution comes from these figures and the shortest round trips below. The "
+                "division of the quickest round trip is a single sample. No exchange can show the "
+                "asymmetry; half the shortest round trip bounds it.",
+                f"Not an input: after {FIRST} messages the minimum filter is {panel['mean_abs']:.0f} us off "
+                f"on average and {panel['max']:.0f} at most in {len(first)} trials. The paper's panel found "
                 f"{TABLE_2['clock.mean']:.0f} and {TABLE_2['clock.max']:.0f} at most.",
             ),
         ),
@@ -205,13 +205,13 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             simulated=SIMULATED,
             given=("mean.10000", "minimum.10000"),
             notes=(
-                "Where the clocks run apart by 20 ppm all filters look back 30 s, as the engine does, and "
-                "those that know no skew are off by what it adds up to.",
+                "With a skew of 20 ppm, all filters use the last 30 s, like the engine. Filters without a "
+                "skew term are off by the drift of that time.",
                 f"After {FIRST} messages without skew the minimum filter is "
                 f"{at_first['minimum']['mean_abs']:.0f} us off on average and "
                 f"{at_first['minimum']['max']:.0f} at most, ours "
                 f"{at_first['ours']['mean_abs']:.0f} and {at_first['ours']['max']:.0f} "
-                f"({short[1000]} trials). In the end both stand on the asymmetry that was put in.",
+                f"({short[1000]} trials). In the end both converge to the asymmetry of the model.",
             ),
             draw=partial(draw_convergence, {AS_THE_PAPER: papers, BY_DEFAULT: ours}),
         ),

@@ -81,8 +81,9 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             default=pairs(ours, setups[1]),
             simulated=SIMULATED,
             notes=(
-                "By the pictures' true times, half a second after the phones are ready. The paper's is "
-                "twice its largest error of a client against the leader; ours is the pair itself.",
+                "Measured by the pictures' true times, half a second after the phones are ready. The paper "
+                "states twice its largest error of a client against the leader. Ours is the error of the "
+                "pair.",
             ),
         ),
         Reproduction(
@@ -107,7 +108,7 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
                 f"the clients at once, {MESSAGES} messages at least, until clocks are good for {setups[1]}",
             ),
             simulated=SIMULATED,
-            notes=("By default the leader's own camera counts, too; it asks within its machine.",),
+            notes=("By default the leader's own camera counts, too; its messages stay within the machine.",),
         ),
         Reproduction(
             of=BURST,
@@ -115,7 +116,8 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             default=bursts(ours, setups[1]),
             simulated=SIMULATED,
             notes=(
-                f"{FRAMES} frames of {EXPOSURE_NS // 1000} us in a row; a sensor drops one in a hundred.",
+                f"{FRAMES} frames of {EXPOSURE_NS // 1000} us in a row. A sensor drops one frame in a "
+                "hundred.",
             ),
         ),
     ]

@@ -57,7 +57,7 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
     setups = [
         f"{PAPERS.messages} messages, phases undone and aligned to {PAPERS.tolerance_ns / 1000:.0f} us, "
         f"clocks {PAPERS.skew_ppm:g} ppm apart (one sigma)",
-        f"phases to {DEFAULT.tolerance_ns / 1000:.0f} us, phones that nobody has seen, clocks "
+        f"phases to {DEFAULT.tolerance_ns / 1000:.0f} us, unknown phones, clocks "
         f"{DEFAULT.skew_ppm:g} ppm apart",
     ]
     tables = [
@@ -70,9 +70,9 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             default=tables[1],
             simulated=SIMULATED,
             notes=(
-                "Total is read off the pictures. Its parts are true ones, as the simulation knows both: the "
-                "paper has the phase from its stamps and the clock's part as the difference.",
-                "Pictures are asked for as soon as both phones are ready, and taken half a second later.",
+                "The total is read from the pictures. Its parts come from the simulation's truth. The paper "
+                "takes the phase from timestamps, and the clock's part as the difference.",
+                "Pictures are requested when both phones are ready, and taken half a second later.",
             ),
         ),
         Reproduction(

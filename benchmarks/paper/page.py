@@ -14,17 +14,17 @@ from capture_app.session.files.durable import write_atomic
 TITLE = "The paper's tables and figures, and ours"
 LEAD = (
     "Ansari, Wadhwa, Garg and Chen, Wireless Software Synchronization of Multiple Distributed Cameras (ICCP "
-    "2019), measured with real phones. Every number of ours on this page is simulated: the engine is the one "
-    "that runs in the program, but its cameras, clocks, links and LED panels are models."
+    "2019), measured with real phones. All our numbers on this page are simulated: the engine is the "
+    "program's own, but its cameras, clocks, links and LED panels are models."
 )
 KEY = (
-    "✓ ours at the paper's protocol is at most the paper's; ✗ it is larger; = the paper's number went into "
-    "the model, so that agreeing shows nothing. No sign: neither way is better."
+    "✓: with the paper's protocol, our value is at most the paper's. ✗: it is larger. =: the paper's number "
+    "is an input of the model, so agreement shows nothing. No sign: neither is better."
 )
 HEAD = ("", "paper", "ours, its protocol", "ours, default")
 APPLICATIONS_LEAD = (
-    "Made by other commands of sessions that come with the project, rendered by its simulator (simulated). "
-    "The paper shows them as pictures, without numbers."
+    "Other commands make these from the bundled sessions, which the simulator rendered (simulated). The "
+    "paper shows pictures without numbers."
 )
 CONDITIONS = {"synced": "synchronized", "offset": "some time apart"}
 NOTHING = "–"
@@ -80,7 +80,10 @@ def in_print(text: str) -> str:
 def measured(report: PaperReport) -> str:
     """Return how the report was produced."""
     quick = " --quick" if report.quick else ""
-    return f"Made by `python -m benchmarks.paper paper{quick}`, seed {report.seed}; trials stand with each."
+    return (
+        f"Made by `python -m benchmarks.paper paper{quick}`, seed {report.seed}; "
+        "each entry states its trials."
+    )
 
 
 def headlines(report: PaperReport) -> list[tuple[Entry, Row]]:

@@ -56,8 +56,8 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             default=_injections(injected[count:], DEFAULT_TOLERANCE_NS),
             simulated=SIMULATED,
             notes=(
-                "Each phone is of a model that nobody has seen: its row time is known, but neither how long "
-                "it holds a frame nor its overhead. A phone that was used before takes one injected frame.",
+                "Each phone is of an unknown model: its row time is known, but not its frame duration or "
+                "overhead. A known phone takes one injected frame.",
             ),
         ),
         Reproduction(
@@ -66,10 +66,9 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
             default=_restarts(restarted[count:], RESET_TOLERANCE_NS),
             simulated=SIMULATED,
             notes=(
-                "Phones that start in 600 to 800 ms, as in the paper: they scatter over two periods, so that "
-                "no aim helps. The chance of a restart is 1 in 33.3 then, as in the paper's formula; "
-                "its 28.7 is the mean of ten trials. By default a camera "
-                "that can only restart is aligned to 2 ms.",
+                "Phones start in 600 to 800 ms, as in the paper. Starts scatter over two periods, so they "
+                "cannot be aimed. A restart then fits in 1 of 33.3 cases, as in the paper's formula; its "
+                "28.7 is the mean of ten trials. By default such a camera is aligned to 2 ms.",
             ),
         ),
     ]

@@ -186,7 +186,7 @@ def _with_our_method(table_1: Reproduction, table_2: Reproduction) -> Reproducti
         default=replace(table_1.protocol, values={**table_1.protocol.values, **totals[1]}),
         notes=(
             *table_1.notes,
-            'The paper\'s "Our Method" is the total error of its Table II, and so is ours.',
+            '"Our Method" is the total error of Table II, for the paper and for us.',
         ),
     )
 

@@ -54,6 +54,7 @@ def test_no_module_needs_them(capture_only: dict[str, str]) -> None:
     assert done.returncode == 0, done.stderr
 
 
+@pytest.mark.slow
 def test_what_needs_them_says_so(capture_only: dict[str, str], tmp_path: Path) -> None:
     session = str(ROOT / "sample_sessions" / "jumper")
     out = str(tmp_path / "out")

@@ -108,6 +108,7 @@ def test_4dgaussians(session: Session, tmp_path: Path, whole: bool) -> None:
     assert cloud.startswith(b"ply\nformat binary_little_endian 1.0\nelement vertex 40000\n")
 
 
+@pytest.mark.slow
 def test_freemocap_2(session: Session, tmp_path: Path) -> None:
     """core/tasks/calibration/shared: CameraIntrinsics.to_dist_coeffs has four, Triangulator.project."""
     report = export_session(session, "freemocap", tmp_path / "out", lossless=True)

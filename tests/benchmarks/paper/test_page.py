@@ -57,6 +57,7 @@ def test_a_share_of_the_trials(share: float, trials: int) -> None:
     assert share_of(239, share) == trials
 
 
+@pytest.mark.slow
 def test_the_page_has_the_papers_numbers_beside_ours(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     pytest.importorskip("matplotlib")
     monkeypatch.setattr(page, "QUICK_SHARE", 0.005)

@@ -56,6 +56,7 @@ def test_help_lists_the_study_and_its_option(package: Path) -> None:
     assert line.startswith("the plugin 'broken' of simulshot.studies does not load: No module named")
 
 
+@pytest.mark.slow
 def test_comparison_and_report_contain_the_study(package: Path, tmp_path: Path) -> None:
     out = tmp_path / "out"
     options = ("--study", "flicker", "--flicker-instants", 2, "--out", out, "--json")

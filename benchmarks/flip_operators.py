@@ -19,6 +19,7 @@ import tempfile
 import time
 import tokenize
 from collections.abc import Iterator
+from contextlib import chdir
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
@@ -129,14 +130,12 @@ def copy_checkout(target: Path) -> None:
             shutil.copy2(ROOT / name, target / name)
 
 
-def run_tests(checkout: Path, tests: str, timeout_s: float) -> tuple[bool, str]:
+def run_tests(tests: str, timeout_s: float) -> tuple[bool, str]:
     """Return whether the tests pass, and the first that fails."""
     command = [sys.executable, "-m", "pytest", "-x", "-q", "-p", "no:cacheprovider", *shlex.split(tests)]
-    environment = {**os.environ, "PYTHONPATH": str(checkout), "PYTHONDONTWRITEBYTECODE": "1"}
+    environment = {**os.environ, "PYTHONPATH": str(Path.cwd()), "PYTHONDONTWRITEBYTECODE": "1"}
     try:
-        done = subprocess.run(
-            command, cwd=checkout, env=environment, capture_output=True, text=True, timeout=timeout_s
-        )
+        done = subprocess.run(command, env=environment, capture_output=True, text=True, timeout=timeout_s)
     except subprocess.TimeoutExpired:
         return False, "it never ended"
     named = [line for line in done.stdout.splitlines() if line.startswith(("FAILED", "ERROR"))]
@@ -157,31 +156,30 @@ def main() -> None:
     parser.add_argument("--seed", type=int, default=1)
     parser.add_argument("--timeout-s", type=float, default=600.0)
     asked = parser.parse_args()
-    files = [
-        file for one in asked.folders for file in ([one] if one.is_file() else sorted(one.rglob("*.py")))
-    ]
-    flips = [flip for file in files for flip in find_flips(file)]
-    chosen = random.Random(asked.seed).sample(flips, min(asked.count, len(flips)))
-    print(f"{len(chosen)} of {len(flips)} flips, seed {asked.seed}", flush=True)
 
-    def run_all(checkout: Path) -> tuple[bool, str]:
-        runs = (run_tests(checkout, tests, asked.timeout_s) for tests in asked.tests)
+    def run_all() -> tuple[bool, str]:
+        runs = (run_tests(tests, asked.timeout_s) for tests in asked.tests)
         return next((one for one in runs if not one[0]), (True, ""))
 
-    with tempfile.TemporaryDirectory(prefix="simulshot-flips-") as scratch:
-        checkout = Path(scratch)
-        copy_checkout(checkout)
-        passes, why = run_all(checkout)
+    with tempfile.TemporaryDirectory(prefix="simulshot-flips-") as scratch, chdir(scratch):
+        copy_checkout(Path(scratch))
+        files = [
+            file for one in asked.folders for file in ([one] if one.is_file() else sorted(one.rglob("*.py")))
+        ]
+        flips = [flip for file in files for flip in find_flips(file)]
+        chosen = random.Random(asked.seed).sample(flips, min(asked.count, len(flips)))
+        print(f"{len(chosen)} of {len(flips)} flips, seed {asked.seed}", flush=True)
+        passes, why = run_all()
         if not passes:
             sys.exit(f"the tests fail without a flip: {why}")
         survived = 0
         for flip in chosen:
-            began = time.monotonic()
-            (checkout / flip.file).write_text(flip.flipped())
-            passes, why = run_all(checkout)
-            (checkout / flip.file).write_text(flip.file.read_text())
+            began, text, label = time.monotonic(), flip.file.read_text(), f"{flip}"
+            flip.file.write_text(flip.flipped())
+            passes, why = run_all()
+            flip.file.write_text(text)
             survived += passes
-            print(f"{'SURVIVED' if passes else 'found'} {flip}", flush=True)
+            print(f"{'SURVIVED' if passes else 'found'} {label}", flush=True)
             print(f"    {time.monotonic() - began:.0f} s {'' if passes else why}", flush=True)
     print(f"{len(chosen) - survived} of {len(chosen)} found")
 

@@ -52,8 +52,8 @@ from reconstruction.session.motion import SceneMotion
 from reconstruction.session.picture_checksums import picture_checks
 
 RESULT = "multiview.json"
-FUSED = "fused.ply"
-OURS = {*FILES, RESULT, "depth", "workspace", FUSED, f"{FUSED}.vis", "cloud.ply", "mesh.ply", "turntable.png"}
+FUSED, WORKSPACE = "fused.ply", "workspace"
+OURS = {*FILES, RESULT, "depth", WORKSPACE, FUSED, f"{FUSED}.vis", "cloud.ply", "mesh.ply", "turntable.png"}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -76,6 +76,22 @@ class MultiviewOptions:
     """Corrections added to the times of the named cameras."""
 
 
+@dataclass(frozen=True, eq=False)
+class MatchedInstant:
+    """An instant's images with depth, by camera, and the cameras that each was matched with."""
+
+    images: dict[str, InputImage]
+    sources: Mapping[str, Sequence[str]]
+    scene: RoughScene
+    depth: dict[str, ViewDepth]
+    left_out: dict[str, str]
+    """Cameras without depth, with the reasons."""
+    calibration: str
+    unit: str
+    marks: dict[str, float]
+    """Times (s) at which the stages ended, for the duration of each."""
+
+
 def model_instant(
     dataset: Dataset,
     matcher: ChosenMatcher,
@@ -92,43 +108,31 @@ def model_instant(
     Raises:
         BadInputError: the instant or the offsets cannot be used, or nothing was found.
     """
-    marks = {"begin": time.perf_counter()}
-    instants = dataset.nearest_instants(options.instant, options.offsets_ms)
-    motion, still = motion or SceneMotion(dataset, 1), still or StillScene()
-    images, left_out, calibration, unit = load_input_images(dataset, instants, motion)
-    progress = progress or Progress(0, silent=True)
-    progress.total = len(images) + (3 if options.mesh or options.cloud else 2)
-    progress.step("the scene's range of depth")
-    calibrated = {camera: image.calibrated for camera, image in images.items()}
-    scene, sources = _find_sources(calibrated, still)
-    left_out |= {c: _why_alone(c, calibrated, scene) for c in images if not sources.get(c)}
-    images = {camera: image for camera, image in images.items() if sources.get(camera)}
-    progress.total = len(images) + (3 if options.mesh or options.cloud else 2)
-    marks["range"] = time.perf_counter()
-    workspace = part / "workspace"
-    found = match_cameras(matcher, workspace, images, sources, scene.depth_ranges, progress, still)
-    if matcher.gpu is None:
-        write_workspace(workspace, image_views(images), image_colours(images), found)
-    marks["matching"] = time.perf_counter()
+    motion, progress = motion or SceneMotion(dataset, 1), progress or Progress(0, silent=True)
+    found = _match_instant(dataset, matcher, options, part, progress, motion, still or StillScene())
+    cloud, views, marks = part / FUSED, image_views(found.images), found.marks
     progress.step("fusing the maps into a cloud")
-    fused = fuse_depth_maps(workspace, part / FUSED, image_views(images), found, smallest_group(sources))
+    fused = fuse_depth_maps(part / WORKSPACE, cloud, views, found.depth, smallest_group(found.sources))
     marks["fusion"] = time.perf_counter()
     (part / "depth").mkdir()
-    views = tuple(write_view(dataset, images[c], found[c], sources[c], part) for c in found)
+    scored = tuple(
+        write_view(dataset, found.images[c], depth, found.sources[c], part)
+        for c, depth in found.depth.items()
+    )
     # Open3D searches the cloud's neighbours, and takes longer to load than all the rest.
     moving_score = (
-        None if options.quick else score_moving(dataset, images, unit, options.instant, part / FUSED)
+        None if options.quick else score_moving(dataset, found.images, found.unit, options.instant, cloud)
     )
     marks["judging"] = time.perf_counter()
     points, triangles = fused, 0
     files: tuple[str, ...] = ()
     if options.mesh or options.cloud:
         progress.step("cloud, mesh and pictures" if options.mesh else "cleaning the cloud")
-        seen_by = list(image_views(images).values())
-        points, triangles, files = build_mesh(part / FUSED, part, seen_by, mesh=options.mesh)
+        points, triangles, files = build_mesh(cloud, part, list(views.values()), mesh=options.mesh)
         marks["mesh"] = time.perf_counter()
-    reference = choose_reference_view(image_views(images), scene.points)
-    depth = found[reference].depth
+    reference = choose_reference_view(views, found.scene.points)
+    image, depth = found.images[reference], found.depth[reference].depth
+    ranges = [found.scene.depth_ranges[camera] for camera in found.images]
     result = MultiviewResult(
         session=dataset.name,
         instant=options.instant,
@@ -136,20 +140,20 @@ def model_instant(
         time_shifts_ms=dict(options.time_shifts_ms),
         matcher=matcher.name,
         matcher_note=matcher.note,
-        calibration=calibration,
-        unit=unit,
+        calibration=found.calibration,
+        unit=found.unit,
         reference=reference,
-        **_figures(next(view for view in views if view.camera == reference)),
+        **_figures(next(view for view in scored if view.camera == reference)),
         movers_1cm=moving_score,
-        moving_measured=measured_fraction(images[reference], depth, motion) if options.page else None,
-        nearest=min(scene.depth_ranges[camera][0] for camera in images),
-        farthest=max(scene.depth_ranges[camera][1] for camera in images),
-        views=views,
-        left_out=left_out,
+        moving_measured=measured_fraction(image, depth, motion) if options.page else None,
+        nearest=min(nearest for nearest, _ in ranges),
+        farthest=max(farthest for _, farthest in ranges),
+        views=scored,
+        left_out=found.left_out,
         fused_points=fused,
         cloud_points=points,
         mesh_triangles=triangles,
-        files=(FUSED, *files, *(FILES if options.page else ()), "workspace", RESULT),
+        files=(FUSED, *files, *(FILES if options.page else ()), WORKSPACE, RESULT),
         seconds=round(time.perf_counter() - marks["begin"], 3),
         seconds_of=_stage_seconds(marks),
         memory_notes=memory_budget().notes,
@@ -157,26 +161,48 @@ def model_instant(
         versions=library_versions(),
     )
     if options.page:
-        write_moment(result, images[reference], depth, part / FUSED)
+        write_moment(result, image, depth, cloud)
     write_atomic(part / RESULT, pretty_json(result))
     return result
 
 
-def _find_sources(
-    images: Mapping[str, CalibratedImage], still: StillScene
-) -> tuple[RoughScene, dict[str, tuple[str, ...]]]:
-    """Find the scene's position, and the source cameras for each camera's depth.
+def _match_instant(
+    dataset: Dataset,
+    matcher: ChosenMatcher,
+    options: MultiviewOptions,
+    part: Path,
+    progress: Progress,
+    motion: SceneMotion,
+    still: StillScene,
+) -> MatchedInstant:
+    """Find the scene and every camera's depth, and write COLMAP's workspace into `part`.
 
     Raises:
-        BadInputError: no two cameras can measure depth together.
+        BadInputError: the instant or the offsets cannot be used, or no two cameras can measure depth.
     """
-    still.look(images)
-    scene = still.scene = still.scene or find_rough_scene(images)
-    views = {camera: images[camera].view for camera in scene.points}
+    marks = {"begin": time.perf_counter()}
+    instants = dataset.nearest_instants(options.instant, options.offsets_ms)
+    images, left_out, calibration, unit = load_input_images(dataset, instants, motion)
+    later_steps = 3 if options.mesh or options.cloud else 2
+    progress.total = len(images) + later_steps
+    progress.step("the scene's range of depth")
+    calibrated = {camera: image.calibrated for camera, image in images.items()}
+    still.look(calibrated)
+    scene = still.scene = still.scene or find_rough_scene(calibrated)
+    views = {camera: calibrated[camera].view for camera in scene.points}
     sources = choose_source_views(views, scene.points)
     if not any(sources.values()):
         raise refuse_views(views, scene.points)
-    return scene, sources
+    left_out |= {c: _why_alone(c, calibrated, scene) for c in images if not sources.get(c)}
+    images = {camera: image for camera, image in images.items() if sources.get(camera)}
+    progress.total = len(images) + later_steps
+    marks["range"] = time.perf_counter()
+    workspace = part / WORKSPACE
+    depth = match_cameras(matcher, workspace, images, sources, scene.depth_ranges, progress, still)
+    if matcher.gpu is None:
+        write_workspace(workspace, image_views(images), image_colours(images), depth)
+    marks["matching"] = time.perf_counter()
+    return MatchedInstant(images, sources, scene, depth, left_out, calibration, unit, marks)
 
 
 def _figures(view: ViewResult) -> dict[str, Any]:

@@ -13,6 +13,8 @@ from capture_app.session.exporting.files import place, suffix_for, write_mask
 from capture_app.session.exporting.lens import (
     Array,
     distortion_of,
+    picture_rays,
+    project_rays,
     quaternion,
     rotation_of,
     translation_of,
@@ -23,6 +25,11 @@ from capture_app.session.format.manifest import RIG
 
 _HALF_PIXEL = 0.5  # COLMAP's first pixel has its centre at (0.5, 0.5)
 _SPARSE = "sparse/0"
+_MAX_TRACKS = 2000
+"""Maximum number of points with a track; COLMAP's stereo and fusion pair images by common points."""
+_CELL_PX = 12
+_HIDDEN = 1.03
+"""Depth beyond which a point is hidden, relative to the nearest point of its cell of `_CELL_PX` px."""
 
 
 def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
@@ -82,7 +89,7 @@ def _write_model(
     cloud: PointCloud | None,
     folder: Path,
 ) -> None:
-    """Write the model of these images, by camera and instant, and its points, which have no observations."""
+    """Write the model of these images, by camera and instant, and its points, `_MAX_TRACKS` with a track."""
     numbers = {name: number for number, name in enumerate(burst.cameras, 1)}
     lenses = {name: calibration.cameras[name] for name in numbers}
     reference = lenses[burst.cameras[0]]
@@ -100,20 +107,61 @@ def _write_model(
     for instant in sorted({instant for _, instant in ids}):
         data = [f"CAMERA {numbers[c]} {ids[c, instant]}" for c in burst.cameras if (c, instant) in ids]
         frames.append(f"{instant + 1} 1 {poses[burst.cameras[0]]} {len(data)} {' '.join(data)}")
-    images = [f"{ids[place]} {poses[place[0]]} {numbers[place[0]]} {name}\n" for place, name in names.items()]
-    points = []
+    points, seen = [], dict.fromkeys(numbers, "")
     if cloud is not None:
+        seen, tracks = _observe(lenses, ids, cloud.points)
         points = [
-            f"{number} {_numbers(point)} {' '.join(map(str, colour))} 0"
+            f"{number} {_numbers(point)} {' '.join(map(str, colour))} 0{tracks.get(number, '')}"
             for number, (point, colour) in enumerate(
                 zip(cloud.points.tolist(), cloud.colours.tolist(), strict=True), 1
             )
         ]
+    images = [
+        f"{ids[place]} {poses[place[0]]} {numbers[place[0]]} {name}\n{seen[place[0]]}"
+        for place, name in names.items()
+    ]
     rig = " ".join([f"1 {len(numbers)} CAMERA 1", *sensors])
     lines = {"cameras": cameras, "rigs": [rig], "frames": frames, "images": images, "points3D": points}
     folder.mkdir(parents=True)
     for file, content in lines.items():
         (folder / f"{file}.txt").write_text("".join(f"{line}\n" for line in content), encoding="utf-8")
+
+
+def _observe(
+    lenses: Mapping[str, CameraCalibration], ids: Mapping[tuple[str, int], int], points: Array
+) -> tuple[dict[str, str], dict[int, str]]:
+    """Return each camera's observations of points (n, 3) as in images.txt, and the points' tracks by number.
+
+    A camera's images show the same points at the same pixels. Points with a track are seen by two cameras.
+    """
+    visible = {name: _visible_pixels(lens, points) for name, lens in lenses.items()}
+    both = np.flatnonzero(np.sum([np.isfinite(pixels[:, 0]) for pixels in visible.values()], axis=0) >= 2)
+    both = both[:: 1 + len(both) // _MAX_TRACKS]
+    seen, tracks = {}, {int(index) + 1: "" for index in both}
+    for name, pixels in visible.items():
+        images = [number for (camera, _), number in ids.items() if camera == name]
+        own = both[np.isfinite(pixels[both, 0])]
+        seen[name] = " ".join(f"{_numbers(pixels[index].tolist())} {index + 1}" for index in own)
+        for order, index in enumerate(own):
+            tracks[int(index) + 1] += "".join(f" {number} {order}" for number in images)
+    return seen, tracks
+
+
+def _visible_pixels(lens: CameraCalibration, points: Array) -> Array:
+    """Return the pixels (n, 2) of points (n, 3) in a camera, NaN where it does not see them."""
+    x, y, z = (points @ rotation_of(lens).T + translation_of(lens)).T
+    with np.errstate(all="ignore"):
+        rays = np.stack([x, y], axis=1) / np.where(z > 0, z, np.nan)[:, None]
+        edge = picture_rays(lens)
+        pixels = project_rays(lens, rays) + _HALF_PIXEL
+        # Beyond its field of view a lens polynomial may turn back into the picture.
+        inside = ((rays >= edge.min(0)) & (rays <= edge.max(0))).all(1)
+        inside &= ((pixels >= 0) & (pixels < (lens.width, lens.height))).all(1)
+    columns, rows = (np.where(inside[:, None], pixels, 0) // _CELL_PX).astype(int).T
+    nearest = np.full((lens.height // _CELL_PX + 1, lens.width // _CELL_PX + 1), np.inf)
+    np.minimum.at(nearest, (rows[inside], columns[inside]), z[inside])
+    inside &= z <= _HIDDEN * nearest[rows, columns]
+    return np.where(inside[:, None], pixels, np.nan)
 
 
 def _model(camera: CameraCalibration) -> tuple[str, list[float]]:

@@ -53,13 +53,13 @@ def calibrated(name: str, width: int = WIDTH, height: int = HEIGHT) -> CameraCal
     )
 
 
-def spot(camera: CameraCalibration) -> tuple[float, float]:
-    """Where OpenCV sees the point, in pixels; the first pixel's centre is (0, 0)."""
+def spot(camera: CameraCalibration, point: np.ndarray[Any, Any] = POINT) -> tuple[float, float]:
+    """Where OpenCV sees a point of the rig, in pixels; the first pixel's centre is (0, 0)."""
     matrix = np.array([[camera.fx, 0, camera.cx], [0, camera.fy, camera.cy], [0, 0, 1]])
     rotation = cv2.Rodrigues(np.array(camera.rotation))[0]
     translation = np.array(camera.translation).reshape(3, 1)
     pixels = cv2.projectPoints(
-        POINT.reshape(1, 1, 3), rotation, translation, matrix, np.array(camera.distortion)
+        point.reshape(1, 1, 3), rotation, translation, matrix, np.array(camera.distortion)
     )[0]
     return float(pixels[0, 0, 0]), float(pixels[0, 0, 1])
 

@@ -8,8 +8,10 @@ import numpy as np
 import pytest
 
 from capture_app.session.exporting.export_session import export_session
+from capture_app.session.exporting.point_cloud import PointCloud, read_ply, write_ply
 from capture_app.session.format.manifest import image_path
 from capture_app.session.reading.reader import Session
+from reconstruction.depth.colmap import write_array
 from tests.exporters.conftest import GRID, POINT, Export, Make, calibrated, spot
 
 pycolmap = pytest.importorskip("pycolmap")
@@ -43,6 +45,57 @@ def test_the_sparse_model(make: Make, export: Export, tmp_path: Path) -> None:
         expected = -np.array(camera.rotation).T @ np.array(camera.translation)
         assert image.projection_center() == pytest.approx(expected, abs=1e-9)
         assert image.project_point(POINT) == pytest.approx(np.array(spot(camera)) + 0.5, abs=1e-6)
+
+
+def export_wall(make: Make, export: Export, tmp_path: Path) -> int:
+    """Export with a cloud of a wall, then a point behind it and one aside; returns the wall's points."""
+    xs, ys = (axis.ravel() for axis in np.meshgrid(np.linspace(-0.3, 0.3, 31), np.linspace(-0.2, 0.2, 21)))
+    wall = np.column_stack([xs, ys, 0.05 * xs])
+    behind = [POINT + np.array([0, 0, 0.5])]
+    aside = [(5.0, 0.0, 0.0)]
+    cloud = np.concatenate([wall, behind, aside])
+    write_ply(tmp_path / "cloud.ply", PointCloud(cloud, np.full((len(cloud), 3), 90, np.uint8)))
+    export(make(), "colmap", points=tmp_path / "cloud.ply")
+    return len(wall)
+
+
+def test_points_have_tracks_of_the_images_that_see_them(make: Make, export: Export, tmp_path: Path) -> None:
+    count = export_wall(make, export, tmp_path)
+    model = pycolmap.Reconstruction(str(tmp_path / "out" / "sparse" / "0"))
+    assert len(model.points3D) == count + 2
+    lengths = {number: point.track.length() for number, point in model.points3D.items()}
+    assert lengths[count + 1] == lengths[count + 2] == 0
+    # Ten images: a point that all cameras see is seen by each of them.
+    assert max(lengths.values()) == len(KEPT)
+    assert np.median(list(lengths.values())) >= 6
+    for image in model.images.values():
+        camera = calibrated(image.name.split("/")[1])
+        for point in image.points2D:
+            xyz = model.points3D[point.point3D_id].xyz
+            assert point.xy == pytest.approx(np.array(spot(camera, xyz)) + 0.5, abs=1e-6)
+    assert sum(len(image.points2D) for image in model.images.values()) == sum(lengths.values())
+
+
+def test_fusion_of_an_export_has_points(make: Make, export: Export, tmp_path: Path) -> None:
+    export_wall(make, export, tmp_path)
+    out, dense = tmp_path / "out", tmp_path / "dense"
+    pycolmap.undistort_images(str(dense), str(out / "sparse" / "0"), str(out / "images"))
+    model = pycolmap.Reconstruction(str(dense / "sparse"))
+    for image in model.images.values():
+        camera, pose = model.cameras[image.camera_id], image.cam_from_world()
+        rotation, normal = pose.rotation.matrix(), np.array([-0.05, 0, 1]) / np.hypot(0.05, 1)
+        xs, ys = np.meshgrid(np.arange(camera.width) + 0.5, np.arange(camera.height) + 0.5)
+        fx, fy, cx, cy = camera.params
+        rays = np.stack([(xs - cx) / fx, (ys - cy) / fy, np.ones_like(xs)], axis=-1)
+        facing = rotation @ normal
+        maps = {"depth": facing @ pose.translation / (rays @ facing), "normal": 0 * rays - facing}
+        for kind, values in maps.items():
+            (path := dense / "stereo" / f"{kind}_maps" / f"{image.name}.geometric.bin").parent.mkdir(
+                parents=True, exist_ok=True
+            )
+            write_array(path, values)
+    pycolmap.stereo_fusion(str(tmp_path / "fused.ply"), str(dense), input_type="geometric", output_type="ply")
+    assert len(read_ply(tmp_path / "fused.ply").points) > 500
 
 
 def test_the_rig_config_makes_frames_of_a_rig(make: Make, export: Export, tmp_path: Path) -> None:

@@ -15,11 +15,11 @@ from typing import Annotated
 
 from msgspec import Meta, Struct
 
-from capture_app.common.camera_facts import Count, Positive
+from capture_app.common.bounds import Count, Positive
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import Name
-from capture_app.protocol.messages import JsonValue
+from capture_app.protocol.messages import EventValue
 from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.manifest import RECIPE, BurstRecord, CameraRecord, MissingImage
 
@@ -74,7 +74,7 @@ class Take(_Part, frozen=True, kw_only=True):
     burst: BurstRecord
     frames: tuple[RecipeFrame, ...]
     missing: tuple[MissingImage, ...] = ()
-    events: tuple[dict[str, JsonValue], ...] = ()
+    events: tuple[dict[str, EventValue], ...] = ()
     clocks: dict[str, SimulatedClock] = {}
 
 

@@ -15,7 +15,7 @@ from capture_app.common.clock import SimulatedClock, seeded_clock
 from capture_app.common.errors import IncompleteError
 from capture_app.node.burst.plans import burst_record
 from capture_app.node.camera.camera_node import camera_record, event_line
-from capture_app.protocol.messages import JsonValue
+from capture_app.protocol.messages import EventValue
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
 from capture_app.simulation.profiles import SensorProfile, facts_of, find_profile
 from capture_app.simulation.rendering.picture_source import PictureSource
@@ -91,7 +91,7 @@ class _Log:
     """The events of the clients' engines in chronological order."""
 
     def __init__(self, rig: VirtualRig) -> None:
-        self.lines: list[dict[str, JsonValue]] = []
+        self.lines: list[dict[str, EventValue]] = []
         self._rig = rig
         self._seen: dict[str, int] = {}
 

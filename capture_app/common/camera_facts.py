@@ -6,9 +6,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct, field
 
-Text = Annotated[str, Meta(max_length=200)]
-Count = Annotated[int, Meta(ge=0)]
-Positive = Annotated[int, Meta(gt=0)]
+from capture_app.common.bounds import Count, Pixels, Positive, Real, RowTimeNs, Sentence, Text
 
 SIMULATED, PHONE = "sim", "phone"
 """Kinds of a simulated camera and of a phone."""
@@ -102,15 +100,15 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     kind: Text
     """Driver, such as v4l2 or sim; imported for a recording; clock or relay without a camera."""
     model: Text
-    width: Count
+    width: Pixels
     """Width in pixels, as the height; 0 for a node without a camera."""
-    height: Count
+    height: Pixels
     period_ns: Positive
     timestamp_source: TimestampSource
     phase_control: PhaseControl
     pixel_format: Text = ""
     """Format in which the driver delivers images, such as MJPG; empty if unknown."""
-    row_time_ns: Count | None = None
+    row_time_ns: RowTimeNs | None = None
     """Readout time of one row."""
     exposure_ns: Count | None = None
     min_exposure_ns: Count | None = None
@@ -215,7 +213,7 @@ class Control(StrEnum):
     FOCUS = "focus"
 
 
-ControlValue = float | Literal["auto", "hold"]
+ControlValue = Real | Literal["auto", "hold"]
 """Value in the control's unit; auto: the camera chooses; hold: the automatic value is frozen."""
 
 
@@ -228,15 +226,15 @@ class ControlState(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Current state of one control of a camera."""
 
     control: Control
-    value: float | None = None
+    value: Real | None = None
     """Value in `unit`; None if the camera does not report it."""
     unit: Text
     """Unit of the values; only values of equal units are comparable between cameras."""
     automatic: bool = False
     """Whether the camera chooses the value, frame by frame."""
     can_be_automatic: bool = False
-    least: float | None = None
-    most: float | None = None
+    least: Real | None = None
+    most: Real | None = None
     """Range of the values that can be set; None if none can."""
 
     @property
@@ -262,8 +260,8 @@ def describe(state: ControlState | None) -> str:
 class CameraControls(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Controls of a camera, and the failed parts of a request."""
 
-    controls: tuple[ControlState, ...] = ()
-    problems: dict[Control, str] = field(default_factory=dict)
+    controls: Annotated[tuple[ControlState, ...], Meta(max_length=16)] = ()
+    problems: dict[Control, Sentence] = field(default_factory=dict)
     """Reason of each failure, in plain words."""
 
     def state(self, control: Control) -> ControlState | None:

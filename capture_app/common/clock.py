@@ -17,6 +17,7 @@ from typing import Protocol
 
 from msgspec import Struct
 
+from capture_app.common.bounds import TimeNs
 from capture_app.common.errors import BadInputError
 
 MAX_SKEW_PPM = 1000.0
@@ -71,9 +72,9 @@ class SimulatedClock(Struct, frozen=True, forbid_unknown_fields=True):
     Simulated nodes and sessions record it as the ground truth of their clock.
     """
 
-    offset_ns: int
+    offset_ns: TimeNs
     skew_ppm: float = 0.0
-    epoch_true_ns: int = 0
+    epoch_true_ns: TimeNs = 0
 
     def __post_init__(self) -> None:
         """Raise BadInputError for an offset or a skew out of range."""

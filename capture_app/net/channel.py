@@ -127,6 +127,10 @@ class StreamTimeouts:
 FOR_EVER = StreamTimeouts(first_s=None, idle_s=None, message_s=None, header_bytes=MAX_HEADER_BYTES)
 
 
+class UnreadableMessageError(NetworkError):
+    """The peer sent a message of no known type, or with a value out of range."""
+
+
 class Channel(Generic[M]):
     """One open stream of messages; `M` is the union of messages that may arrive."""
 
@@ -240,7 +244,7 @@ class Channel(Generic[M]):
             # Peers' text reaches screens and logs: it must not contain control sequences for a terminal.
             message = self._decoder.decode(printable_json(header))
         except (*UNREADABLE, SimulshotError) as error:
-            raise NetworkError(
+            raise UnreadableMessageError(
                 f"unreadable message: {error}", hint="do both ends run the same version?"
             ) from error
         self.has_spoken = True

@@ -17,7 +17,6 @@ from capture_app.protocol.message import Message
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.principal import Principal
 from capture_app.trust.camera_names import CameraNames
-from capture_app.trust.keys import ClientKeys
 from capture_app.trust.pairing import GOOD_FOR_S, Candidate, Invitations
 from capture_app.trust.sealed_engines import SealedLeader
 from capture_app.trust.trust import ANYBODY, Peer, Trust
@@ -50,9 +49,9 @@ class Enrolment:
         self._due_ns = now_ns + LOOK_EVERY_NS
         for refused in self._sealed.refusals.take_events(now_ns):
             self._event_log.note(refused)
-        self._take_back(self._sealed.keys)
+        self._take_back(self._sealed)
 
-    def _take_back(self, keys: ClientKeys) -> None:
+    def _take_back(self, sealed: SealedLeader) -> None:
         """Revoke the keys of machines no longer known, and all keys when the standbys have changed."""
         try:
             machines, version = self._trust.known.all(), self._trust.known.version
@@ -67,7 +66,9 @@ class Enrolment:
             if standbys != self._standbys:
                 may_join = set()
             self._standbys = standbys
-            keys.revoke_all_but({self._trust.identity.pin, *may_join})
+            sealed.keys.revoke_all_but({self._trust.identity.pin, *may_join})
+            cameras = (one for one in machines if Role.CAMERA in one.roles and Role.RELAY not in one.roles)
+            sealed.set_direct_pins(machine.pin for machine in cameras)
 
     def invite(self, role: Role) -> pairing.Invited:
         """Create a code for one machine. Raises UnknownMachineError where machines need none."""
@@ -110,7 +111,7 @@ class Enrolment:
         if who.pin != self._trust.identity.pin and (machine is None or role not in machine.roles):
             raise UnknownMachineError(f"this machine is no longer known here as {role}")
         principal = Principal(request.name, request.instance, who.pin, request.is_relay)
-        self._take_back(self._sealed.keys)
+        self._take_back(self._sealed)
         names = CameraNames(self._trust.folder).owners if who.may(Role.STANDBY) and self._trust.folder else {}
         machines = self._trust.known.vouched_for(who.pin)
         return messages.KeyAnswer(grant=self._sealed.keys.grant(principal), machines=machines, names=names)

@@ -19,6 +19,7 @@ from typing import Annotated
 import msgspec
 from msgspec import Meta, Struct
 
+from capture_app.common.bounds import Number
 from capture_app.common.camera_facts import Control, ControlState
 
 PING, FRAME, PICTURE, PREVIEW = 1, 2, 3, 4
@@ -60,7 +61,7 @@ class Controls(Struct, frozen=True, kw_only=True, tag_field="type", tag="control
     """The camera's controls with their current values, in units that all cameras share."""
 
     controls: Annotated[tuple[ControlState, ...], Meta(max_length=len(Control))]
-    answers: int | None = None
+    answers: Number | None = None
     """Number of the order that this answers."""
     problem: Words = ""
     """Error if the order could not be carried out."""

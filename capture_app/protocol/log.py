@@ -2,13 +2,14 @@
 
 import re
 import time
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable
 from dataclasses import dataclass
 
 import msgspec
 
 from capture_app.common.address import Address
+from capture_app.common.bounds import cut
 from capture_app.common.text import duration
 from capture_app.protocol.status import BurstStatus, Level, LogLine
 from capture_app.sync.rig import events, status_text
@@ -25,6 +26,10 @@ _NODE_LINES = {
     "refused": "refused {0.name} {0.where}: {0.reason}",
 }
 MAX_LOG_LINES = 500
+MAX_LETTERS = 1000
+RATE_WINDOW_S = 10.0
+MAX_LINES_A_NODE, MAX_LINES_OF_NODES = 30, 300
+"""Maximum number of lines within RATE_WINDOW_S about one node, and about all of them."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -152,14 +157,33 @@ class Log:
         self.show, self._record = show, record
         self.name = name
         self._lines: deque[LogLine] = deque(maxlen=MAX_LOG_LINES)
+        self._window_s = -RATE_WINDOW_S
+        self._lines_of: Counter[str] = Counter()
+        """Number of lines about each node since the window began."""
 
     def say(self, text: str, *, camera: str | None = None, level: Level = "info") -> None:
         """Add a line, about that camera or the log's node, and show it."""
-        self.add(text, camera=camera or self.name, level=level)
-        self.show(text)
+        if text := self._admitted(text, camera):
+            self.add(text, camera=camera or self.name, level=level)
+            self.show(text)
+
+    def _admitted(self, text: str, camera: str | None) -> str:
+        """Return the line to log, cut to its maximum length; empty if that node has logged too many."""
+        now_s = time.monotonic()
+        if now_s - self._window_s >= RATE_WINDOW_S:
+            self._window_s = now_s
+            self._lines_of.clear()
+        if camera is not None:
+            if self._lines_of[camera] == MAX_LINES_A_NODE or self._lines_of.total() == MAX_LINES_OF_NODES:
+                return ""
+            self._lines_of[camera] += 1
+            if self._lines_of[camera] == MAX_LINES_A_NODE:
+                return f"{camera}: its further lines are left out for up to {RATE_WINDOW_S:.0f} s"
+        return cut(text, MAX_LETTERS)
 
     def add(self, text: str, *, camera: str | None = None, level: Level = "info") -> None:
         """Add a line with the current time, unless it repeats the last one."""
+        text = cut(text, MAX_LETTERS)
         last = self._lines[-1] if self._lines else None
         if last is not None and (last.text, last.camera) == (text, camera):
             return
@@ -179,6 +203,8 @@ class Log:
     def note(self, event: RigEvent) -> None:
         """Show an event and add it to the log, except a burst's progress, which is in every status."""
         text, camera = event_line(event), None if isinstance(event, BurstStatus) else event.name
+        if text and not (text := self._admitted(text, camera)):
+            return
         if text and (not isinstance(event, BurstStatus) or event.done):
             self.add(text, camera=camera, level="warning" if _is_warning(event) else "info")
         if text:

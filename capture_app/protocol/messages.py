@@ -6,7 +6,17 @@ from msgspec import Meta, field
 from msgspec.structs import replace
 
 from capture_app.common import errors
-from capture_app.common.camera_facts import Count
+from capture_app.common.bounds import (
+    Count,
+    FilePath,
+    Instance,
+    Number,
+    Positive,
+    Real,
+    Sentence,
+    Text,
+    TimeNs,
+)
 from capture_app.common.errors import SimulshotError
 from capture_app.common.names import Name
 from capture_app.protocol.message import Message
@@ -20,7 +30,10 @@ from capture_app.trust.known_machines import KnownMachine
 
 LONGEST_S = 31 * 86_400.0
 """Maximum duration of a recording, and of any wait."""
-JsonValue = int | float | str | bool | None
+EventField = Annotated[str, Meta(max_length=40)]
+EventValue = TimeNs | Real | Sentence | bool | None
+MAX_EVENTS = 200
+"""Maximum number of events in a report."""
 
 
 class NodeStream(Message, frozen=True, kw_only=True, tag="node"):
@@ -30,7 +43,7 @@ class NodeStream(Message, frozen=True, kw_only=True, tag="node"):
     """
 
     camera: Name
-    instance: int
+    instance: Instance
     """Instance number of the node, from its hello; no other machine knows it."""
     shows: bool = False
 
@@ -39,7 +52,7 @@ class KeyRequest(Message, frozen=True, kw_only=True, tag="key-request"):
     """Request of a node for the key of its datagrams."""
 
     name: Name
-    instance: int
+    instance: Instance
     """Instance number of the node, which its hello will repeat."""
     is_relay: bool = False
 
@@ -50,7 +63,7 @@ class KeyAnswer(Message, frozen=True, kw_only=True, tag="key"):
     grant: Grant
     machines: tuple[KnownMachine, ...] = ()
     """Machines that the leader vouches for: the standbys; to a standby, all that it knows."""
-    names: dict[str, str] = field(default_factory=dict)
+    names: dict[Name, Text] = field(default_factory=dict)
     """For a standby: the pin of the machine that owns each camera name."""
 
 
@@ -60,12 +73,14 @@ class CameraReport(Message, frozen=True, kw_only=True, tag="camera-report"):
     `leader` is the leader's instance number: a burst of an earlier instance is a different burst.
     """
 
-    leader: int
-    burst: int
+    leader: Number
+    burst: Number
     plan: CameraPlan
     """Plan stored in the session; for frames sent as they arrive, `instants` lists the frames still to be
     sent."""
-    events: tuple[dict[str, JsonValue], ...] = ()
+    events: Annotated[
+        tuple[Annotated[dict[EventField, EventValue], Meta(max_length=16)], ...], Meta(max_length=MAX_EVENTS)
+    ] = ()
     """Recent events of the node's engine; times in its own clock."""
 
     @property
@@ -81,11 +96,11 @@ class CameraReport(Message, frozen=True, kw_only=True, tag="camera-report"):
 class ImageUpload(Message, frozen=True, kw_only=True, tag="image"):
     """One image; the payload is its bytes, then `truth_bytes` of ground truth, starting at `offset`."""
 
-    leader: int
-    burst: int
+    leader: Number
+    burst: Number
     record: ImageRecord
     truth_bytes: Count = 0
-    true_ns: int | None = None
+    true_ns: TimeNs | None = None
     """True start of the first row's exposure, for a simulated frame."""
     truth_sha256: Sha256 | None = None
     offset: Count = 0
@@ -100,11 +115,11 @@ class ImageUpload(Message, frozen=True, kw_only=True, tag="image"):
 class SpoolSpace(Message, frozen=True, kw_only=True, tag="spool-space"):
     """Free space of a node's spool, in bytes."""
 
-    camera: str
+    camera: Name
     free_bytes: Count
-    spool: str
+    spool: FilePath
     """Path of the spool on that node."""
-    problem: str = ""
+    problem: Sentence = ""
     """Reason why it is currently unusable; images then stay in memory until the leader has them."""
 
 
@@ -166,7 +181,7 @@ class Refusal(Message, frozen=True, kw_only=True, tag="refusal"):
 class StatusRequest(Message, frozen=True, kw_only=True, tag="status-request"):
     """Operator's request for the rig's status."""
 
-    after: str = ""
+    after: Text = ""
     """Name after which a page of a large rig's nodes begins."""
 
 
@@ -179,26 +194,26 @@ class StatusAnswer(Message, frozen=True, kw_only=True, tag="status"):
 class BurstRequest(Message, frozen=True, kw_only=True, tag="burst-request"):
     """Operator's request for a burst once all nodes are ready, or after `wait_ready_s`."""
 
-    frames: Annotated[int, Meta(gt=0)] | None = None
+    frames: Positive | None = None
     """None: as many as fit into `seconds`, or until the burst is ended."""
-    spacing: Annotated[int, Meta(gt=0)] = 1
+    spacing: Positive = 1
     interval_s: Annotated[float, Meta(gt=0, le=LONGEST_S)] | None = None
     """Interval between frames in s; None: `spacing` applies."""
     seconds: Annotated[float, Meta(gt=0, le=LONGEST_S)] | None = None
     video: bool = False
     """Whether to take a recording, with a video per camera."""
-    at_leader_ns: int | None = None
+    at_leader_ns: TimeNs | None = None
     wait_ready_s: Annotated[float, Meta(ge=0, le=LONGEST_S)] = 0.0
-    nodes: Annotated[int, Meta(gt=0)] = 1
+    nodes: Positive = 1
     """Minimum number of nodes that must be ready."""
     spare: Count | None = None
     """Number of further instants that replace those some camera misses; 0: instants must be consecutive,
     None: the leader chooses."""
     before: Count = 0
     """Number of frames taken before the leader receives this request; 0 leaves nodes time to prepare."""
-    name: str = ""
+    name: Text = ""
     """Name of the take, with which its session's folder begins; a valid name, or empty for the default."""
-    note: str = ""
+    note: Annotated[str, Meta(max_length=10_000)] = ""
     """Note stored in the manifest."""
 
 

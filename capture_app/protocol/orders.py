@@ -4,6 +4,7 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
+from capture_app.common.bounds import Count, Number, Real, Sentence, Text
 from capture_app.common.camera_facts import CameraControls, Control, ControlValue, StampAccuracy
 from capture_app.common.names import Name
 from capture_app.protocol.message import Message
@@ -40,7 +41,7 @@ class LogAnswer(Message, frozen=True, kw_only=True, tag="log"):
 class PreviewRequest(Message, frozen=True, kw_only=True, tag="preview-request"):
     """Previews requested from now on, by an operator of a leader or by a leader of a node."""
 
-    cameras: tuple[str, ...] | None = None
+    cameras: Annotated[tuple[Text, ...], Meta(max_length=2000)] | None = None
     """Names of cameras; None: all."""
     width: Annotated[int, Meta(ge=16, le=MAX_PREVIEW_PX)]
     """Approximate width in pixels."""
@@ -51,13 +52,13 @@ class PreviewRequest(Message, frozen=True, kw_only=True, tag="preview-request"):
 class PreviewSeen(Message, frozen=True, kw_only=True, tag="preview-seen"):
     """Acknowledgement of a preview: a slow link skips previews instead of queueing them."""
 
-    camera: str
+    camera: Text
 
 
 class DetailRequest(Message, frozen=True, kw_only=True, tag="detail-request"):
     """Operator's request for a node's details."""
 
-    camera: str
+    camera: Text
 
 
 class ControlsRequest(Message, frozen=True, kw_only=True, tag="controls-request"):
@@ -85,33 +86,33 @@ class ExposeAppPhones(Message, frozen=True, kw_only=True, tag="expose-app-phones
 class CameraHealth(Message, frozen=True, kw_only=True, tag="camera-health"):
     """Current frame rate, exposure and gain of a node's camera."""
 
-    fps: float | None = None
-    exposure_ns: int | None = None
-    gain: float | None = None
+    fps: Real | None = None
+    exposure_ns: Count | None = None
+    gain: Real | None = None
 
 
 class AddCamera(Message, frozen=True, kw_only=True, tag="add-camera"):
     """Start a camera of the leader's machine; without a name it is assigned one."""
 
-    spec: str
-    name: str | None = None
+    spec: Sentence
+    name: Text | None = None
 
 
 class AddSimulated(Message, frozen=True, kw_only=True, tag="add-simulated"):
     """Start further simulated cameras on the leader's machine."""
 
-    cameras: int
-    scene: str = "studio"
-    options: str = "drops=0"
+    cameras: Number
+    scene: Text = "studio"
+    options: Sentence = "drops=0"
     """Options of each camera's spec; without drops all images can be compared."""
-    tolerance_us: int | None = None
+    tolerance_us: Count | None = None
     """Phase errors up to this are left alone; None: the default of the camera's kind."""
 
 
 class RemoveCamera(Message, frozen=True, kw_only=True, tag="remove-camera"):
     """Stop a node that is a process of the leader, or forget a lost one; a phone's node is notified."""
 
-    name: str
+    name: Text
 
 
 class SaveStamp(Message, frozen=True, kw_only=True, tag="save-stamp"):
@@ -135,13 +136,13 @@ class StampSaved(Message, frozen=True, kw_only=True, tag="stamp-saved"):
 class CancelBurst(Message, frozen=True, kw_only=True, tag="cancel-burst"):
     """Stop waiting for the images of a burst."""
 
-    burst: int
+    burst: Number
 
 
 class EndBurst(Message, frozen=True, kw_only=True, tag="end-burst"):
     """End a recording or a long burst now and save it; None: the newest one."""
 
-    burst: int | None = None
+    burst: Number | None = None
 
 
 class StopRig(Message, frozen=True, kw_only=True, tag="stop-rig"):

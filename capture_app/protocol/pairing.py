@@ -5,9 +5,11 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 from capture_app.common.address import Address
+from capture_app.common.bounds import Instance, Text
 from capture_app.common.names import Name
 from capture_app.common.pairing_codes import Role
 from capture_app.protocol.message import Message
+from capture_app.sync.wire.messages import Pin
 
 Certificate = Annotated[bytes, Meta(max_length=4096)]
 """Certificate in DER."""
@@ -64,7 +66,7 @@ class Known(Message, frozen=True, kw_only=True, tag="known"):
 
     leader: Name
     """Name of the leader's machine."""
-    roles: tuple[Role, ...]
+    roles: Annotated[tuple[Role, ...], Meta(max_length=len(Role))]
     proof: Spake2Message = b""
     """Proof that the leader also knew the code."""
 
@@ -85,10 +87,10 @@ class Invited(Message, frozen=True, kw_only=True, tag="invited"):
 class SpeaksFor(Message, frozen=True, kw_only=True, tag="speaks-for"):
     """Relay's statement for which known machine it speaks on this stream."""
 
-    pin: str
-    name: str
-    roles: tuple[Role, ...]
-    node: tuple[str, int] | None = None
+    pin: Pin
+    name: Text
+    roles: Annotated[tuple[Role, ...], Meta(max_length=len(Role))]
+    node: tuple[Name, Instance] | None = None
     """Name and instance number of the node seen on that machine; the relay reads no more of the stream."""
 
 

@@ -23,7 +23,7 @@ SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
         status.Preview,
         status.NodeDetail,
     ),
-    # A relay: any message of a machine below it, on that machine's behalf.
+    # A relay: the messages of cameras and operators below it, on their behalf, but for `DIRECT_ONLY`.
     Role.RELAY: (pairing.SpeaksFor,),
     # An operator: view the rig, take bursts, change nodes and settings, invite further machines.
     Role.OPERATOR: (
@@ -48,6 +48,15 @@ SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
 }
 """Messages to a leader or a relay, by the role required of the sender; None: no role."""
 
+DIRECT_ONLY: tuple[type[Message], ...] = (
+    messages.KeyRequest,
+    pairing.SpeaksFor,
+    pairing.Invite,
+    orders.InvitePhone,
+    orders.StopRig,
+)
+"""Messages that no relay may send for a machine below it: keys, invitations, and the rig's end."""
+
 _REQUIRED = {kind: role for role, kinds in SENDERS.items() for kind in kinds}
 
 
@@ -60,6 +69,11 @@ def required_role(message: Message) -> Role | None:
 
 def check_allowed(who: Peer, message: Message) -> None:
     """Check that a machine may send a message. Raises UnknownMachineError with the command that allows it."""
+    if who.via and isinstance(message, DIRECT_ONLY):
+        raise UnknownMachineError(
+            "a relay may not send this for a machine below it",
+            hint="use a machine that is paired with the leader itself",
+        )
     role = required_role(message)
     if role is not None and not who.may(role):
         known = "not known here" if who.is_unknown else f"known here as {' and '.join(sorted(who.roles))}"

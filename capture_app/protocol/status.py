@@ -1,17 +1,20 @@
 """Snapshots of a rig for operators: status, log lines, previews, and details of one node."""
 
 from collections.abc import Iterator
-from typing import Literal
+from typing import Annotated, Literal
 
-from msgspec import Struct
+from msgspec import Meta, Struct
 
-from capture_app.common.camera_facts import CameraFacts, ControlState, Count
+from capture_app.common.bounds import Count, FilePath, Pixels, Real, Sentence, Text, TimeNs
+from capture_app.common.camera_facts import CameraFacts, ControlState
 from capture_app.common.names import Name
 from capture_app.common.node_state import WITHOUT_CAMERA
 from capture_app.protocol.message import Message
 from capture_app.session.format.manifest import SkippedInstant
 from capture_app.sync.wire.messages import Report
 
+MAX_DETAILS = 1000
+"""Maximum length of each list of a node's details."""
 REPORT_LOST_NS = 60_000_000_000
 """Time after a lost camera's last message during which the rig's summary mentions the loss; its own line
 stays."""
@@ -157,10 +160,10 @@ Level = Literal["info", "warning", "error"]
 class LogLine(Struct, frozen=True, kw_only=True):
     """Log line for people."""
 
-    unix_ns: int
+    unix_ns: TimeNs
     """Calendar time at its source; times of one source strictly increase."""
-    text: str
-    camera: str | None = None
+    text: Sentence
+    camera: Text | None = None
     """Name of the node that it is about, or None."""
     level: Level = "info"
 
@@ -169,11 +172,11 @@ class Preview(Message, frozen=True, kw_only=True, tag="preview", omit_defaults=T
     """Small preview image of a camera; the next one is sent after a `PreviewSeen`."""
 
     camera: Name
-    leader_ns: int | None
+    leader_ns: TimeNs | None
     """Leader time of the frame; None while the node's clock is unknown."""
-    width: Count
+    width: Pixels
     """Width in pixels, as the height."""
-    height: Count
+    height: Pixels
     jpeg: bytes = b""
     """JPEG data, sent as the payload instead of in the message."""
 
@@ -181,19 +184,19 @@ class Preview(Message, frozen=True, kw_only=True, tag="preview", omit_defaults=T
 class NodeDetail(Message, frozen=True, kw_only=True, tag="detail"):
     """Details of a node that are too large for a status; times in ns, newest last."""
 
-    camera: str
-    samples: tuple[tuple[int, int], ...] = ()
+    camera: Name
+    samples: Annotated[tuple[tuple[TimeNs, Count], ...], Meta(max_length=MAX_DETAILS)] = ()
     """Clock offset (leader minus local time, as of the latest one) and round-trip delay of exchanges."""
-    phase_errors_ns: tuple[int, ...] = ()
+    phase_errors_ns: Annotated[tuple[TimeNs, ...], Meta(max_length=MAX_DETAILS)] = ()
     """Offsets of the latest frames from the rig's grid."""
-    log: tuple[LogLine, ...] = ()
-    fps: float | None = None
-    exposure_ns: int | None = None
-    gain: float | None = None
-    white_balance: tuple[float, float] | None = None
+    log: Annotated[tuple[LogLine, ...], Meta(max_length=MAX_DETAILS)] = ()
+    fps: Real | None = None
+    exposure_ns: Count | None = None
+    gain: Real | None = None
+    white_balance: tuple[Real, Real] | None = None
     """Red and blue gains relative to green."""
-    controls: tuple[ControlState, ...] = ()
+    controls: Annotated[tuple[ControlState, ...], Meta(max_length=16)] = ()
     """Controls as of a few seconds ago."""
-    spool: str = ""
+    spool: FilePath = ""
     """Folder of that machine that stores images until the leader has them; empty if memory does."""
-    disk_free_bytes: int | None = None
+    disk_free_bytes: Count | None = None

@@ -77,6 +77,10 @@ class SealedLeader:
         notices, self._notices = self._notices, []
         yield from notices
 
+    def set_direct_pins(self, pins: Iterable[str]) -> None:
+        """Set the pins of the machines that are paired as cameras here, for which no relay may speak."""
+        self._leader.roster.direct_pins = frozenset(pins)
+
     def _open(self, data: bytes, address: Address) -> tuple[bytes, Principal | None] | None:
         try:
             return self.keys.open(data, address)

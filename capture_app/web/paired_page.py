@@ -119,9 +119,11 @@ class Door:
             )
         except OSError:
             connection.close()
+            return
         except asyncio.CancelledError:
             connection.close()
             raise
+        self._close_unknown(server)
 
     def trust(self, transport: asyncio.BaseTransport | None) -> None:
         """Keep a connection open: it belongs to an admitted device."""
@@ -131,16 +133,22 @@ class Door:
     async def _sweep(self, server: web.Server) -> None:
         while True:
             await asyncio.sleep(LOOK_EVERY_S)
-            now_s = asyncio.get_running_loop().time()
-            open_now = {one.transport for one in server.connections if one.transport is not None}
-            self._trusted &= open_now
-            known = self._since_s
-            self._since_s = {one: known.get(one, now_s) for one in open_now - self._trusted}
-            oldest_first = sorted(self._since_s, key=self._since_s.__getitem__)
-            late = [one for one in oldest_first if now_s - self._since_s[one] >= IDENTIFY_TIMEOUT_S]
-            for transport in (*late, *oldest_first[MAX_UNKNOWN:]):
-                if isinstance(transport, asyncio.WriteTransport):
-                    transport.abort()
+            self._close_unknown(server)
+
+    def _close_unknown(self, server: web.Server) -> None:
+        """Close unknown connections that are open for too long, and the oldest where there are too many."""
+        now_s = asyncio.get_running_loop().time()
+        transports = (one.transport for one in server.connections)
+        open_now = {one for one in transports if one is not None and not one.is_closing()}
+        self._trusted &= open_now
+        known = self._since_s
+        self._since_s = {one: known.get(one, now_s) for one in open_now - self._trusted}
+        oldest_first = sorted(self._since_s, key=self._since_s.__getitem__)
+        late = [one for one in oldest_first if now_s - self._since_s[one] >= IDENTIFY_TIMEOUT_S]
+        too_many = oldest_first[: max(0, len(oldest_first) - MAX_UNKNOWN)]
+        for transport in {*late, *too_many}:
+            if isinstance(transport, asyncio.WriteTransport):
+                transport.abort()
 
 
 class PageLink:

@@ -19,6 +19,7 @@ from capture_app.node.burst.plans import (
     InstantChoice,
     burst_of,
     check_machine,
+    check_report,
     instant_range,
     plan_of,
     result_text,
@@ -36,7 +37,7 @@ from capture_app.session.format.manifest import (
 )
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
-from capture_app.sync.rig.frame_selection import Burst
+from capture_app.sync.rig.frame_selection import MAX_STREAMED_FRAMES, Burst
 
 SAID_AFTER_S = 1.0
 """A wait for the disk or for cameras that takes longer is reported."""
@@ -66,10 +67,12 @@ class BurstSession:
         """Trouble: why the leader's disk accepts no images at present; nodes keep them and ask again."""
         self.without = ""
         """Which cameras are left out, and why."""
+        deliveries = tuple(deliveries)
         self._writer = writer
         self._disk = disk
         self._lost = lost
         self._now_ns = 0
+        self._began_ns = min((delivery.heard_ns for delivery in deliveries), default=0)
         """Leader time of the last check for silent cameras."""
         self._deliveries = {delivery.name: delivery for delivery in deliveries}
         self._choice = InstantChoice(burst, None if writer.plan is None else writer.plan.chosen)
@@ -210,13 +213,17 @@ class BurstSession:
         if self.burst.streamed:
             # The camera may have learned late that the burst ends earlier.
             plan = replace(plan, instants=tuple(n for n in plan.instants if n < self.burst.frames))
-        self._choice.check_ordered([*plan.instants, *(missing.instant for missing in plan.missing)])
+        try:
+            check_report(plan, self.burst, self._passed(now_ns))
+        except BadInputError as error:
+            await self.give_up_camera(delivery.name, error.what)
+            raise
         try:
             async with self._intake.interrupted(delivery.name):
                 self._check_open()
                 first = not delivery.plan.reported
                 if first and report.events:
-                    events = ({"camera": delivery.name, **event} for event in report.events)
+                    events = ({**event, "camera": delivery.name} for event in report.events)
                     await self._disk.call(self._writer.add_event, *events)
                 delivery.note_report(plan, is_of_earlier_run=self._lost is not None)
                 delivery.note_heard(now_ns, advanced=first or not self._choice.is_committed)
@@ -333,7 +340,9 @@ class BurstSession:
         self._now_ns = now_ns
         for name, delivery in self._deliveries.items():
             delivery.note_arrivals(self._intake.arrived_bytes(name), now_ns)
-            if not self._intake.is_saving(name) and (reason := delivery.why_silent(lost, now_ns)):
+            if not self._intake.is_saving(name) and (
+                reason := delivery.why_silent(lost, now_ns, self._ends_ns)
+            ):
                 await self.give_up_camera(name, reason, silent=True)
 
     async def finish_now(self, reason: str, *, silent: bool = True) -> None:
@@ -392,6 +401,22 @@ class BurstSession:
         return write_manifest(self._writer, self._deliveries, burst, missing)
 
     # Parts
+
+    def _passed(self, now_ns: int) -> int:
+        """Return how many instants a camera can have seen by now; the times of an earlier run may differ.
+
+        A camera that learns late of the burst's end has seen more than the burst has now.
+        """
+        first_ns, *further_ns = self.burst.instants_ns[:2]
+        step_ns = further_ns[0] - first_ns if further_ns else self.burst.period_ns
+        passed = (now_ns + AFTER_LAST_INSTANT_NS - first_ns) // step_ns + 1
+        return max(0, passed) if self._lost is None else MAX_STREAMED_FRAMES
+
+    @property
+    def _ends_ns(self) -> int:
+        """Leader time of the last instant; a resumed burst lasts as long again, as its times may differ."""
+        first_ns, last_ns = self.burst.instants_ns[0], self.burst.instants_ns[-1]
+        return last_ns if self._lost is None else min(last_ns, self._began_ns + last_ns - first_ns)
 
     @property
     def _reported_plans(self) -> dict[str, CameraPlan | None]:

@@ -78,8 +78,11 @@ class CameraDelivery:
             camera=self.name, received=len(self.instants), expected=instants, problem=self.given_up
         )
 
-    def why_silent(self, lost: Mapping[str, str], now_ns: int) -> str:
-        """Return why not to wait for it any longer, empty for no reason; `lost` are reasons by name."""
+    def why_silent(self, lost: Mapping[str, str], now_ns: int, ends_ns: int) -> str:
+        """Return why not to wait for it any longer, empty for no reason.
+
+        `lost` are reasons by name; `ends_ns` is the burst's last instant.
+        """
         silent_ns = now_ns - self.heard_ns
         if self.short_timeout:
             disconnected_ns, stalled_ns = CAMERA_DISCONNECTED_AGAIN_NS, CAMERA_DISCONNECTED_NS
@@ -87,11 +90,11 @@ class CameraDelivery:
             disconnected_ns, stalled_ns = CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
         if silent_ns >= disconnected_ns and (not self.streams or self.name in lost):
             return lost.get(self.name, "it sent nothing")
-        if self.streams and self.name not in lost and self.plan.picking:
-            # The next instant may be hours away.
-            return ""
+        # The next instant of a camera that still selects frames may be hours away, but not after the last.
+        is_selecting = self.streams and self.name not in lost and self.plan.picking
+        since_ns = max(self.advanced_ns, ends_ns) if is_selecting else self.advanced_ns
         # Messages without images, or images that trickle, do not count: they could go on forever.
-        stalled = now_ns - self.advanced_ns >= stalled_ns
+        stalled = now_ns - since_ns >= stalled_ns
         return f"it sent nothing for {stalled_ns // 10**9} s" if stalled else ""
 
     def note_heard(self, now_ns: int, *, advanced: bool = False) -> None:

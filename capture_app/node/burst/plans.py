@@ -7,6 +7,7 @@ from capture_app.common.errors import BadInputError, TryAgainError
 from capture_app.common.tasks import has_come
 from capture_app.common.text import count
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan, InstantRange
+from capture_app.session.format.calibration import check_lens
 from capture_app.session.format.manifest import (
     BurstRecord,
     MissingImage,
@@ -170,6 +171,34 @@ def plan_of(
         spare=burst.spare,
         note=note,
     )
+
+
+def check_report(plan: CameraPlan, burst: Burst, latest: int) -> None:
+    """Check that a camera's report is about its own images of this burst.
+
+    `latest` is the number of instants that can have passed. Raises BadInputError.
+    """
+    name, ordered = plan.camera.name, len(burst.instants_ns)
+    runs_end, problem = 0, ""
+    for run in plan.missing_runs:
+        if run.first < runs_end:
+            problem = "its missing instants are not in order"
+        runs_end = run.first + run.count
+    instants = [*plan.instants, *(gap.instant for gap in plan.missing)]
+    if any(gap.camera != name for gap in plan.missing):
+        problem = "it reports missing images of another camera"
+    elif len(instants) > len({*instants}):
+        problem = "it lists an instant twice"
+    elif max(instants, default=-1) >= ordered:
+        problem = f"the burst has no instant {max(instants)}"
+    elif (plan.picking or plan.picked is not None or plan.missing_runs) and not burst.streamed:
+        problem = "it streams a burst that is not streamed"
+    elif max(runs_end, plan.picked or 0) > latest:
+        problem = f"it reports {max(runs_end, plan.picked or 0)} instants, of which {latest} have passed"
+    if problem:
+        raise BadInputError(f"{name} sent an invalid report of burst {burst.number}: {problem}")
+    if plan.calibration is not None:
+        check_lens(f"the calibration of {name}", plan.calibration)
 
 
 def check_machine(plan: BurstPlan, camera: str, pin: str) -> None:

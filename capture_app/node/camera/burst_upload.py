@@ -21,6 +21,7 @@ import msgspec
 from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame
+from capture_app.common.bounds import cut
 from capture_app.common.errors import BadInputError, CameraError, DiskError, DiskFullError, TryAgainError
 from capture_app.common.names import check_name
 from capture_app.common.text import UNREADABLE
@@ -169,10 +170,10 @@ class Spool:
                 probe.unlink()
                 return replace(space, free_bytes=free_bytes(self.folder))
         except DiskFullError as error:
-            return replace(space, problem=error.what)
+            return replace(space, problem=cut(error.what))
         except DiskError as error:
             # Memory replaces it, and the amount needed depends on the leader.
-            return replace(space, free_bytes=UNKNOWN_ROOM, problem=error.what)
+            return replace(space, free_bytes=UNKNOWN_ROOM, problem=cut(error.what))
 
     def close(self) -> None:
         """Release the spool for another node. Calling it twice is harmless."""
@@ -392,6 +393,7 @@ class BurstUpload:
 
     def report_lost(self, instants: Collection[int], reason: str) -> None:
         """Report announced images that will not come as missing."""
+        reason = cut(reason)
         if self.streamed:
             for instant in instants:
                 self._note_missing(instant, reason)

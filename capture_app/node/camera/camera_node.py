@@ -26,7 +26,7 @@ from capture_app.node.camera.uploader import Uploader
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.keys import KeyRequester
-from capture_app.protocol.messages import CameraReport, JsonValue, KeyRequest
+from capture_app.protocol.messages import MAX_EVENTS, CameraReport, EventValue, KeyRequest
 from capture_app.protocol.orders import SaveStamp
 from capture_app.protocol.status import NodeDetail
 from capture_app.session.files.disk import free_bytes
@@ -40,7 +40,7 @@ from capture_app.sync.rig.frame_selection import FramesSelected
 from capture_app.sync.timekeeping import clock_events
 from capture_app.trust.sealed_engines import SealedClient
 
-MAX_SAMPLES, MAX_LINES, MAX_EVENTS = 300, 100, 200
+MAX_SAMPLES, MAX_LINES = 300, 100
 DEFAULT_TOLERANCE_NS = 100_000
 RESET_TOLERANCE_NS = 2_000_000
 """Phase tolerance of cameras that can only restart their stream, as a restart is uncertain by that much."""
@@ -133,7 +133,7 @@ class RigMember:
         self._stream, self._uploader = stream, uploader
         self._samples: deque[ClockSample] = deque(maxlen=MAX_SAMPLES)
         """The latest exchanges with the leader."""
-        self._happened: deque[dict[str, JsonValue]] = deque(maxlen=MAX_EVENTS)
+        self._happened: deque[dict[str, EventValue]] = deque(maxlen=MAX_EVENTS)
         """Events for the next burst's report."""
         facts, tolerance_ns = stream.facts, options.tolerance_ns
         if tolerance_ns is None:
@@ -373,7 +373,7 @@ def camera_record(
     )
 
 
-def event_line(event: events.ClientEvent[Any]) -> dict[str, JsonValue]:
+def event_line(event: events.ClientEvent[Any]) -> dict[str, EventValue]:
     """Return an event as a flat JSON object."""
     match event:
         case events.LeaderNotice(what, text):

@@ -355,6 +355,11 @@ class ActiveBursts:
             self._reported_ns = self.now_ns()
             self._event_log.note(session.status)
 
+    async def give_up(self, camera: str, reason: str) -> None:
+        """Stop waiting for a camera in all bursts that are being saved."""
+        for session in (*self._bursts.values(), *self.resumed.sessions()):
+            await session.give_up_camera(camera, reason)
+
     def note_answer(self, answer: BurstAnswered) -> None:
         """Note whether a node takes part in a burst."""
         if answer.refusal and answer.burst in self._bursts:

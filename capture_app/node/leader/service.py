@@ -4,6 +4,7 @@ import asyncio
 import contextlib
 from typing import Any
 
+from capture_app.common.bounds import cut
 from capture_app.common.camera_facts import PHONE
 from capture_app.common.errors import (
     BadInputError,
@@ -16,7 +17,7 @@ from capture_app.common.errors import (
 )
 from capture_app.common.tasks import end
 from capture_app.common.timeouts import DEPARTURE_TIMEOUT_S, UNDECIDED_S
-from capture_app.net.channel import Channel
+from capture_app.net.channel import Channel, UnreadableMessageError
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.leader.bursts import ActiveBursts
@@ -108,7 +109,7 @@ class LeaderService:
         principal = ""
         answers = ImageAnswers(channel)
         try:
-            while (message := await channel.receive_header()) is not None:
+            while (message := await self._receive(channel, principal)) is not None:
                 try:
                     if isinstance(message, messages.ImageUpload):
                         answers.add(await self._take_image(channel, message, working_on))
@@ -135,6 +136,22 @@ class LeaderService:
             await answers.close()
             for (_, _, camera), session in working_on.items():
                 session.stream_closed(camera, self._bursts.now_ns())
+
+    async def _receive(self, channel: Channel[messages.ToLeader], principal: str) -> messages.ToLeader | None:
+        """Return the next message; if it is unreadable, the bursts leave the camera out.
+
+        Raises NetworkError, also for an unreadable message on a stream that is not a camera's.
+        """
+        while True:
+            try:
+                return await channel.receive_header()
+            except UnreadableMessageError as error:
+                if not principal:
+                    raise
+                text = f"{principal} sent an invalid message: {error.what}"
+                self._options.log.say(text, camera=principal, level="warning")
+                await self._bursts.give_up(principal, cut(f"it sent an invalid message: {error.what}"))
+                await channel.send(messages.Refusal(what=text))
 
     def _begin_speech(self, camera: str, channel: Channel[messages.ToLeader]) -> None:
         if camera in self._speaking:

@@ -7,6 +7,7 @@ from collections.abc import Collection, Mapping, Sequence
 from msgspec.structs import asdict, replace
 
 from capture_app.common.address import Address
+from capture_app.common.bounds import cut
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.text import count
 from capture_app.protocol.messages import SpoolSpace
@@ -66,7 +67,7 @@ def _with_disk(report: Report, space: SpoolSpace | None) -> Report:
     """Return a node's report, with its disk's problem if it has no other message."""
     if space is None or not space.problem or report.message or report.state is NodeState.LOST:
         return report
-    return replace(report, message=space.problem)
+    return replace(report, message=cut(space.problem))
 
 
 def present_cameras(members: Sequence[Member]) -> list[Member]:

@@ -8,7 +8,7 @@ from msgspec.structs import replace
 from capture_app.common.address import Address
 from capture_app.common.clock import HostRate
 from capture_app.common.errors import DiskError
-from capture_app.common.tasks import end
+from capture_app.common.tasks import first_of
 from capture_app.net.channel import Channel
 from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.local_nodes import LocalNodes
@@ -119,19 +119,21 @@ class Watcher:
         self._shown: dict[str, Preview] = {}
 
     async def serve(self) -> None:
-        """Send changes until the operator closes the stream."""
+        """Send changes until the operator closes the stream. Raises NetworkError if they cannot be sent."""
         self._channel.allow_silence()
-        sending = asyncio.create_task(self._send_changes())
         try:
-            while (message := await self._channel.receive_header()) is not None:
-                if isinstance(message, PreviewSeen):
-                    self._unacknowledged.discard(message.camera)
-                elif isinstance(message, PreviewRequest):
-                    self._request = message
-                    await self._viewfinders.want(self, message)
+            parts = await first_of(self._receive_requests(), self._send_changes())
+            next(part for part in parts if not part.cancelled()).result()
         finally:
-            await end(sending)
             await self._viewfinders.want(self, None)
+
+    async def _receive_requests(self) -> None:
+        while (message := await self._channel.receive_header()) is not None:
+            if isinstance(message, PreviewSeen):
+                self._unacknowledged.discard(message.camera)
+            elif isinstance(message, PreviewRequest):
+                self._request = message
+                await self._viewfinders.want(self, message)
 
     async def _send_changes(self) -> None:
         loop = asyncio.get_running_loop()

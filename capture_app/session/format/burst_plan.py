@@ -5,7 +5,7 @@ from pathlib import Path
 
 from msgspec import Struct
 
-from capture_app.common.camera_facts import Count, Positive
+from capture_app.common.bounds import Count, Positive, Sentence, TimeNs
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import Name, check_name
@@ -22,7 +22,7 @@ class MissingRun(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     first: Count
     count: Count
-    reason: str
+    reason: Sentence
     dropped: bool = False
     """The camera dropped the frames."""
 
@@ -30,7 +30,7 @@ class MissingRun(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 class InstantRange(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """The instants of a burst whose frames are sent as they come, which may be millions; times in ns."""
 
-    first_ns: int
+    first_ns: TimeNs
     step_ns: Positive
     count: Positive
     video: bool = False

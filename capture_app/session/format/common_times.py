@@ -5,7 +5,7 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
-from capture_app.common.camera_facts import Count
+from capture_app.common.bounds import Count
 from capture_app.common.names import Name
 
 NOT_SYNCHRONIZED = "not synchronized, offsets unknown"

@@ -17,7 +17,8 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from capture_app.common.camera_facts import CameraFacts, Control, Count, Positive, unshared_uncertainties_ns
+from capture_app.common.bounds import Count, Positive, Ppm, Real, Sentence, TimeNs
+from capture_app.common.camera_facts import CameraFacts, Control, unshared_uncertainties_ns
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import Name, check_name
 from capture_app.common.text import pretty_json
@@ -45,14 +46,14 @@ MAX_INTEGER, MAX_REAL = 2**63, 1e15
 class ClockRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """A camera's clock against the leader's when the burst was taken."""
 
-    epoch_local_ns: int
-    offset_ns: int
-    skew_ppm: float
+    epoch_local_ns: TimeNs
+    offset_ns: TimeNs
+    skew_ppm: Ppm
     uncertainty_ns: Count
     hard_bound_ns: Count
     round_trip_ns: Count
     samples: Count
-    reference_correction_ns: int | None = None
+    reference_correction_ns: TimeNs | None = None
     """Only in old sessions: the part of the offset that came from agreement with other cameras."""
     relative_uncertainty_ns: Count | None = None
     """Only in old sessions: 95 % error against the clocks of those cameras."""
@@ -69,9 +70,9 @@ class ClockRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
 class PhaseRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """How a camera's stream was moved onto the rig's grid of instants."""
 
-    residual_ns: int
+    residual_ns: TimeNs
     period_ns: Positive
-    drift_ppm: float
+    drift_ppm: Ppm
     corrections: Count
     uncertainty_ns: Count | None = None
     tolerance_ns: Count | None = None
@@ -85,7 +86,7 @@ class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     facts: CameraFacts
     clock: ClockRecord | None = None
     phase: PhaseRecord | None = None
-    held: dict[Control, float] | UnsetType = UNSET
+    held: dict[Control, Real] | UnsetType = UNSET
     """Controls that a user had set, each in its unit; the camera chose the others."""
 
     def __post_init__(self) -> None:
@@ -103,7 +104,7 @@ class SkippedFrame(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
     """A camera's frame that kept an instant from being complete, and why it was not there."""
 
     camera: Name
-    reason: str
+    reason: Sentence
     dropped: bool = False
     """The camera dropped the frame."""
 
@@ -111,17 +112,17 @@ class SkippedFrame(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 class SkippedInstant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """A moment that was left out of the burst, as not every camera had its frame."""
 
-    leader_ns: int
+    leader_ns: TimeNs
     missing: tuple[SkippedFrame, ...]
 
 
 class BurstRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
     """The instants of the burst, in ns of the leader's clock, and what was asked for."""
 
-    instants_ns: tuple[int, ...]
+    instants_ns: tuple[TimeNs, ...]
     period_ns: Positive
     """Spacing of the rig's grid; instants are whole multiples of it apart."""
-    requested_ns: int | None = None
+    requested_ns: TimeNs | None = None
     skipped: tuple[SkippedInstant, ...] = ()
     """Moments that would have been instants, had every camera had its frame; later ones took their place."""
     common_times: CommonTimes | None = None
@@ -134,23 +135,23 @@ class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     camera: Name
     instant: Count
     path: str
-    leader_ns: int
+    leader_ns: TimeNs
     bytes: Positive
     sha256: Sha256
-    local_ns: int | None = None
-    residual_ns: int = 0
+    local_ns: TimeNs | None = None
+    residual_ns: TimeNs = 0
     """leader_ns minus the instant's time."""
     uncertainty_ns: Count | None = None
     hard_bound_ns: Count | None = None
-    exposure_start_ns: int | None = None
+    exposure_start_ns: TimeNs | None = None
     """Leader time at which the first row's exposure begins; None if the camera's stamps do not say."""
     exposure_ns: Count | None = None
-    gain: float | None = None
-    white_balance: tuple[float, float] | None = None
+    gain: Real | None = None
+    white_balance: tuple[Real, Real] | None = None
     sequence: Count | None = None
-    outlier_ns: int = 0
+    outlier_ns: TimeNs = 0
     """The driver's timestamp minus `local_ns`: not 0 where the stamp was off the line of its stream."""
-    alignment_offset_ns: int = 0
+    alignment_offset_ns: TimeNs = 0
     """Time from the frame's stamp to `local_ns`: not 0 where the middle of a row's exposure is aligned."""
     substitute: bool = False
     """The camera dropped the frame nearest to the instant; this is the next best one."""
@@ -170,7 +171,7 @@ class FrameRecord(ImageRecord, frozen=True, kw_only=True, omit_defaults=True):
     camera: Name = ""
     path: str = ""
     instant: Count = NO_INSTANT
-    true_ns: int | None = None
+    true_ns: TimeNs | None = None
     """True start of the first row's exposure, of a simulated frame, in the host's clock."""
 
 
@@ -191,7 +192,7 @@ class MissingImage(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
     camera: Name
     instant: Count
-    reason: str
+    reason: Sentence
     dropped: bool = False
     """The camera dropped the frame, rather than that it was lost on its way."""
 

@@ -10,6 +10,7 @@ from dataclasses import dataclass, field
 
 from msgspec import structs
 
+from capture_app.common.bounds import MAX_TEXT
 from capture_app.common.errors import BadInputError
 from capture_app.common.node_state import NodeState
 from capture_app.sync.engine import Address
@@ -34,7 +35,6 @@ from capture_app.sync.wire.codec import (
 )
 from capture_app.sync.wire.messages import (
     MAX_OTHERS,
-    MAX_TEXT,
     ControlMessage,
     Goodbye,
     Heartbeat,
@@ -392,6 +392,8 @@ class Leader:
         refusal = self.roster.refusal(hello)
         if refusal and self._summary is not None and self.roster.is_of_another_machine(hello):
             self._summary.ask(hello)
+        if not refusal and principal is not None and hello.via is not None:
+            refusal = self.roster.refusal_below(principal, hello)
         refusal = refusal or ("" if self._summary is None else self._summary.refusal(hello))
         if refusal:
             self._report_refusal(hello, refusal, address, now_ns)

@@ -7,6 +7,7 @@ from itertools import takewhile
 
 from msgspec import structs
 
+from capture_app.common.bounds import MAX_TEXT
 from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.names import is_name
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
@@ -17,7 +18,6 @@ from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.wire.messages import (
     MAX_DEPTH,
     MAX_PERIOD_NS,
-    MAX_TEXT,
     MIN_PERIOD_NS,
     PROBE_NUMBER,
     Hello,
@@ -28,6 +28,8 @@ from capture_app.sync.wire.principal import Principal
 MAX_CLIENTS = 32_000
 MAX_CAMERAS_PER_MACHINE = 100
 """Maximum number of names per machine, so that one machine cannot exhaust the roster."""
+MAX_BELOW_RELAY = 1000
+"""Maximum number of clients that one paired relay introduces."""
 
 
 @dataclass(slots=True)
@@ -102,6 +104,8 @@ class Roster:
         self.members: dict[str, Member] = {}
         self.owners = {} if owners is None else owners
         """Pin of the machine that owns each name ever used. A relay asks its parent instead, and has none."""
+        self.direct_pins: frozenset[str] = frozenset()
+        """Pins of the machines that are paired as cameras here, for which no relay may speak."""
         self.immovable: dict[str, Member] = {}
         """Members whose streams cannot be moved to every grid: the grid is moved to suit them."""
         self.present_count = 0
@@ -144,6 +148,11 @@ class Roster:
             return f"another camera named {hello.name} is here: give this one another --name"
         if not is_name(hello.name):
             return "its name is not a valid name"
+        if hello.via is not None and hello.pin in self.direct_pins:
+            return (
+                "its machine is paired with the leader, and no relay may speak for it: join the leader,"
+                " or there: capture-app trust remove NAME"
+            )
         if known is None and self._is_full(hello.pin) and self._first_to_drop(hello.pin) is None:
             return f"its machine has {MAX_CAMERAS_PER_MACHINE} cameras here already"
         if known is None and len(self.members) >= MAX_CLIENTS and self._first_to_drop() is None:
@@ -151,6 +160,13 @@ class Roster:
         if not MIN_PERIOD_NS <= hello.camera.period_ns <= MAX_PERIOD_NS:
             return f"a frame period of {hello.camera.period_ns} ns is not possible"
         return ""
+
+    def refusal_below(self, relay: Principal, hello: Hello) -> str:
+        """Return the reason why a relay may introduce no further client; empty if it may."""
+        if hello.name in self.members:
+            return ""
+        below = sum(member.principal == relay and member.via is not None for member in self.members.values())
+        return f"its relay has {MAX_BELOW_RELAY} nodes already" if below >= MAX_BELOW_RELAY else ""
 
     def claim(self, hello: Hello) -> None:
         """Record a hello's machine as the owner of its name; release that machine's oldest excess names."""

@@ -1,10 +1,11 @@
 """Messages between nodes over datagrams: time, joining, heartbeats, bursts, a relay's clock map."""
 
-from math import isfinite
+from math import isfinite, isnan
 from typing import Annotated
 
 from msgspec import Meta, Struct
 
+from capture_app.common.bounds import Count, Instance, Number, Positive, Ppm, Text, TimeNs
 from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.common.names import Name
 from capture_app.common.node_state import CLOCK_ONLY, NodeState
@@ -14,7 +15,6 @@ MAX_DEPTH = 8
 """Maximum number of clocks between a node's and the root's."""
 Error = Annotated[float, Meta(ge=0.0, le=1e18)]
 SkewError = Annotated[float, Meta(ge=0.0, le=1.0)]
-MAX_TEXT = 200
 MAX_REPORTS, MAX_OTHERS = 10, 200
 """Maximum entries of a relay's message: as many as fit into a datagram."""
 CLOCK = CameraFacts(
@@ -41,8 +41,8 @@ class UpstreamMap(Struct, frozen=True, array_like=True):
     the relay's clock. `path` names the instances from the root to the relay, so that no relay follows itself.
     """
 
-    path: Annotated[tuple[int, ...], Meta(min_length=1, max_length=MAX_DEPTH)]
-    epoch_local_ns: int
+    path: Annotated[tuple[Number, ...], Meta(min_length=1, max_length=MAX_DEPTH)]
+    epoch_local_ns: TimeNs
     offset_ns: Annotated[int, Meta(ge=-(2**62), le=2**62)]
     skew: Annotated[float, Meta(ge=-0.01, le=0.01)]
     uncertainty_ns: Error
@@ -72,9 +72,6 @@ def upstream_map(path: tuple[int, ...], time_map: TimeMap) -> UpstreamMap:
     return UpstreamMap(path, *(getattr(time_map, name) for name in _SHARED_FIELDS))
 
 
-Text = Annotated[str, Meta(max_length=MAX_TEXT)]
-Number = Annotated[int, Meta(ge=0, le=0xFFFF_FFFF)]
-"""Number of a client, as time messages carry it."""
 Others = Annotated[tuple[Number, ...], Meta(max_length=MAX_OTHERS)]
 Pin = Annotated[str, Meta(pattern="^[a-z2-7-]{0,39}$")]
 """Identifier of a machine; empty in a rig that does not authenticate machines."""
@@ -102,7 +99,7 @@ class Hello(Struct, frozen=True, tag="hello"):
     """Client's request to join; `instance` identifies one run of the client."""
 
     name: Name
-    instance: int
+    instance: Instance
     camera: CameraFacts
     via: Name | None = None
     """Relay that the client joined and that forwards this; None if the client sends it itself."""
@@ -113,14 +110,14 @@ class Hello(Struct, frozen=True, tag="hello"):
 class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
     """Configuration of a rig, as a leader or a relay sends it to all its clients; times in ns."""
 
-    leader: int
+    leader: Number
     """Instance of the leader, or of the relay."""
-    anchor_leader_ns: int
+    anchor_leader_ns: TimeNs
     """An instant of the rig's grid, which has one each `period_ns`."""
     period_ns: int
     align_row: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
     """Row aligned by its mid-exposure, as a fraction of the height; None: the first row's start."""
-    common_instant_leader_ns: int | None = None
+    common_instant_leader_ns: TimeNs | None = None
     """Instant at which restartable streams must meet the grid, or be restarted; None: none is restarted."""
     poll_interval_ns: Annotated[int, Meta(ge=0, le=60_000_000_000)] = 0
     """Minimum mean interval between one client's time requests that this leader accepts; 0 for any."""
@@ -150,11 +147,11 @@ class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
 class Welcome(Struct, frozen=True, tag="welcome"):
     """Leader's confirmation that a client has joined."""
 
-    instance: int
+    instance: Instance
     """Instance of the client, from its hello."""
     client: Number
     """Number assigned to the client, used in all further messages."""
-    transfer_port: int
+    transfer_port: Annotated[int, Meta(ge=0, le=65535)]
     """TCP port of the leader to which images are sent."""
     config: RigConfigMessage
     slot: Annotated[float, Meta(ge=0.0, lt=1.0)] = 0.0
@@ -164,7 +161,7 @@ class Welcome(Struct, frozen=True, tag="welcome"):
 class JoinRefusal(Struct, frozen=True, tag="join-refusal"):
     """Leader's refusal of a client, with the reason; the client may ask again."""
 
-    instance: int
+    instance: Instance
     reason: Text
     retry_here: bool = False
     """Whether this leader can soon admit the client, which should retry here and not at another leader."""
@@ -176,32 +173,39 @@ class Report(Struct, frozen=True, kw_only=True, array_like=True):
     state: NodeState
     message: Text = ""
     """One sentence: why the client is not ready, what it does about it and what the operator can do."""
-    offset_ns: int | None = None
-    skew_ppm: float | None = None
-    uncertainty_ns: int | None = None
-    hard_bound_ns: int | None = None
-    round_trip_ns: int | None = None
-    samples: int = 0
-    phase_error_ns: int | None = None
-    period_ns: int | None = None
-    drift_ppm: float | None = None
-    corrections: int = 0
-    frames: int = 0
-    drops: int = 0
-    frame_leader_ns: int | None = None
+    offset_ns: TimeNs | None = None
+    skew_ppm: Ppm | None = None
+    uncertainty_ns: Count | None = None
+    hard_bound_ns: Count | None = None
+    round_trip_ns: Count | None = None
+    samples: Count = 0
+    phase_error_ns: TimeNs | None = None
+    period_ns: Positive | None = None
+    drift_ppm: Ppm | None = None
+    corrections: Count = 0
+    frames: Count = 0
+    drops: Count = 0
+    frame_leader_ns: TimeNs | None = None
     """Leader time of the aligned moment of a frame close to now; None while the phase is unknown."""
-    tolerance_ns: int = 0
+    tolerance_ns: Count = 0
     """Largest phase error that is not corrected: as requested, or what the camera's timestamps allow."""
-    stamp_quantum_ns: int = 0
+    stamp_quantum_ns: Count = 0
     """Step of the camera's timestamps; 0 if it is negligible."""
-    slewing_ppm: float | None = None
+    slewing_ppm: Ppm | None = None
     """Rate by which this host speeds up its clock, as its operating system reports; None if unknown."""
+
+    def __post_init__(self) -> None:
+        """Raise ValueError for a rate that is not a number, which passes every bound."""
+        if any(
+            rate is not None and isnan(rate) for rate in (self.skew_ppm, self.drift_ppm, self.slewing_ppm)
+        ):
+            raise ValueError("a rate is not a number")
 
 
 class Heartbeat(Struct, frozen=True, tag="heartbeat"):
     """Periodic message of a live client, with its status report."""
 
-    client: int
+    client: Number
     report: Report
 
 
@@ -219,7 +223,7 @@ class MemberReports(Struct, frozen=True, tag="member-reports"):
 class HeartbeatAck(Struct, frozen=True, tag="heartbeat-ack"):
     """Leader's answer to a heartbeat, with its configuration in case the client missed a change."""
 
-    client: int
+    client: Number
     config: RigConfigMessage
 
 
@@ -229,7 +233,7 @@ class UnknownMember(Struct, frozen=True, tag="unknown-member"):
     The leader was restarted, or had lost the client.
     """
 
-    client: int
+    client: Number
     stops: bool = False
     """Whether the leader is about to stop: the client should join another one, if any."""
 
@@ -241,13 +245,13 @@ class Trigger(Struct, frozen=True, tag="trigger"):
     count of 0 cancels the burst of that number.
     """
 
-    client: int
-    leader: int
-    burst: int
-    first_leader_ns: int
-    step_ns: int
-    count: int
-    spare: int = 0
+    client: Number
+    leader: Number
+    burst: Number
+    first_leader_ns: TimeNs
+    step_ns: Count
+    count: Number
+    spare: Number = 0
     """Number of last frames that are only needed until the others are known to suffice."""
     streamed: bool = False
     """Whether to send the frames as they arrive; the same burst with a lower count ends it earlier."""
@@ -260,9 +264,9 @@ class Trigger(Struct, frozen=True, tag="trigger"):
 class TriggerAck(Struct, frozen=True, tag="trigger-ack"):
     """Client's answer to a trigger: it will save the burst, or the reason why it cannot."""
 
-    client: int
-    leader: int
-    burst: int
+    client: Number
+    leader: Number
+    burst: Number
     refusal: Text = ""
     others: Others = ()
     """Further clients below the same relay with the same answer."""
@@ -271,14 +275,14 @@ class TriggerAck(Struct, frozen=True, tag="trigger-ack"):
 class Notice(Struct, frozen=True, tag="notice"):
     """Message for a client's operator."""
 
-    client: int
+    client: Number
     text: Text
 
 
 class Goodbye(Struct, frozen=True, tag="goodbye"):
     """Client's announcement that it leaves."""
 
-    client: int
+    client: Number
 
 
 ControlMessage = (

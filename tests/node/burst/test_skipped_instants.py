@@ -93,7 +93,7 @@ async def test_a_burst_without_drops_skips_nothing_and_waits_for_no_spare_instan
 async def test_only_what_is_wanted_is_taken(tmp_path: Path) -> None:
     session = await begun(tmp_path, "a", "b")
     await session.accept_report(dropping("a", 4), 0)
-    with pytest.raises(TryAgainError, match="not known"):
+    with pytest.raises(TryAgainError, match="not decided"):
         await deliver(session, "a", 0)
     await session.accept_report(dropping("b", 4), 0)
     with pytest.raises(BadInputError, match="instant 3 was not chosen"):

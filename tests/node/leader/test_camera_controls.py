@@ -105,7 +105,7 @@ async def test_some_cameras_are_set(rig: Rig) -> None:
         [(Control.EXPOSURE, 2000.0)],
         [(Control.EXPOSURE, 2000.0)],
     ]
-    with pytest.raises(BadInputError, match="no camera d is here"):
+    with pytest.raises(BadInputError, match="has no camera d"):
         await set_cameras(rig.leader, {Control.EXPOSURE: 2000.0}, ["d"])
-    with pytest.raises(BadInputError, match="no camera d is here"):
+    with pytest.raises(BadInputError, match="has no camera d"):
         await match_cameras(rig.leader, "d")

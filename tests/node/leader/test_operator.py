@@ -2,6 +2,7 @@
 
 import asyncio
 import time
+from collections import Counter
 from collections.abc import AsyncIterator, Callable
 from pathlib import Path
 from typing import Any
@@ -14,7 +15,7 @@ from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.protocol import log as log_module
-from capture_app.protocol.log import Log
+from capture_app.protocol.log import MAX_LINES_A_NODE, Log
 from capture_app.protocol.orders import (
     AddCamera,
     AddSimulated,
@@ -232,3 +233,16 @@ def test_what_happens_in_a_rig_is_a_line_of_json_by_a_name_of_its_own() -> None:
         {"event": "host-off-rate", "name": "a", "fast_ppm": 210.0, "certain": False, "ambiguous": True},
         {"event": "host-at-rate", "name": "a"},
     ]
+
+
+async def test_the_log_takes_few_lines_about_one_node_and_cuts_long_ones() -> None:
+    shown: list[str] = []
+    log = Log(shown.append)
+    for number in range(1000):
+        log.say_of_disk("cam1", f"{number}" + "x" * 100_000)
+        log.note(NodeChanged("cam2", "lost", f"{number}"))
+    log.say("b joined", camera="b")
+    about = Counter(line.camera for line in log.after(0))
+    assert about == {"cam1": MAX_LINES_A_NODE, "cam2": MAX_LINES_A_NODE, "b": 1}
+    assert sum(map(len, shown)) < 2 * MAX_LINES_A_NODE * 1000 + 100
+    assert any("left out" in line for line in shown)

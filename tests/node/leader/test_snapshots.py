@@ -1,10 +1,12 @@
 """A rig's nodes as a tree."""
 
+import msgspec
 from msgspec import structs
 
 from capture_app.common.node_state import RELAY, NodeState
 from capture_app.node.leader.snapshots import node_statuses, present_cameras
-from capture_app.protocol.status import in_tree_order
+from capture_app.protocol.messages import SpoolSpace
+from capture_app.protocol.status import NodeStatus, in_tree_order
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.messages import Report
 from tests.facts import make_facts
@@ -35,3 +37,10 @@ def test_nodes_that_are_said_to_be_below_each_other_are_all_shown_once() -> None
 def test_relays_and_lost_nodes_take_no_pictures() -> None:
     views = (view("a"), view("b", lost=True), view("c", relay=True))
     assert [here.name for here in present_cameras(views)] == ["a"]
+
+
+def test_a_spool_in_a_long_path_leaves_a_status_that_operators_can_read() -> None:
+    space = SpoolSpace(camera="a", free_bytes=0, spool="/", problem="cannot write " + "x" * 900)
+    (status,) = node_statuses((view("a"),), now_ns=0, spools={"a": space})
+    read = msgspec.json.decode(msgspec.json.encode(status), type=NodeStatus)
+    assert read.message.startswith("cannot write xxx")

@@ -5,6 +5,7 @@ import random
 import pytest
 from msgspec import structs
 
+from capture_app.common.bounds import MAX_TEXT
 from capture_app.common.node_state import CLOCK_ONLY, NodeState
 from capture_app.sync.rig.relay_summary import (
     ACK_BATCH_NS,
@@ -15,7 +16,6 @@ from capture_app.sync.rig.relay_summary import (
 from capture_app.sync.rig.roster import Member, Roster
 from capture_app.sync.wire.codec import MAX_DATAGRAM, decode, encode
 from capture_app.sync.wire.messages import (
-    MAX_TEXT,
     Goodbye,
     Heartbeat,
     Hello,
@@ -30,7 +30,8 @@ REPORT = Report(state=NodeState.READY)
 S = 1_000_000_000
 LONGEST = structs.replace(
     Report(state=NodeState.READY, message="\U0001f4f7" * MAX_TEXT),
-    **dict.fromkeys(Report.__struct_fields__[2:], 2**63 - 1),
+    **dict.fromkeys(Report.__struct_fields__[2:], 10**18),
+    **dict.fromkeys(("skew_ppm", "drift_ppm", "slewing_ppm"), -1e6 + 0.1),
 )
 """Takes the most bytes."""
 

@@ -8,6 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from msgspec import structs
 
+from capture_app.common.bounds import CENTURY_NS
 from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.common.node_state import NodeState
 from capture_app.sync.wire.codec import MAGIC, MAX_DATAGRAM, VERSION, Message, WireError, decode, encode
@@ -33,32 +34,35 @@ from tests.facts import make_facts
 
 u32 = st.integers(0, 2**32 - 1)
 i64 = st.integers(-(2**63), 2**63 - 1)
+times = st.integers(-CENTURY_NS, CENTURY_NS)
+ports = st.integers(0, 65535)
+positive = st.integers(1, 10**18)
 text = st.text(st.characters(exclude_categories=("C", "Z")), max_size=200)
 names = st.from_regex(r"[A-Za-z0-9][A-Za-z0-9_.-]{0,63}", fullmatch=True)
 cameras = st.builds(
     CameraFacts,
     kind=text,
     model=text,
-    width=u32,
-    height=u32,
-    period_ns=st.integers(1, 2**63 - 1),
+    width=st.integers(0, 1 << 20),
+    height=st.integers(0, 1 << 20),
+    period_ns=positive,
     phase_control=st.sampled_from(PhaseControl),
     timestamp_source=st.sampled_from(TimestampSource),
-    row_time_ns=st.none() | st.integers(0, 2**63 - 1),
+    row_time_ns=st.none() | st.integers(0, 10**9),
 )
-floats = st.none() | st.floats(allow_nan=False)
+floats = st.none() | st.floats(-1e6, 1e6)
 reports = st.builds(
-    Report, state=st.sampled_from(NodeState), message=text, offset_ns=st.none() | i64, skew_ppm=floats
+    Report, state=st.sampled_from(NodeState), message=text, offset_ns=st.none() | times, skew_ppm=floats
 )
-config = st.builds(RigConfigMessage, leader=u32, anchor_leader_ns=i64, period_ns=i64)
+config = st.builds(RigConfigMessage, leader=u32, anchor_leader_ns=times, period_ns=i64)
 others = st.lists(st.integers(0, 2**32 - 1), max_size=MAX_OTHERS).map(tuple)
 control: st.SearchStrategy[ControlMessage] = st.one_of(
-    st.builds(Welcome, u32, u32, u32, config),
+    st.builds(Welcome, u32, u32, ports, config),
     st.builds(JoinRefusal, u32, text),
     st.builds(Heartbeat, u32, reports),
     st.builds(MemberReports, st.lists(st.tuples(u32, reports), max_size=1).map(tuple)),
     st.builds(HeartbeatAck, u32, config),
-    st.builds(Trigger, u32, u32, u32, i64, i64, u32, others=others),
+    st.builds(Trigger, u32, u32, u32, times, positive, u32, others=others),
     st.builds(TriggerAck, u32, u32, u32, others=others),
     st.builds(TriggerAck, u32, u32, u32, text),
     st.builds(Notice, u32, text),

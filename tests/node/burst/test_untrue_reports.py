@@ -1,0 +1,170 @@
+"""A camera whose report is invalid, about others or endless is left out; the others' burst is whole."""
+
+from pathlib import Path
+from typing import Any
+
+import msgspec
+import pytest
+from msgspec.structs import replace
+
+from capture_app.common.errors import BadInputError
+from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_STALLED_NS
+from capture_app.node.burst.burst_session import BurstSession
+from capture_app.protocol.messages import CameraReport, ImageUpload, SpoolSpace
+from capture_app.session.format.burst_plan import MissingRun
+from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.format.manifest import ClockRecord, MissingImage
+from capture_app.session.reading.reader import Session
+from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.sync.rig.frame_selection import Burst
+from tests.facts import make_facts
+from tests.node.bursts import (
+    DISK,
+    IMAGE,
+    INSTANTS_NS,
+    PERIOD_NS,
+    burst_session,
+    pieces,
+    receive_image,
+    report,
+    upload,
+)
+
+CLOCK = ClockRecord(
+    epoch_local_ns=0, offset_ns=0, skew_ppm=0.0, uncertainty_ns=1, hard_bound_ns=1, round_trip_ns=1, samples=1
+)
+HUGE = 2**62
+
+
+def streamed_session(folder: Path, *names: str) -> BurstSession:
+    burst = Burst(1, INSTANTS_NS, PERIOD_NS, INSTANTS_NS[0], names, streamed=True)
+    return BurstSession.begin(
+        burst, dict.fromkeys(names, make_facts()), SessionWriter.create(folder, "b"), DISK
+    )
+
+
+@pytest.mark.parametrize(
+    ("path", "value"),
+    [
+        (("plan", "camera", "facts", "row_time_ns"), HUGE),
+        (("plan", "camera", "facts", "row_time_ns"), 1_000_000_001),
+        (("plan", "camera", "facts", "height"), HUGE),
+        (("plan", "camera", "facts", "model"), "x" * 201),
+        (("plan", "camera", "clock", "offset_ns"), HUGE),
+        (("plan", "camera", "clock", "skew_ppm"), 1e300),
+        (("plan", "camera", "clock", "uncertainty_ns"), HUGE),
+        (("plan", "missing"), [{"camera": "a", "instant": 0, "reason": "x" * 1001}]),
+        (("events",), [{"event": "x" * 1001}]),
+        (("events",), [{"event": HUGE}]),
+        (("events",), [{"event": "x"}] * 201),
+        (("leader",), HUGE),
+    ],
+)
+def test_a_number_or_text_out_of_range_is_no_report(path: tuple[str, ...], value: Any) -> None:
+    whole = report("a", 0, 1)
+    whole = whole.with_plan(camera=replace(whole.plan.camera, clock=CLOCK))
+    plain: Any = msgspec.to_builtins(whole)
+    assert msgspec.json.decode(msgspec.json.encode(plain), type=CameraReport) == whole
+    part = plain
+    for key in path[:-1]:
+        part = part[key]
+    part[path[-1]] = value
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.json.decode(msgspec.json.encode(plain), type=CameraReport)
+
+
+@pytest.mark.parametrize(
+    "field",
+    ["leader_ns", "local_ns", "residual_ns", "uncertainty_ns", "exposure_start_ns", "gain", "sequence"],
+)
+def test_a_number_out_of_range_is_no_image(field: str) -> None:
+    plain: Any = msgspec.to_builtins(upload("a", 0))
+    plain["record"][field] = 1e300 if field == "gain" else HUGE
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.json.decode(msgspec.json.encode(plain), type=ImageUpload)
+
+
+LENS = CameraCalibration(
+    width=64,
+    height=48,
+    fx=0.0,
+    fy=1.0,
+    cx=0.0,
+    cy=0.0,
+    rotation=((1.0, 0.0, 0.0), (0.0, 1.0, 0.0), (0.0, 0.0, 1.0)),
+    translation=(0.0, 0.0, 0.0),
+)
+OF_B = MissingImage(camera="b", instant=1, reason="its lens is covered", dropped=True)
+
+
+@pytest.mark.parametrize(
+    "plan",
+    [
+        {"missing": (OF_B,)},
+        {"instants": (0, 0)},
+        {"instants": (0, 1), "missing": (MissingImage(camera="a", instant=1, reason=""),)},
+        {"instants": (0, 9)},
+        {"picking": True},
+        {"picked": 1},
+        {"missing_runs": (MissingRun(first=0, count=1, reason=""),)},
+        {"calibration": LENS},
+    ],
+    ids=["another's", "twice", "both", "not ordered", "picking", "picked", "runs", "lens"],
+)
+async def test_a_report_that_cannot_be_true_leaves_its_camera_out(
+    tmp_path: Path, plan: dict[str, Any]
+) -> None:
+    session = burst_session(tmp_path, "a", "b")
+    with pytest.raises(BadInputError):
+        await session.accept_report(report("a", 0, 1).with_plan(**plan), now_ns=0)
+    await session.accept_report(report("b", 0, 1), now_ns=0)
+    for instant in (0, 1):
+        await receive_image(session, upload("b", instant), pieces(IMAGE))
+    assert session.finished.is_set(), "nothing waits for a camera that was left out"
+    assert session.session is not None
+    manifest = Session.open(session.session).manifest
+    assert [image.camera for image in manifest.images] == ["b", "b"]
+    assert {gap.camera for gap in manifest.missing} == {"a"}
+    assert not any(gap.dropped for gap in manifest.missing)
+
+
+async def test_events_are_in_the_name_of_their_sender(tmp_path: Path) -> None:
+    session = burst_session(tmp_path, "a", "b")
+    told = replace(report("a", 0, 1), events=({"camera": "b", "event": "frames-dropped"},))
+    await session.accept_report(told, now_ns=0)
+    lines = (session.folder / "events.ndjson").read_text().splitlines()
+    assert [msgspec.json.decode(line)["camera"] for line in lines] == ["a"]
+
+
+async def test_a_burst_ends_though_a_camera_selects_for_ever_and_is_silent(tmp_path: Path) -> None:
+    session = streamed_session(tmp_path, "a", "b")
+    last_ns = INSTANTS_NS[-1] + AFTER_LAST_INSTANT_NS
+    session.stream_opened("a")
+    session.stream_opened("b")
+    await session.accept_report(report("a").with_plan(picking=True), now_ns=last_ns)
+    await session.accept_report(report("b", 0, 1).with_plan(picked=2), now_ns=last_ns)
+    for instant in (0, 1):
+        await receive_image(session, upload("b", instant), pieces(IMAGE), now_ns=last_ns)
+    await session.give_up_silent_cameras({}, last_ns + CAMERA_STALLED_NS - 1)
+    assert not session.finished.is_set()
+    await session.accept_report(report("a").with_plan(picking=True), now_ns=last_ns + CAMERA_STALLED_NS)
+    await session.give_up_silent_cameras({}, last_ns + CAMERA_STALLED_NS)
+    assert session.finished.is_set(), "it says that it selects, and sends nothing"
+    assert session.session is not None
+    assert [image.camera for image in Session.open(session.session).manifest.images] == ["b", "b"]
+
+
+@pytest.mark.parametrize(
+    "plan", [{"picked": 3}, {"missing_runs": (MissingRun(first=0, count=10**8, reason=""),)}]
+)
+async def test_no_camera_has_seen_instants_to_come(tmp_path: Path, plan: dict[str, Any]) -> None:
+    """They would become missing images of all the others."""
+    session = streamed_session(tmp_path, "a", "b")
+    with pytest.raises(BadInputError, match="instants"):
+        await session.accept_report(report("a").with_plan(**plan), now_ns=INSTANTS_NS[0] - 10**10)
+
+
+def test_the_text_of_a_spool_has_a_length() -> None:
+    space = SpoolSpace(camera="a", free_bytes=0, spool="/", problem="x" * 1001)
+    with pytest.raises(msgspec.ValidationError):
+        msgspec.json.decode(msgspec.json.encode(space), type=SpoolSpace)

@@ -186,8 +186,8 @@ async def test_orders_about_what_is_not_there_say_so(leader: LeaderNode) -> None
     link = RigLink(leader.own_address)
     with pytest.raises(BadInputError, match="burst 7 is not under way"):
         await link.order(CancelBurst(burst=7))
-    with pytest.raises(BadInputError, match="no node named a"):
-        await give_order(leader.own_address, RemoveCamera(name="a"))
+    with pytest.raises(BadInputError, match="no node named never-joined"):
+        await give_order(leader.own_address, RemoveCamera(name="never-joined"))
 
 
 def test_the_news_keep_the_last_lines_in_the_order_of_their_times(monkeypatch: pytest.MonkeyPatch) -> None:

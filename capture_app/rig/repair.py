@@ -14,7 +14,7 @@ from capture_app.node.leader.leader import LeaderNode
 from capture_app.node.leader.options import LeaderOptions
 from capture_app.protocol.log import Log
 from capture_app.session.format.burst_plan import PLAN
-from capture_app.session.format.manifest import JOURNAL, MANIFEST
+from capture_app.session.format.manifest import IMAGES, JOURNAL, MANIFEST, RIG
 from capture_app.session.reading.reader import Session, is_being_written
 from capture_app.session.reading.verify import verify
 
@@ -48,7 +48,12 @@ async def repair(path: Path, *, wait_s: float, address: Address, log: Log) -> li
         if _problem(folder):
             try:
                 with closing(DiskThreads()) as disk:
-                    await BurstSession.resume(folder, 0, disk).finish_now(NOT_BROUGHT)
+                    session = BurstSession.resume(folder, 0, disk)
+                    await session.finish_now(NOT_BROUGHT)
+                if session.failure is not None:
+                    raise session.failure
+            except BadInputError as error:
+                problems[folder] = f"{error}; its images: capture-app sessions import {folder / IMAGES / RIG}"
             except SimulshotError as error:
                 problems[folder] = str(error)
     return [_result(folder, problems[folder], folder in broken) for folder in folders]

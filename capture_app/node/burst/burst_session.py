@@ -64,6 +64,8 @@ class BurstSession:
         self.finished = asyncio.Event()
         self.session: Path | None = None
         self.message = self.trouble = ""
+        self.failure: SimulshotError | None = None
+        """Error that kept the session from being written."""
         """Trouble: why the leader's disk accepts no images at present; nodes keep them and ask again."""
         self.without = ""
         """Which cameras are left out, and why."""
@@ -364,6 +366,7 @@ class BurstSession:
             try:
                 self.session = await self._disk.call(self._finish)
             except SimulshotError as error:
+                self.failure = error
                 self.message = f"{error}; then: capture-app sessions repair {self.folder}"
                 await self._disk.call(self._writer.abort)
             self.finished.set()

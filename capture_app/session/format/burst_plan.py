@@ -2,8 +2,9 @@
 
 from collections.abc import Sequence
 from pathlib import Path
+from typing import Any
 
-from msgspec import Struct
+from msgspec import Struct, ValidationError, convert, structs
 
 from capture_app.common.bounds import Count, Positive, Sentence, TimeNs
 from capture_app.common.clock import SimulatedClock
@@ -11,7 +12,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.names import Name, check_name
 from capture_app.session.files.untrusted_files import read_struct
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage
+from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage, check_written
 
 PLAN = "burst.json"
 PLAN_VERSION = 2
@@ -96,12 +97,32 @@ class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return self.leader, self.number
 
 
+class _UncheckedPlan(BurstPlan, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    cameras: tuple[dict[str, Any], ...]  # type: ignore[assignment]
+
+
 def read_plan(folder: Path) -> BurstPlan:
-    """Read a session's plan. Raises BadInputError where it has none or it cannot be trusted."""
-    plan = read_struct(folder / PLAN, BurstPlan, PLAN_VERSION)
-    check_name(plan.name, "session")
-    for part in plan.cameras:
-        check_name(part.camera.name, "camera")
+    """Read a session's plan, without the cameras whose part is not valid; its note names them.
+
+    Raises BadInputError if there is no plan, or if no camera of it is valid.
+    """
+    unchecked = read_struct(folder / PLAN, _UncheckedPlan, PLAN_VERSION)
+    check_name(unchecked.name, "session")
+    cameras, notes = [], [unchecked.note] if unchecked.note else []
+    for number, fields in enumerate(unchecked.cameras):
+        try:
+            part = convert(fields, CameraPlan)
+            check_name(part.camera.name, "camera")
+            check_written(part.camera)
+            cameras.append(part)
+        except (BadInputError, ValidationError) as error:
+            camera = fields.get("camera")
+            name = camera.get("name") if isinstance(camera, dict) else f"camera {number}"
+            notes.append(f"{name} is left out: {error}")
+    if not cameras:
+        raise BadInputError(f"{folder / PLAN} has no valid camera: {'; '.join(notes)}")
+    checked = {"cameras": tuple(cameras), "note": "; ".join(notes)}
+    plan = BurstPlan(**structs.asdict(unchecked) | checked)
     if any(instant >= len(plan.instants_ns) for instant in plan.chosen or ()):
         raise BadInputError(f"{folder / PLAN} has chosen an instant that was not ordered")
     return plan

@@ -41,6 +41,8 @@ IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
 MAX_INTEGER, MAX_REAL = 2**63, 1e15
 """Numbers of a manifest are smaller: sums and products of them then stay numbers everywhere."""
+MAX_WRITTEN, MAX_LASTING_NS = 4 * 10**18, 10**15
+"""Numbers, and durations of exposure and readout, that are written: their sums are below MAX_INTEGER."""
 
 
 class ClockRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
@@ -405,6 +407,18 @@ def check_numbers(path: Path, record: msgspec.Struct | None) -> None:
     numbers = _numbers(msgspec.to_builtins(record))
     if not all(abs(one) < (MAX_INTEGER if isinstance(one, int) else MAX_REAL) for one in numbers):
         raise BadInputError(f"{path} has a number that no session has, such as one of over 64 bits")
+
+
+def check_written(record: CameraRecord | ImageRecord) -> None:
+    """Check the numbers of a camera or an image before it is written. Raises BadInputError with its name."""
+    if isinstance(record, CameraRecord):
+        what, facts = f"camera {record.name}", record.facts
+        lasting_ns = max(facts.exposure_ns or 0, (facts.row_time_ns or 0) * facts.height)
+    else:
+        what, lasting_ns = f"image {record.instant} of camera {record.camera}", record.exposure_ns or 0
+    numbers = map(abs, _numbers(msgspec.to_builtins(record)))
+    if max(numbers, default=0) > MAX_WRITTEN or lasting_ns > MAX_LASTING_NS:
+        raise BadInputError(f"{what} has a time or a number that is impossible")
 
 
 def _numbers(value: Any) -> Iterator[int | float]:

@@ -16,6 +16,7 @@ from capture_app.session.files.durable import (
     AppendOnlyFile,
     make_folders_unsynced,
     sync_all,
+    write_atomic,
     write_unsynced,
 )
 from capture_app.session.files.untrusted_files import encode_checked, indented
@@ -26,8 +27,8 @@ from capture_app.session.format.ground_truth import (
     TrueTimes,
     ground_truth_path,
 )
-from capture_app.session.format.manifest import JOURNAL, ImageRecord, check_image_path
-from capture_app.session.writing.recovery import recover_images, recover_true_times
+from capture_app.session.format.manifest import JOURNAL, ImageRecord, check_image_path, check_written
+from capture_app.session.writing.recovery import recover_images, recover_true_times, set_aside
 
 Key = tuple[str, int]
 """Camera name and instant."""
@@ -55,6 +56,7 @@ class StoredImage:
         record = self.record
         check_name(record.camera, "camera")
         check_image_path(record)
+        check_written(record)
         return encode_checked(record)
 
 
@@ -130,6 +132,18 @@ class ImageStore:
                 with suppress(OSError):
                     (self._folder / images[place].record.path).unlink()
         return errors
+
+    def leave_out(self, cameras: Set[str]) -> None:
+        """Set aside the images of these cameras. Raises OSError."""
+        refused = [key for key in self._records if key[0] in cameras]
+        for key in refused:
+            set_aside(self._folder, self._records.pop(key).path)
+            self.true_times.pop(key, None)
+        if refused:
+            self._journal.close()
+            lines = (msgspec.json.encode(record) + b"\n" for record in self._records.values())
+            write_atomic(self._folder / JOURNAL, b"".join(lines))
+            self._journal = AppendOnlyFile(self._folder / JOURNAL)
 
     def close(self) -> None:
         """Close the journals, which already contain all saved images."""

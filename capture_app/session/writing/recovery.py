@@ -19,6 +19,7 @@ from capture_app.session.format.manifest import (
     SCHEMA_VERSION,
     ImageRecord,
     Manifest,
+    check_written,
     image_path,
 )
 from capture_app.session.reading.checksums import changed_files
@@ -63,8 +64,12 @@ def _images_of_intact_manifest(folder: Path) -> tuple[ImageRecord, ...]:
 
 
 def is_intact(folder: Path, record: ImageRecord) -> bool:
-    """Return whether an image's file exists with the size and checksum of its record."""
+    """Return whether an image's record is possible and its file has the recorded size and checksum."""
     suffix = Path(record.path).suffix
+    try:
+        check_written(record)
+    except BadInputError:
+        return False
     if record.path != image_path(record.camera, record.instant, suffix):
         return False
     file = folder / record.path
@@ -102,10 +107,15 @@ def _set_aside_all_but(folder: Path, intact: set[str]) -> None:
         if path.name.endswith(PART):
             path.unlink()
             continue
-        aside = folder / SET_ASIDE / name
-        make_folders(aside.parent, folder)
-        path.replace(free_name(aside))
-        sync_folder(aside.parent)
+        set_aside(folder, name)
+
+
+def set_aside(folder: Path, name: str) -> None:
+    """Move a file of a session into its folder `set_aside`. Raises OSError."""
+    aside = folder / SET_ASIDE / name
+    make_folders(aside.parent, folder)
+    (folder / name).replace(free_name(aside))
+    sync_folder(aside.parent)
 
 
 def remove_leftovers(folder: Path) -> None:

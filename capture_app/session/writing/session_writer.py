@@ -39,6 +39,7 @@ from capture_app.session.format.manifest import (
     Manifest,
     MissingImage,
     check_references,
+    check_written,
     image_path,
     sync_record,
 )
@@ -95,6 +96,22 @@ def write_manifest(folder: Path, data: bytes, before: Iterable[Path]) -> None:
     for error in sync_all((*before, checksums, folder)).values():
         raise error
     write_atomic(folder / MANIFEST, data)
+
+
+def _valid_cameras(cameras: Iterable[CameraRecord]) -> tuple[tuple[CameraRecord, ...], dict[str, str]]:
+    """Return the cameras that a session can contain, and why each of the others is left out."""
+    valid: list[CameraRecord] = []
+    reasons: dict[str, str] = {}
+    for camera in cameras:
+        try:
+            encode_checked(camera)
+            check_written(camera)
+            valid.append(camera)
+        except BadInputError as error:
+            reasons[camera.name] = f"{camera.name} is left out: {error.what}"
+    if not valid:
+        raise BadInputError(f"no camera has a valid record: {'; '.join(reasons.values())}")
+    return tuple(valid), reasons
 
 
 class SessionWriter:
@@ -245,15 +262,20 @@ class SessionWriter:
     ) -> Session:
         """Write the manifest, which makes the session complete, and open the session.
 
-        `origin` is captured, simulated or imported; entries of `missing` that exist are dropped. Raises
-        BadInputError if the records contradict each other; the session is then unchanged.
+        `origin` is captured, simulated or imported; entries of `missing` that exist are dropped. A camera
+        whose record is not valid is left out: its files are set aside, and the note names it. Raises
+        BadInputError if the records contradict each other or no camera is valid; nothing is written then.
         """
+        valid, reasons = _valid_cameras(cameras)
         with self._writing():
+            self.images.leave_out(reasons.keys())
+            self.videos.leave_out(reasons.keys())
             # For a video's frame check only whether it exists: its record would be read from disk.
             absent = (
                 gap
                 for gap in missing
-                if self.images.get(gap.camera, gap.instant) is None
+                if gap.camera not in reasons
+                and self.images.get(gap.camera, gap.instant) is None
                 and not self.videos.has(gap.camera, gap.instant)
             )
             manifest = Manifest(
@@ -261,11 +283,11 @@ class SessionWriter:
                 created=self.created,
                 origin=origin,
                 software=self.software,
-                cameras=tuple(cameras),
+                cameras=valid,
                 burst=burst,
                 images=self.images.records,
                 missing=tuple(sorted(absent, key=lambda m: (m.instant, m.camera))),
-                note=earlier_note(self.folder) or note,
+                note="; ".join(filter(None, (earlier_note(self.folder) or note, *reasons.values()))),
                 videos=self.videos.records(),
             )
             data = encode_manifest(self.folder, manifest, self.videos.in_order(burst.instants_ns))
@@ -300,6 +322,11 @@ class SessionWriter:
         self.images.open(recover=interrupted)
         if interrupted:
             self.videos.recover()
+        if self.plan is not None:
+            # `read_plan` omits the cameras that it cannot trust.
+            planned = {part.camera.name for part in self.plan.cameras}
+            self.images.leave_out({image.camera for image in self.images.records} - planned)
+            self.videos.leave_out({video.camera for video in self.videos.records()} - planned)
 
     def _know_plan(self, plan: BurstPlan) -> None:
         # The plan allows recovery after a crash, which then needs the true times, too.

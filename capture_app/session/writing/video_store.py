@@ -6,7 +6,7 @@ import shutil
 import threading
 from array import array
 from bisect import bisect_left
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Sequence, Set
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -31,9 +31,16 @@ from capture_app.session.format.journal import (
     frames_path,
     record_of_line,
 )
-from capture_app.session.format.manifest import NO_INSTANT, VIDEOS, FrameRecord, VideoRecord, video_path
+from capture_app.session.format.manifest import (
+    NO_INSTANT,
+    VIDEOS,
+    FrameRecord,
+    VideoRecord,
+    check_written,
+    video_path,
+)
 from capture_app.session.writing.image_store import StoredImage
-from capture_app.session.writing.recovery import SET_ASIDE
+from capture_app.session.writing.recovery import SET_ASIDE, set_aside
 
 
 @dataclass(slots=True)
@@ -54,6 +61,13 @@ class _Video:
         """Return the index of an instant's frame, or None."""
         place = bisect_left(self.instants, instant)
         return place if place < len(self.instants) and self.instants[place] == instant else None
+
+    def close(self) -> None:
+        """Close both files; may be called twice."""
+        if self.handle >= 0:
+            os.close(self.handle)
+            self.handle = -1
+        self.lines.close()
 
     def note(self, instant: int, line_bytes: int, frame_end: int) -> None:
         """Record a frame's line, and the end of the frame."""
@@ -136,14 +150,20 @@ class VideoStore:
         with self._mutex:
             return tuple(self._videos[camera].record for camera in sorted(self._videos))
 
+    def leave_out(self, cameras: Set[str]) -> None:
+        """Set aside the videos of these cameras. Raises OSError."""
+        with self._mutex:
+            for camera in self._videos.keys() & cameras:
+                video = self._videos.pop(camera)
+                video.close()
+                for path in (video.record.path, frames_path(video.record.path)):
+                    set_aside(self._folder, path)
+
     def close(self) -> None:
         """Close all files, whose contents are on disk already. May be called twice."""
         with self._mutex:
             for video in self._videos.values():
-                if video.handle >= 0:
-                    os.close(video.handle)
-                    video.handle = -1
-                video.lines.close()
+                video.close()
 
     def _in_order(self, video: _Video, instants_ns: Sequence[int]) -> Iterator[FrameRecord]:
         with (self._folder / frames_path(video.record.path)).open("rb") as file:
@@ -163,6 +183,7 @@ class VideoStore:
         for frame in given:
             if video.find(frame.record.instant) is None:
                 assert isinstance(frame.source, bytes), "a frame of a video is no file"
+                check_written(frame.record)
                 line, end = frame_line(frame.record, end, frame.true_ns), end + len(frame.source)
                 frames.append((frame, frame.source, line, end))
         try:

@@ -115,7 +115,7 @@ async def _run(
 
     try:
         async with (
-            gateway.serving(listening, certificate.server_context()),
+            gateway.serving(listening, certificate.server_context(), (host, *certificate.names())),
             inviting_phones(invitation, as_json),
         ):
             await asyncio.Event().wait()

@@ -18,6 +18,13 @@ if TYPE_CHECKING:
 @click.command(epilog=examples("capture-app serve", "capture-app serve --port 8080 --leader 192.168.1.20"))
 @click.option("--host", default="127.0.0.1", help="Address that the page listens on; 0.0.0.0: all networks.")
 @click.option(
+    "--allow-host",
+    "names",
+    multiple=True,
+    metavar="NAME",
+    help="Accept this name of the machine in requests, too; default: its addresses and host name.",
+)
+@click.option(
     "--port",
     type=click.IntRange(0, 65535),
     default=8000,
@@ -33,7 +40,14 @@ if TYPE_CHECKING:
 )
 @attached_sessions_option
 @json_option
-def serve(host: str, port: int, leader: Address | None, sessions: Path | None, as_json: bool) -> None:
+def serve(
+    host: str,
+    names: tuple[str, ...],
+    port: int,
+    leader: Address | None,
+    sessions: Path | None,
+    as_json: bool,
+) -> None:
     """Show the terminal UI in a browser, until Ctrl-C; the rig keeps running.
 
     Whoever reaches the page controls the rig and sees the sessions: there is no password. It listens on this
@@ -41,14 +55,15 @@ def serve(host: str, port: int, leader: Address | None, sessions: Path | None, a
     """
     from capture_app.rig.process import attach
 
-    run_until_stopped(_serve(asyncio.run(attach(leader=leader, sessions=sessions)), host, port, as_json))
+    rig = asyncio.run(attach(leader=leader, sessions=sessions))
+    run_until_stopped(_serve(rig, host, (*names, host), port, as_json))
 
 
-async def _serve(rig: "AttachedRig", host: str, port: int, as_json: bool) -> None:
+async def _serve(rig: "AttachedRig", host: str, names: tuple[str, ...], port: int, as_json: bool) -> None:
     from capture_app.tui.web import PageServer
 
     with listen_tcp(host, port) as listening:
-        server = PageServer(rig, listening)
+        server = PageServer(rig, listening, names)
         told = {"url": server.public_url, "leader": str(rig.leader), "sessions": str(rig.sessions)}
         answer(as_json, told, [server.public_url])
         who = "whoever uses this machine" if host in LOOPBACK_HOSTS else "whoever reaches it from the network"

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 
 import msgspec
 
+from capture_app.common.address import is_own_page
 from capture_app.panel.pattern import (
     PANELS,
     RATE_TOLERANCE,
@@ -93,7 +94,9 @@ async def served_page(listening: socket.socket) -> AsyncIterator[None]:
 
     page = await asyncio.to_thread(page_html)
 
-    async def send(_: "web.Request") -> "web.Response":
+    async def send(request: "web.Request") -> "web.Response":
+        if not is_own_page(request.host, request.headers.get("Origin")):
+            raise web.HTTPForbidden(text="Open the page by this machine's address or host name.\n")
         return web.Response(body=page, headers=HEADERS, content_type="text/html", charset="utf-8")
 
     app = web.Application()

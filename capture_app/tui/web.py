@@ -4,25 +4,23 @@ import asyncio
 import shlex
 import socket
 import sys
-from urllib.parse import urlsplit
+from collections.abc import Collection
 
 from aiohttp import web
 from aiohttp.typedefs import Handler
 from textual_serve.server import Server
 
-from capture_app.common.address import ANY_HOST, LOOPBACK_HOSTS, Address, reachable_host
+from capture_app.common.address import ANY_HOST, Address, is_own_page, reachable_host
 from capture_app.rig.process import AttachedRig
 
 
 class PageServer(Server):
     """Server of one rig's screen; rejects requests from pages of other sites."""
 
-    def __init__(self, rig: AttachedRig, listening: socket.socket) -> None:
+    def __init__(self, rig: AttachedRig, listening: socket.socket, names: Collection[str] = ()) -> None:
+        """Create the server; requests may call this machine by its own names and by `names`."""
         host, port = listening.getsockname()[:2]
-        self._names = (
-            () if host not in LOOPBACK_HOSTS else tuple(str(Address(name, port)) for name in LOOPBACK_HOSTS)
-        )
-        """Host names accepted in requests; empty for any."""
+        self._names = names
         shown = reachable_host(host, listening.family) if host in ANY_HOST else host
         super().__init__(
             shlex.join((sys.executable, "-m", "capture_app.cli", *rig.screen_arguments)),
@@ -49,9 +47,9 @@ class PageServer(Server):
     @web.middleware
     async def _refuse_foreign_origins(self, request: web.Request, handler: Handler) -> web.StreamResponse:
         """Reject other origins and host names: any page in the user's browser can send requests here."""
-        origin = request.headers.get("Origin")
-        if (origin is not None and urlsplit(origin).netloc != request.host) or (
-            self._names and request.host not in self._names
-        ):
-            raise web.HTTPForbidden(text="the screen is for its own page only")
+        if not is_own_page(request.host, request.headers.get("Origin"), self._names):
+            raise web.HTTPForbidden(
+                text="The screen is for its own page only: open it by this machine's address or host name, "
+                "or start it with capture-app serve --allow-host NAME.\n"
+            )
         return await handler(request)

@@ -38,6 +38,14 @@ class PageCertificate:
             raise _unusable(self.file) from error
         return context
 
+    def names(self) -> list[str]:
+        """Return the host names that the certificate is for."""
+        from cryptography import x509
+
+        extensions = x509.load_pem_x509_certificate(self.file.read_bytes()).extensions
+        found = [one.value for one in extensions if isinstance(one.value, x509.SubjectAlternativeName)]
+        return [name for one in found for name in one.get_values_for_type(x509.DNSName)]
+
 
 def load_certificate(file: Path) -> PageCertificate:
     """Return a certificate that the user provides. Raises BadInputError if the file lacks it or its key."""

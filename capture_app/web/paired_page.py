@@ -10,7 +10,7 @@ import socket
 import ssl
 import time
 from abc import ABC, abstractmethod
-from collections.abc import AsyncIterator, Mapping
+from collections.abc import AsyncIterator, Collection, Mapping
 from http import HTTPStatus
 from pathlib import Path
 from types import MappingProxyType
@@ -20,6 +20,7 @@ from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Handler
 
+from capture_app.common.address import is_own_page
 from capture_app.common.errors import UnknownMachineError
 from capture_app.common.tasks import end
 from capture_app.common.text import UNREADABLE
@@ -208,9 +209,15 @@ class PairedPage(ABC):
         """
 
     @contextlib.asynccontextmanager
-    async def serving(self, listening: socket.socket, tls: ssl.SSLContext | None) -> AsyncIterator[None]:
-        """Serve on a listening socket until the block ends; then notify all pages."""
+    async def serving(
+        self, listening: socket.socket, tls: ssl.SSLContext | None, names: Collection[str] = ()
+    ) -> AsyncIterator[None]:
+        """Serve on a listening socket until the block ends; then notify all pages.
+
+        Pages may call this machine by its own names and by `names`.
+        """
         app = web.Application(middlewares=[_guard], client_max_size=4096)
+        app[_NAMES] = names
         app.on_response_prepare.append(_say_no_server)
         for name in self._files:
             app.router.add_get(f"/{name}", self._send_file)
@@ -276,12 +283,14 @@ class PairedPage(ABC):
         return socket_
 
 
+_NAMES = web.AppKey("names", Collection[str])
+
+
 @web.middleware
 async def _guard(request: web.Request, handler: Handler) -> web.StreamResponse:
     """Refuse requests from other origins; add headers for precise timers and isolation to responses."""
-    origin = request.headers.get("Origin")
-    if origin is not None and origin.rpartition("://")[2] != request.host:
-        raise web.HTTPForbidden(text="this address is for its own page only")
+    if not is_own_page(request.host, request.headers.get("Origin"), request.app[_NAMES]):
+        raise web.HTTPForbidden(text="This is for its own page only: open it by this machine's address.")
     response = await handler(request)
     if not response.prepared:
         response.headers.update(_HEADERS)

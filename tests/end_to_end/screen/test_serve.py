@@ -43,5 +43,18 @@ async def test_the_screen_opens_for_its_own_page_only(start: Start, tmp_path: Pa
                 if message.type is aiohttp.WSMsgType.BINARY:
                     shown += message.data.decode(errors="replace")
     assert await serving.stop() == 130
+    open_to_all = await start(
+        "serve", "--leader", at, "--host", "0.0.0.0", "--port", "0", "--allow-host", "stage.example", "--json"
+    )
+    assert open_to_all.process.stdout is not None
+    async with asyncio.timeout(TIMEOUT_S):
+        printed = await open_to_all.process.stdout.readuntil(b"\n}\n")
+    url = f"http://127.0.0.1:{json.loads(printed)['url'].rpartition(':')[2]}"
+    async with aiohttp.ClientSession() as browser:
+        for name, code in (("stage.example", 200), ("rebound.example", 403)):
+            headers = {"Host": name, "Origin": f"http://{name}"}
+            async with browser.get(url, headers=headers) as answer:
+                assert answer.status == code
+    assert await open_to_all.stop() == 130
     status = await start("status", "--leader", at, "--json")
     assert json.loads(await status.finish())["leader"] == at, "the rig goes on"

@@ -29,6 +29,7 @@ from capture_app.common.errors import CameraError
 from capture_app.common.optional_packages import load_optional
 from capture_app.common.passwords import reveal_password
 from capture_app.common.tasks import end
+from capture_app.session.reading.decoding import MAX_SENT_PIXELS
 from capture_app.sync.wire.camera_commands import CameraCommand
 
 if TYPE_CHECKING:
@@ -40,7 +41,10 @@ SPEC = "rtsp://USER@HOST/PATH[,key=value…]"
 HELP = "IP cameras, by their addresses."
 EXTRA = "rtsp"
 NEEDS = f"PyAV: the extra {EXTRA}"
-OPTIONS = {"fps": "its frames a second, where it does not say them and they are not whole"}
+OPTIONS = {
+    "fps": "its frames a second, where it does not say them and they are not whole",
+    "basic": "yes sends it the password in clear text if it asks for that; default: refuse",
+}
 REPORTS_S, FIRST_REPORTS = 8.0, 2
 """Max wait for sender reports, and the number to wait for; RFC 3550 sends one every 2.5 to 7.5 s."""
 PICTURE_S, SILENCE_S, ASK_S = 30.0, 5.0, 2.0
@@ -67,10 +71,20 @@ def _pixels(frame: Any, width: int | None) -> "NDArray[np.uint8]":
 class RtspCamera(ThreadedCamera):
     """An IP camera; it is connected when it is started, which takes seconds."""
 
-    def __init__(self, url: str, fps: float | None = None, *, reports_s: float = REPORTS_S) -> None:
-        """Create the camera; it waits up to `reports_s` for sender reports. Raises BadInputError."""
+    def __init__(
+        self,
+        url: str,
+        fps: float | None = None,
+        *,
+        reports_s: float = REPORTS_S,
+        allows_basic: bool = False,
+    ) -> None:
+        """Create the camera; it waits up to `reports_s` for sender reports. Raises BadInputError.
+
+        `allows_basic` is that of its `Connection`.
+        """
         super().__init__(KIND)
-        self._connection = Connection(url)
+        self._connection = Connection(url, allows_basic=allows_basic)
         self._asked_fps, self._reports_s = fps, reports_s
         self._tasks: list[asyncio.Task[None]] = []
         self._waiting: asyncio.Queue[tuple[int, AccessUnit]] = asyncio.Queue(MAX_WAITING)
@@ -223,6 +237,7 @@ class _Decoder:
         self._av, self._is_damaged = av, True
         self._codec = av.CodecContext.create(stream.codec, "r")
         self._codec.extradata = stream.parameter_sets or None
+        self._codec.options = {"max_pixels": str(MAX_SENT_PIXELS)}
 
     def decode(self, media_ns: int, unit: AccessUnit) -> list[tuple[int, Any]]:
         """Return the frames, as PyAV objects, that a unit completes, each with its media time."""
@@ -252,9 +267,11 @@ def open_camera(address: str, options: Mapping[str, str], *, clock: NodeClock, n
 
     Raises BadInputError for an address or an option that cannot be read, NotAvailableError without PyAV.
     """
-    fps = read_request(options, "an IP camera").fps
+    request = {key: text for key, text in options.items() if key != "basic"}
+    fps, allows_basic = read_request(request, "an IP camera").fps, options.get("basic") == "yes"
     load_av().logging.set_level(None)
-    return RtspCamera(reveal_password(f"{KIND}:{address}"), fps).in_clock(clock)
+    url = reveal_password(f"{KIND}:{address}")
+    return RtspCamera(url, fps, allows_basic=allows_basic).in_clock(clock)
 
 
 def list_cameras() -> list[CameraListing]:

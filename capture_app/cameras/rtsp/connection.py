@@ -19,6 +19,8 @@ PORT, TIMEOUT_S = 554, 5.0
 DISCONNECTED = (OSError, EOFError, ValueError)
 """Errors of reading from a camera that has disconnected or sends something other than RTSP."""
 _MAX_BYTES = 1 << 18
+_MAX_EARLY = 256
+"""Maximum number of packets before the answer to PLAY."""
 _ROUND_TRIPS = 100
 _CODECS = {"H264": "h264", "H265": "hevc"}
 _REFUSALS = {
@@ -87,8 +89,11 @@ class Connection:
     server: str
     """Name that the camera gives itself; may be empty."""
 
-    def __init__(self, url: str) -> None:
-        """Parse a camera's address, with its password. Raises BadInputError if it cannot be read."""
+    def __init__(self, url: str, *, allows_basic: bool = False) -> None:
+        """Parse a camera's address, with its password. Raises BadInputError if it cannot be read.
+
+        With `allows_basic`, a camera that asks for it gets the password in clear text.
+        """
         parts: SplitResult = urlsplit(url)
         try:
             host, port = parts.hostname, parts.port or PORT
@@ -102,7 +107,7 @@ class Connection:
         self.host = host
         self.round_trips_ns: deque[int] = deque(maxlen=_ROUND_TRIPS)
         """Round-trip times of the last answers to `ask`."""
-        self._port = port
+        self._port, self._allows_basic = port, allows_basic
         self._url = parts._replace(netloc=parts.netloc.rpartition("@")[2]).geturl()
         self._user, self._password = unquote(parts.username or ""), unquote(parts.password or "")
         self._reader: asyncio.StreamReader
@@ -172,12 +177,18 @@ class Connection:
         for _ in range(2):
             self._send(method, url, *headers)
             while (answer := await self._read()) is None:
-                pass
+                if len(self._early) > _MAX_EARLY:
+                    raise EOFError("it sends packets instead of an answer")
             status, fields, body = answer
             if status != 401 or not self._user:
                 break
             challenges = [value for key, value in fields if key == "www-authenticate"]
             self._challenge = max(challenges, key=lambda one: one.lower().startswith("digest"), default="")
+            if self._challenge.lower().startswith("basic") and not self._allows_basic:
+                raise CameraError(
+                    "asks for the password in clear text, which anyone in the network can read",
+                    hint="set it to digest authentication, or append ,basic=yes to send the password anyway",
+                )
         if status != 200:
             what, hint = _REFUSALS.get(status, (f"refuses {method} with {status}", ""))
             raise CameraError(what, hint=hint)

@@ -4,8 +4,12 @@ import struct
 from collections.abc import Iterator
 from dataclasses import dataclass
 
+from capture_app.common.errors import CameraError
+
 _START = b"\0\0\0\1"
 _SENDER_REPORT = 200
+MAX_UNIT_BYTES = 1 << 23
+"""Largest coded frame; the largest ones of 8K cameras have half of it."""
 
 
 def reported_ticks(data: bytes) -> list[int]:
@@ -46,7 +50,10 @@ class AccessUnits:
         self._data, self._whole = bytearray(), True
 
     def add(self, packet: bytes, arrival_ns: int) -> list[AccessUnit]:
-        """Add an RTP packet; return the access units that it completes."""
+        """Add an RTP packet; return the access units that it completes.
+
+        Raises CameraError for a unit of over MAX_UNIT_BYTES.
+        """
         if len(packet) < 12 or packet[0] >> 6 != 2 or packet[1] & 0x7F != self._payload_type:
             return []
         sequence, ticks = struct.unpack_from(">HI", packet, 2)
@@ -59,6 +66,8 @@ class AccessUnits:
         try:
             for piece in self._pieces(_payload(packet)):
                 self._data += piece
+            if len(self._data) > MAX_UNIT_BYTES:
+                raise CameraError(f"sends a picture of over {MAX_UNIT_BYTES >> 20} MiB")
         except (IndexError, struct.error):
             self._whole = False
         return [*done, *(self._finish() if packet[1] & 0x80 else [])]

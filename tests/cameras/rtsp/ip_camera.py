@@ -66,6 +66,12 @@ class IpCamera:
     """From a picture's timestamp to its first packet."""
     login: tuple[str, str] | None = None
     algorithm: str = "MD5"
+    basic_only: bool = False
+    """It asks for the password in clear text."""
+    seen_logins: list[str] = field(default_factory=list)
+    """The Authorization headers that it was sent."""
+    floods: bool = False
+    """It sends packets instead of its first answer."""
     status: int = 200
     """What it answers to PLAY."""
     is_silent: bool = False
@@ -116,6 +122,10 @@ class IpCamera:
                 method, url, _ = head.split(" ", 2)
                 number = re.search(r"CSeq: (\d+)", head)[1]
                 self.asked.append(method)
+                self.seen_logins += re.findall(r"Authorization: (.*)", head)
+                while self.floods:
+                    writer.write((b"$\0" + struct.pack(">H", 1400) + bytes(1400)) * 100)
+                    await writer.drain()
                 writer.write(self._answer(method, url, head, number))
                 if method == "PLAY" and self.status == 200 and not self.is_silent:
                     playing = asyncio.create_task(self._play(writer))
@@ -134,6 +144,8 @@ class IpCamera:
                 'WWW-Authenticate: Basic realm="IP camera"\r\n'
                 f'WWW-Authenticate: Digest realm="IP camera", nonce="8f2a", algorithm={self.algorithm}\r\n'
             )
+            if self.basic_only:
+                headers = headers.partition("\r\n")[0] + "\r\n"
         elif method == "DESCRIBE":
             headers, body = f"Content-Base: {url}/\r\nServer: Tests/1\r\n", self._description()
         elif method == "SETUP":

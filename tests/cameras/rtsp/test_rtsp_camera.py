@@ -227,3 +227,25 @@ def test_a_command_line_does_not_show_it_to_other_users(tmp_path: Path) -> None:
     )
     assert "admin@10.0.0.9" in done.stdout
     assert "s3cret" not in done.stdout
+
+
+async def test_a_password_is_not_sent_in_clear_text_unless_asked_for() -> None:
+    source = IpCamera(login=("admin", "secret"), basic_only=True)
+    async with source.running():
+        camera = RtspCamera(source.url("admin:secret"))
+        with pytest.raises(CameraError, match="in clear text") as refused:
+            await camera.start(lambda frame: None, lambda error: None)
+        assert "basic=yes" in refused.value.hint
+        assert source.seen_logins == []
+        camera = RtspCamera(source.url("admin:secret"), allows_basic=True)
+        with pytest.raises(CameraError, match="refuses the user name"):
+            await camera.start(lambda frame: None, lambda error: None)
+        assert source.seen_logins[0].startswith("Basic ")
+
+
+async def test_packets_before_the_first_answer_are_not_collected() -> None:
+    source = IpCamera(floods=True)
+    async with source.running():
+        with pytest.raises(CameraError) as refused:
+            await RtspCamera(source.url()).start(lambda frame: None, lambda error: None)
+        assert "packets instead of an answer" in refused.value.hint

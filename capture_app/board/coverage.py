@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 
 from capture_app.board.boards import MIN_CORNERS
 from capture_app.board.detector import Board, BoardDetector, Corners
+from capture_app.session.reading.decoding import MAX_SENT_PIXELS, decode_image
 
 MIN_VIEWS = 10
 """Minimum number of different views for calibrating a camera's lens, as OpenCV recommends."""
@@ -251,8 +252,9 @@ class PreviewCount:
 
     def add(self, camera: str, leader_ns: int | None, jpeg: bytes) -> BoardCoverage:
         """Count one preview and return the coverage; `leader_ns` is its time, None if unknown."""
-        grey = cv2.imdecode(np.frombuffer(jpeg, np.uint8), cv2.IMREAD_GRAYSCALE)
-        if grey is not None and camera in self._sizes:
+        image = decode_image(jpeg, colour=True, max_pixels=MAX_SENT_PIXELS)
+        if image is not None and camera in self._sizes:
+            grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
             scale = np.array(self._sizes[camera]) / grey.shape[::-1]
             found = self._detectors[camera].detect(grey)
             corners = {number: (at + 0.5) * scale - 0.5 for number, at in found.items()}

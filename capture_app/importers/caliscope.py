@@ -57,7 +57,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
         return None
     try:
         content = tomllib.loads(read_text(path))
-    except tomllib.TOMLDecodeError as error:
+    except (tomllib.TOMLDecodeError, RecursionError) as error:
         raise BadInputError(f"cannot read the calibration {path}: {error}") from error
     inner = content.get("cameras")
     tables = inner if isinstance(inner, dict) else content

@@ -21,6 +21,7 @@ from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.phones.frame_times import TimedFrame
 from capture_app.phones.phone import Phone
 from capture_app.protocol.log import Log
+from capture_app.session.reading.decoding import MAX_SENT_PIXELS, decode_image
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 if TYPE_CHECKING:
@@ -56,13 +57,10 @@ class PhonePicture:
 
         Raises CameraError if it does not arrive, ValueError if it cannot be decoded.
         """
-        import cv2
-        import numpy as np
-
-        picture = cv2.imdecode(np.frombuffer(self._fetch(width), np.uint8), cv2.IMREAD_COLOR)
+        picture = decode_image(self._fetch(width), colour=True, max_pixels=MAX_SENT_PIXELS)
         if picture is None:
             raise ValueError("the phone's JPEG cannot be decoded")
-        return np.asarray(picture, np.uint8)
+        return picture
 
     def _fetch(self, width: int | None) -> bytes:
         coming = asyncio.run_coroutine_threadsafe(self.phone.fetch(self.page, self.id, width), self.loop)

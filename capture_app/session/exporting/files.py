@@ -7,8 +7,9 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.session.exporting.exported_burst import ExportedBurst, Picture, Redraw
+from capture_app.session.files.untrusted_files import read_regular
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
-from capture_app.session.reading.decoding import encode_image
+from capture_app.session.reading.decoding import decode_image, encode_image
 
 _SAME = {".jpeg": ".jpg", ".mjpeg": ".jpg", ".tif": ".tiff"}
 
@@ -80,11 +81,11 @@ def write_mask(
     path = mask_path(masks, image.camera, image.instant)
     if not path.is_file():
         raise IncompleteError(f"{path} is missing", hint="reconstruct movers makes masks of all images")
-    mask = cv2.imdecode(np.fromfile(path, np.uint8), cv2.IMREAD_GRAYSCALE)
-    if mask is None or mask.shape[::-1] != burst.size(image.camera):
-        size = "x".join(map(str, burst.size(image.camera)))
-        raise BadInputError(f"{path} is not a picture of {size} pixels")
-    white: Picture = np.where(mask > 127, 255, 0).astype(np.uint8)
+    width, height = burst.size(image.camera)
+    mask = decode_image(read_regular(path), colour=True, max_pixels=width * height)
+    if mask is None or mask.shape[:2] != (height, width):
+        raise BadInputError(f"{path} is not a picture of {width}x{height} pixels")
+    white: Picture = np.where(cv2.cvtColor(mask, cv2.COLOR_BGR2GRAY) > 127, 255, 0).astype(np.uint8)
     if redraw:
         white = np.where(redraw(white) > 127, 255, 0).astype(np.uint8)
     target.parent.mkdir(parents=True, exist_ok=True)

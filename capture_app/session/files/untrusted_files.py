@@ -10,7 +10,7 @@ import re
 import stat
 import zipfile
 from pathlib import Path
-from typing import TYPE_CHECKING, TypeVar
+from typing import TYPE_CHECKING, BinaryIO, TypeVar
 
 import msgspec
 
@@ -26,12 +26,18 @@ MAX_BYTES = 1 << 30
 """Maximum unpacked size of all arrays of a file, bytes."""
 
 
+def open_regular(path: Path) -> BinaryIO:
+    """Open a regular file for reading; links are followed. Raises OSError for anything else."""
+    file = os.fdopen(os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC), "rb")
+    if not stat.S_ISREG(os.fstat(file.fileno()).st_mode):
+        file.close()
+        raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+    return file
+
+
 def read_regular(path: Path) -> bytes:
-    """Return the bytes of a regular file; links are followed. Raises OSError for anything else."""
-    handle = os.open(path, os.O_RDONLY | os.O_NONBLOCK | os.O_CLOEXEC)
-    with os.fdopen(handle, "rb") as file:
-        if not stat.S_ISREG(os.fstat(handle).st_mode):
-            raise OSError(errno.EINVAL, "it is not a regular file", str(path))
+    """Return the bytes of a regular file, as `open_regular` opens it."""
+    with open_regular(path) as file:
         return file.read()
 
 

@@ -7,17 +7,19 @@ are read beside the stamps. A camera has the lens of its frame or namespace; a t
 child in the parent's coordinates.
 """
 
+import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.names import is_name, name_like
 from capture_app.common.optional_packages import load_optional
+from capture_app.session.files.untrusted_files import open_regular
 from capture_app.session.format.message_types import ROS_BAGS, foxglove_message, ros_messages
 from capture_app.session.importing.frame_matching import TimedFrame
 from capture_app.session.importing.sources import Source
@@ -25,6 +27,8 @@ from capture_app.session.importing.views import View, Views, view_at
 from capture_app.session.reading.decoding import encode_image, image_size
 
 MCAP = ".mcap"
+_MAGIC_BYTES, _CHUNK, _MAX_CHUNK = 8, 0x06, 1 << 26
+"""Length of the file's magic, opcode of a chunk record, and the largest chunk that is unpacked, bytes."""
 _FOXGLOVE = "foxglove."
 _PICTURES = (
     "foxglove.CompressedImage", "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/Image"
@@ -197,17 +201,19 @@ def attachments(path: Path) -> dict[str, bytes]:
     """Return the attachments of an .mcap, by name. Raises BadInputError if the file is damaged."""
     if path.suffix.lower() != MCAP:
         return {}
-    with intact(path), path.open("rb") as stream:
-        reader = load_optional("mcap.reader", "export", "MCAP").make_reader(stream)
-        return {one.name: one.data for one in reader.iter_attachments()}
+    with intact(path), _open_mcap(path) as stream:
+        reader = load_optional("mcap.stream_reader", "export", "MCAP")
+        records = reader.StreamReader(stream, emit_chunks=True).records
+        return {one.name: one.data for one in records if isinstance(one, reader.Attachment)}
 
 
 def _messages(path: Path, kinds: Collection[str], topics: Sequence[str] = ()) -> Iterator[_Message]:
     """Yield the messages of these types, on these topics or on all, in recording order."""
     with intact(path):
         if path.suffix.lower() == MCAP:
-            with path.open("rb") as stream:
-                reader = load_optional("mcap.reader", "export", "MCAP").make_reader(stream)
+            with _open_mcap(path) as stream:
+                # It reads the chunks that were checked; the other reader follows an index to any place.
+                reader = load_optional("mcap.reader", "export", "MCAP").NonSeekingReader(stream)
                 for schema, channel, one in reader.iter_messages(topics or None, log_time_order=False):
                     if schema is None or schema.name not in kinds:
                         continue
@@ -221,6 +227,38 @@ def _messages(path: Path, kinds: Collection[str], topics: Sequence[str] = ()) ->
             chosen = [one for one in connections if not topics or one.topic in topics]
             for of, at_ns, raw in found.messages(connections=chosen) if chosen else ():
                 yield _Message(of.topic, of.msgtype, at_ns, 0, found.deserialize(raw, of.msgtype))
+
+
+def _open_mcap(path: Path) -> BinaryIO:
+    """Open an .mcap none of whose chunks unpacks to more than _MAX_CHUNK. Raises BadInputError, OSError."""
+    stream = open_regular(path)
+    stream.seek(_MAGIC_BYTES)
+    while len(head := stream.read(9)) == 9:
+        kind, length = struct.unpack("<BQ", head)
+        end = stream.tell() + length
+        if kind == _CHUNK:
+            _start, _end, size, _crc, name = struct.unpack("<QQQII", stream.read(32))
+            compression = stream.read(min(name, 16))
+            if max(size, length) > _MAX_CHUNK or _unpacked(compression, stream.read(length)) > _MAX_CHUNK:
+                stream.close()
+                raise BadInputError(
+                    f"{path} has a chunk of over {_MAX_CHUNK >> 20} MiB",
+                    hint=f"write smaller ones: mcap compress {path} --chunk-size 4194304 -o OUT.mcap",
+                )
+        stream.seek(end)
+    stream.seek(0)
+    return stream
+
+
+def _unpacked(compression: bytes, rest: bytes) -> int:
+    """Return the size (bytes) that a chunk's data claims for itself, which need not be the chunk's claim."""
+    data = rest[8:]
+    if compression == b"zstd":
+        return int(load_optional("zstandard", "export", "MCAP").frame_content_size(data))
+    if compression == b"lz4":
+        lz4 = load_optional("lz4.frame", "export", "MCAP")
+        return len(lz4.LZ4FrameDecompressor().decompress(data, max_length=_MAX_CHUNK + 1))
+    return len(data)
 
 
 def _decode(kind: str, data: bytes) -> Any:

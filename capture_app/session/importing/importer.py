@@ -112,11 +112,15 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
 
 
 def split_name(text: str) -> tuple[str, Path]:
-    """Split `NAME=PATH`; the name is empty if there is none."""
-    name, separator, path = text.partition("=")
-    if separator and is_name(name) and not Path(text).exists():
-        return name, Path(path)
-    return "", Path(text)
+    """Split `NAME=PATH`; the name is empty if there is none. Raises BadInputError for a pipe or a device."""
+    name, separator, rest = text.partition("=")
+    named = bool(separator) and is_name(name) and not Path(text).exists()
+    path = Path(rest if named else text)
+    if path.exists() and not (path.is_file() or path.is_dir()):
+        raise BadInputError(
+            f"{path} is neither a file nor a folder", hint="copy what it delivers into a file"
+        )
+    return name if named else "", path
 
 
 def _source(name: str, path: Path, png: bool, recording: str | None) -> Source:

@@ -126,6 +126,13 @@ def _number(text: str) -> int | None:
 
 
 def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
+    try:
+        return _table_rows(path, names)
+    except csv.Error as error:
+        raise BadInputError(f"cannot read the table {path}: {error}") from error
+
+
+def _table_rows(path: Path, names: Sequence[str]) -> list[_Row]:
     text = read_text(path, encoding="utf-8-sig")
     header = text.partition("\n")[0]
     delimiter = next((mark for mark in ",;\t" if mark in header), ",")

@@ -10,6 +10,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.text import UNREADABLE
+from capture_app.session.files.untrusted_files import read_regular
 
 Array = NDArray[np.float64]
 SAME_ROTATION, SAME_PLACE = 1e-5, 1e-5
@@ -47,10 +49,10 @@ def read_json(path: Path) -> Any:
     if path.suffix.lower() != ".json":
         return None
     try:
-        return msgspec.json.decode(path.read_bytes())
+        return msgspec.json.decode(read_regular(path))
     except OSError as error:
         raise BadInputError(f"cannot read {path}: {error.strerror}") from error
-    except (msgspec.DecodeError, UnicodeDecodeError) as error:
+    except UNREADABLE as error:
         raise BadInputError(f"{path} is not JSON: {error}") from error
 
 

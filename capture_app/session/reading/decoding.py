@@ -10,22 +10,29 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
 MAX_PIXELS = 1 << 28
-"""Largest image that is decoded, px; no camera takes a larger one."""
+"""Largest stored image that is decoded, px; no camera takes a larger one."""
+MAX_SENT_PIXELS = 1 << 25
+"""Largest preview or phone picture that is decoded, px: 8K."""
 JPEG_QUALITY = 95
 
 
 def decode_image(
-    data: bytes, *, colour: bool = False, min_width: int = 0, upright: bool = False
+    data: bytes,
+    *,
+    colour: bool = False,
+    min_width: int = 0,
+    upright: bool = False,
+    max_pixels: int = MAX_PIXELS,
 ) -> "NDArray[np.uint8] | None":
-    """Decode an image file's bytes; return None if they are not an image or if it exceeds MAX_PIXELS.
+    """Decode an image file's bytes; return None if they are not an image or if it exceeds `max_pixels`.
 
-    A small file can claim a huge size, so the size in the header is checked first. `colour`: return height x
-    width x BGR of 8 bits, whatever the file contains; with `min_width`, decode at a half, a quarter or an
-    eighth of the size as long as the width stays at least that, which is much faster. `upright`: 8 bits,
+    A small file can claim a huge size, so a file whose header gives no size is not decoded. `colour`: return
+    height x width x BGR of 8 bits, whatever the file contains; with `min_width`, decode at a half, a quarter
+    or an eighth of the size as long as the width stays at least that, which is faster. `upright`: 8 bits,
     rotated by the EXIF orientation; otherwise the orientation is ignored.
     """
     size = size_of(data)
-    if size is not None and size[0] * size[1] > MAX_PIXELS:
+    if size is None or not 0 < size[0] * size[1] <= max_pixels:
         return None
     import cv2  # heavy: imported only when an image is decoded
     import numpy as np
@@ -37,7 +44,7 @@ def decode_image(
             (4, cv2.IMREAD_REDUCED_COLOR_4),
             (2, cv2.IMREAD_REDUCED_COLOR_2),
         )
-        fitting = (flag for by, flag in sizes if size and min_width and size[0] >= by * min_width)
+        fitting = (flag for by, flag in sizes if min_width and size[0] >= by * min_width)
         flags = next(fitting, cv2.IMREAD_COLOR) | cv2.IMREAD_IGNORE_ORIENTATION
     try:
         image = cv2.imdecode(np.frombuffer(data, np.uint8), flags) if data else None

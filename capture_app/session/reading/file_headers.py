@@ -12,7 +12,7 @@ UPRIGHT = 1
 
 MAX_BYTES = 1 << 28
 """Number of bytes read from a file; large because a TIFF may store its size at the end."""
-MAX_HEADER_BYTES = 1 << 20
+MAX_HEADER_BYTES = 1 << 24
 """Limit on the profiles and thumbnails before a JPEG's first frame header, bytes."""
 
 

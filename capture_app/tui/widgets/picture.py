@@ -25,7 +25,7 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from capture_app.common.text import printable
-from capture_app.session.reading.decoding import decode_image
+from capture_app.session.reading.decoding import MAX_SENT_PIXELS, decode_image
 from capture_app.tui.widgets.cells import (
     CellPicture,
     Image,
@@ -273,8 +273,9 @@ class Picture(Widget):
 
 def _load(source: Source | None) -> Image | None:
     loaded = source() if callable(source) else source
-    image = decode_image(loaded, colour=True) if isinstance(loaded, bytes) else loaded
-    return None if image is None or not image.size else image
+    if isinstance(loaded, bytes):
+        loaded = decode_image(loaded, colour=True, max_pixels=MAX_SENT_PIXELS)
+    return None if loaded is None or not loaded.size else loaded
 
 
 def _send(terminal: SharpTerminal, source: Source, columns: int, rows: int) -> SharpPicture | None:

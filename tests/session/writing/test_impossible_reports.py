@@ -82,7 +82,7 @@ def test_repair_says_what_to_do_where_no_camera_is_left(tmp_path: Path) -> None:
         camera["camera"]["facts"]["row_time_ns"] = 2**63
     (take.folder / PLAN).write_text(json.dumps(plan))
     for _ in range(2):
-        (result,) = asyncio.run(repair(take.folder, wait_s=0, address=Address("127.0.0.1", 0), news=Log()))
+        (result,) = asyncio.run(repair(take.folder, wait_s=0, address=Address("127.0.0.1", 0), log=Log()))
         assert not result.ok
         assert "sessions repair" not in result.what
         assert f"sessions import {take.folder}/images/rig1" in result.what

@@ -16,7 +16,6 @@ from numpy.typing import NDArray
 
 from capture_app.board.boards import MIN_CORNERS
 from capture_app.board.detector import Board, BoardDetector, Corners
-from capture_app.session.reading.decoding import MAX_SENT_PIXELS, decode_image
 
 MIN_VIEWS = 10
 """Minimum number of different views for calibrating a camera's lens, as OpenCV recommends."""
@@ -250,11 +249,13 @@ class PreviewCount:
         self._detectors = {name: BoardDetector(board) for name in sizes}
         self._latest: dict[str, tuple[int, Corners]] = {}
 
-    def add(self, camera: str, leader_ns: int | None, jpeg: bytes) -> BoardCoverage:
-        """Count one preview and return the coverage; `leader_ns` is its time, None if unknown."""
-        image = decode_image(jpeg, colour=True, max_pixels=MAX_SENT_PIXELS)
-        if image is not None and camera in self._sizes:
-            grey = np.asarray(cv2.cvtColor(image, cv2.COLOR_BGR2GRAY), np.uint8)
+    def add(self, camera: str, leader_ns: int | None, preview: NDArray[np.uint8] | None) -> BoardCoverage:
+        """Count one preview (BGR; None if it cannot be decoded) and return the coverage.
+
+        `leader_ns` is its time, None if unknown.
+        """
+        if preview is not None and camera in self._sizes:
+            grey = np.asarray(cv2.cvtColor(preview, cv2.COLOR_BGR2GRAY), np.uint8)
             scale = np.array(self._sizes[camera]) / grey.shape[::-1]
             found = self._detectors[camera].detect(grey)
             corners = {number: (at + 0.5) * scale - 0.5 for number, at in found.items()}

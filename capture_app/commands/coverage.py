@@ -71,6 +71,7 @@ async def _count(
     from capture_app.board.coverage import CoverageCount, PreviewCount
     from capture_app.protocol.status import Preview
     from capture_app.rig.link import LinkLost, RigLink, ask_status
+    from capture_app.session.reading.decoding import decode_preview
 
     nodes = (await ask_status(leader)).nodes
     cameras = {n.name: (n.camera.width, n.camera.height) for n in nodes if n.camera.width}
@@ -95,7 +96,8 @@ async def _count(
                     lost = False
                 if not isinstance(update, Preview) or update.camera not in cameras:
                     continue
-                now = await asyncio.to_thread(count.add, update.camera, update.leader_ns, update.jpeg)
+                preview = await asyncio.to_thread(decode_preview, update.jpeg)
+                now = await asyncio.to_thread(count.add, update.camera, update.leader_ns, preview)
                 if now != shown:
                     show(now)
                     shown = now

@@ -21,7 +21,7 @@ from capture_app.node.camera.supervisor import NodeOptions
 from capture_app.phones.frame_times import TimedFrame
 from capture_app.phones.phone import Phone
 from capture_app.protocol.log import Log
-from capture_app.session.reading.decoding import MAX_SENT_PIXELS, decode_image
+from capture_app.session.reading.decoding import decode_preview
 from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
 if TYPE_CHECKING:
@@ -57,7 +57,7 @@ class PhonePicture:
 
         Raises CameraError if it does not arrive, ValueError if it cannot be decoded.
         """
-        picture = decode_image(self._fetch(width), colour=True, max_pixels=MAX_SENT_PIXELS)
+        picture = decode_preview(self._fetch(width))
         if picture is None:
             raise ValueError("the phone's JPEG cannot be decoded")
         return picture

@@ -8,7 +8,7 @@ from numpy.typing import NDArray
 
 from capture_app.protocol.status import Preview
 from capture_app.rig.link import RigLink
-from capture_app.session.reading.decoding import MAX_SENT_PIXELS, decode_image
+from capture_app.session.reading.decoding import decode_preview
 
 WIDTH_PX, FPS = 160, 10.0
 BASELINE_RATE = 0.1
@@ -68,6 +68,6 @@ async def watch_motion(link: RigLink, watch: MotionWatch) -> AsyncGenerator[Prev
     async for update in link.updates():
         if not isinstance(update, Preview):
             continue
-        pixels = decode_image(update.jpeg, colour=True, max_pixels=MAX_SENT_PIXELS)
+        pixels = decode_preview(update.jpeg)
         if pixels is not None and watch.moved(update.camera, pixels.mean(2).astype(np.uint8)):
             yield update

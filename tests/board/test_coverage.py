@@ -5,6 +5,7 @@ from itertools import product
 import cv2
 import numpy as np
 import pytest
+from numpy.typing import NDArray
 
 from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.board.coverage import MOMENT_NS, CoverageCount, PreviewCount, coverage_table
@@ -95,16 +96,17 @@ def test_a_camera_that_has_not_seen_it_is_named_first() -> None:
 
 
 @pytest.fixture(scope="module")
-def preview() -> bytes:
+def preview() -> NDArray[np.uint8]:
     """The board in a preview of a third of the size."""
     large = np.full((3 * HEIGHT, 3 * WIDTH), 180, np.uint8)
     board = DEFAULT_BOARD.picture(120)
     large[300 : 300 + board.shape[0], 500 : 500 + board.shape[1]] = board
     small = cv2.resize(large, (WIDTH, HEIGHT), interpolation=cv2.INTER_AREA)
-    return cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 75])[1].tobytes()
+    coded = cv2.imencode(".jpg", small, [cv2.IMWRITE_JPEG_QUALITY, 75])[1]
+    return np.asarray(cv2.imdecode(coded, cv2.IMREAD_COLOR), np.uint8)
 
 
-def test_previews_of_one_moment_are_shared_whatever_their_size(preview: bytes) -> None:
+def test_previews_of_one_moment_are_shared_whatever_their_size(preview: NDArray[np.uint8]) -> None:
     sizes = dict.fromkeys("ab", (3 * WIDTH, 3 * HEIGHT))
     count = PreviewCount(DEFAULT_BOARD, sizes)
     count.add("a", 0, preview)
@@ -119,4 +121,4 @@ def test_previews_of_one_moment_are_shared_whatever_their_size(preview: bytes) -
     assert apart.add("b", MOMENT_NS + 1, preview).shared == ()
     # A clock that is not known yet, and what is no picture.
     assert apart.add("a", None, preview).cameras["a"].views == 1
-    assert apart.add("a", 5 * MOMENT_NS, b"no picture").cameras["a"].views == 1
+    assert apart.add("a", 5 * MOMENT_NS, None).cameras["a"].views == 1

@@ -53,6 +53,11 @@ def decode_image(
     return image
 
 
+def decode_preview(data: bytes) -> "NDArray[np.uint8] | None":
+    """Decode a preview or a phone's picture as BGR, as `decode_image` does up to MAX_SENT_PIXELS."""
+    return decode_image(data, colour=True, max_pixels=MAX_SENT_PIXELS)
+
+
 def image_size(data: bytes) -> tuple[int, int] | None:
     """Decode an image file's bytes and return width and height in px; None if they are not an image."""
     image = decode_image(data)

@@ -14,7 +14,7 @@ from textual.content import Content
 from capture_app.common.text import duration, printable
 from capture_app.protocol.status import NodeStatus, Preview
 from capture_app.rig.link import RigLink
-from capture_app.session.reading.decoding import MAX_SENT_PIXELS, decode_image
+from capture_app.session.reading.decoding import decode_preview
 from capture_app.tui.rig_record import RecordChanged, RigRecord
 from capture_app.tui.signs import SIGNS, cameras_of
 from capture_app.tui.widgets.cells import Image
@@ -220,5 +220,5 @@ def _about(node: NodeStatus) -> Iterator[str]:
 
 
 def _decode_and_measure(jpeg: bytes) -> tuple[Image, float, Exposure] | None:
-    image = decode_image(jpeg, colour=True, max_pixels=MAX_SENT_PIXELS)
+    image = decode_preview(jpeg)
     return None if image is None else (image, sharpness(image), exposure_of(image))

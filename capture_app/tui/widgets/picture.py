@@ -25,7 +25,7 @@ from textual.strip import Strip
 from textual.widget import Widget
 
 from capture_app.common.text import printable
-from capture_app.session.reading.decoding import MAX_SENT_PIXELS, decode_image
+from capture_app.session.reading.decoding import decode_preview
 from capture_app.tui.widgets.cells import (
     CellPicture,
     Image,
@@ -274,7 +274,7 @@ class Picture(Widget):
 def _load(source: Source | None) -> Image | None:
     loaded = source() if callable(source) else source
     if isinstance(loaded, bytes):
-        loaded = decode_image(loaded, colour=True, max_pixels=MAX_SENT_PIXELS)
+        loaded = decode_preview(loaded)
     return None if loaded is None or not loaded.size else loaded
 
 

@@ -29,6 +29,15 @@ typedef struct {
   float to[13];        /* 3x3 to its pixels from the reference's, their shift with inverse depth, its noise */
 } Source;
 
+/* Two grey levels side by side, read at once, the left one low: a gather of eight bytes costs that of four. */
+typedef uint64_t two_greys __attribute__((aligned(4), may_alias));
+
+PART float grey_of(uint32_t bits) {
+  float grey;
+  memcpy(&grey, &bits, sizeof grey);
+  return grey;
+}
+
 enum { BAND_ROWS = 64 }; /* rows of all sources that stay in the cache while all depths are tried */
 
 PART int mirrored(int at, int size) {
@@ -54,8 +63,11 @@ PART void warp_row(const Source *source, int width, int y, const float *restrict
     const int column = (int)across, row = (int)down;
     const float a = across - column, b = down - row;
     const int at = row * stride + column, under = at + stride;
-    const float above = pixels[at] + (pixels[at + 1] - pixels[at]) * a;
-    const float below = pixels[under] + (pixels[under + 1] - pixels[under]) * a;
+    const uint64_t upper = *(const two_greys *)(pixels + at), lower = *(const two_greys *)(pixels + under);
+    const float upper_left = grey_of((uint32_t)upper), upper_right = grey_of((uint32_t)(upper >> 32));
+    const float lower_left = grey_of((uint32_t)lower), lower_right = grey_of((uint32_t)(lower >> 32));
+    const float above = upper_left + (upper_right - upper_left) * a;
+    const float below = lower_left + (lower_right - lower_left) * a;
     out[x] = above + (below - above) * b;
   }
 }
@@ -208,27 +220,64 @@ PART Paths new_paths(int16_t *memory, int n, int depths) {
   return made;
 }
 
-/* `shift`: by how many columns a path moves; those at the border go on along it. */
-PART void walk(Paths *paths, int n, int depths, int shift, int small, const uint8_t *cost, const int16_t *jump,
+/* Repeats the columns at the border beyond it: slanting paths go on along the border. */
+PART void extend(int16_t *now, int16_t *least, int n, int depths, int stride) {
+  for (int d = 0; d < depths; d++, now += stride) now[-1] = now[0], now[n] = now[n - 1];
+  least[-1] = least[0], least[n] = least[n - 1];
+}
+
+/* One more pixel of n paths that go straight on. */
+PART void walk(Paths *paths, int n, int depths, int small, const uint8_t *cost, const int16_t *jump,
                int16_t *total) {
   const int from = paths->turn, to = !from;
   int16_t *now = paths->state[to], *least = paths->low[to];
-  step(n, depths, paths->stride, small, cost, paths->state[from] - shift, paths->low[from] - shift, jump, now, least,
-       total);
-  for (int d = 0; d < depths; d++, now += paths->stride) now[-1] = now[0], now[n] = now[n - 1];
-  least[-1] = least[0], least[n] = least[n - 1];
+  step(n, depths, paths->stride, small, cost, paths->state[from], paths->low[from], jump, now, least, total);
+  extend(now, least, n, depths, paths->stride);
   paths->turn = to;
 }
 
-/* The paths that come to row y from the row before it, straight and slanting. */
+/* One path's cost after one more pixel: see `step`. */
+PART int16_t next_cost(const int16_t *same, int stride, int small, int16_t low, int16_t jump, int16_t own) {
+  const int16_t beside = MIN(same[-stride], same[stride]) + small, near = MIN(same[0], beside) - low;
+  return MIN(near, jump) + own;
+}
+
+/* The paths that come to row y from the row before it, straight and slanting: in one pass over the totals. `jump` has
+ * room for three rows. */
 PART void walk_down(Paths *paths, int width, int depths, int small, int large, const uint8_t *cost,
                     const float *here, const float *before, int16_t *jump, int16_t *total) {
-  for (int shift = -1; shift <= 1; shift++) {
+  const int stride = paths->stride, from = paths->turn, to = !from;
+  int16_t *restrict left_jump = jump, *restrict jump_ = jump + width, *restrict right_jump = jump + 2 * width;
+  for (int x = 0; x < width; x++) {
+    left_jump[x] = jump_price(here[x], before[MIN(x + 1, width - 1)], small, large);
+    jump_[x] = jump_price(here[x], before[x], small, large);
+    right_jump[x] = jump_price(here[x], before[MAX(x - 1, 0)], small, large);
+  }
+  const int16_t *restrict left_low = paths[0].low[from] + 1, *restrict low = paths[1].low[from];
+  const int16_t *restrict right_low = paths[2].low[from] - 1;
+  int16_t *restrict left_least = paths[0].low[to], *restrict least = paths[1].low[to];
+  int16_t *restrict right_least = paths[2].low[to];
+  for (int x = 0; x < width; x++) left_least[x] = least[x] = right_least[x] = INT16_MAX;
+  for (int d = 0; d < depths; d++) {
+    const size_t at = (size_t)d * stride;
+    const int16_t *left_before = paths[0].state[from] + at + 1, *before_ = paths[1].state[from] + at;
+    const int16_t *right_before = paths[2].state[from] + at - 1;
+    int16_t *restrict left_now = paths[0].state[to] + at, *restrict now = paths[1].state[to] + at;
+    int16_t *restrict right_now = paths[2].state[to] + at, *restrict sum = total + (size_t)d * width;
+    const uint8_t *restrict own = cost + (size_t)d * width;
+#pragma GCC ivdep
     for (int x = 0; x < width; x++) {
-      const int from = MIN(MAX(x - shift, 0), width - 1);
-      jump[x] = jump_price(here[x], before[from], small, large);
+      const int16_t a = next_cost(left_before + x, stride, small, left_low[x], left_jump[x], own[x]);
+      const int16_t b = next_cost(before_ + x, stride, small, low[x], jump_[x], own[x]);
+      const int16_t c = next_cost(right_before + x, stride, small, right_low[x], right_jump[x], own[x]);
+      left_now[x] = a, now[x] = b, right_now[x] = c;
+      left_least[x] = MIN(left_least[x], a), least[x] = MIN(least[x], b), right_least[x] = MIN(right_least[x], c);
+      sum[x] += a + b + c;
     }
-    walk(paths + shift + 1, width, depths, shift, small, cost, jump, total);
+  }
+  for (int i = 0; i < 3; i++) {
+    extend(paths[i].state[to], paths[i].low[to], width, depths, stride);
+    paths[i].turn = to;
   }
 }
 
@@ -252,7 +301,7 @@ PART void walk_across(int rows, int width, int depths, int small, int large, con
         const float *row = grey + (size_t)MIN(r, rows - 1) * width;
         jump[r] = jump_price(row[x], row[last], small, large);
       }
-      walk(&paths, TURNED, depths, 0, small, side + x * column, jump, sums + x * column);
+      walk(&paths, TURNED, depths, small, side + x * column, jump, sums + x * column);
     }
   }
   for (int d = 0; d < depths; d++)
@@ -290,9 +339,9 @@ FOR_ALL int cheapest(int height, int width, int depths, const uint8_t *costs, co
                      int large, int16_t *total, float *place, float *own) {
   const size_t row = (size_t)depths * width, each = paths_size(width, depths);
   const size_t turned = (size_t)TURNED * row, narrow = paths_size(TURNED, depths);
-  int16_t *memory = malloc(sizeof(int16_t) * (3 * each + narrow + 2 * (size_t)width + turned) + turned);
+  int16_t *memory = malloc(sizeof(int16_t) * (3 * each + narrow + 3 * (size_t)width + turned) + turned);
   if (!memory) return 1;
-  int16_t *along = memory + 3 * each, *spare = along + narrow, *sums = spare + 2 * width;
+  int16_t *along = memory + 3 * each, *spare = along + narrow, *sums = spare + 3 * width;
   uint8_t *side = (uint8_t *)(sums + turned);
   Paths paths[3];
   for (int i = 0; i < 3; i++) paths[i] = new_paths(memory + i * each, width, depths);

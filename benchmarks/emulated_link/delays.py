@@ -4,11 +4,11 @@ from dataclasses import dataclass
 from typing import ClassVar
 
 from benchmarks.simulated.wireless import (
+    LATE_FRACTION,
     LATE_NS,
-    LATE_SHARE,
     PAPER_LINK,
     QUICK_AFTER_NS,
-    QUICK_SHARE,
+    QUICK_FRACTION,
     GammaDelay,
 )
 from capture_app.simulation.links import DelayLaw
@@ -68,8 +68,8 @@ class EmulatedLink:
     """A link between two ends, `NAMESPACE/DEVICE`, with the delays of its two directions."""
 
     OPTIONS: ClassVar[tuple[str, ...]] = (
-        *("-o", f"{LATE_SHARE}", "-f", f"{LATE_NS / 1000:.0f}", "-u", "20000"),
-        *("-q", f"{QUICK_SHARE}", "-a", f"{QUICK_AFTER_NS / 1000:.0f}", "-i", f"{IDLE_US}"),
+        *("-o", f"{LATE_FRACTION}", "-f", f"{LATE_NS / 1000:.0f}", "-u", "20000"),
+        *("-q", f"{QUICK_FRACTION}", "-a", f"{QUICK_AFTER_NS / 1000:.0f}", "-i", f"{IDLE_US}"),
     )
     """Fractions of frames that arrive 10 to 20 ms later still, and of quick moments."""
 

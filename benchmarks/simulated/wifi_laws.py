@@ -6,8 +6,8 @@ from dataclasses import dataclass
 from math import log
 
 from benchmarks.simulated.wireless import (
+    LATE_FRACTION,
     LATE_NS,
-    LATE_SHARE,
     MEAN_TO_CLIENT_NS,
     MEAN_TO_LEADER_NS,
     PAPER_LINK,
@@ -39,14 +39,14 @@ class BimodalDelay:
     minimum_ns: int
     mean_ns: int
     """Mean of the delays that are not quick."""
-    quick_share: float
+    quick_fraction: float
     gap_ns: int
     quick_ns: int = 20_000
     """Mean of the quick ones' exponential delay beyond the minimum."""
 
     def draw(self, rng: random.Random, true_ns: int = 0) -> int:
         """Return the delay of one datagram, in ns."""
-        if rng.random() < self.quick_share:
+        if rng.random() < self.quick_fraction:
             return round(self.minimum_ns + rng.expovariate(1.0 / self.quick_ns))
         min_ns = self.minimum_ns + self.gap_ns
         return round(min_ns + rng.gammavariate(2.0, (self.mean_ns - min_ns) / 2.0))
@@ -60,7 +60,7 @@ class LinkStatistics:
     mean_to_client_us: float
     min_round_trip_us: Mapping[int, float]
     """Mean over trials, by the number of messages."""
-    late_share: float = 2 * LATE_SHARE
+    late_fraction: float = 2 * LATE_FRACTION
     """Fraction of the round trips over 10 ms."""
 
 
@@ -81,16 +81,16 @@ def _assumed(name: str, laws: tuple[DelayLaw, DelayLaw], statistics: LinkStatist
 
 def _gamma_link(shape: float, statistics: LinkStatistics) -> SourcedLink:
     laws = (
-        GammaDelay(479_000, MEAN_TO_LEADER_NS, shape, LATE_SHARE, LATE_NS),
-        GammaDelay(517_000, MEAN_TO_CLIENT_NS, shape, LATE_SHARE, LATE_NS),
+        GammaDelay(479_000, MEAN_TO_LEADER_NS, shape, LATE_FRACTION, LATE_NS),
+        GammaDelay(517_000, MEAN_TO_CLIENT_NS, shape, LATE_FRACTION, LATE_NS),
     )
     return _assumed(f"Gamma of shape {shape:g}", laws, statistics)
 
 
 def _lognormal_link(sigma: float, statistics: LinkStatistics) -> SourcedLink:
     laws = (
-        LognormalDelay(479_000, MEAN_TO_LEADER_NS, sigma, LATE_SHARE, LATE_NS),
-        LognormalDelay(517_000, MEAN_TO_CLIENT_NS, sigma, LATE_SHARE, LATE_NS),
+        LognormalDelay(479_000, MEAN_TO_LEADER_NS, sigma, LATE_FRACTION, LATE_NS),
+        LognormalDelay(517_000, MEAN_TO_CLIENT_NS, sigma, LATE_FRACTION, LATE_NS),
     )
     return _assumed(f"lognormal of {sigma:g}", laws, statistics)
 
@@ -98,9 +98,9 @@ def _lognormal_link(sigma: float, statistics: LinkStatistics) -> SourcedLink:
 def _statistics(
     min_us: tuple[float, float, float],
     mean_us: tuple[float, float] = (MEAN_TO_LEADER_NS / 1e3, MEAN_TO_CLIENT_NS / 1e3),
-    late_share: float = 2 * LATE_SHARE,
+    late_fraction: float = 2 * LATE_FRACTION,
 ) -> LinkStatistics:
-    return LinkStatistics(*mean_us, dict(zip((300, 1000, 10_000), min_us, strict=True)), late_share)
+    return LinkStatistics(*mean_us, dict(zip((300, 1000, 10_000), min_us, strict=True)), late_fraction)
 
 
 LINKS: Mapping[str, SourcedLink] = {

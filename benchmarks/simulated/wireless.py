@@ -53,6 +53,12 @@ class TroubleSpells:
     """Mean of the exponential delay that trouble adds in each direction."""
     loss: float = 0.3
 
+    def added_ns(
+        self, direction: Direction, since_ns: float, true_ns: int, rng: random.Random
+    ) -> float | None:
+        """Return the delay in ns that a spell adds `since_ns` after its start; None for a lost message."""
+        return None if rng.random() < self.loss else rng.expovariate(1.0 / self.extra_ns)
+
 
 @dataclass(frozen=True, slots=True)
 class QuickMoments:
@@ -60,7 +66,7 @@ class QuickMoments:
 
     to_leader: DelayLaw
     to_client: DelayLaw
-    share: float
+    fraction: float
     after_ns: int
     """Time after the first datagram during which there is none."""
     slot_ns: int = 4_000_000
@@ -91,7 +97,8 @@ class _WirelessChannel:
     def __init__(self, link: WirelessLink) -> None:
         self.link = link
         self._trouble = False
-        self._turns_true_ns: float | None = None
+        self._changes_true_ns: float | None = None
+        self._since_true_ns = 0.0
         self._first_true_ns: int | None = None
         self._slots = 0
 
@@ -100,25 +107,26 @@ class _WirelessChannel:
         link = self.link
         extra_ns = 0.0
         if link.spells is not None and self._in_trouble(link.spells, true_ns, rng):
-            if rng.random() < link.spells.loss:
+            more_ns = link.spells.added_ns(direction, true_ns - self._since_true_ns, true_ns, rng)
+            if more_ns is None:
                 return []
-            extra_ns = rng.expovariate(1.0 / link.spells.extra_ns)
+            extra_ns = more_ns
         if rng.random() < link.loss:
             return []
         copies = 2 if rng.random() < link.duplication else 1
-        by_way: Link | QuickMoments = link
+        law_pair: Link | QuickMoments = link
         if link.quick is not None and self._is_quick(link.quick, true_ns, rng):
-            by_way = link.quick
-        law = by_way.to_leader if direction == "to_leader" else by_way.to_client
+            law_pair = link.quick
+        law = law_pair.to_leader if direction == "to_leader" else law_pair.to_client
         return [law.draw(rng, true_ns) + round(extra_ns) for _ in range(copies)]
 
     def _in_trouble(self, spells: TroubleSpells, true_ns: int, rng: random.Random) -> bool:
-        if self._turns_true_ns is None:
-            self._turns_true_ns = true_ns + rng.expovariate(1.0 / spells.calm_ns)
-        while self._turns_true_ns <= true_ns:
-            self._trouble = not self._trouble
+        if self._changes_true_ns is None:
+            self._changes_true_ns = true_ns + rng.expovariate(1.0 / spells.calm_ns)
+        while self._changes_true_ns <= true_ns:
+            self._trouble, self._since_true_ns = not self._trouble, self._changes_true_ns
             mean_ns = spells.trouble_ns if self._trouble else spells.calm_ns
-            self._turns_true_ns += rng.expovariate(1.0 / mean_ns)
+            self._changes_true_ns += rng.expovariate(1.0 / mean_ns)
         return self._trouble
 
     def _is_quick(self, quick: QuickMoments, true_ns: int, rng: random.Random) -> bool:
@@ -127,7 +135,7 @@ class _WirelessChannel:
             self._first_true_ns, self._slots = true_ns, rng.getrandbits(64)
         if true_ns - self._first_true_ns < quick.after_ns:
             return False
-        return _mixed(self._slots + true_ns // quick.slot_ns) < quick.share * 2.0**64
+        return _mixed(self._slots + true_ns // quick.slot_ns) < quick.fraction * 2.0**64
 
 
 def _mixed(number: int) -> int:
@@ -145,10 +153,10 @@ WAIT_NS = 369_000
 """Minimum additional delay of most messages beyond the floor, in each direction."""
 QUICK_NS = 50_000
 """Mean additional delay of quick messages beyond the floor, in each direction."""
-QUICK_SHARE, QUICK_AFTER_NS = 0.0125, 1_100_000_000
+QUICK_FRACTION, QUICK_AFTER_NS = 0.0125, 1_100_000_000
 LATE_NS = 10_000_000
 """Messages over this are left out of all means."""
-LATE_SHARE = 0.0032
+LATE_FRACTION = 0.0032
 """Fraction of late messages in each direction: 64 round trips in 10,000."""
 POLL_INTERVAL_NS = 3_430_000
 """Interval between two of the paper's messages: 34.3 s for 10,000."""
@@ -184,19 +192,21 @@ def paper_link(wait_ns: int = WAIT_NS, quick_ns: int = QUICK_NS) -> WirelessLink
     average and 120 at most in 239 trials; the paper's panel found 32 and 121.
     """
     # The mean including the quick ones equals the paper's.
-    share = QUICK_SHARE * (1.0 - QUICK_AFTER_NS / (10_000 * POLL_INTERVAL_NS))
+    fraction = QUICK_FRACTION * (1.0 - QUICK_AFTER_NS / (10_000 * POLL_INTERVAL_NS))
 
-    def most(floor_ns: int, mean_ns: int) -> GammaDelay:
-        mean_ns = round((mean_ns - share * (floor_ns + quick_ns)) / (1.0 - share))
-        return GammaDelay(floor_ns + wait_ns, mean_ns, 2.0, LATE_SHARE, LATE_NS)
+    def typical(floor_ns: int, mean_ns: int) -> GammaDelay:
+        mean_ns = round((mean_ns - fraction * (floor_ns + quick_ns)) / (1.0 - fraction))
+        return GammaDelay(floor_ns + wait_ns, mean_ns, 2.0, LATE_FRACTION, LATE_NS)
 
     def quick(floor_ns: int) -> GammaDelay:
         return GammaDelay(floor_ns, floor_ns + quick_ns, shape=1.0)
 
     return WirelessLink(
-        to_leader=most(FLOOR_TO_LEADER_NS, MEAN_TO_LEADER_NS),
-        to_client=most(FLOOR_TO_CLIENT_NS, MEAN_TO_CLIENT_NS),
-        quick=QuickMoments(quick(FLOOR_TO_LEADER_NS), quick(FLOOR_TO_CLIENT_NS), QUICK_SHARE, QUICK_AFTER_NS),
+        to_leader=typical(FLOOR_TO_LEADER_NS, MEAN_TO_LEADER_NS),
+        to_client=typical(FLOOR_TO_CLIENT_NS, MEAN_TO_CLIENT_NS),
+        quick=QuickMoments(
+            quick(FLOOR_TO_LEADER_NS), quick(FLOOR_TO_CLIENT_NS), QUICK_FRACTION, QUICK_AFTER_NS
+        ),
     )
 
 

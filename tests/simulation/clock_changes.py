@@ -5,20 +5,24 @@ node and leader, messages and all, in virtual time. Prints a table.
 """
 
 import random
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from functools import partial
 from math import inf
+from pathlib import Path
 
 from benchmarks.paper.clock_trials import DrawLink, any_law, cable, unequal
 from benchmarks.paper.result import Table
 from benchmarks.paper.trials import call_all
 from benchmarks.report import new_parser, print_table
 from benchmarks.simulated.changing_clocks import ChangingClock, RateSpell
+from benchmarks.simulated.link_spells import LAWS, recorded_laws
 from benchmarks.simulated.wifi_laws import LOOPBACK
 from benchmarks.simulated.wireless import PAPER_LINK, wireless
+from capture_app.common.node_state import NodeState
 from capture_app.console.terminal import print_json, print_line
 from capture_app.simulation.links import DelayLaw, Link
+from capture_app.sync.timekeeping.clock_events import ClockChanged
 from tests.simulation.clock_pair import START_TRUE_NS, ClockPair, LongerFrom
 
 _S = 1_000_000_000
@@ -66,6 +70,7 @@ class ChangeCase:
     """Nothing passes any more."""
     from_s: float = EVENT_S
     end_s: float = END_S
+    tolerance_ns: int = TOLERANCE_NS
 
     @property
     def breaks_bound(self) -> bool:
@@ -114,6 +119,19 @@ CASES = (
         for share in ASYMMETRIES
     ),
 )
+SPELLS_S, SPELLS_TOLERANCE_NS = 30.0, 200_000
+"""Length of the trials on links whose delays come in spells, judged after 5 s, and their tolerance."""
+
+
+def spell_cases(laws: Mapping[str, DrawLink]) -> tuple[ChangeCase, ...]:
+    """Return a case for each link law, in which no clock ever changes."""
+    return tuple(
+        ChangeCase(name, link, from_s=5.0, end_s=SPELLS_S, tolerance_ns=SPELLS_TOLERANCE_NS)
+        for name, link in laws.items()
+    )
+
+
+SPELL_CASES = spell_cases(LAWS)
 ChangeFigures = dict[str, float | str | None]
 
 
@@ -134,6 +152,12 @@ class ChangeResult:
     ready: int = 0
     false_ready: int = 0
     """Moments at which the node says ready while it is further off than its tolerance."""
+    synced: int = 0
+    """Moments at which the node's clock is synchronized, however accurately."""
+    steps: int = 0
+    """Number of reported clock steps, except near a slew."""
+    rate_changes: int = 0
+    """Number of reported rate changes."""
     unready_after_s: float = 0.0
     """The longest that a node said ready after the change."""
 
@@ -151,6 +175,9 @@ class ChangeResult:
             "hard_bound_held": self.bounds_held / self.bounds if self.bounds else None,
             "ready": self.ready / self.looks,
             "false_ready": self.false_ready / self.looks,
+            "synced": self.synced / self.looks,
+            "steps": self.steps,
+            "rate_changes": self.rate_changes,
             "unready_after_s": None if self.unready_after_s == inf else self.unready_after_s,
         }
 
@@ -183,7 +210,7 @@ def _run_trial(case: ChangeCase, rng: random.Random, result: ChangeResult) -> No
         ChangingClock(offset_ns, skew, START_TRUE_NS),
         leader,
         rng,
-        TOLERANCE_NS,
+        case.tolerance_ns,
         event_ns if case.outage else None,
     )
     unready_s, was_ready = inf, False
@@ -195,6 +222,9 @@ def _run_trial(case: ChangeCase, rng: random.Random, result: ChangeResult) -> No
             unready_s = min(unready_s, at_s - EVENT_S)
         if at_s >= case.from_s:
             _look(case, pair, at_s, result)
+    changes = [event.jumped for event in pair.events if isinstance(event, ClockChanged)]
+    result.steps += sum(changes)
+    result.rate_changes += len(changes) - sum(changes)
     if was_ready:
         result.unready_after_s = max(result.unready_after_s, unready_s)
 
@@ -202,6 +232,7 @@ def _run_trial(case: ChangeCase, rng: random.Random, result: ChangeResult) -> No
 def _look(case: ChangeCase, pair: ClockPair, at_s: float, result: ChangeResult) -> None:
     result.looks += 1
     result.ready += pair.is_ready
+    result.synced += pair.node.state is NodeState.READY
     judged = pair.judge()
     if judged is None:
         return
@@ -210,7 +241,7 @@ def _look(case: ChangeCase, pair: ClockPair, at_s: float, result: ChangeResult) 
     result.errors_us.append(abs(error_ns) / 1000.0)
     result.stated_us.append(stated_ns / 1000.0)
     result.held += abs(error_ns) <= stated_ns
-    result.false_ready += pair.is_ready and abs(error_ns) > TOLERANCE_NS
+    result.false_ready += pair.is_ready and abs(error_ns) > case.tolerance_ns
     steps_s = (EVENT_S, EVENT_S + case.slew_s) if case.breaks_bound else ()
     if not any(0.0 <= at_s - step_s < NEAR_A_STEP_S for step_s in steps_s):
         result.bounds += 1
@@ -244,15 +275,17 @@ def change_table(cases: list[ChangeFigures]) -> Table:
             *(cell(case[name]) for name in ("mean_us", "max_us", "stated_us")),
             *(
                 cell(case[name], 100.0)
-                for name in ("stated_95_held", "hard_bound_held", "ready", "false_ready")
+                for name in ("stated_95_held", "hard_bound_held", "ready", "false_ready", "synced")
             ),
+            str(case["steps"]),
+            str(case["rate_changes"]),
             cell(case["unready_after_s"]),
         )
         for case in cases
     ]
     head = ("case", "mean error", "largest", "stated", "% held", "% bound held", "% ready", "% false ready")
     return Table(
-        (*head, "ready for s after"),
+        (*head, "% synced", "steps", "rate changes", "ready for s after"),
         rows,
         f"A node whose clock or way changes; errors in us, asked for {TOLERANCE_NS / 1e3:.0f}; the bound is "
         f"not judged for {NEAR_A_STEP_S:g} s from where a slew beyond its premise begins and ends",
@@ -269,8 +302,12 @@ def main() -> None:
     """Print the table."""
     parser = new_parser(__doc__, seed_of="all chance")
     parser.add_argument("--trials", type=int, default=10, help="trials of each case (10)")
+    parser.add_argument("--spells", action="store_true", help="only links whose delays come in spells")
+    parser.add_argument("--trace", type=Path, help="also a recorded link: two columns of delays in us")
     options = parser.parse_args()
-    found = run_cases(CASES, options.trials, str(options.seed))
+    recorded = () if options.trace is None else spell_cases(recorded_laws(options.trace))
+    cases = (*(() if options.spells else CASES), *SPELL_CASES, *recorded)
+    found = run_cases(cases, options.trials, str(options.seed))
     if options.json:
         print_json(found)
     else:

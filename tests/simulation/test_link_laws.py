@@ -49,7 +49,7 @@ def misses(link: Link, demanded: LinkStatistics) -> list[str]:
         if count == max(TRIALS):
             compare("to the leader", there_us, demanded.mean_to_leader_us, 1.0)
             compare("to the client", back_us, demanded.mean_to_client_us, 1.0)
-            compare("late", late, demanded.late_share, 0.0)
+            compare("late", late, demanded.late_fraction, 0.0)
     return found
 
 
@@ -84,7 +84,7 @@ def test_the_papers_link_is_as_steady_as_the_paper_says() -> None:
 
 def test_quick_moments_cover_both_directions_and_not_the_start() -> None:
     slow, quick = GammaDelay(2 * MS, 2 * MS + 1), GammaDelay(MS, MS + 1)
-    moments = QuickMoments(quick, quick, share=0.1, after_ns=S)
+    moments = QuickMoments(quick, quick, fraction=0.1, after_ns=S)
     link, rng = WirelessLink(slow, slow, quick=moments), random.Random(4)
     channel, other = link.open(), link.open()
     ways: tuple[tuple[Channel, Direction], ...] = (

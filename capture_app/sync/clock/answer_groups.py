@@ -12,10 +12,14 @@ from math import hypot, sqrt
 from operator import sub
 from typing import NamedTuple
 
-from capture_app.sync.clock.likely_line import DRIFT, STAMP_NS
+from capture_app.sync.clock.likely_line import DRIFT, LONG_AGO_NS, STAMP_NS
 
-GROUP = 8
-"""Samples in a group; the tightest bound of each direction represents them."""
+HALF_SAMPLES, HALF_NS = 4, 70_000_000
+"""Minimum samples of half a group, and minimum time from the first to the last of them.
+
+The tightest bounds of two halves represent a group. WiFi delays come in spells of 0.1 to 0.3 s, and
+shorter groups are not independent. At a request each 25 ms, a half takes three intervals.
+"""
 MIN_GROUPS, COUNTS = 12, (1, 2, 4, 8, 16, 32)
 """Minimum number of earlier groups for a test, and the numbers of newest groups that are tested."""
 
@@ -24,6 +28,10 @@ SIGMAS, TIMES_TYPICAL = 5.0, 1.5
 """A significant change exceeds this many sigma and this multiple of the largest earlier deviation."""
 HIDDEN_SIGMAS = 2.0
 """Deviations up to this many sigma count as chance; the rest of larger ones is a possible error."""
+
+
+Bound = tuple[int, int]
+"""Local time and bound, both in ns; lower bounds are stored negated."""
 
 
 class Newest(NamedTuple):
@@ -40,7 +48,10 @@ class Newest(NamedTuple):
     typical: float
     """Largest deviation of any equally long run of earlier groups."""
     min_skew: float
-    """Lower bound of the clocks' relative rate, at SIGMAS sigma, from the earlier groups; dimensionless."""
+    """Lower bound of the clocks' relative rate, at SIGMAS sigma, from the earlier groups; dimensionless.
+
+    The part that a steadily increasing path delay may explain, which shows in the round trips, is left out.
+    """
 
     @property
     def is_beyond_chance(self) -> bool:
@@ -64,37 +75,50 @@ class AnswerGroups:
     """Groups of the last `window_ns`, each reduced to the tightest bound of each direction."""
 
     def __init__(self, window_ns: int) -> None:
-        self.window_ns = window_ns
+        self.window_ns, self.half_ns = window_ns, HALF_NS
         self.clear()
 
     def clear(self) -> None:
         """Remove all groups."""
         self._groups: deque[tuple[int, float, float]] = deque()
         """Mean time, offset and round-trip delay of each group."""
-        self._uppers: deque[tuple[int, int]] = deque(maxlen=GROUP)
-        self._lowers: deque[tuple[int, int]] = deque(maxlen=GROUP)
-        self._count = 0
+        self._uppers: list[Bound] = []
+        self._lowers: list[Bound] = []
+        self._half: tuple[Bound, Bound] | None = None
+        """Tightest bounds of the half before the present one."""
+        self._newest_ns = LONG_AGO_NS
+        self._overlaps = True
+        """Whether the last group shares its first half with the one before: the next one replaces it."""
 
     def forget_before(self, local_ns: int) -> None:
         """Remove the groups whose mean time is before a local time in ns."""
         while self._groups and self._groups[0][0] < local_ns:
             self._groups.popleft()
 
-    def add(self, upper: tuple[int, int], lower: tuple[int, int], skew: float) -> bool:
+    def add(self, upper: Bound, lower: Bound, skew: float) -> bool:
         """Add the bounds of one sample, the lower one negated. Return whether a group is complete."""
-        if self._uppers and self._uppers[-1][0] < upper[0] - self.window_ns:
+        if self._newest_ns < upper[0] - self.window_ns:
             self.clear()
+        self._newest_ns = upper[0]
         self._uppers.append(upper)
         self._lowers.append(lower)
-        self._count += 1
-        if len(self._uppers) < GROUP or self._count % (GROUP // 2):
+        if len(self._uppers) < HALF_SAMPLES or upper[0] - self._uppers[0][0] < self.half_ns:
             return False
-        if self._count % GROUP == 0 and self._groups:
-            # The last group shares half of its samples with this one, which replaces it.
-            # After a long pause there may be none.
+
+        def tightest(uppers: Sequence[Bound], lowers: Sequence[Bound]) -> tuple[Bound, Bound]:
+            return (
+                min(uppers, key=lambda bound: bound[1] - skew * (bound[0] - upper[0])),
+                min(lowers, key=lambda bound: bound[1] + skew * (bound[0] - upper[0])),
+            )
+
+        before, self._half = self._half, tightest(self._uppers, self._lowers)
+        self._uppers, self._lowers = [], []
+        if before is None:
+            return False
+        if self._overlaps and self._groups:
             self._groups.pop()
-        (t0, above) = min(self._uppers, key=lambda bound: bound[1] - skew * (bound[0] - upper[0]))
-        (t3, below) = min(self._lowers, key=lambda bound: bound[1] + skew * (bound[0] - upper[0]))
+        self._overlaps = not self._overlaps
+        (t0, above), (t3, below) = tightest(*zip(before, self._half, strict=True))
         self._groups.append(((t0 + t3) // 2, (above - below) / 2.0, above + below - skew * (t0 - t3)))
         self.forget_before(upper[0] - self.window_ns)
         return True
@@ -105,7 +129,7 @@ class AnswerGroups:
             return []
         at_ns, level = self._groups[-1][:2]
         points = [(float(t - at_ns), offset - level, gap) for t, offset, gap in self._groups]
-        terms = [(t, x, gap, t * t, t * x, x * x) for t, x, gap in points]
+        terms = [(t, x, gap, t * t, t * x, x * x, t * gap) for t, x, gap in points]
         sums = [list(accumulate(column, initial=0.0)) for column in zip(*terms, strict=True)]
         total = len(points)
         return [
@@ -118,13 +142,14 @@ class AnswerGroups:
         """Return the deviation of the last `count` groups from the line through the groups before them.
 
         `sums` holds the cumulative sums, starting at 0, of times, offsets, round-trip delays, squared times,
-        products of time and offset, and squared offsets.
+        products of time and offset, squared offsets, and products of time and round-trip delay.
         """
-        times, offsets, gaps, squares, products, offset_squares = sums
+        times, offsets, gaps, squares, products, offset_squares, gap_products = sums
         many = len(times) - 1 - count
         middle, level, gap = times[many] / many, offsets[many] / many, gaps[many] / many
         scatter = max(1.0, squares[many] - many * middle**2)
         slope = (products[many] - many * middle * level) / scatter
+        gap_slope = (gap_products[many] - many * middle * gap) / scatter
         variance = max(0.0, offset_squares[many] - many * level**2 - slope**2 * scatter) / (many - 2)
 
         intercept = level - slope * middle
@@ -137,6 +162,6 @@ class AnswerGroups:
             moved=(sloped[-1] - sloped[many]) / count - intercept,
             grown=(gaps[-1] - gaps[many]) / count - gap,
             sigma=hypot(sqrt(chance), DRIFT * ahead**2 / 2.0, 2.0 * STAMP_NS),
-            min_skew=abs(slope) - SIGMAS * sqrt(variance / scatter),
+            min_skew=abs(slope) - abs(gap_slope) / 2.0 - SIGMAS * sqrt(variance / scatter),
             typical=max(max(earlier) / count - intercept, intercept - min(earlier) / count),
         )

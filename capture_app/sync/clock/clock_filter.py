@@ -4,10 +4,11 @@ from dataclasses import dataclass
 from heapq import nsmallest
 from math import hypot, sqrt
 
-from capture_app.sync.clock.answer_groups import AnswerGroups
+from capture_app.sync.clock.answer_groups import HALF_NS, AnswerGroups, Bound
 from capture_app.sync.clock.likely_line import (
     ASYMMETRY,
     DRIFT,
+    LONG_AGO_NS,
     MAX_SKEW,
     STAMP_NS,
     TIGHTEST,
@@ -17,7 +18,7 @@ from capture_app.sync.clock.likely_line import (
 )
 from capture_app.sync.clock.time_map import ROUNDING_NS, TimeMap
 
-BLOCK_NS, LONG_AGO_NS, SIGMAS_95 = 1_000_000_000, -(2**66), 1.96
+BLOCK_NS, SIGMAS_95 = 1_000_000_000, 1.96
 CHANGE_PPM, SETTLING_NS = 20.0, 10_000_000_000
 """Smallest rate change that is reported; changes that follow within the second value count as one."""
 PACES, LONGEST_NS = 1200, 90_000_000_000
@@ -78,10 +79,6 @@ class PathAsymmetry:
         """
         sigma = hypot(self.uncertainty_ns / SIGMAS_95, (gap - self.round_trip_ns) / 2.0)
         return sigma if sigma < max(ASYMMETRY * gap / 2.0, abs(self.late_ns) / 3.0) else None
-
-
-Bound = tuple[int, int]
-"""Local time and bound, both in ns; lower bounds are stored negated."""
 
 
 class ClockFilter:
@@ -157,6 +154,9 @@ class ClockFilter:
         if self._restarted and self.samples >= SETTLED_SAMPLES:
             self.reset()
             self.samples = SETTLED_SAMPLES
+        if not self._groups.half_ns and self.samples >= 2 * SETTLED_SAMPLES:
+            self._groups.half_ns = HALF_NS
+            self._groups.clear()
         if not self._blocks:
             self._anchor_ns = (sample.upper_ns + sample.lower_ns) // 2
         upper = sample.t0_ns, sample.upper_ns - self._anchor_ns
@@ -227,8 +227,12 @@ class ClockFilter:
         self.reset()
         for suspect in suspects:
             self.add(suspect)
-        self._restarted = True
+        self._note_restart()
         return False
+
+    def _note_restart(self) -> None:
+        """Note a step. A clock that has stepped may be slewing: detect that in shorter groups for a while."""
+        self._restarted, self._groups.half_ns = True, 0
 
     def _line(self) -> LikelyLine:
         """Return the line through all samples, with the newest one as its reference."""
@@ -257,7 +261,7 @@ class ClockFilter:
         newest = self._groups.newest()
         if newest and newest[0].min_skew > MAX_SKEW:
             self.reset()
-            self._restarted = True
+            self._note_restart()
             return False
         beyond = [one for one in newest if one.is_beyond_chance]
         self.hidden_ns = max([0.0, *(one.hidden for one in newest)])

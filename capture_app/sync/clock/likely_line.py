@@ -10,6 +10,8 @@ from heapq import nsmallest
 from itertools import pairwise
 from math import exp
 
+LONG_AGO_NS = -(2**66)
+"""Before any time of any clock."""
 MAX_SKEW = 1010e-6
 """Assumption of the hard bound: 1000 ppm, in either clock's seconds. Crystals are within 100 ppm, and an NTP
 daemon slews by 500 (adjtimex(2))."""

@@ -1,0 +1,194 @@
+"""WiFi links whose delays come in spells, in virtual time.
+
+`python -m benchmarks.simulated.link_spells TRACE` prints the two-state chain that a recording shows, the
+basis of RECORDED_SPELLS.
+"""
+
+import argparse
+import random
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from itertools import groupby
+from pathlib import Path
+from statistics import fmean, median
+
+from benchmarks.simulated.wireless import WIFI, GammaDelay, TroubleSpells, WirelessLink
+from capture_app.console.terminal import print_line
+from capture_app.simulation.links import Direction, Link, ReplayedDelay
+
+MS, S = 1_000_000, 1_000_000_000
+RECORDED_INTERVAL_NS = 200 * MS
+"""Interval of the exchanges of the recorded link (roc-streaming)."""
+MODE_ROWS = 8
+"""Rows of a recording whose minimum shows the floor that its link has at that time."""
+BEACON_NS = 102_400_000
+"""Interval of an access point's beacons (100 time units): a dozing client gets its messages then."""
+
+
+@dataclass(frozen=True, slots=True)
+class Scattered(TroubleSpells):
+    """Exponential delays of a mean in ns, and loss."""
+
+    extra_ns: int = 15 * MS
+    loss: float = 0.1
+
+
+@dataclass(frozen=True, slots=True)
+class Raised(TroubleSpells):
+    """A floor that is higher in one direction, as after a change of the radio's rate or mode."""
+
+    extra_ns: int = 329_000
+    direction: Direction = "to_client"
+
+    def added_ns(
+        self, direction: Direction, since_ns: float, true_ns: int, rng: random.Random
+    ) -> float | None:
+        """Return the additional delay in ns."""
+        return self.extra_ns if direction == self.direction else 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Silent(TroubleSpells):
+    """Nothing arrives: the client roams from one access point to another."""
+
+    def added_ns(
+        self, direction: Direction, since_ns: float, true_ns: int, rng: random.Random
+    ) -> float | None:
+        """Return None: the message is lost."""
+        return None
+
+
+@dataclass(frozen=True, slots=True)
+class Microwave(TroubleSpells):
+    """An oven transmits for 8 ms of each 20 (half a cycle of the mains); messages wait for its end."""
+
+    on_ns: int = 8 * MS
+    cycle_ns: int = 20 * MS
+
+    def added_ns(
+        self, direction: Direction, since_ns: float, true_ns: int, rng: random.Random
+    ) -> float | None:
+        """Return the additional delay in ns."""
+        return max(0, self.on_ns - true_ns % self.cycle_ns) * (1.0 + 0.1 * rng.random())
+
+
+@dataclass(frozen=True, slots=True)
+class PowerSave(TroubleSpells):
+    """The client dozes: messages to it wait for the next beacon, and come in a batch."""
+
+    def added_ns(
+        self, direction: Direction, since_ns: float, true_ns: int, rng: random.Random
+    ) -> float | None:
+        """Return the additional delay in ns."""
+        return 0.0 if direction == "to_leader" else BEACON_NS - true_ns % BEACON_NS
+
+
+@dataclass(frozen=True, slots=True)
+class FillingQueue(TroubleSpells):
+    """Bufferbloat: a queue in one direction fills at this rate (ns per ns) up to a maximum, as a download."""
+
+    rate: float = 0.1
+    max_ns: int = 200 * MS
+
+    def added_ns(
+        self, direction: Direction, since_ns: float, true_ns: int, rng: random.Random
+    ) -> float | None:
+        """Return the additional delay in ns."""
+        filled_ns = min(self.rate * since_ns, self.max_ns)
+        return 0.0 if direction == "to_leader" else filled_ns * rng.uniform(0.9, 1.0)
+
+
+def _in_spells(spells: TroubleSpells) -> WirelessLink:
+    return WirelessLink(WIFI.to_leader, WIFI.to_client, spells=spells)
+
+
+RECORDED_SPELLS = WirelessLink(
+    GammaDelay(782_000, 1_120_000, 2.0, 0.017, 5 * MS, 170 * MS),
+    GammaDelay(782_000, 1_120_000, 2.0, 0.012, 5 * MS, 400 * MS),
+    spells=Raised(calm_ns=18_800 * MS, trouble_ns=25_700 * MS, extra_ns=329_000),
+)
+"""The chain of the recorded link, as this module's command prints it."""
+_LINKS: dict[str, Link] = {
+    "independent": WIFI,
+    "two states as recorded": RECORDED_SPELLS,
+    "the same, 20 times as often": replace(
+        RECORDED_SPELLS, spells=Raised(calm_ns=940 * MS, trouble_ns=1_285 * MS, extra_ns=329_000)
+    ),
+    "trouble of 0.3 s": _in_spells(Scattered(500 * MS, 300 * MS)),
+    "roaming": _in_spells(Silent(8 * S, 2 * S)),
+    "microwave oven": _in_spells(Microwave(5 * S, 5 * S)),
+    "power save": _in_spells(PowerSave(2 * S, 1 * S)),
+    "bufferbloat": _in_spells(FillingQueue(3 * S, 2 * S)),
+}
+"""Links with a memory, by name; the first has none, to compare with."""
+DrawLink = Callable[[random.Random], Link]
+
+
+def _always(link: Link) -> DrawLink:
+    return lambda _: link
+
+
+LAWS: dict[str, DrawLink] = {name: _always(link) for name, link in _LINKS.items()}
+"""The same links, drawn as those of recordings are."""
+
+
+@dataclass(frozen=True, slots=True)
+class _Drawn:
+    """Rows of a recording in random order: the same delays without their memory."""
+
+    delays_ns: tuple[int, ...]
+
+    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
+        return rng.choice(self.delays_ns)
+
+
+def read_recording(path: Path) -> tuple[tuple[int, ...], tuple[int, ...]]:
+    """Return the delays in ns to the leader and to the client: two columns in us, one exchange a row."""
+    rows = [line.split() for line in path.read_text(encoding="utf-8").splitlines() if line.strip()]
+    there, back = ([round(float(row[column]) * 1000) for row in rows] for column in (0, 1))
+    return tuple(there), tuple(back)
+
+
+def recorded_laws(path: Path) -> dict[str, DrawLink]:
+    """Return a recording in random order, in order, and in order 20 times as fast; each starts anywhere."""
+    there, back = read_recording(path)
+
+    def in_order(every_ns: int, rng: random.Random) -> Link:
+        start = rng.randrange(len(there))
+        return Link(ReplayedDelay(there, every_ns, start), ReplayedDelay(back, every_ns, start))
+
+    return {
+        "recording, random order": lambda _: Link(_Drawn(there), _Drawn(back)),
+        "recording, in order": lambda rng: in_order(RECORDED_INTERVAL_NS, rng),
+        "recording, 20 times as fast": lambda rng: in_order(RECORDED_INTERVAL_NS // 20, rng),
+    }
+
+
+def describe(delays_ns: tuple[int, ...], interval_ns: int) -> str:
+    """Return the two floors of a recorded direction, and the mean times for which it has each of them."""
+    floors = [min(delays_ns[max(0, i - MODE_ROWS) : i + MODE_ROWS]) for i in range(len(delays_ns))]
+    middle = (min(floors) + max(floors)) / 2.0
+    runs = [(high, len(list(run))) for high, run in groupby(floor > middle for floor in floors)]
+    parts = []
+    for state in (False, True):
+        level_us = median([floor for floor in floors if (floor > middle) is state]) / 1e3
+        lengths_s = [count * interval_ns / S for high, count in runs if high is state]
+        parts.append(f"{level_us:.0f} us for {fmean(lengths_s):.1f} s ({len(lengths_s)} times)")
+    late = sum(delay > 5 * median(delays_ns) for delay in delays_ns) / len(delays_ns)
+    return (
+        f"floors {', '.join(parts)}; median {median(delays_ns) / 1e3:.0f} us; {late:.1%} over five times that"
+    )
+
+
+def main() -> None:
+    """Print the chain of a recording."""
+    parser = argparse.ArgumentParser(description=__doc__)
+    parser.add_argument("trace", type=Path, help="recorded delays: two columns in us")
+    for name, delays_ns in zip(
+        ("to leader", "to client"), read_recording(parser.parse_args().trace), strict=True
+    ):
+        print_line(f"{name}: {describe(delays_ns, RECORDED_INTERVAL_NS)}")
+
+
+if __name__ == "__main__":
+    main()

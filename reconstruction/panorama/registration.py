@@ -288,7 +288,12 @@ def _largest_group(names: Sequence[str], overlaps: Mapping[tuple[str, str], Pict
 def _reason_left_out(name: str, own: Features, overlaps: Mapping[tuple[str, str], PictureOverlap]) -> str:
     if len(own.positions) < MIN_MATCHES:
         return f"it has too few features ({len(own.positions)})"
-    shared = {a if b == name else b: len(one.fits) for (a, b), one in overlaps.items() if name in (a, b)}
+    own_overlaps = {a if b == name else b: one for (a, b), one in overlaps.items() if name in (a, b)}
+    # An overlap with an image that is used would have made them one group.
+    beside = [other for other, one in own_overlaps.items() if one.confidence > 1]
+    if beside:
+        return f"it belongs to another panorama, with {' and '.join(beside)}: stitch those by themselves"
+    shared = {other: len(one.fits) for other, one in own_overlaps.items()}
     nearest = max(shared, key=lambda other: shared[other])
     if shared[nearest] < MIN_MATCHES:
         return f"it shares at most {shared[nearest]} points with another picture ({nearest})"

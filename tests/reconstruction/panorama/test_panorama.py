@@ -48,6 +48,15 @@ def wall() -> dict[str, Any]:
     return {"p0": pictures[0], "alien": turned(tiled(12), 0), "p1": pictures[1], "p2": pictures[2]}
 
 
+def test_images_of_two_panoramas_are_separated(wall: dict[str, Any]) -> None:
+    other = {f"other{number}": turned(tiled(12), yaw) for number, yaw in enumerate((3, 17))}
+    pictures = {name: wall[name] for name in ("p0", "p1", "p2")} | other
+    stitcher = PanoramaStitcher(pictures)
+    assert stitcher.used == ("p0", "p1", "p2")
+    assert "another panorama, with other1" in stitcher.left_out["other0"]
+    assert "another panorama, with other0" in stitcher.left_out["other1"]
+
+
 def judged(stitcher: PanoramaStitcher, images: dict[str, Any]) -> Overlaps:
     return Overlaps(stitcher.layers(images), {}, stitcher.projection.canvas)
 

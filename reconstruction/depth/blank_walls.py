@@ -241,7 +241,7 @@ def choose_planes(
     number = CPU.aggregate(volume, part.shade, CHANGE, CHANGE).argmin(1)
     number[~there] = AS_FOUND
     likeness = 1 - np.take_along_axis(volume, number[:, None], 1)[:, 0] / WORST_COST
-    evident = there & ((likeness > LIKE) | _evident_patches(number, likeness))
+    evident = there & ((likeness > LIKE) | evident_patches(number, likeness))
     return np.stack(gradients), number, evident
 
 
@@ -255,7 +255,7 @@ def _cost_and_sight(level: Array, source_views: Sequence[SourceView]) -> tuple[A
     return 1 - combine_likeness(likeness), np.asarray(seeing >= min(MIN_SOURCES, len(warped)))
 
 
-def _evident_patches(number: Array, likeness: Array) -> Array:
+def evident_patches(number: Array, likeness: Array) -> Array:
     """Return patches of one plane (bool) with sufficient mean correlation; single windows are too noisy."""
     found = np.zeros(number.shape, bool)
     for one in np.unique(number[number != AS_FOUND]):

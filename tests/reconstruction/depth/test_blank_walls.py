@@ -11,6 +11,7 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.depth.blank_walls import (
     ScenePlane,
     SurfacePoints,
+    evident_patches,
     extract_blank_part,
     find_scene_planes,
 )
@@ -60,6 +61,26 @@ def test_a_wall_among_noise_is_not_tilted_as_its_first_candidate_is() -> None:
         points = seen_on(wall, 5000, np.random.default_rng(seed), off=0.005, tilt=0.2)
         found = find_scene_planes([points], min_points=400)[0]
         assert np.degrees(np.arccos(abs(float(found.normal @ wall.normal)))) < 0.2
+
+
+def test_near_cameras_count_for_more_in_a_plane_than_far_ones() -> None:
+    flat = np.column_stack([np.random.default_rng(1).uniform(-1, 1, (2000, 2)), np.ones(2000)])
+    facing = np.tile((0.0, 0.0, 1.0), (2000, 1))
+    near = SurfacePoints(flat, facing, np.zeros_like(flat))
+    # From 10 m, 2 cm are a fifth of a percent; from 1 m, two.
+    far = SurfacePoints(flat + (0, 0, 0.02), facing, np.zeros_like(flat) + (0, 0, -9.0))  # noqa: RUF005
+    found = find_scene_planes([near, far], min_points=400)[0]
+    assert abs(found.distance) == pytest.approx(1.0002, abs=2e-4)
+
+
+def test_a_patch_is_evident_by_its_mean_if_it_is_large_enough() -> None:
+    number, likeness = np.zeros((20, 40), int), np.full((20, 40), 0.9)
+    patches = {0.1: np.s_[2:8, 2:8], 0.06: np.s_[2:8, 14:20], 0.2: np.s_[2:5, 26:29]}
+    for mean, patch in patches.items():
+        number[patch], likeness[patch] = 1, mean
+    number[12:18, 2:20], likeness[12:18, 2:20] = 2, np.where(np.arange(18) % 2, 0.0, 0.2)
+    expected = (number == 2) | ((number == 1) & (likeness == 0.1))
+    assert np.array_equal(evident_patches(number, likeness), expected)
 
 
 def test_a_plane_is_where_a_camera_sees_it() -> None:

@@ -28,6 +28,10 @@ def test_the_middle_camera_is_the_reference() -> None:
     views = {name: view_at(*at) for name, at in PLACES.items()}
     points = {name: grid_points(view, 2.0) for name, view in views.items()}
     assert choose_reference_view(views, points) == "middle"
+    # Wherever the rig's origin is.
+    views = {name: view_at(x + 5, y - 3) for name, (x, y) in PLACES.items()}
+    points = {name: grid_points(view, 2.0) for name, view in views.items()}
+    assert choose_reference_view(views, points) == "middle"
 
 
 def test_a_refusal_says_what_is_wrong_with_the_rig() -> None:

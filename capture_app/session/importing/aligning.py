@@ -38,6 +38,8 @@ def align_recording(
 ) -> CommonTimes:
     """Align a recording; return the state of its times with each camera's offset, `unknown` without any.
 
+    Cameras that cannot be aligned are not in the result, if at least two others can.
+
     `talk` receives what each method found for the cameras, unless the state's reason has it. `sound_error_s`
     (95 %): possible offset between two cameras' sounds while their images are simultaneous. `rate_given`:
     frames are timed by a rate, not by their videos, so sound has different times. Raises BadInputError if the
@@ -66,17 +68,36 @@ def align_recording(
         for method, (read, match) in methods.items()
         if by in ("auto", method) and not (method in _OF_VIDEO_TIMES and rate_given)
     }
-    cameras = chain_cameras(names, lambda first, second: _most_accurate(first, second, measured.values()))
+    cameras = _largest_chain(names, lambda first, second: _most_accurate(first, second, measured.values()))
     said = {method: _describe(against, cameras) for method, against in measured.items()}
-    if any(of.offset_ns is None for of in cameras.values()):
+    aligned = {name: of for name, of in cameras.items() if of.offset_ns is not None}
+    if len(aligned) < 2:
         reasons = [unknown.reason, *(f"not aligned by {method}: {text}" for method, text in said.items())]
         return CommonTimes(state=unknown.state, reason=", ".join(reasons))
     for method, text in said.items():
         talk(f"by {method}: {text}")
-    used = sorted({of.source for of in cameras.values()} - {REFERENCE})
+    for name in cameras.keys() - aligned.keys():
+        talk(f"left out {name}: it cannot be aligned; --align none imports all, not synchronized")
+    used = sorted({of.source for of in aligned.values()} - {REFERENCE})
     return CommonTimes(
-        state="aligned", reason=f"by {' and '.join(used)}", reference=names[0], cameras=cameras
+        state="aligned", reason=f"by {' and '.join(used)}", reference=next(iter(aligned)), cameras=aligned
     )
+
+
+def _largest_chain(
+    names: Sequence[str], against: Callable[[str, str], CameraTimes]
+) -> dict[str, CameraTimes]:
+    """Return the cameras' times against the first camera with which the most others can be aligned."""
+    best: dict[str, CameraTimes] = {}
+    known = 0
+    for name in names:
+        chain = chain_cameras([name, *(other for other in names if other != name)], cache(against))
+        aligned = sum(of.offset_ns is not None for of in chain.values())
+        if aligned > known:
+            best, known = chain, aligned
+        if known == len(names):
+            break
+    return best
 
 
 def _describe(against: Callable[[str, str], CameraTimes], cameras: Mapping[str, CameraTimes]) -> str:
@@ -122,10 +143,11 @@ def _agree(one: CameraTimes, other: CameraTimes) -> bool:
 
 
 def with_common_times(timeline: Timeline, common: CommonTimes) -> Timeline:
-    """Return a timeline with frames converted to common times and matched again."""
+    """Return a timeline of the cameras with common times, converted to these and matched again."""
     cameras = {
         name: [_at_common_time(frame, common.cameras[name]) for frame in frames]
         for name, frames in timeline.cameras().items()
+        if name in common.cameras
     }
     return timeline_by_times("the recording", cameras)
 

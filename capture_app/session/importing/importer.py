@@ -5,6 +5,8 @@ single cameras, calibrations. This module finds the importer of each path; folde
 recognizes are plain images and videos.
 """
 
+import re
+from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
 from functools import cache
@@ -13,8 +15,17 @@ from pathlib import Path
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import check_name, is_name, natural_order
 from capture_app.common.plugins import load_plugins
+from capture_app.common.text import count
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
-from capture_app.session.importing.sources import Layout, Source, Video, image_folder, images_in, videos_in
+from capture_app.session.importing.sources import (
+    ARCHIVE_SUFFIXES,
+    Layout,
+    Source,
+    Video,
+    image_folder,
+    images_in,
+    videos_in,
+)
 from capture_app.session.importing.views import Views
 
 GROUP = "simulshot.importers"
@@ -123,6 +134,29 @@ def split_name(text: str) -> tuple[str, Path]:
     return name if named else "", path
 
 
+def _flat_images(folder: Path, images: Sequence[Path]) -> BadInputError:
+    """Return the error for images without folders, with the commands that import them by their names."""
+    parted = [re.fullmatch(r"(.*?)[_\-. ]?(\d+)[_\-. ]?(\D*)", path.stem) for path in images]
+    labels = Counter((found[1], found[3]) for found in parted if found is not None)
+    ending = images[0].suffix
+    patterns = {
+        before or after: f"{before}*{ending}" if before else f"*{after}{ending}" for before, after in labels
+    }
+    # Longer names first: cam10 also begins with cam1.
+    cameras = {name: patterns[name] for name in sorted(patterns, key=len, reverse=True) if is_name(name)}
+    found = f"{folder} has {count(len(images), 'image')}"
+    if not 2 <= len(cameras) == len(labels) or sum(labels.values()) < len(images):
+        return BadInputError(
+            f"{found} of one camera", hint=f"capture-app sessions import cam0={folder} --fps RATE"
+        )
+    moves = " && ".join(f"mv {pattern} {name}/" for name, pattern in cameras.items())
+    return BadInputError(
+        f"{found} of {len(cameras)} cameras by their names: {', '.join(cameras)}",
+        hint=f"put each camera's into a folder: cd {folder} && mkdir {' '.join(cameras)} && {moves}; "
+        f"then: capture-app sessions import {folder} --fps RATE",
+    )
+
+
 def _source(name: str, path: Path, png: bool, recording: str | None) -> Source:
     check_name(name, "camera")
     for importer in load_importers():
@@ -130,6 +164,12 @@ def _source(name: str, path: Path, png: bool, recording: str | None) -> Source:
             return importer.open_camera(name, path, png=png, recording=recording)
     if path.is_dir() or path.suffix.lower() in IMAGE_SUFFIXES:
         return image_folder(name, path)
+    if path.suffix.lower() in ARCHIVE_SUFFIXES:
+        folder = path.with_suffix("")
+        raise BadInputError(
+            f"{path} is an archive",
+            hint=f"unpack it into {folder}, then: capture-app sessions import {folder}",
+        )
     return Video(name, path, png=png)
 
 
@@ -140,8 +180,8 @@ def _sources_in(folder: Path, png: bool, recording: str | None) -> list[Source]:
     ]
     if not videos and not folders:
         hint = "it needs a subfolder of images or a video file for each camera"
-        if images_in(folder):
-            hint = f"its images are of one camera: cam0={folder}"
+        if images := images_in(folder):
+            raise _flat_images(folder, images)
         raise BadInputError(f"no cameras in {folder}", hint=hint)
     if videos and folders:
         raise BadInputError(f"{folder} has both videos and folders of images", hint="name them: NAME=PATH")

@@ -162,7 +162,8 @@ def import_recording(
             f"{common.words}; docs/synchronizing.md says how to align it" if common.unknown else common.words
         )
     if common is not None and common.cameras:
-        timeline = with_common_times(timeline, common)
+        sources = [source for source in sources if source.name in common.cameras]
+        timeline = overlap(with_common_times(timeline, common), talk)
     instants = _chosen(timeline, options)
     names = [source.name for source in sources]
     places = [split_name(text) for text in options.calibration]
@@ -195,6 +196,20 @@ def import_recording(
             options.note or (taken.note if taken else ""),
         )
     return Session.open(root / name)
+
+
+def overlap(timeline: Timeline, talk: Talk) -> Timeline:
+    """Return the part of a timeline in which all cameras run; the whole one if there is none."""
+    cameras = timeline.cameras().values()
+    begin_ns = max(frames[0].leader_ns for frames in cameras) - timeline.period_ns // 2
+    end_ns = min(frames[-1].leader_ns for frames in cameras) + timeline.period_ns // 2
+    shared = [one for one in timeline.instants if begin_ns <= one.leader_ns <= end_ns]
+    if not shared:
+        return timeline
+    if (rest := len(timeline.instants) - len(shared)) > 0:
+        seconds = (end_ns - begin_ns) / 1e9
+        talk(f"all cameras run for {seconds:.1f} s; {count(rest, 'instant')} beside are left out")
+    return replace(timeline, instants=shared)
 
 
 def import_found(

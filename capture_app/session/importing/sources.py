@@ -21,6 +21,8 @@ from capture_app.session.reading.file_headers import read_exif
 UNCOUNTED_SUFFIXES = (".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts")
 """Suffixes of videos that do not state their number of frames."""
 VIDEO_SUFFIXES = (".mp4", ".mov", ".avi", ".mkv", ".m4v", ".webm", *UNCOUNTED_SUFFIXES)
+ARCHIVE_SUFFIXES = (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar")
+_FIRST_CHAPTER = re.compile(r"(?P<kind>G[XH])01(?P<number>\d{4})|GOPR(?P<old>\d{4})")
 TURNED_QUALITY = 98
 """JPEG quality of images encoded a second time after rotation."""
 JPEG_BEGIN = b"\xff\xd8"
@@ -133,16 +135,12 @@ class Video(Source):
     def __init__(self, name: str, path: Path, *, png: bool = False) -> None:
         self.name, self.path = name, path
         self.suffix = ".png" if png else ".jpg"
-        import cv2
-
-        capture = self._open()
-        self._times_ns: Sequence[int] = ()
-        count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
-        if path.suffix.lower() in UNCOUNTED_SUFFIXES:
-            count = sum(1 for _ in iter(capture.grab, False))
-        self.numbers = range(count)
-        self.fps = float(capture.get(cv2.CAP_PROP_FPS))
-        capture.release()
+        self._chapters = [_Chapter(one) for one in (path, *later_chapters(path))]
+        self._has_times = False
+        self.numbers = range(sum(len(one.times_ns) for one in self._chapters))
+        self.fps = self._chapters[0].fps
+        if len(self._chapters) > 1:
+            self.note = f"{path.name} goes on in {', '.join(one.path.name for one in self._chapters[1:])}"
         if not self.numbers:
             raise BadInputError(
                 f"{path} does not give its number of frames",
@@ -154,20 +152,50 @@ class Video(Source):
 
         See `video_times_ns`.
         """
-        self._times_ns = video_times_ns(self.path)
-        if self._times_ns:
-            self.numbers = range(len(self._times_ns))
-        return self._times_ns
+        found = [video_times_ns(chapter.path) for chapter in self._chapters]
+        if not all(found):
+            return ()
+        times_ns: list[int] = []
+        for chapter, own_ns in zip(self._chapters, found, strict=True):
+            chapter.times_ns = own_ns
+            # A camera goes on with the next chapter without a gap.
+            period_ns = round((times_ns[-1] - times_ns[0]) / (len(times_ns) - 1)) if len(times_ns) > 1 else 0
+            shift_ns = times_ns[-1] + period_ns - own_ns[0] if times_ns else 0
+            times_ns += [at_ns + shift_ns for at_ns in own_ns]
+        self._has_times, self.numbers = True, range(len(times_ns))
+        return times_ns
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """See `Source.frames`."""
-        # Selected by time, a frame that cannot be decoded does not shift the others.
-        by_time = {self._times_ns[index]: index for index in indices} if self._times_ns else {}
-        timed = ((by_time[at_ns], image) for at_ns, image in video_pictures(self.path, by_time))
-        for index, image in timed if self._times_ns else self._read(indices):
-            yield index, encode_image(image, self.suffix), image.shape[1::-1]
+        first = 0
+        for chapter in self._chapters:
+            size = len(chapter.times_ns)
+            inner = [index - first for index in indices if first <= index < first + size]
+            # Selected by time, a frame that cannot be decoded does not shift the others.
+            by_time = {chapter.times_ns[index]: index for index in inner} if self._has_times else {}
+            timed = ((by_time[at_ns], image) for at_ns, image in video_pictures(chapter.path, by_time))
+            for index, image in timed if self._has_times else chapter.read(inner):
+                yield first + index, encode_image(image, self.suffix), image.shape[1::-1]
+            first += size
 
-    def _read(self, indices: Sequence[int]) -> Iterator[tuple[int, Any]]:
+
+class _Chapter:
+    """One file of a video."""
+
+    def __init__(self, path: Path) -> None:
+        import cv2
+
+        self.path = path
+        capture = self._open()
+        count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
+        if path.suffix.lower() in UNCOUNTED_SUFFIXES:
+            count = sum(1 for _ in iter(capture.grab, False))
+        self.fps = float(capture.get(cv2.CAP_PROP_FPS))
+        capture.release()
+        self.times_ns: Sequence[int] = range(count)
+        """Presentation time of each frame, ns; their numbers until they are read."""
+
+    def read(self, indices: Sequence[int]) -> Iterator[tuple[int, Any]]:
         """Yield the frames (BGR) of these indices, up to the first that cannot be decoded."""
         capture, position = self._open(), 0
         try:
@@ -189,13 +217,27 @@ class Video(Source):
         return capture
 
 
+def later_chapters(path: Path) -> list[Path]:
+    """Return a GoPro recording's further files in order: GX02… after GX01…, GP01… after GOPR…."""
+    found = _FIRST_CHAPTER.fullmatch(path.stem)
+    if found is None:
+        return []
+    kind, number = ("GP", found["old"]) if found["old"] else (found["kind"], found["number"])
+    chapters = []
+    for chapter in range(1 if found["old"] else 2, 100):
+        beside = path.with_name(f"{kind}{chapter:02}{number}{path.suffix}")
+        if not beside.is_file():
+            break
+        chapters.append(beside)
+    return chapters
+
+
 def videos_in(folder: Path) -> list[Path]:
-    """Return the videos of a folder, by name; none if the folder does not exist."""
+    """Return the videos of a folder by name, each by its first chapter; none without the folder."""
     if not folder.is_dir():
         return []
-    return sorted(
-        path for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file()
-    )
+    videos = [path for path in folder.iterdir() if path.suffix.lower() in VIDEO_SUFFIXES and path.is_file()]
+    return sorted(set(videos) - {later for path in videos for later in later_chapters(path)})
 
 
 def images_in(folder: Path) -> list[Path]:

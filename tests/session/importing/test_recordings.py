@@ -105,7 +105,7 @@ def test_bad_recordings_say_why_and_leave_nothing(make_images: MakeImages, tmp_p
         assert not (out / "rec").exists()
 
     refuse("nothing at", str(tmp_path / "nowhere"))
-    refuse("one camera: cam0=", str(folder))
+    refuse("2 images of one camera", str(folder))
     refuse("two cameras are named left", str(folder.parent), f"left={folder}")
     refuse("no images in", f"a={tmp_path}")
     (folder / "1.png").write_bytes(b"not an image")

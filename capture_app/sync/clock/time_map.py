@@ -3,7 +3,11 @@
 from dataclasses import dataclass, replace
 from math import hypot
 
+from capture_app.sync.clock.likely_line import SKEW
+
 ROUNDING_NS = 2.0
+CRYSTALS_95 = 1.96 * SKEW
+"""95 % bound of the skew between two crystals, however long they drift; dimensionless."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -11,7 +15,7 @@ class TimeMap:
     """Leader time as a line over local time: leader = local + offset + skew * (local - epoch).
 
     Away from the epoch the hard bound grows by `skew_bound` per ns, and the uncertainty (95 %) by
-    `skew_uncertainty`, which itself grows by `drift_uncertainty` (in 1/ns).
+    `skew_uncertainty`, which itself grows by `drift_uncertainty` (in 1/ns) up to CRYSTALS_95.
     """
 
     epoch_local_ns: int
@@ -37,8 +41,17 @@ class TimeMap:
     def uncertainty_at(self, local_ns: int) -> float:
         """Return the estimated 95 % error of `leader_from_local(local_ns)`, in ns."""
         elapsed_ns = abs(local_ns - self.epoch_local_ns)
-        growth = (self.skew_uncertainty + self.drift_uncertainty * elapsed_ns / 2.0) * elapsed_ns
+        at_end = self.skew_uncertainty_after(elapsed_ns)
+        growth = at_end * elapsed_ns
+        if self.drift_uncertainty:
+            # The skew's uncertainty grows to that of the end in a straight line.
+            growth -= (at_end - self.skew_uncertainty) ** 2 / (2.0 * self.drift_uncertainty)
         return min(self.uncertainty_ns + growth, self.hard_bound_at(local_ns))
+
+    def skew_uncertainty_after(self, elapsed_ns: float) -> float:
+        """Return the 95 % error of the skew a time in ns from the epoch, which two crystals' skews limit."""
+        grown = self.skew_uncertainty + self.drift_uncertainty * elapsed_ns
+        return min(grown, max(self.skew_uncertainty, CRYSTALS_95))
 
     def hard_bound_at(self, local_ns: int) -> float:
         """Return the maximum error of `leader_from_local(local_ns)` in ns, link asymmetry included."""
@@ -53,14 +66,14 @@ class TimeMap:
         # The instant at which the upstream map is evaluated is itself uncertain by this map's bound.
         stretch = 1.0 + abs(upstream.skew) + upstream.skew_bound
         rate = 1.0 + abs(self.skew) + self.skew_bound
-        drifted = upstream.drift_uncertainty * max(0, relay_ns - upstream.epoch_local_ns)
+        upstream_skew = upstream.skew_uncertainty_after(max(0, relay_ns - upstream.epoch_local_ns))
         return replace(
             self,
             offset_ns=upstream.leader_from_local(relay_ns) - self.epoch_local_ns,
             skew=(1.0 + self.skew) * (1.0 + upstream.skew) - 1.0,
             uncertainty_ns=hypot(self.uncertainty_ns, upstream.uncertainty_at(relay_ns)),
             hard_bound_ns=self.hard_bound_ns * stretch + upstream.hard_bound_at(relay_ns) + ROUNDING_NS,
-            skew_uncertainty=hypot(self.skew_uncertainty, upstream.skew_uncertainty + drifted),
+            skew_uncertainty=hypot(self.skew_uncertainty, upstream_skew),
             skew_bound=self.skew_bound * stretch + upstream.skew_bound * rate,
             drift_uncertainty=hypot(self.drift_uncertainty, upstream.drift_uncertainty),
         )

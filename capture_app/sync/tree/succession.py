@@ -119,8 +119,7 @@ class Succession:
             skew=0.0,
             uncertainty_ns=time_map.uncertainty_at(now_ns),
             hard_bound_ns=time_map.hard_bound_at(now_ns),
-            skew_uncertainty=time_map.skew_uncertainty
-            + time_map.drift_uncertainty * (now_ns - time_map.epoch_local_ns),
+            skew_uncertainty=time_map.skew_uncertainty_after(now_ns - time_map.epoch_local_ns),
             skew_bound=time_map.skew_bound,
             drift_uncertainty=time_map.drift_uncertainty,
         )

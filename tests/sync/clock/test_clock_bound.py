@@ -7,7 +7,8 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from capture_app.sync.clock.clock_filter import STEP_SAMPLES, ClockFilter, ClockSample
-from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.clock.likely_line import DRIFT
+from capture_app.sync.clock.time_map import CRYSTALS_95, TimeMap
 from capture_app.sync.tree.member import LONGEST_NS
 
 MS = 1_000_000
@@ -141,10 +142,19 @@ def test_the_uncertainty_grows_with_the_errors_of_skew_and_drift(
     uncertainty_ns: float, skew_uncertainty: float, drift: float, away_ns: int
 ) -> None:
     time_map = TimeMap(0, 0, 0.0, uncertainty_ns, 1e18, skew_uncertainty, 1e-3, 1, 1, drift_uncertainty=drift)
-    away = abs(away_ns)
-    stated = uncertainty_ns + skew_uncertainty * away + drift * away**2 / 2.0
+    away, limit = abs(away_ns), max(skew_uncertainty, CRYSTALS_95)
+    drifting = min(away, (limit - skew_uncertainty) / drift) if drift else away
+    stated = uncertainty_ns + skew_uncertainty * away + drift * drifting * (away - drifting / 2.0)
     assert time_map.uncertainty_at(away_ns) == pytest.approx(stated)
     assert time_map.uncertainty_at(0) == pytest.approx(uncertainty_ns)
+
+
+def test_an_hour_of_holdover_is_limited_by_what_crystals_do() -> None:
+    drift = 1.96 * DRIFT
+    time_map = TimeMap(0, 0, 0.0, 2e4, 1e6, 3e-7, 1e-3, 1, 1, drift_uncertainty=drift)
+    assert time_map.uncertainty_at(60 * S) == pytest.approx(2e4 + 3e-7 * 60 * S + drift * (60 * S) ** 2 / 2)
+    warmed_up_ns = 10e-6 * 3600 * S  # a crystal whose rate has changed by 10 ppm at once
+    assert warmed_up_ns < time_map.uncertainty_at(3600 * S) <= 180 * MS
 
 
 @settings(max_examples=40)

@@ -27,8 +27,8 @@ MIN_GROUPS, COUNTS = 12, (1, 2, 4, 8, 16, 32)
 SIGMAS, TIMES_TYPICAL = 5.0, 1.5
 """A significant change exceeds this many sigma and this multiple of the largest earlier deviation.
 
-False alarms on eleven links of which ten have spells (docs/accuracy-measurements.md), in 0.37 h: no step, 16 new
-lines, 22 longer paths.
+False alarms in 0.37 h on eleven links, ten of them with spells (docs/accuracy-measurements.md): no step, 16
+new lines, 22 longer paths.
 """
 HIDDEN_SIGMAS = 2.0
 """Deviations up to this many sigma count as chance; the rest of larger ones is a possible error."""

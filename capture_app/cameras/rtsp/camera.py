@@ -81,7 +81,7 @@ class RtspCamera(ThreadedCamera):
     ) -> None:
         """Create the camera; it waits up to `reports_s` for sender reports. Raises BadInputError.
 
-        `allows_basic` is that of its `Connection`.
+        With `allows_basic`, a camera that asks for it gets the password in clear text.
         """
         super().__init__(KIND)
         self._connection = Connection(url, allows_basic=allows_basic)

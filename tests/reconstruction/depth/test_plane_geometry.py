@@ -13,7 +13,9 @@ import pytest
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth.blank_walls import (
     AS_FOUND,
+    BlankPart,
     ScenePlane,
+    choose_planes,
     lay_planes,
     sample_surface,
 )
@@ -327,6 +329,36 @@ def test_a_wall_in_the_rig_is_what_each_camera_sees_of_it() -> None:
         # A plane 2 % farther along a ray is 2 % off it.
         away = view.centre + 1.02 * (points.places - points.centres)
         assert plane.off(points._replace(places=away)) == pytest.approx(0.02, rel=2e-2)
+
+
+def test_a_wall_is_chosen_where_two_sources_see_it() -> None:
+    other = turned_view((2.0, 8.0, 3.0), (0.1, 0.25, 0.0))
+    parts = [
+        BlankPart(image, image.grey, np.ones(image.grey.shape, bool), np.ones(image.grey.shape, bool))
+        for image in (image_of(view, window=7) for view in (REFERENCE, SOURCE, other))
+    ]
+    level = WALL.inverse_depth(REFERENCE)
+    points = WALL.points(REFERENCE, REFERENCE.grid())
+    at = [pixels_of(view, points).reshape(60, 80, 2) for view in (SOURCE, other)]
+    sizes = [np.array([view.width, view.height]) for view in (SOURCE, other)]
+    inside = np.all(
+        [((one > 4) & (one < size - 5)).all(2) for one, size in zip(at, sizes, strict=True)], axis=0
+    )
+    beyond = np.any(
+        [((one < -4) | (one > size + 4)).any(2) for one, size in zip(at, sizes, strict=True)], axis=0
+    )
+    plane = ScenePlane(WALL.normal, WALL.distance)
+    gradients, number, evident = choose_planes(parts[0], parts[1:], 1.3 * level, [plane], (0.5, 9.0))
+    assert len(gradients) == 2
+    inner = cv2.erode(inside.astype(np.uint8), np.ones((9, 9), np.uint8)) > 0
+    assert inner.sum() > 300
+    assert np.mean(number[inner] == 1) > 0.7
+    assert evident[inner & (number == 1)].all()
+    assert 0.1 < beyond.mean() < 0.9
+    assert (number[beyond] == AS_FOUND).all()
+    # A plane beyond the range of depths is none of the candidates.
+    near = choose_planes(parts[0], parts[1:], level, [plane], (0.5, 0.6))
+    assert len(near[0]) == 1
 
 
 def test_a_laid_wall_goes_on_behind_what_windows_made_too_wide() -> None:

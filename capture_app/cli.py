@@ -29,20 +29,20 @@ COMMANDS = {
     "rig": "Start, list and stop rigs that run in the background of this machine.",
     "leader": "Run a leader: nodes join it, and it takes and saves bursts.",
     "node": "Run one camera and join a leader.",
-    "phones": "Let phones be cameras: a page that they open by a QR code.",
+    "phones": "Use phones as cameras: they scan a QR code.",
     "relay": "Connect nodes that cannot reach the leader themselves.",
-    "doctor": "Look this machine over: network, clock, disks, cameras, and what repairs them.",
-    "trust": "List the machines that this one knows; let others in.",
+    "doctor": "Check this machine for problems, and show remedies.",
+    "trust": "List, pair and remove trusted machines.",
     "status": "Show the nodes of a running leader.",
     "burst": "Take a burst with a running leader.",
     "record": "Record a synchronized video with every camera.",
     "cameras": "List the cameras of this machine; add, show and remove those of a running rig.",
-    "preview": "Save a small picture of what a camera of a running rig sees.",
-    "coverage": "Count live what a calibration board has covered, and say what is missing.",
-    "panel": "Show a clock to all cameras, and read from their pictures how far apart they are.",
+    "preview": "Save a small live picture of a camera.",
+    "coverage": "Show live which views of a calibration board are missing.",
+    "panel": "Show a time code to all cameras, and measure their time differences.",
     "serve": "Show the terminal UI in a browser.",
     "sessions": "List, show, verify, rename, annotate, trash, repair, import and export sessions.",
-    "link": "Measure the clock over your own link, real or recorded.",
+    "link": "Measure clock synchronization over a real or recorded link.",
     "demo": "Try everything on this machine: simulated cameras, a burst, a comparison.",
 }
 MODULES = {"burst": "take", "record": "take"}
@@ -88,7 +88,12 @@ def load(name: str) -> click.Command:
     table=COMMANDS,
     load=load,
     invoke_without_command=True,
-    epilog=examples("capture-app", "capture-app --leader 192.168.1.20"),
+    epilog=examples(
+        "capture-app",
+        "capture-app --leader 192.168.1.20",
+        after="A leader synchronizes nodes; each node runs a camera. A burst is a series of instants: common"
+        " times at which every camera takes a frame. It is saved as a session: a folder of images and times.",
+    ),
     context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 100, "show_default": True},
 )
 @click.version_option(__version__, prog_name="capture-app")
@@ -116,7 +121,7 @@ def load(name: str) -> click.Command:
 @click.option(
     "--depth/--no-depth",
     default=True,
-    help="Make the depth of each take at once where the rig is calibrated, at low priority.",
+    help="Compute the depth of each take of a calibrated rig, at low priority.",
 )
 @open_option
 @click.pass_context
@@ -132,24 +137,24 @@ def app(
 ) -> None:
     """Take pictures of the same instant with many ordinary cameras.
 
-    Without a command, the terminal UI opens: on the rig of this machine that is running, else on a new one,
-    which keeps running in the background until it is stopped.
+    Without a command, the terminal UI opens on the running rig of this machine, or on a new one, which keeps
+    running in the background until it is stopped.
     """
     given = [name for name in ctx.params if ctx.get_parameter_source(name) is ParameterSource.COMMANDLINE]
     if ctx.invoked_subcommand is not None:
         if given:
             raise click.UsageError(
-                f"--{given[0]} comes after the command {ctx.invoked_subcommand}, if at all"
+                f"--{given[0]} belongs after the command {ctx.invoked_subcommand}, if it has it"
             )
         return
     if leader is not None and (clash := [name for name in ("host", "port", "cameras") if name in given]):
-        raise click.UsageError(f"--{clash[0]} is for a rig of this machine, not with --leader")
+        raise click.UsageError(f"--{clash[0]} applies to a rig of this machine, not to --leader")
     in_browser = "TEXTUAL_DRIVER" in os.environ
     if not in_browser and not (sys.stdin.isatty() and sys.stdout.isatty()):
         raise NotAvailableError(
             "the screen needs a terminal", hint="use `capture-app leader`, or see capture-app --help"
         )
-    talk("One moment: the screen is being prepared, and a rig in the background where none runs …")
+    talk("Starting the screen, and a rig in the background if none is running …")
     from capture_app.commands.joining import make_known
     from capture_app.rig.process import attach
     from capture_app.tui.app import run_screen
@@ -170,7 +175,7 @@ def run(arguments: Sequence[str]) -> int:
 
 def main() -> None:
     """Run this process's command line; first re-execute without its passwords, to hide them from `ps`."""
-    shown = [hide_password(word) for word in sys.orig_argv]
+    shown = [hide_password(argument) for argument in sys.orig_argv]
     if shown != sys.orig_argv:
         os.execv(sys.executable, shown)  # noqa: S606 - this program once more
     sys.exit(run(sys.argv[1:]))

@@ -25,9 +25,9 @@ if TYPE_CHECKING:
 NAME = "calibrate-time"
 MOTION_S, LIGHT_S = 2.0, 8.0
 TODO = {
-    "motion": "somebody has to move before all cameras",
-    "light": "switch a torch on and off before all cameras, again and again",
-    "panel": "all cameras have to see the panel",
+    "motion": "move in front of all cameras",
+    "light": "switch a torch on and off repeatedly in front of all cameras",
+    "panel": "all cameras must see the panel",
 }
 
 
@@ -42,22 +42,26 @@ TODO = {
 )
 @leader_option
 @click.option(
-    "--light", is_flag=True, help="A torch is to blink some eight times, instead of somebody to move."
+    "--light", is_flag=True, help="Measure with a torch that blinks about eight times, instead of motion."
 )
-@click.option("--panel", is_flag=True, help="All cameras see a panel instead: capture-app panel.")
+@click.option(
+    "--panel",
+    is_flag=True,
+    help="Measure with a panel that all cameras see (capture-app panel), instead of motion.",
+)
 @click.option(
     "--seconds",
     type=FiniteRange(0.5, 60.0),
     metavar="S",
     show_default=f"{MOTION_S:g}, with --light {LIGHT_S:g}",
-    help="How long pictures are taken.",
+    help="Duration of the take.",
 )
 @click.option(
     "--session",
     "folder",
     type=click.Path(path_type=Path),
     metavar="SESSION",
-    help="Take no pictures: those of this session are of the cameras as they run now.",
+    help="Use this session of the running cameras instead of a new take.",
 )
 @ready_options
 @json_option
@@ -70,12 +74,12 @@ def calibrate_time(
     as_json: bool,
     **ready: Any,
 ) -> None:
-    """Measure how late each camera's stamps are, and let the rig go by that from now on.
+    """Measure the timestamp delay of each camera, and correct for it from now on.
 
-    All cameras must see somebody who moves for two seconds, up and down as well as across; with --light a
-    torch that is switched on and off eight times, half a second or more each. What is found is kept for each
-    camera in its mode, on its machine. Where stamps are known, what is left is of the way to the leader, and
-    kept for that. Needs reconstruct on this machine, but for --panel.
+    All cameras must see a person who moves for two seconds, up and down as well as across. With --light, all
+    must see a torch switched on and off eight times, at least half a second each. The delay is stored for
+    each camera and mode on its machine. For cameras with known timestamps, the remaining difference is stored
+    as the asymmetry of the path to the leader. Requires reconstruct on this machine, except with --panel.
     """
     from capture_app.rig.camera_times import calibrate
     from capture_app.session.reading.reader import Session
@@ -86,45 +90,48 @@ def calibrate_time(
         folder = _take(leader, seconds, todo, ready)
     session = Session.open(folder)
     talk("measuring")
-    found, news, kept = asyncio.run(calibrate(leader, session, times_by_panel(session) if panel else None))
+    found, orders, saved = asyncio.run(calibrate(leader, session, times_by_panel(session) if panel else None))
     cameras = {
         name: {
             "measured": time,
-            "stamp": news[name].stamp if name in news else None,
-            "way": news[name].asymmetry if name in news else None,
-            "kept": kept.get(name, False),
+            "stamp": orders[name].stamp if name in orders else None,
+            "way": orders[name].asymmetry if name in orders else None,
+            "kept": saved.get(name, False),
         }
         for name, time in found.cameras.items()
     }
-    told = {"session": str(folder), "reference": found.reference, "cameras": cameras}
-    answer(as_json, told, [table(("camera", "stamps are late by"), _rows_of(found, news, kept))])
+    result = {"session": str(folder), "reference": found.reference, "cameras": cameras}
+    answer(as_json, result, [table(("camera", "timestamp delay"), _rows_of(found, orders, saved))])
     if reason := next((one.reason for one in found.cameras.values() if one.reason), ""):
         missing = ", ".join(name for name, one in found.cameras.items() if one.reason)
         raise NotApplicableError(
-            f"how late the stamps of {missing} are cannot be told: {reason}",
-            hint="somebody has to move up and down before all cameras, or a torch to blink (--light)",
+            f"the timestamp delay of {missing} cannot be measured: {reason}",
+            hint="move up and down in front of all cameras, or use a blinking torch: --light",
         )
 
 
 def _take(leader: Address, seconds: float, todo: str, ready: Mapping[str, Any]) -> Path:
-    """Take the pictures, when the rig is ready as asked; the folder of their session."""
+    """Take the pictures once the rig is ready, and return their session's folder."""
     from capture_app.rig.link import RigLink
     from capture_app.rig.taking import TakePlan
 
-    talk(f"{seconds:g} s of pictures: {todo}")
-    note = "taken to measure how late the cameras' stamps are"
+    talk(f"taking pictures for {seconds:g} s: {todo}")
+    note = "taken to measure timestamp delays"
     plan = TakePlan(seconds=seconds, name=NAME, note=note, **ready)
     taken: list[TakeEnd] = []
     asyncio.run(take(RigLink(leader), plan, taken, silent=True))
     require_whole(taken[0], 100.0)
     where = (taken[0].status and taken[0].status.session) or "its phones"
     if not Path(where).is_dir():
-        raise IncompleteError(f"the pictures are on the leader's machine, in {where}", hint="calibrate there")
+        raise IncompleteError(
+            f"the pictures are on the leader's machine, in {where}",
+            hint="run capture-app cameras calibrate-time there",
+        )
     return Path(where)
 
 
 def times_by_panel(session: "Session", reference: str | None = None) -> "MeasuredTimes":
-    """Read a panel: how late each camera is against one, else the best-known. Raises NotApplicableError."""
+    """Measure each camera's delay against a reference camera by a panel. Raises NotApplicableError."""
     from capture_app.common.camera_facts import StampSource
     from capture_app.panel.pair_errors import rig_errors
     from capture_app.panel.session_times import read_session
@@ -135,9 +142,11 @@ def times_by_panel(session: "Session", reference: str | None = None) -> "Measure
     reference = reference or choose_reference(records) or next(iter(records))
     times = read_session(session)
     if not times.exposures_known:
-        raise NotApplicableError(f"{session.folder} does not tell all exposures and row times")
+        raise NotApplicableError(
+            f"{session.folder} lacks exposures or row times", hint="measure by motion: leave out --panel"
+        )
     unseen = MeasuredTime(
-        reason=f"no panel is seen by it and {reference} at once, or its cycle is too short for their stamps"
+        reason=f"it and {reference} never see the panel at once, or the panel repeats too soon"
     )
     found = dict.fromkeys(times.cameras, unseen) | {reference: MeasuredTime(offset_ms=0.0, sd_ms=0.0)}
     errors = rig_errors(times)
@@ -155,27 +164,26 @@ def times_by_panel(session: "Session", reference: str | None = None) -> "Measure
 
 
 def _rows_of(
-    found: "MeasuredTimes", news: "dict[str, SaveStamp]", kept: dict[str, bool]
+    found: "MeasuredTimes", orders: "dict[str, SaveStamp]", saved: dict[str, bool]
 ) -> Iterator[tuple[str, str]]:
     from capture_app.session.reading.stamp_words import describe_stamp
 
     for name, time in found.cameras.items():
-        if name not in news:
+        if name not in orders:
             if name == found.reference:
-                yield name, "as they were known: all others are told against it"
+                yield name, "unchanged: the reference of all others"
             elif time.offset_ms is None or time.sd_ms is None:
-                yield name, f"cannot be told: {time.reason}"
+                yield name, f"not measured: {time.reason}"
             else:
                 off, unsure = duration(time.offset_ms * 1e6, signed=True), duration(2e6 * time.sd_ms)
-                yield name, f"as they were known: that is surer than {off} ±{unsure}"
+                yield name, f"unchanged: better known than the measured {off} ±{unsure}"
             continue
-        stamp, asymmetry = news[name].stamp, news[name].asymmetry
-        words = describe_stamp(stamp) if stamp else "as they were known"
-        if asymmetry:
-            off = "behind" if asymmetry.late_ns > 0 else "ahead"
-            error = f"{duration(abs(asymmetry.late_ns))} ±{duration(asymmetry.uncertainty_ns)}"
-            words += f"; its clock was {error} {off}"
-        yield name, words + ("" if kept[name] else "; could not be kept")
+        stamp, path = orders[name].stamp, orders[name].asymmetry
+        words = describe_stamp(stamp) if stamp else "unchanged"
+        if path:
+            off = "behind" if path.late_ns > 0 else "ahead"
+            words += f"; its clock was {duration(abs(path.late_ns))} ±{duration(path.uncertainty_ns)} {off}"
+        yield name, words + ("" if saved[name] else "; could not be saved")
 
 
 @click.command(
@@ -185,38 +193,38 @@ def _rows_of(
     )
 )
 @click.argument("spec")
-@click.option(
-    "--seconds", type=FiniteRange(1.0, 3600.0), default=10.0, metavar="S", help="How long to watch it."
-)
+@click.option("--seconds", type=FiniteRange(1.0, 3600.0), default=10.0, metavar="S", help="Observation time.")
 @click.option(
     "--starts",
     type=click.IntRange(0, 100),
     default=8,
     metavar="N",
-    help="How often to restart its stream, or to close and open it where nodes do not restart it.",
+    help="Number of stream restarts. A camera that nodes cannot restart is closed and opened.",
 )
 @click.option(
     "--moves",
     type=click.IntRange(0, 20),
     default=20,
     metavar="N",
-    help="How often to move its phase by frames that last longer, where it has such; rows show from 6 on.",
+    help="Number of phase moves by longer frames, if the camera supports them. Rows need at least 6.",
 )
-@click.option("--save/--no-save", default=True, help="Keep what nodes use of it in this user's profiles.")
+@click.option(
+    "--save/--no-save", default=True, help="Save the results in this user's profiles, for nodes to use."
+)
 @json_option
 def characterize(spec: str, seconds: float, starts: int, moves: int, save: bool, as_json: bool) -> None:
-    """Measure the camera SPEC, which no node may use meanwhile: about a minute.
+    """Measure the camera SPEC in about a minute; no node may use it meanwhile.
 
-    It tells what the camera offers, how fine and how even its stamps are, how long it takes to start, and,
-    where frames can be made longer, what that does to its phase: rows, the gain of an injection and its
-    overhead. Nodes use what restarts and injections do from their first command on. How late the stamps are
-    it cannot tell.
+    Reports the camera's modes, the resolution and jitter of its timestamps, and its start latency. If frames
+    can be made longer, also the effect on its phase: row time, injection gain and overhead. Nodes use the
+    restart and injection results from their first command on. For the timestamp delay, use `cameras
+    calibrate-time`.
     """
     from capture_app.rig.characterize import characterize as measure
 
     found = asyncio.run(measure(spec, seconds=seconds, starts=starts, moves=moves, keep=save, talk=talk))
-    kept = ["saved in this user's profiles: nodes move such cameras by them from now on"]
-    answer(as_json, found, [table((spec, ""), _rows(found)), *kept[: found.saved]])
+    saved = ["saved in this user's profiles; nodes use them from now on"]
+    answer(as_json, found, [table((spec, ""), _rows(found)), *saved[: found.saved]])
 
 
 def _rows(found: "Character") -> list[tuple[str, str]]:
@@ -229,15 +237,15 @@ def _rows(found: "Character") -> list[tuple[str, str]]:
         ("frame rate", f"{1e9 / found.period_ns:.4f} frames/s, {found.rate_error_ppm:+.1f} ppm off nominal"),
         ("frames", f"{found.frames}, {found.drops} dropped"),
         ("exposure", _range(found.exposures_ns)),
-        ("stamps come in steps of", duration(found.stamp_step_ns) if found.stamp_step_ns else "none seen"),
-        ("stamps scatter by", f"{duration(found.stamp_jitter_ns)} (1 sd)"),
-        ("stamps claim", str(facts.timestamp_source)),
-        ("stamps are", describe_stamp(facts.stamp_accuracy)),
+        ("timestamp resolution", duration(found.stamp_step_ns) if found.stamp_step_ns else "none seen"),
+        ("timestamp jitter", f"{duration(found.stamp_jitter_ns)} (1 sd)"),
+        ("timestamps claim", str(facts.timestamp_source)),
+        ("timestamps are", describe_stamp(facts.stamp_accuracy)),
         (
-            "arrives after its stamp",
-            f"{duration(found.delivery_ns)} in the middle, {duration(found.slowest_delivery_ns)} at most",
+            "delivery after timestamp",
+            f"{duration(found.delivery_ns)} median, {duration(found.slowest_delivery_ns)} at most",
         ),
-        ("phase is moved by", str(facts.phase_control)),
+        ("phase control", str(facts.phase_control)),
     ]
     if found.starts is not None:
         rows.append(("starts", _starts(found.starts)))
@@ -248,8 +256,8 @@ def _starts(starts: "Starts") -> str:
     how = "restarts" if starts.by_restart else "opening it"
     in_order = sorted(starts.latencies_ns)
     return (
-        f"{duration(in_order[len(in_order) // 2])} to the first frame in the middle of {len(in_order)}, "
-        f"{duration(in_order[-1] - in_order[0])} from quickest to slowest, by {how}"
+        f"{duration(in_order[len(in_order) // 2])} to the first frame, median of {len(in_order)}; "
+        f"{duration(in_order[-1] - in_order[0])} between fastest and slowest, by {how}"
     )
 
 
@@ -258,19 +266,19 @@ def _moves(moves: "Moves") -> Iterator[tuple[str, str]]:
     if moves.reason:
         yield "rows", moves.reason
     if moves.latency_frames is not None:
-        yield "it obeys after", "{} to {} frames".format(*moves.latency_frames)
+        yield "latency", "{} to {} frames".format(*moves.latency_frames)
     if moves.step_ns is not None:
-        yield "phase moves in steps of", f"{moves.step_ns / 1000:.2f} µs"
+        yield "phase step", f"{moves.step_ns / 1000:.2f} µs"
     if moves.row_time_ns is not None:
         yield "row", f"{moves.row_time_ns / 1000:.2f} µs"
     if moves.injection is not None:
-        yield "gain of an injection", f"{moves.injection.gain:g}"
+        yield "injection gain", f"{moves.injection.gain:g}"
     if moves.overhead_ns is not None:
         yield "overhead", f"a frame is {moves.overhead_ns / 1000:.0f} µs longer than its exposure"
 
 
 def _range(exposures_ns: tuple[int, int] | None) -> str:
     if exposures_ns is None:
-        return "not told"
-    least, most = (duration(exposure_ns) for exposure_ns in exposures_ns)
-    return least if least == most else f"{least} to {most}"
+        return "not reported"
+    shortest, longest = (duration(exposure_ns) for exposure_ns in exposures_ns)
+    return shortest if shortest == longest else f"{shortest} to {longest}"

@@ -23,14 +23,14 @@ if TYPE_CHECKING:
     from capture_app.rig.link import CamerasControls
 
 Profile = dict[str, dict[Control, ControlValue]]
-"""What each camera's controls are to be, by its name."""
+"""Target values of each camera's controls, by camera name."""
 NAMES = tuple(str(control) for control in Control)
 
 
 @click.command(
     epilog=examples("capture-app cameras controls", "capture-app cameras controls --save night.json")
 )
-@click.option("--save", type=ANY_PATH, metavar="FILE", help="Keep them as a profile for cameras set.")
+@click.option("--save", type=ANY_PATH, metavar="FILE", help="Save them as a profile for `cameras set`.")
 @leader_option
 @json_option
 def controls(save: Path | None, leader: Address, as_json: bool) -> None:
@@ -57,29 +57,31 @@ def controls(save: Path | None, leader: Address, as_json: bool) -> None:
     ),
 )
 @click.argument("values", nargs=-1, metavar="CONTROL=VALUE...")
-@click.option("--profile", type=ANY_PATH, metavar="FILE", help="What cameras controls --save kept.")
-@click.option("--camera", "cameras", multiple=True, metavar="NAME", help="Of this camera. Repeatable.")
+@click.option(
+    "--profile", type=ANY_PATH, metavar="FILE", help="Profile written by `cameras controls --save`."
+)
+@click.option("--camera", "cameras", multiple=True, metavar="NAME", help="Set this camera only. Repeatable.")
 @leader_option
 @json_option
 def set_command(
     values: tuple[str, ...], profile: Path | None, cameras: tuple[str, ...], leader: Address, as_json: bool
 ) -> None:
-    """Set controls of cameras of a rig, of all without --camera.
+    """Set controls of a rig's cameras; of all cameras without --camera.
 
-    They are the rig's: kept, given again to a camera that comes back, and to one that joins where all agree.
+    The rig stores the values, and sets them again on a camera that reconnects; on a new one if all agree.
 
-    CONTROL is exposure (in µs), gain, white-balance (in K) or focus; VALUE a number in the camera's unit, as
-    shown by `cameras controls`, auto to let the camera choose, or hold to keep what it has chosen.
+    CONTROL is exposure (in µs), gain, white-balance (in K) or focus. VALUE is a number in the camera's unit,
+    as shown by `cameras controls`; auto lets the camera choose; hold freezes the chosen value.
     """
     from capture_app.rig.link import set_cameras
 
     if bool(values) == (profile is not None):
         raise click.UsageError("give CONTROL=VALUE, or --profile FILE")
     if profile is None:
-        found = asyncio.run(set_cameras(leader, dict(_wanted(value) for value in values), cameras))
+        found = asyncio.run(set_cameras(leader, dict(_parse_setting(value) for value in values), cameras))
     else:
-        kept = {name: of for name, of in _read_profile(profile).items() if not cameras or name in cameras}
-        found = {name: asyncio.run(set_cameras(leader, of, [name]))[name] for name, of in kept.items()}
+        chosen = {name: of for name, of in _read_profile(profile).items() if not cameras or name in cameras}
+        found = {name: asyncio.run(set_cameras(leader, of, [name]))[name] for name, of in chosen.items()}
     _answer(as_json, found)
 
 
@@ -93,14 +95,14 @@ def set_command(
     multiple=True,
     type=click.Choice(NAMES),
     show_default="all of them",
-    help="Only this control. Repeatable.",
+    help="Match this control only. Repeatable.",
 )
 @leader_option
 @json_option
 def match(camera: str, only: tuple[str, ...], leader: Address, as_json: bool) -> None:
-    """Set all cameras of a rig like CAMERA: hold what it has chosen, and set that on all that can.
+    """Set all cameras of a rig like CAMERA: freeze its values, and set them on all others.
 
-    What a camera cannot be set to is said with its reason.
+    Values that a camera does not support are reported with the reason.
     """
     from capture_app.rig.link import match_cameras
 
@@ -113,14 +115,14 @@ def _read_profile(file: Path) -> Profile:
     try:
         return msgspec.json.decode(file.read_bytes(), type=Profile)
     except OSError as error:
-        raise BadInputError(f"cannot read {file}: {error.strerror}") from error
+        raise BadInputError(f"cannot read {file}: {error.strerror}", hint="check --profile") from error
     except UNREADABLE as error:
         raise BadInputError(
-            f"{file} is no profile: {error}", hint="cameras controls --save makes one"
+            f"{file} is not a profile: {error}", hint=f"make one: capture-app cameras controls --save {file}"
         ) from error
 
 
-def _wanted(text: str) -> tuple[Control, ControlValue]:
+def _parse_setting(text: str) -> tuple[Control, ControlValue]:
     name, _, value = text.partition("=")
     if name not in NAMES:
         raise BadInputError(f"{text!r} is not CONTROL=VALUE", hint=f"CONTROL is one of {', '.join(NAMES)}")
@@ -133,14 +135,14 @@ def _wanted(text: str) -> tuple[Control, ControlValue]:
         round(number)  # neither infinite nor NaN
     except (ValueError, OverflowError):
         raise BadInputError(
-            f"{name}={value}: no number, auto or hold", hint="example: exposure=4000"
+            f"{name}={value} is not a number, auto or hold", hint="example: exposure=4000"
         ) from None
     return Control(name), number
 
 
 def _answer(as_json: bool, found: "CamerasControls") -> None:
-    told = [{"camera": camera, "state": state} for camera, state in found.items()]
-    answer(as_json, {"cameras": told}, _lines(found))
+    result = [{"camera": camera, "state": state} for camera, state in found.items()]
+    answer(as_json, {"cameras": result}, _lines(found))
 
 
 def _lines(found: "CamerasControls") -> Iterator[str]:
@@ -148,7 +150,7 @@ def _lines(found: "CamerasControls") -> Iterator[str]:
         rows = ((name, *(describe(of.state(control)) for control in Control)) for name, of in found.items())
         yield table(("camera", *NAMES), rows)
     else:
-        talk("no camera is here")
+        talk("no camera has joined")
     for name, state in found.items():
         for problem in dict.fromkeys(state.problems.values()):
             talk(f"{name}: {problem}")
@@ -204,9 +206,9 @@ cameras.add_command(calibrate_time)
 @click.argument("spec", required=False)
 @click.option("--name", metavar="NAME", show_default="after the device", help="Name of the camera.")
 @click.option(
-    "--simulated", type=click.IntRange(1, 64), metavar="N", help="Start so many simulated cameras instead."
+    "--simulated", type=click.IntRange(1, 64), metavar="N", help="Start N simulated cameras instead."
 )
-@click.option("--scene", default="studio", help="With --simulated: what they see.")
+@click.option("--scene", default="studio", help="With --simulated: scene that the cameras see.")
 @leader_option
 @json_option
 def add(
@@ -236,7 +238,7 @@ def add(
 @leader_option
 @json_option
 def remove(name: str, leader: Address, as_json: bool) -> None:
-    """End the camera NAME that the leader's machine runs, put a phone off, or forget one that is lost."""
+    """Stop the camera NAME of the leader's machine, disconnect a phone, or remove a lost camera."""
     from capture_app.protocol.orders import RemoveCamera
     from capture_app.rig.link import give_order
 
@@ -251,7 +253,7 @@ def remove(name: str, leader: Address, as_json: bool) -> None:
 def show(name: str, leader: Address, as_json: bool) -> None:
     """Show the camera NAME of a rig: frame rate, exposure, clock exchanges, phase errors, its log.
 
-    With --json also each of the latest exchanges and errors.
+    With --json also the latest exchanges and errors one by one.
     """
     from capture_app.protocol.orders import DetailRequest
     from capture_app.protocol.status import NodeDetail
@@ -268,13 +270,16 @@ def _facts(detail: "NodeDetail") -> Iterator[tuple[str, str]]:
     if detail.disk_free_bytes is not None:
         yield "spool", f"{detail.spool}, {megabytes(detail.disk_free_bytes)} free"
     if detail.samples:
-        trips_ns = sorted(trip_ns for _, trip_ns in detail.samples)
-        middle = duration(trips_ns[len(trips_ns) // 2])
-        yield "round trip", f"{duration(trips_ns[0])} at least, {middle} in the middle of {len(trips_ns)}"
+        round_trips_ns = sorted(round_trip_ns for _, round_trip_ns in detail.samples)
+        middle = duration(round_trips_ns[len(round_trips_ns) // 2])
+        yield (
+            "round trip",
+            f"{duration(round_trips_ns[0])} minimum, {middle} median of {len(round_trips_ns)}",
+        )
     if detail.phase_errors_ns:
         errors_ns = sorted(map(abs, detail.phase_errors_ns))
         worst = f"{duration(errors_ns[-1])} at most, over {count(len(errors_ns), 'frame')}"
-        yield "phase error", f"{duration(errors_ns[len(errors_ns) // 2])} in the middle, {worst}"
+        yield "phase error", f"{duration(errors_ns[len(errors_ns) // 2])} median, {worst}"
 
 
 for _command in (controls, set_command, match):

@@ -33,22 +33,22 @@ FPS = 3.0
     type=click.IntRange(160, 1920),
     metavar="PX",
     default=1280,
-    help="Width of the previews that the board is looked for in.",
+    help="Width of the previews in which the board is detected.",
 )
 @click.option(
     "--for-s",
     type=FiniteRange(1.0, 86_400.0),
     metavar="S",
-    show_default="until nothing is missing",
-    help="Stop after this long at the latest.",
+    show_default="until the coverage is complete",
+    help="Stop after this time even if views are missing.",
 )
 @leader_option
 @json_option
 def coverage(board: "Board", width: int, for_s: float | None, leader: Address, as_json: bool) -> None:
-    """Count live what a board has covered before the cameras of a rig, and say what is still missing.
+    """Show live which views of a calibration board the cameras have, and which are missing.
 
-    Looks for the board in the cameras' previews and saves nothing. To calibrate, record a burst of the board
-    as well, during the count or after it, as docs/calibration.md shows. Ends when nothing is missing, or with
+    Detects the board in the cameras' previews and saves nothing. To calibrate, also take a burst of the
+    board, during the count or after it: docs/calibration.md. Ends when the coverage is complete, or with
     Ctrl-C.
     """
     from rich.live import Live
@@ -56,9 +56,12 @@ def coverage(board: "Board", width: int, for_s: float | None, leader: Address, a
     show = print_json_line if as_json else functools.partial(_draw, Live(auto_refresh=False))
     found = run_until_stopped(_count(leader, board, width, for_s, show))
     if found.missing:
-        raise IncompleteError(f"still missing: {'; '.join(found.missing[:3])}")
+        raise IncompleteError(
+            f"the coverage is incomplete: {'; '.join(found.missing[:3])}",
+            hint="show the board there, and run it again",
+        )
     if not as_json:
-        print_line("nothing is missing: a burst of such views calibrates the rig")
+        print_line("the coverage is complete: a burst of such views calibrates the rig")
 
 
 async def _count(
@@ -76,7 +79,10 @@ async def _count(
     nodes = (await ask_status(leader)).nodes
     cameras = {n.name: (n.camera.width, n.camera.height) for n in nodes if n.camera.width}
     if not cameras:
-        raise IncompleteError(f"no camera has joined {leader}", hint="capture-app status shows who has")
+        raise IncompleteError(
+            f"no camera has joined {leader}",
+            hint=f"start one: capture-app node --leader {leader} --camera SPEC",
+        )
     count = PreviewCount(board, cameras)
     link = RigLink(leader)
     await link.want_previews(cameras=None, width=width, fps=FPS)
@@ -88,11 +94,11 @@ async def _count(
             async for update in link.updates():
                 # The link reconnects by itself, and requests the previews again.
                 if isinstance(update, LinkLost):
-                    talk(f"{update.reason}; trying again, and what is counted so far stays")
+                    talk(f"{update.reason}; reconnecting, and the count so far is kept")
                     lost = True
                     continue
                 if lost:
-                    talk("the rig is back: the count goes on")
+                    talk("the rig is connected again: the count continues")
                     lost = False
                 if not isinstance(update, Preview) or update.camera not in cameras:
                     continue
@@ -109,7 +115,7 @@ async def _count(
 
 
 def _draw(live: "Live", found: "BoardCoverage") -> None:
-    """Draw the table anew in its place on a terminal; elsewhere a line whenever something has changed."""
+    """Redraw the table in place on a terminal; elsewhere print a line for each change."""
     from rich.console import Group
     from rich.table import Table
     from rich.text import Text
@@ -118,7 +124,7 @@ def _draw(live: "Live", found: "BoardCoverage") -> None:
 
     if not sys.stdout.isatty():
         views = ", ".join(f"{name} {seen.views}" for name, seen in found.cameras.items())
-        print_line(f"views: {views}; {(*found.missing, 'nothing is missing')[0]}")
+        print_line(f"views: {views}; {(*found.missing, 'complete')[0]}")
         return
     head, rows = coverage_table(found)
     table = Table(*head)

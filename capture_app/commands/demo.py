@@ -12,8 +12,7 @@ from msgspec import Struct
 
 from capture_app.commands.options import FOLDER, run_until_stopped
 from capture_app.common.child import Child, Talk
-from capture_app.common.errors import BadInputError, IncompleteError, SimulshotError
-from capture_app.common.tasks import first_of
+from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.text import UNREADABLE, ProgressStep
 from capture_app.common.timeouts import READY_TIMEOUT_S
 from capture_app.console.terminal import answer, json_option, show_progress, table, talk
@@ -21,8 +20,6 @@ from capture_app.console.usage import examples
 from capture_app.session.files.durable import free_name
 
 if TYPE_CHECKING:
-    from capture_app.protocol.status import BurstStatus
-    from capture_app.rig.link import RigLink
     from capture_app.session.reading.reader import Session
 
 FRAMES = 5
@@ -47,14 +44,14 @@ class NodeErrors(Struct, frozen=True, kw_only=True):
 
 
 class SyncErrors(Struct, frozen=True, kw_only=True):
-    """How well a simulated rig took its pictures at the same time."""
+    """True synchronization errors of a simulated rig."""
 
     nodes: tuple[NodeErrors, ...]
     max_total_error_ns: int
 
 
 class DemoResult(Struct, frozen=True, kw_only=True):
-    """What `capture-app demo --json` prints; `compare` is the comparison's `metrics.json`."""
+    """Output of `capture-app demo --json`; `compare` is the comparison's `metrics.json`."""
 
     session: str
     report: str
@@ -123,55 +120,31 @@ async def run_demo(out: Path, cameras: int, talk: Talk) -> DemoResult:
 async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio") -> "Session":
     """Start a rig of simulated cameras, take one burst when all are ready, and return its session."""
     from capture_app.protocol.orders import AddSimulated
-    from capture_app.rig.link import RigLink
+    from capture_app.rig import taking
+    from capture_app.rig.link import give_order
     from capture_app.rig.rig import AsyncRig
     from capture_app.session.reading.reader import Session
 
+    plan = taking.TakePlan(frames=FRAMES, wait_ready_s=READY_TIMEOUT_S, nodes=cameras)
     async with AsyncRig(sessions=out) as rig:
-        link = RigLink(rig.address)
         talk(f"starting {cameras} simulated cameras, each a process with a clock of its own")
-        await link.order(
-            AddSimulated(cameras=cameras, scene=scene, options=CAMERA_OPTIONS, tolerance_us=TOLERANCE_US)
-        )
-        watched, taken = await first_of(_watch(link, talk), _take(link, cameras, talk))
-        if taken.cancelled():
-            watched.result()
-        saved: BurstStatus = taken.result()
-    if saved.session is None:
-        raise IncompleteError(saved.message)
-    if saved.message:
-        talk(saved.message)
-    return Session.open(Path(saved.session))
-
-
-async def _watch(link: "RigLink", talk: Talk) -> None:
-    """Log how many cameras are in which state. Raises the error of a camera that ends."""
-    from capture_app.protocol.status import LogLine, RigStatus
-
-    logged = ""
-    async for update in link.updates():
-        if isinstance(update, LogLine) and update.level == "error":
-            raise SimulshotError(update.text)
-        if isinstance(update, RigStatus):
-            states = [node.state for node in update.nodes]
-            counts = ", ".join(f"{states.count(state)} {state}" for state in dict.fromkeys(states))
-            if counts and counts != logged:
-                logged = counts
-                talk(counts)
-
-
-async def _take(link: "RigLink", cameras: int, talk: Talk) -> "BurstStatus":
-    from capture_app.protocol.messages import BurstRequest
-
-    received, has_begun = 0, False
-    async for burst in link.burst(BurstRequest(frames=FRAMES, wait_ready_s=READY_TIMEOUT_S, nodes=cameras)):
-        if burst.expected and not has_begun:
-            has_begun = True
-            talk(f"taking a burst of {FRAMES} instants; the pictures are rendered as they are saved")
-        if burst.received > received:
-            received = burst.received
-            talk(str(ProgressStep(received, burst.expected, "images saved")))
-    return burst
+        order = AddSimulated(cameras=cameras, scene=scene, options=CAMERA_OPTIONS, tolerance_us=TOLERANCE_US)
+        await give_order(rig.address, order)
+        async for event in rig.take(plan):
+            match event:
+                case taking.Waiting(reason=reason):
+                    talk(reason)
+                case taking.Begun():
+                    talk(f"taking a burst of {FRAMES} instants; the pictures are rendered as they are saved")
+                case taking.Progress(status=status) if status.received:
+                    talk(str(ProgressStep(status.received, status.expected, "images saved")))
+                case taking.Failed(error=error):
+                    raise error
+                case taking.Saved(status=status):
+                    session = Session.open(Path(status.session or ""))
+                    if status.message:
+                        talk(status.message)
+    return session
 
 
 async def compare(session: Path, out: Path, talk: Talk) -> dict[str, Any]:
@@ -185,7 +158,9 @@ async def compare(session: Path, out: Path, talk: Talk) -> dict[str, Any]:
     try:
         metrics: dict[str, Any] = msgspec.json.decode(printed, type=dict[str, Any])
     except UNREADABLE as error:
-        raise SimulshotError(f"reconstruct compare printed no JSON: {error}") from error
+        raise SimulshotError(
+            f"reconstruct compare printed no JSON: {error}", hint="reinstall simulshot"
+        ) from error
     return metrics
 
 

@@ -35,26 +35,26 @@ if TYPE_CHECKING:
     type=ADDRESS,
     multiple=True,
     metavar="HOST:PORT",
-    help="A leader or relay that this machine is to reach. Repeatable.",
+    help="Leader or relay that this machine has to reach. Repeatable.",
 )
 @click.option(
     "--report",
     type=ANY_PATH,
     metavar="FILE",
-    help="Also write all of it to a file, as JSON, to tell others what was tried.",
+    help="Also write all findings to FILE as JSON, for a hardware report.",
 )
 @click.option(
     "--camera",
     "specs",
     multiple=True,
     metavar="SPEC",
-    help="With --report: what `cameras characterize` measures of this camera. Repeatable.",
+    help="With --report: add the measurements of `cameras characterize` of SPEC. Repeatable.",
 )
 @click.option(
     "--panel",
     type=ANY_PATH,
     metavar="SESSION",
-    help="With --report: what `panel read` reads in this session.",
+    help="With --report: add the measurements of `panel read` of SESSION.",
 )
 @spool_option
 @open_option
@@ -67,20 +67,20 @@ def doctor(
     panel: Path | None,
     as_json: bool,
 ) -> None:
-    """Look this machine over: what would keep it from leading a rig or joining one, and what repairs it.
+    """Check this machine for problems that prevent it from leading or joining a rig, and show remedies.
 
-    Run it on the leader's machine or on a camera's. It looks at versions, the way to the leader, pairing,
-    firewalls, WiFi, the clock, disks, USB and permissions, and changes nothing. A problem ends it with
-    exit code 1.
+    Run it on the leader's machine or on a camera's. It checks versions, the connection to the leader,
+    pairing, firewalls, WiFi, the clock, disks, USB and permissions, and changes nothing. With problems, the
+    exit code is 1.
     """
     from capture_app.rig.doctor import examine
     from capture_app.rig.process import list_rigs
 
     if report is None and (specs or panel is not None):
-        raise click.UsageError("--camera and --panel belong to --report")
+        raise click.UsageError("--camera and --panel require --report")
     rigs = [(rig.address, Path(rig.sessions)) for rig in list_rigs()]
     if not as_json:
-        talk("looking this machine over …")
+        talk("checking this machine …")
     found = asyncio.run(examine(leaders, rigs, spool))
     problems = [finding for finding in found if finding.grade == "problem"]
     if report is not None:
@@ -89,11 +89,13 @@ def doctor(
         write_unsynced(report, pretty_json({"doctor": found, "cameras": measured, "panel": read}))
     answer(as_json, {"findings": found, "problems": len(problems)}, _lines(found))
     if problems:
-        raise SimulshotError(f"{count(len(problems), 'problem')} found", hint="with its remedy below each")
+        raise SimulshotError(
+            f"{count(len(problems), 'problem')} found", hint="each remedy is below its problem"
+        )
 
 
 def _ask(*command: str) -> Any:
-    """What another command tells as JSON, or why it cannot."""
+    """Return another command's JSON output, or its error."""
     talk(f"{' '.join(command)} …")
     arguments = (sys.executable, "-m", "capture_app.cli", *command, "--json", "--quiet")
     done = subprocess.run(arguments, capture_output=True, check=False)  # noqa: S603 - our own program

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 F = TypeVar("F", bound=Callable[..., Any])
 
 LOOK_EVERY_S = 0.5
-"""Between two looks at which phone code is shown."""
+"""Interval between checks for a new phone invitation, s."""
 
 
 CODE, PIN = ParsedType("code", parse_code), ParsedType("pin", parse_pin)
@@ -29,14 +29,14 @@ code_option = click.option(
     "--code",
     type=CODE,
     metavar="CODE",
-    show_default="asked for at the terminal, where it is needed",
-    help="One-time code that makes this machine known: capture-app trust invite, at the leader.",
+    show_default="asked for at the terminal if needed",
+    help="One-time pairing code; on the leader's machine, capture-app trust invite shows one.",
 )
 _pin_option = click.option(
     "--pin",
     type=PIN,
     metavar="PIN",
-    help="Pin of the leader's machine, as its capture-app trust list shows it: no other is followed.",
+    help="Pin of the leader's machine; no other leader is followed. capture-app trust list shows it there.",
 )
 
 
@@ -76,10 +76,8 @@ def _introduce(leader: Address, code: str | None) -> None:
     if code is not None:
         pair_with(leader, code)
     elif sys.stdin.isatty():
-        talk(f"The leader at {leader} and this machine do not know each other yet.")
-        talk(
-            "On the leader's machine, capture-app trust invite shows a code; the terminal UI shows it with i."
-        )
+        talk(f"This machine is not paired with the leader at {leader}.")
+        talk("On the leader's machine, capture-app trust invite or i in the terminal UI shows a code.")
         ask_and_pair(leader)
 
 
@@ -88,14 +86,14 @@ def pair_with(leader: Address, code: str) -> tuple[Role, ...]:
     from capture_app.rig.membership import pair
 
     roles = asyncio.run(pair(leader, code))
-    log_line(f"this machine is known to the leader at {leader} from now on, as {' and '.join(roles)}")
+    log_line(f"paired with the leader at {leader} as {' and '.join(roles)}")
     return roles
 
 
 def ask_and_pair(leader: Address) -> tuple[Role, ...]:
     """Ask for codes at the terminal until one is right, and return what this machine may do there."""
     while True:
-        code = click.prompt("Its code, 8 digits", type=CODE, err=True)
+        code = click.prompt("Pairing code, 8 digits", type=CODE, err=True)
         try:
             return pair_with(leader, code)
         except UnknownMachineError as error:
@@ -115,7 +113,7 @@ def joining_command(leader: str, role: Role, code: str) -> str:
 async def inviting_phones(
     ask: Callable[[], Awaitable["PhoneInvited"]], as_json: bool
 ) -> AsyncGenerator[None, None]:
-    """Show how the next phone becomes a camera, anew whenever that changes, until the block ends.
+    """Show the invitation of the next phone, and each new one, until the block ends.
 
     Raises what `ask` raises at first; later it is asked again.
     """
@@ -143,21 +141,21 @@ async def inviting_phones(
 def _show_phone_code(invited: "PhoneInvited", as_json: bool) -> None:
     """Show a phone's page, at a terminal as a QR code too."""
     if as_json:
-        told = {"url": invited.url, "fingerprint": invited.fingerprint, "good_for_s": invited.good_for_s}
-        print_json_line({"event": "invitation", **told})
+        result = {"url": invited.url, "fingerprint": invited.fingerprint, "good_for_s": invited.good_for_s}
+        print_json_line({"event": "invitation", **result})
         return
     if sys.stderr.isatty():
         import segno
 
         segno.make(invited.url, error="l", boost_error=False, micro=False).terminal(sys.stderr, compact=True)
     minutes = max(1, invited.good_for_s // 60)
-    talk(f"a phone becomes a camera by this page, one phone, within {minutes} minutes: {invited.url}")
-    talk("its browser warns of the certificate, once; if you doubt the network, compare its SHA-256 there:")
+    talk(f"open this page on one phone within {minutes} minutes: {invited.url}")
+    talk("its browser warns once of the certificate; on an untrusted network compare its SHA-256 there:")
     talk(f"  {invited.fingerprint}")
 
 
 def leaders_to_join(named: tuple[Address, ...], pin: str | None, code: str | None) -> tuple[Address, ...]:
-    """Return the leaders that were named, or those of the rig that is found; make this machine known there.
+    """Return the named leaders, or the leaders of the rig found in the network; pair with them.
 
     Raises what `find_leader` and `make_known` raise.
     """
@@ -172,7 +170,7 @@ def leaders_to_join(named: tuple[Address, ...], pin: str | None, code: str | Non
 def find_leader() -> "FoundLeader":
     """Wait until a leader of this machine or its network answers; ask at the terminal which of several.
 
-    Raises NetworkError where there are several and nobody to ask.
+    Raises NetworkError if there are several and no terminal to ask at.
     """
     log_line("looking for a leader in this network")
     from capture_app.rig.membership import find_leaders
@@ -185,13 +183,15 @@ def find_leader() -> "FoundLeader":
 def choose_leader(found: "Sequence[FoundLeader]", *, can_ask: bool) -> "FoundLeader":
     """Return the leader that was found; of several the one that the user names.
 
-    Raises NetworkError where there are several and nobody to ask.
+    Raises NetworkError if there are several and no terminal to ask at.
     """
     if len(found) == 1:
         return found[0]
     if not can_ask:
         names = ", ".join(f"{one.addresses[0]} ({one.name})" for one in found)
-        raise NetworkError(f"several leaders are in this network: {names}", hint="choose one by --leader")
+        raise NetworkError(
+            f"several leaders are in this network: {names}", hint="choose one with --leader HOST:PORT"
+        )
     for number, one in enumerate(found, 1):
         talk(f"{number}  {one.addresses[0]}  {one.name}{'' if one.is_known else '  (not paired)'}")
     which = click.IntRange(1, len(found))

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
 APP_NOTE = (
     "ANDROID APP: phones with libsoftwaresync or RecSync join by UDP 8244 and 9428 in a WiFi whose hotspot is"
-    " this machine. Nobody is asked who they are, and anybody in that WiFi can give those phones orders"
+    " this machine. There is no pairing: anyone in that WiFi can control those phones"
 )
 
 
@@ -50,14 +50,14 @@ APP_NOTE = (
     type=ADDRESS,
     multiple=True,
     metavar="HOST:PORT",
-    help="Be one of several leaders, of which the first alive one leads: name all, this one too, best first.",
+    help="Address of a leader, this one included; the first one alive leads. Repeat, preferred first.",
 )
 @sessions_option
 @click.option(
     "--fps",
     type=FiniteRange(0.1, 1000.0),
     metavar="FPS",
-    show_default="that of most cameras",
+    show_default="the rate of most cameras",
     help="Frame rate of all cameras.",
 )
 @click.option(
@@ -65,7 +65,7 @@ APP_NOTE = (
     "cameras",
     multiple=True,
     metavar="SPEC",
-    help="Also run a camera of this machine. Repeat for several.",
+    help="Also run a camera of this machine. Repeatable.",
 )
 @click.option(
     "--align",
@@ -90,15 +90,15 @@ APP_NOTE = (
 @click.option(
     "--android-app",
     is_flag=True,
-    help="Also lead phones with the apps libsoftwaresync or RecSync. Their protocol has no security. Without"
-    " --fps all cameras take the app's rate and phase.",
+    help="Also lead phones with the app libsoftwaresync or RecSync, whose protocol has no security. Without"
+    " --fps all cameras use the app's rate and phase.",
 )
 @rpicam_options
 @click.option(
     "--phones",
     "with_phones",
     is_flag=True,
-    help="Also let phones be cameras by a page: shows a QR code for one after the other.",
+    help="Also accept phones as cameras: shows a QR code for each in turn.",
 )
 @spool_option
 @open_option
@@ -159,7 +159,7 @@ def leader(
 
     if leaders and cameras:
         raise click.UsageError(
-            "--camera would end with the lead: run it by capture-app node, with all --leader"
+            "--camera cannot be used with --leader: run the camera with capture-app node and all --leader"
         )
     if android_app:
         talk(APP_NOTE)
@@ -208,12 +208,12 @@ async def _run_leader(
 def _offer_codes(node: "LeaderNode", host: str, *, on_terminal: bool) -> None:
     """Say how other machines become known; at a terminal Enter shows a code for the next one."""
     if node.options.trust.is_open:
-        talk("OPEN: whoever reaches this port may see, order and replace everything (--open)")
+        talk("OPEN: anyone who reaches this port can see and control everything (--open)")
         return
     if host in LOOPBACK_HOSTS:
         return
     shows = "Enter shows one here" if on_terminal else "capture-app trust invite shows one"
-    talk(f"a machine that is not known here yet needs a code, once: {shows}")
+    talk(f"an unpaired machine needs a pairing code once: {shows}")
     if on_terminal:
         asyncio.get_running_loop().add_reader(sys.stdin.fileno(), _show_code, node)
 
@@ -226,6 +226,6 @@ def _show_code(node: "LeaderNode") -> None:
         return
     invited = node.enrolment.invite(Role.CAMERA)
     talk(
-        f"code {show_code(invited.code)}, for one machine, within {invited.good_for_s // 60} minutes; there:"
+        f"code {show_code(invited.code)} pairs one machine within {invited.good_for_s // 60} min; type there:"
     )
     talk(f"  {joining_command(str(node.address), Role.CAMERA, invited.code)}")

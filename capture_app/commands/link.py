@@ -47,13 +47,13 @@ if TYPE_CHECKING:
     "--messages",
     type=click.IntRange(300, 1_000_000),
     default=300,
-    help="Messages in each trial; from 300 on the engine's clock counts as synchronized.",
+    help="Messages per trial; the clock counts as synchronized from 300 on.",
 )
 @click.option(
     "--interval-ms",
     type=FiniteRange(0.2, 10_000.0),
     metavar="MS",
-    show_default="the engine's own schedule: 3, 6, 12, then 25 ms",
+    show_default="the engine's schedule: 3, 6, 12, then 25 ms",
     help="With --connect: time between messages.",
 )
 @click.option(
@@ -100,14 +100,14 @@ def link(
 
     The client's end joins as a node without a camera.
 
-    The errors are true ones only where --true-offset-ns is known, as between network namespaces of one
-    machine; with --replay the clocks are simulated, and all errors true.
+    The errors are true only if --true-offset-ns is right, as between network namespaces of one machine. With
+    --replay the clocks are simulated and the errors are true.
     """
     from capture_app.common.clock import parse_clock
     from capture_app.rig import link_measurement as measuring
 
     if [serve, connect is not None, recording is not None].count(True) != 1:
-        raise click.UsageError("give one of --serve, --connect HOST:PORT and --replay CSV")
+        raise click.UsageError("give exactly one of --serve, --connect HOST:PORT and --replay CSV")
     if serve:
         talk(f"listening on {Address(host, port)}")
         run_until_stopped(measuring.serve(host, port))
@@ -116,7 +116,7 @@ def link(
         require_plots(plot)
     done: list[LinkTrial] = []
     if connect is not None:
-        own_clock, wanted = parse_clock(clock, node="link"), trials or measuring.TRIALS
+        own_clock, target = parse_clock(clock, node="link"), trials or measuring.TRIALS
 
         async def measure(leader: Address) -> None:
             poll_interval_ns = None if interval_ms is None else round(interval_ms * 1e6)
@@ -125,12 +125,12 @@ def link(
                 own_clock,
                 messages=messages,
                 poll_interval_ns=poll_interval_ns,
-                trials=wanted,
+                trials=target,
                 seed=seed,
             ):
                 done.append(measuring.judge(reached, own_clock, true_offset_ns))
                 if len(done) % 10 == 0 or messages > 1000:
-                    talk(f"{len(done)} of {wanted}: {done[-1].error_us:+.1f} us")
+                    talk(f"{len(done)} of {target}: {done[-1].error_us:+.1f} us")
 
         asyncio.run(measure(connect))
     elif recording is not None:
@@ -164,7 +164,9 @@ def require_plots(folder: Path) -> None:
     try:
         folder.mkdir(parents=True, exist_ok=True)
     except OSError as error:
-        raise BadInputError(f"cannot draw into {folder}: {error.strerror}", hint="name a folder") from None
+        raise BadInputError(
+            f"cannot draw into {folder}: {error.strerror}", hint="choose another folder with --plot"
+        ) from None
 
 
 def _draw(trials: "Sequence[LinkTrial]", path: Path) -> Path:

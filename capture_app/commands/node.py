@@ -50,7 +50,7 @@ if TYPE_CHECKING:
     type=FiniteRange(1.0, 100_000.0),
     metavar="US",
     show_default="100, or 2000 for a camera that can only restart its stream",
-    help="Largest phase error that is not corrected, and how well to know the clock, in microseconds.",
+    help="Phase errors up to this are left alone. Also the clock accuracy required to be ready.",
 )
 @spool_option
 @click.option(
@@ -58,23 +58,22 @@ if TYPE_CHECKING:
     type=FiniteRange(0.1, 600.0),
     show_default="3",
     metavar="S",
-    help="How far back its frames are kept, for bursts that begin in the past.",
+    help="Length of the ring buffer: how far in the past a burst may begin.",
 )
 @click.option(
     "--ring-mb",
     type=FiniteRange(1.0, 1_000_000.0),
     show_default="256",
     metavar="MB",
-    help="The most memory for these, and as much for frames that are not on a disk yet.",
+    help="Memory limit of the ring buffer, and again of frames not yet on disk.",
 )
 @click.option(
     "--at-boot/--not-at-boot",
     default=None,
     show_default=False,
-    help="Show a systemd service that runs this node whenever the machine is on, ask, and start it; "
-    "or stop and remove it.",
+    help="Install a systemd service that runs this node at each boot, after asking; or remove it.",
 )
-@click.option("--yes", is_flag=True, help="With --at-boot: do not ask.")
+@click.option("--yes", is_flag=True, help="With --at-boot: install without asking.")
 @pairing_options
 @open_option
 @click.option("--until-eof", is_flag=True, hidden=True, help="Stop when stdin closes: the parent is gone.")
@@ -95,10 +94,9 @@ def node(
 ) -> None:
     """Run a camera until Ctrl-C. The node waits for a leader that is not running, and rejoins it.
 
-    Several cameras run in one process, by one clock; one that is missing is waited for while the others run.
-    Without --leader it looks for one in the local network, and asks which where there are several. A relay
-    can take the place of the leader. A machine that the leader does not know is let in once, by --code, or
-    by the code that this asks for.
+    Several cameras run in one process with one clock; a missing camera is waited for while the others run.
+    Without --leader the node searches the local network, and asks if there are several leaders. A relay's
+    address works like a leader's. An unpaired machine is paired once, by --code or by the code asked for.
     """
     from capture_app.node.camera.node_group import camera_node, name_cameras, run_nodes
 
@@ -140,18 +138,18 @@ def _arrange_boot(name: str, at_boot: bool, yes: bool) -> None:
     service = BootService(name, ("node", "--name", name, *_typed_options("name", "at_boot", "yes")))
     if not at_boot:
         service.remove()
-        talk(f"{name} does not start with this machine any more")
+        talk(f"{name} no longer starts with this machine")
         return
     print_line(f"# {service.path}\n{service.text()}")
     if not yes:
         if not sys.stdin.isatty():
             raise NotAvailableError(
-                "nothing is written: there is no terminal to ask on", hint="--yes does not ask"
+                "the service is not installed: there is no terminal to ask at", hint="confirm with --yes"
             )
         question = "Write this file, and start the node now and whenever the machine starts?"
         click.confirm(question, abort=True, err=True)
     left_to_do = service.install()
-    talk(f"{name} runs, and starts with this machine; what it says: {service.log_command}")
+    talk(f"{name} is running, and starts with this machine; its log: {service.log_command}")
     if left_to_do:
         talk(left_to_do)
 

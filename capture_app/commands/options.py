@@ -29,7 +29,7 @@ FOLDER = click.Path(path_type=Path, file_okay=False)
 
 
 ADDRESS = ParsedType("host:port", parse_address)
-_DEFAULT_LEADER = f"that of this machine's newest rig, else 127.0.0.1:{DEFAULT_PORT}"
+_DEFAULT_LEADER = f"this machine's newest rig, else 127.0.0.1:{DEFAULT_PORT}"
 
 
 def _skip_pairing(ctx: click.Context, param: click.Parameter, value: bool) -> None:
@@ -76,7 +76,7 @@ leaders_option = click.option(
     "leaders",
     type=ADDRESS,
     multiple=True,
-    show_default="that of this machine's newest rig, else the one that is found in the network",
+    show_default="this machine's newest rig, else the one found in the network",
     metavar="HOST:PORT",
     help="Address of the leader or a relay. Repeat for failover, preferred first.",
 )
@@ -106,7 +106,7 @@ spool_option = click.option(
     default=lambda: user_state_path("simulshot") / "spool",
     metavar="DIR",
     show_default="~/.local/state/simulshot/spool",
-    help="Folder on this machine that keeps images until the leader has saved them.",
+    help="Spool: folder on this machine that stores images until the leader has saved them.",
 )
 host_option = click.option(
     "--host",
@@ -137,7 +137,7 @@ attached_sessions_option = click.option(
     "--sessions",
     type=FOLDER,
     metavar="DIR",
-    show_default="that of the running rig, else sessions",
+    show_default="the running rig's, else sessions",
     help="Folder for the sessions.",
 )
 clock_option = click.option(
@@ -156,21 +156,21 @@ def rpicam_options(command: F) -> F:
         type=click.FloatRange(0.0, 1e6),
         default=0.0,
         metavar="US",
-        help="With --rpicam-sync: the --shutter of those Pis, whose frames are stamped at its end.",
+        help="With --rpicam-sync: --shutter of those Pis, which stamp frames at its end.",
     )
     hosts = click.option(
         "--rpicam-sync",
         "rpicam_hosts",
         multiple=True,
         metavar="HOST|all",
-        help="Let rpicam-apps with --sync client follow the rig, on that host or on all of this network. They"
-        " take this machine's wall clock for theirs, and anybody's word for it.",
+        help="Let rpicam-apps with --sync client follow the rig: on HOST, or on all hosts here. They use"
+        " this machine's wall clock and trust any sender. Repeatable.",
     )
     return hosts(shutter(command))
 
 
 def rpicam_followers(hosts: tuple[str, ...], shutter_us: float) -> "list[RpicamSync]":
-    """Make what the options ask for. Raises BadInputError for a host that has no IPv4 address."""
+    """Make the followers of these options. Raises BadInputError for a host without an IPv4 address."""
     from capture_app.interop.rpicam import RpicamSync
 
     if not hosts:
@@ -178,21 +178,21 @@ def rpicam_followers(hosts: tuple[str, ...], shutter_us: float) -> "list[RpicamS
     try:
         found = [socket.gethostbyname(host) for host in hosts if host != "all"]
     except (OSError, UnicodeError) as error:
-        raise BadInputError(f"--rpicam-sync: no IPv4 address: {error}", hint="a host, or all") from None
+        raise BadInputError(f"--rpicam-sync: no IPv4 address: {error}", hint="give a host, or all") from None
     return [RpicamSync(found, to_all="all" in hosts, shutter_ns=round(shutter_us * 1000))]
 
 
 def restrict_file_access() -> None:
-    """Make files for their owner and group from now on: other users of a machine need not see pictures."""
+    """Create files for owner and group only from now on, to hide pictures from other users."""
     with contextlib.suppress(ValueError):
         os.umask(int(os.environ.get("SIMULSHOT_UMASK", "027"), 8))
 
 
 def run_until_stopped(work: Coroutine[Any, Any, T], *, until_eof: bool = False) -> T:
-    """Run until it is done, and return its result, or until SIGINT or SIGTERM, then close all in order.
+    """Run a coroutine until it is done, or until SIGINT or SIGTERM; return its result.
 
-    What it prints waits for no reader: neither cameras nor a signal do.
-    `until_eof` stops it also when stdin, a pipe, closes: whoever started this process has ended.
+    Its output never waits for the reader. `until_eof`: stop also when stdin, a pipe, closes, because the
+    parent process has ended.
     """
 
     async def stoppable() -> T:

@@ -30,9 +30,9 @@ if TYPE_CHECKING:
 RESULT = "panel.json"
 _SEEN = ("read", "refused", "95 % error", "exposure", "row time")
 _APART = ("error", "mean abs", "std", "largest", "mean", "instants")
-_NONE = "No instant has two pictures that could be read: no camera can be compared with another."
+_NONE = "No instant has two readable pictures, so no cameras can be compared."
 RATE_LIMIT_PPM = 3_000.0
-"""A panel whose clock differs by more than this from the session's is not the one that its markers tell."""
+"""Maximum rate difference of panel and session; beyond it the markers name another panel."""
 
 
 @click.command(epilog=examples("capture-app panel read sessions/burst-001"))
@@ -40,11 +40,10 @@ RATE_LIMIT_PPM = 3_000.0
 @click.option("--out", type=FOLDER, metavar="DIR", help=f"Folder to write {RESULT} to, with all figures.")
 @json_option
 def read(session: Path, out: Path | None, as_json: bool) -> None:
-    """Read a panel in the pictures of SESSION: how far apart the cameras took each instant.
+    """Measure the time differences between cameras from a panel in the pictures of SESSION.
 
-    Finds the panel by its markers, so that nothing need be said of it, in imported sessions too. Total is
-    what the panel shows, phase what the session's own stamps say, clock the rest: errors of the cameras'
-    clocks.
+    The panel is detected by its markers, in imported sessions too. Total is the difference that the panel
+    shows, phase the difference by the session's timestamps, and clock the rest, the clock errors.
     """
     from capture_app.panel.pair_errors import rig_errors
     from capture_app.panel.session_times import read_session
@@ -93,9 +92,9 @@ def _as_json(times: "SessionTimes", errors: "RigErrors") -> dict[str, Any]:
 
 
 def _words(times: "SessionTimes", errors: "RigErrors") -> dict[str, Any]:
-    """The same for people: what a terminal prints and the screen shows."""
+    """Return verdict, tables and notes as the terminal and the screen show them."""
     name = times.panel.name
-    apart = f"{name}: how far apart (phase: by the stamps; clock: the rest)"
+    apart = f"{name}: time differences (phase: by timestamps; clock: the rest)"
     tables = [(apart, _APART, _apart(errors)), (f"{name} in the pictures", _SEEN, _seen(times))]
     return {
         "verdict": _verdict(errors),
@@ -119,7 +118,7 @@ def _lines(words: Mapping[str, Any]) -> Iterator[str]:
 def _about(times: "SessionTimes") -> str:
     panel = times.panel
     ticks, cycle = duration(panel.tick_ns), duration(panel.cycle_ns)
-    return f"panel {panel.name}: a tick of {ticks}, the same again after {cycle}"
+    return f"panel {panel.name}: a tick lasts {ticks}, and the pattern repeats after {cycle}"
 
 
 def _refused(times: "SessionTimes") -> list[str]:
@@ -138,15 +137,15 @@ def _apart(errors: "RigErrors") -> "list[tuple[str, ...]]":
 
 
 def _verdict(errors: "RigErrors") -> str:
-    """How far apart the cameras were, in a sentence."""
+    """Return the time differences in a sentence."""
     every = errors.all
     if every is None:
         return _NONE
     largest = "" if every.count == 1 else f" on average, {duration(every.total.max_ns)} at most"
     held = errors.within_uncertainty
     bars = "" if held is None else f"; clocks inside their error bars: {held.held} of {held.count}"
-    told = f"{duration(every.total.mean_abs_ns)} apart{largest}"
-    return f"{told}; the panel tells ±{duration(every.reading_uncertainty_ns)}{bars}"
+    result = f"{duration(every.total.mean_abs_ns)} apart{largest}"
+    return f"{result}; the panel resolves ±{duration(every.reading_uncertainty_ns)}{bars}"
 
 
 def _camera_row(times: "SessionTimes", name: str) -> tuple[str, ...]:
@@ -184,23 +183,20 @@ def _rows(name: str, table: "PairTable") -> "list[tuple[str, ...]]":
 def _judgement(times: "SessionTimes", errors: "RigErrors") -> Iterator[str]:
     if errors.all is None:
         return
-    yield (
-        f"The panel tells such a difference to ±{duration(errors.all.reading_uncertainty_ns)} (95 %): "
-        "smaller ones are not seen."
-    )
+    yield (f"The panel resolves differences of ±{duration(errors.all.reading_uncertainty_ns)} (95 %).")
     if times.panel.is_screen:
         tick_ns = times.panel.tick_ns
         yield (
             f"A screen of {1e9 / tick_ns:.0f} Hz changes every {duration(tick_ns)}, row by row; "
-            "a panel of LEDs tells microseconds."
+            "a panel of LEDs resolves microseconds."
         )
     if not times.exposures_known:
         yield (
-            "The session does not tell all exposures and row times: stamps may be of another moment than the "
-            "middle of the exposure, which then is part of the clock's error."
+            "The session lacks exposures or row times. Timestamps may then refer to another moment than "
+            "mid-exposure, and that difference is counted as clock error."
         )
     if errors.within_uncertainty is None:
-        yield "The session states no error bars to hold this against."
+        yield "The session has no error bars to compare with."
     else:
         yield f"Clock errors inside the session's own error bars: {_of(errors.within_uncertainty)}."
     if errors.within_bound is not None:
@@ -213,8 +209,8 @@ def _judgement(times: "SessionTimes", errors: "RigErrors") -> Iterator[str]:
     rate_ppm = errors.rate_error_ppm or 0.0
     if abs(rate_ppm) > RATE_LIMIT_PPM + (errors.rate_uncertainty_ppm or 0.0):
         yield (
-            f"The panel runs {rate_ppm / 1e4:+.1f} % off the session's clock: is it the one that its markers "
-            "tell, at that rate? If not, nothing of the above holds."
+            f"The panel runs {rate_ppm / 1e4:+.1f} % off the session's clock: check that it is the "
+            "panel named by its markers, at that rate. Otherwise these figures are wrong."
         )
 
 
@@ -239,14 +235,14 @@ def _of(held: "Held") -> str:
     "--save",
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
-    help="Write the page to FILE (.html) instead, to open on a screen without a network.",
+    help="Write the page to FILE (.html) instead, for a screen without a network.",
 )
 @json_option
 def show(host: str, port: int, save: Path | None, as_json: bool) -> None:
-    """Show a time code on a screen: a page for any browser, until Ctrl-C.
+    """Serve a page that shows a time code in any browser, until Ctrl-C.
 
-    Open it on one screen that all cameras see, in full screen. It measures the screen's refresh rate, numbers
-    the refreshes and draws each one's number. With --host 0.0.0.0 a phone can show it: scan the code.
+    Open it full-screen on one screen that all cameras see. It measures the refresh rate, and draws the number
+    of each refresh. With --host 0.0.0.0 a phone can show it: scan the QR code.
     """
     from capture_app.common.address import listen_tcp
     from capture_app.panel.screen import page_html
@@ -264,7 +260,9 @@ def _save(file: Path, page: bytes, as_json: bool) -> None:
     try:
         file.write_bytes(page)
     except OSError as error:
-        raise SimulshotError(f"cannot write {file}: {error.strerror or error}") from error
+        raise SimulshotError(
+            f"cannot write {file}: {error.strerror or error}", hint="choose another file with --save"
+        ) from error
     answer(as_json, {"file": str(file)}, [str(file)])
 
 
@@ -281,8 +279,8 @@ async def _serve(listening: socket.socket, as_json: bool) -> None:
             import segno
 
             segno.make(url, micro=False).terminal(sys.stderr, compact=True)
-        who = "every machine of the network" if outside else "this machine only (--host 0.0.0.0: phones too)"
-        talk(f"the page is for {who}; Ctrl-C ends it")
+        who = "all machines of the network" if outside else "this machine only (--host 0.0.0.0: phones too)"
+        talk(f"the page is served to {who}; Ctrl-C stops")
         await asyncio.Event().wait()
 
 
@@ -302,7 +300,11 @@ async def _serve(listening: socket.socket, as_json: bool) -> None:
     help="led-200us (repeats after 20 ms), led-10ms (1 s), or led-pair: both side by side.",
 )
 @click.option(
-    "--pitch-mm", type=FiniteRange(4, 30), default=10.0, metavar="MM", help="From one LED to the next."
+    "--pitch-mm",
+    type=FiniteRange(4, 30),
+    default=10.0,
+    metavar="MM",
+    help="Distance between neighbouring LEDs.",
 )
 @click.option(
     "--page",
@@ -312,10 +314,10 @@ async def _serve(listening: socket.socket, as_json: bool) -> None:
 )
 @json_option
 def sketch(out: Path, name: str, pitch_mm: float, page: str, as_json: bool) -> None:
-    """Write what it takes to build the paper's LED panel: microseconds, where a screen tells milliseconds.
+    """Write the files to build the paper's LED panel, which resolves microseconds; a screen: milliseconds.
 
-    A sketch for an Arduino Uno or Nano, its wiring, and the frame with its markers to print at true size. The
-    sketch has been run in a simulated board; nobody has built this panel yet.
+    They are a sketch for an Arduino Uno or Nano, its wiring, and the frame with markers to print at true
+    size. The sketch was tested on a simulated board only; no such panel has been built yet.
     """
     from capture_app.common.errors import BadInputError
     from capture_app.panel.led_build import write_sketch
@@ -323,19 +325,19 @@ def sketch(out: Path, name: str, pitch_mm: float, page: str, as_json: bool) -> N
 
     panel = panel_named(name)
     if panel.is_screen:
-        raise BadInputError(f"{name} is a screen's", hint="capture-app panel show draws it")
+        raise BadInputError(f"{name} is a screen, not an LED panel", hint="capture-app panel show draws it")
     files = write_sketch(panel, out, paper=page, pitch_mm=pitch_mm)
     paths = [str(file) for file in files]
-    told = {"panel": panel.name, "tick_us": panel.tick_ns / 1000, "files": paths}
-    begin = f"begin with {out / 'WIRING.md'}; print {out / 'frame.pdf'} at 100 %"
-    answer(as_json, told, paths, said=begin)
+    result = {"panel": panel.name, "tick_us": panel.tick_ns / 1000, "files": paths}
+    begin = f"start with {out / 'WIRING.md'}; print {out / 'frame.pdf'} at 100 %"
+    answer(as_json, result, paths, said=begin)
 
 
 @click.group(epilog=examples("capture-app panel show", "capture-app panel read sessions/burst-001"))
 def panel() -> None:
-    """Show the time to all cameras at once, and read from their pictures how far apart they are.
+    """Show a time code to all cameras, and measure their time differences from their pictures.
 
-    The whole way is in docs/panel.md.
+    docs/panel.md has all steps.
     """
 
 

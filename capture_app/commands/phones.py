@@ -44,14 +44,14 @@ def _parse_size(text: str) -> tuple[int, int]:
     type=ParsedType("size", _parse_size),
     default="1280x720",
     metavar="WxH",
-    help="Width and height of the pictures that phones are asked for; a slow one takes half.",
+    help="Requested image size of the phones; a slow phone uses half.",
 )
 @click.option(
     "--certificate",
     type=click.Path(path_type=Path, dir_okay=False, exists=True),
     metavar="FILE",
-    show_default="one that is made here, of which browsers warn once",
-    help="Certificate of this machine's name with its key, in PEM.",
+    show_default="a self-signed one, about which browsers warn once",
+    help="PEM file with a certificate for this machine's name, and its key.",
 )
 @spool_option
 @pairing_options
@@ -70,10 +70,10 @@ def phones(
     until_eof: bool,
     as_json: bool,
 ) -> None:
-    """Let phones be cameras: scan the QR code, allow the camera, done. Runs until Ctrl-C.
+    """Use phones as cameras: scan the QR code and allow the camera. Runs until Ctrl-C.
 
-    The code is good for one phone and ten minutes; then the next one is shown. The phone's browser warns of a
-    certificate that it does not know: the page's fingerprint is shown beside the code.
+    A code admits one phone and expires after ten minutes; then the next one is shown. The phone's browser
+    warns of an unknown certificate: its fingerprint is shown beside the code.
     """
     leaders = leaders_to_join(leaders, pin, code)
     run_until_stopped(_run(leaders, host, port, size, certificate, spool, as_json), until_eof=until_eof)

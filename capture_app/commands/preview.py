@@ -25,27 +25,31 @@ if TYPE_CHECKING:
     type=click.Path(path_type=Path, dir_okay=False),
     metavar="FILE",
     show_default="CAMERA.jpg",
-    help="File for the picture, a JPEG; one that is there is replaced.",
+    help="JPEG file to write; an existing one is replaced.",
 )
 @click.option(
-    "--width", type=click.IntRange(16, 1920), metavar="PX", default=640, help="Width of the picture at most."
+    "--width", type=click.IntRange(16, 1920), metavar="PX", default=640, help="Maximum width of the picture."
 )
 @click.option(
-    "--wait-s", type=FiniteRange(0.1, 3600.0), metavar="S", default=10.0, help="Wait for it up to this long."
+    "--wait-s",
+    type=FiniteRange(0.1, 3600.0),
+    metavar="S",
+    default=10.0,
+    help="Wait for the picture up to this long.",
 )
 @leader_option
 @json_option
 def preview(camera: str, out: Path | None, width: int, wait_s: float, leader: Address, as_json: bool) -> None:
-    """Save a small picture of what CAMERA sees, and print the path of the file.
+    """Save a small live picture of CAMERA, and print the path of the file.
 
-    A preview never disturbs a burst: while one is taken or sent, it waits.
+    A preview waits while a burst is taken or sent.
     """
     seen = asyncio.run(_next_preview(leader, camera, width, wait_s))
     path = out or Path(f"{camera}.jpg")
     try:
         path.write_bytes(seen.jpeg)
     except OSError as error:
-        raise SimulshotError(f"cannot write {path}: {error.strerror}") from error
+        raise SimulshotError(f"cannot write {path}: {error.strerror}", hint="choose another --out") from error
     facts = {"camera": seen.camera, "leader_ns": seen.leader_ns, "width": seen.width, "height": seen.height}
     answer(as_json, facts | {"file": str(path)}, [str(path)])
 
@@ -56,7 +60,7 @@ async def _next_preview(leader: Address, camera: str, width: int, wait_s: float)
 
     known = [node.name for node in (await ask_status(leader)).nodes]
     if camera not in known:
-        there = f"there are {', '.join(known)}" if known else "no camera has joined it"
+        there = f"cameras: {', '.join(known)}" if known else "no camera has joined it"
         raise IncompleteError(f"{leader} has no camera named {camera}", hint=there)
     link = RigLink(leader)
     await link.want_previews(cameras=(camera,), width=width, fps=5)
@@ -66,9 +70,9 @@ async def _next_preview(leader: Address, camera: str, width: int, wait_s: float)
                 if isinstance(update, Preview):
                     return update
                 if isinstance(update, LinkLost):
-                    raise NetworkError(update.reason)
+                    raise NetworkError(update.reason, hint="look for the leader: capture-app rig list")
     except TimeoutError:
         pass
     raise IncompleteError(
-        f"{camera} showed nothing within {wait_s:g} s", hint="capture-app status says how it is"
+        f"{camera} sent no picture within {wait_s:g} s", hint="see its state: capture-app status"
     )

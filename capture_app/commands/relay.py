@@ -48,11 +48,12 @@ def relay(
     code: str | None,
     as_json: bool,
 ) -> None:
-    """Run a relay until Ctrl-C: nodes join it as they would join the leader.
+    """Run a relay until Ctrl-C; nodes join it like a leader.
 
     LEADER is the address of the leader or of another relay. Give several of the same rig for failover,
-    preferred first. The relay passes on the leader's time and bursts to its nodes, and their images to the
-    leader; `status` and `burst` work with its address too. While no leader answers, it is in holdover.
+    preferred first. The relay forwards the leader's time and bursts to its nodes, and their images to the
+    leader. `status` and `burst` accept its address, too. If no leader answers, it keeps time by itself
+    (holdover).
     """
     from capture_app.node.relay import RelayOptions
     from capture_app.protocol.log import Log

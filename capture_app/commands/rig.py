@@ -22,7 +22,7 @@ from capture_app.console.usage import examples
 def rig() -> None:
     """Start, list and stop rigs that run in the background of this machine.
 
-    The terminal UI attaches to the newest of them, and starts one where there is none.
+    The terminal UI attaches to the newest of them, and starts one if there is none.
     """
 
 
@@ -48,7 +48,7 @@ def start(host: str, port: int | None, sessions: Path, cameras: tuple[str, ...],
 )
 @json_option
 def list_command(as_json: bool) -> None:
-    """List the rigs of this machine that run, newest first."""
+    """List the running rigs of this machine, newest first."""
     from capture_app.rig.process import list_rigs
 
     rigs = list_rigs()
@@ -61,9 +61,9 @@ def list_command(as_json: bool) -> None:
 @leader_option
 @json_option
 def stop(leader: Address, as_json: bool) -> None:
-    """Stop a rig, wherever its leader runs: its leader, and the cameras that this has started.
+    """Stop a rig on this or another machine: its leader, and the cameras that the leader started.
 
-    Bursts under way are saved with what has come.
+    Images received so far are saved.
     """
     from capture_app.protocol.orders import StopRig
     from capture_app.rig.link import give_order

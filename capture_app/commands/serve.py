@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     "--leader",
     type=ADDRESS,
     metavar="HOST:PORT",
-    show_default="the rig of this machine that runs, else a new one",
+    show_default="the running rig of this machine, else a new one",
     help="Address of the leader whose rig is shown.",
 )
 @attached_sessions_option
@@ -50,8 +50,8 @@ def serve(
 ) -> None:
     """Show the terminal UI in a browser, until Ctrl-C; the rig keeps running.
 
-    Whoever reaches the page controls the rig and sees the sessions: there is no password. It listens on this
-    machine only, unless --host says otherwise.
+    There is no password: anyone who reaches the page controls the rig and sees the sessions. By default it
+    listens on this machine only.
     """
     from capture_app.rig.process import attach
 
@@ -64,8 +64,8 @@ async def _serve(rig: "AttachedRig", host: str, names: tuple[str, ...], port: in
 
     with listen_tcp(host, port) as listening:
         server = PageServer(rig, listening, names)
-        told = {"url": server.public_url, "leader": str(rig.leader), "sessions": str(rig.sessions)}
-        answer(as_json, told, [server.public_url])
-        who = "whoever uses this machine" if host in LOOPBACK_HOSTS else "whoever reaches it from the network"
-        talk(f"the page shows the rig {rig.leader}; {who} controls the rig; Ctrl-C ends the page")
+        result = {"url": server.public_url, "leader": str(rig.leader), "sessions": str(rig.sessions)}
+        answer(as_json, result, [server.public_url])
+        who = "any user of this machine" if host in LOOPBACK_HOSTS else "anyone in the network"
+        talk(f"the page shows the rig {rig.leader}; {who} can control it; Ctrl-C stops the page")
         await server.run()

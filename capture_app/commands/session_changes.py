@@ -66,12 +66,12 @@ def note(session: Path, text: str, as_json: bool) -> None:
 @click.argument("paths", metavar="SESSION...", type=ANY_PATH, nargs=-1, required=True)
 @json_option
 def trash(paths: tuple[Path, ...], as_json: bool) -> None:
-    """Move sessions and their results to the trash beside them, from which `restore` brings them back."""
+    """Move sessions and their results to the trash beside them, from which `restore` restores them."""
     trashed = []
     for session in paths:
         trashed.append({"session": str(session), "id": trash_session(session).id})
         if not as_json:
-            print_line(f"{session}: in the trash; restore it with: capture-app sessions restore {session}")
+            print_line(f"{session} is in the trash; restore it: capture-app sessions restore {session}")
     if as_json:
         print_json({"trashed": trashed})
 
@@ -84,11 +84,11 @@ def trash(paths: tuple[Path, ...], as_json: bool) -> None:
     type=ANY_PATH,
     metavar="DIR",
     show_default="the folder of SESSION, else ./sessions",
-    help="Folder of sessions whose trash is meant.",
+    help="Sessions folder that contains the trash.",
 )
 @json_option
 def restore(session: Path | None, name: str, root: Path | None, as_json: bool) -> None:
-    """Bring SESSION back from the trash: its earlier path, or its id there; the latest one if not given."""
+    """Restore SESSION (its earlier path, or its id) from the trash; by default the latest one."""
     default = Path("sessions")
     if session is not None and len(session.parts) > 1:
         default = session.parent
@@ -110,17 +110,17 @@ def list_trash(root: Path, as_json: bool) -> None:
     epilog=examples("capture-app sessions empty-trash sessions"),
 )
 @_root_argument
-@click.option("--yes", is_flag=True, help="Do not ask.")
+@click.option("--yes", is_flag=True, help="Delete without asking.")
 @json_option
 def empty(root: Path, yes: bool, as_json: bool) -> None:
-    """Delete for good what is in the trash of the folder ROOT (default: ./sessions)."""
+    """Permanently delete the trash of the folder ROOT (default: ./sessions)."""
     found = trashed_sessions(root)
     if found and not yes:
         if not sys.stdin.isatty():
             raise NotAvailableError(
-                f"this would delete {count(len(found), 'session')} for good", hint="--yes does not ask"
+                f"{count(len(found), 'session')} would be deleted permanently", hint="confirm with --yes"
             )
-        click.confirm(f"Delete {count(len(found), 'session')} in {root} for good?", abort=True, err=True)
+        click.confirm(f"Delete {count(len(found), 'session')} in {root} permanently?", abort=True, err=True)
     deleted = empty_trash(root)
     answer(as_json, {"root": str(root), "deleted": deleted}, [f"{root}: {deleted} deleted"])
 
@@ -143,25 +143,25 @@ def empty(root: Path, yes: bool, as_json: bool) -> None:
     type=ADDRESS,
     default=str(Address("0.0.0.0", DEFAULT_PORT)),  # noqa: S104 - nodes are other machines
     metavar="HOST:PORT",
-    help="Address to listen on: the one that the nodes know as their leader's.",
+    help="Address to listen on: the leader's address that the nodes use.",
 )
 @json_option
 def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
-    """Complete interrupted sessions: fetch images that nodes still have and record which are lost.
+    """Complete interrupted sessions: fetch images that nodes still have, and record lost ones.
 
-    Saved images are never changed; damaged ones are moved to the folder set_aside of the session. What a
-    killed import or rendering left in ROOT is removed; an earlier session that it had set aside is restored.
+    Saved images are never changed; damaged ones are moved to the session's folder set_aside. Leftovers of a
+    killed import or rendering in ROOT are removed; an earlier session that it had set aside is restored.
     """
     from capture_app.protocol.log import Log
     from capture_app.rig.repair import repair as repair_sessions
 
     clear_leftovers(path)
     repaired = asyncio.run(repair_sessions(path, wait_s=wait_s, address=listen, log=Log(talk)))
-    told = {"ok": all(one.ok for one in repaired), "sessions": repaired}
-    answer(as_json, told, map(_describe_result, repaired))
+    result = {"ok": all(one.ok for one in repaired), "sessions": repaired}
+    answer(as_json, result, map(_describe_result, repaired))
     failed = [one for one in repaired if not one.ok]
     if failed:
-        raise BadInputError(f"{failed[0].session}: {failed[0].what}")
+        raise BadInputError(f"{failed[0].session}: {failed[0].what}", hint="its images stay as they are")
 
 
 def _describe_result(one: "RepairResult") -> str:
@@ -196,7 +196,7 @@ def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) ->
     opened = TakeSheet.open(session)
     picture = contact_sheet(opened, width, show_count("images"))
     _write(out, encode_image(picture, suffix))
-    told = {
+    result = {
         "session": str(session),
         "sheet": str(out),
         "cameras": opened.cameras,
@@ -205,7 +205,7 @@ def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) ->
         "height": picture.shape[0],
         "verdict": opened.verdict,
     }
-    answer(as_json, told, [str(out)])
+    answer(as_json, result, [str(out)])
 
 
 @click.command(epilog=examples("capture-app sessions wiggle sessions/burst-001 --out wiggle.gif"))
@@ -238,16 +238,16 @@ def wiggle(
     frames = wiggle_frames(opened, shown, width)
     step_ms = round(1000 / fps)
     _write(out, encode_animation(frames, suffix, step_ms, step_ms))
-    told = {"session": str(session), "wiggle": str(out), "instant": shown, "images": len(frames)}
-    answer(as_json, told, [str(out)])
+    result = {"session": str(session), "wiggle": str(out), "instant": shown, "images": len(frames)}
+    answer(as_json, result, [str(out)])
 
 
 def _check_file(out: Path, suffixes: tuple[str, ...], *, replace: bool) -> str:
     suffix = out.suffix.lower()
     if suffix not in suffixes:
-        raise BadInputError(f"--out {out} has no known suffix", hint=f"it may end in {', '.join(suffixes)}")
+        raise BadInputError(f"--out {out} has no known suffix", hint=f"use {' or '.join(suffixes)}")
     if out.exists() and not replace:
-        raise BadInputError(f"{out} is there already", hint="choose another name, or --replace")
+        raise BadInputError(f"{out} exists already", hint="choose another name, or add --replace")
     return suffix
 
 

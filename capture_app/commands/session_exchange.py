@@ -87,27 +87,27 @@ class _ImportCommand(click.Command):
     "shifts",
     metavar="CAMERA=MS",
     multiple=True,
-    help="Add this to the times of a camera, as for phones started by hand. Repeat for several.",
+    help="Add MS to the times of a camera, as for phones started by hand. Repeatable.",
 )
 @click.option(
     "--align",
     type=click.Choice(["auto", "none", "sound", "flash", "gopro", "timecode"]),
     default="auto",
-    help="Align videos without common times by this; auto tries all, in this order.",
+    help="Method that aligns videos without common times. auto tries all in this order.",
 )
 @click.option(
     "--sound-distance-m",
     type=FiniteRange(min=0),
     metavar="M",
     default=1.0,
-    help="How much farther from the clap one camera may be than another: it goes into the error bar.",
+    help="Max difference of the cameras' distances to the sound. Part of the error bar.",
 )
 @click.option(
     "--sound-delay-ms",
     type=FiniteRange(min=0),
     metavar="MS",
     default=20.0,
-    help="How much later one camera's sound may be than its pictures, against another's; 0 for one model.",
+    help="Max difference of the cameras' audio delays. Part of the error bar; 0 for equal models.",
 )
 @click.option("--start", type=int, metavar="N", default=0, help="First instant to import.")
 @click.option("--count", type=int, metavar="N", show_default="all", help="Number of instants to import.")
@@ -135,10 +135,10 @@ class _ImportCommand(click.Command):
 @click.option(
     "--recording",
     metavar="NAME",
-    help="Which of several recordings in the folder, by its name.",
+    help="Name of the recording to import, if the folder has several.",
 )
 @click.option("--png", is_flag=True, help="Save video frames as PNG instead of JPEG.")
-@click.option("--name", show_default="that of the recording's folder", help="Name of the session.")
+@click.option("--name", show_default="the recording's folder name", help="Name of the session.")
 @click.option("--note", default="", show_default=False, help="A line of text saved with the session.")
 @click.option("--out", type=ANY_PATH, metavar="DIR", default=Path("sessions"), help="Folder for the session.")
 @json_option
@@ -152,11 +152,10 @@ def import_command(
 ) -> None:
     """Import a recording as a session. SOURCE is NAME=PATH of each camera, or a folder of cameras.
 
-    In a folder of videos it finds which were taken together, a session each, and a calibration beside them;
-    videos are aligned by all they have. It ends with what the session is good for, and the next line to type.
-    A camera is a folder of images, which are copied unchanged, a video file, or what one of the programs
-    below recorded with it. Their folders are recognized, with their times and calibration; what `sessions
-    export` made becomes the session again that it was made of.
+    A camera is a video file, a folder of images, or a recording of a program below. Images are copied
+    unchanged. Each group of videos taken together becomes a session, with a calibration found beside it.
+    Recordings of the programs below are recognized, with their times and calibration. An export of `sessions
+    export` becomes the original session. The verdict and the next command are printed at the end.
     """
     from capture_app.session.importing.import_options import ImportOptions
     from capture_app.session.importing.importer import split_name
@@ -169,7 +168,7 @@ def import_command(
     chosen = ImportOptions(offsets_ms=_parse_time_shifts(shifts), **options)
     written = import_found(sources, out, name, chosen, show_count("images"), talk)
     made = [_aligned_by_motion(session) for session in written]
-    told = [
+    result = [
         {
             "session": str(session.folder),
             "cameras": [camera.name for camera in session.manifest.cameras],
@@ -181,20 +180,20 @@ def import_command(
         for session in made
     ]
     lines = chain.from_iterable(map(session_lines, made))
-    answer(as_json, told[0] if len(told) == 1 else {"sessions": told}, lines)
+    answer(as_json, result[0] if len(result) == 1 else {"sessions": result}, lines)
     for session in made:
         _say_next(session)
 
 
 def _aligned_by_motion(session: Session) -> Session:
-    """The session with the times that what moves tells, where nothing else told them and it is calibrated."""
+    """Align a calibrated session by motion if its times are uncertain; return the session as it is then."""
     from importlib.util import find_spec
 
     times, calibration = session.manifest.burst.common_times, session.calibration()
     why_not_synchronized = times is not None and times.why_not_synchronized(session.manifest.burst.period_ns)
     if not why_not_synchronized or calibration is None or find_spec(RECONSTRUCTION) is None:
         return session
-    talk("nothing else tells: looking at what moves")
+    talk("aligning by motion, as no other method applies")
     command = [sys.executable, "-m", "reconstruction.cli", "time", str(session.folder), "--apply"]
     found = subprocess.run(command, check=False, capture_output=True, text=True)  # noqa: S603 - our own program
     lines = (found.stdout if found.returncode == 0 else found.stderr).strip().splitlines()
@@ -203,12 +202,12 @@ def _aligned_by_motion(session: Session) -> Session:
 
 
 def _say_next(session: Session) -> None:
-    """Verify what was written, and say the line to type next. Raises BadInputError where it is damaged."""
+    """Verify a written session and print the next command. Raises BadInputError if it is damaged."""
     from capture_app.session.reading.verify import verify
 
     problems = verify(session)
     if problems:
-        raise BadInputError(f"{session.folder} is damaged: {problems[0]}")
+        raise BadInputError(f"{session.folder} is damaged: {problems[0]}", hint="import it again")
     talk(f"all {count(len(session.manifest.images), 'image')} verified")
     times = session.manifest.burst.common_times
     if len(session.manifest.cameras) < 2:
@@ -239,11 +238,13 @@ def _parse_time_shifts(texts: tuple[str, ...]) -> dict[str, float]:
 
 
 class _ExportCommand(click.Command):
-    """A command with the options of the named format; of all formats for its help and for mistakes."""
+    """Command with the options of the named format, or of all formats for help and errors."""
 
     def parse_args(self, ctx: click.Context, args: list[str]) -> list[str]:
         """Load the exporter that is named, and all others only where an option is not one of its own."""
-        words = [word for arg in args for word in (arg.split("=", 1) if arg.startswith("--to=") else [arg])]
+        words = [
+            argument for arg in args for argument in (arg.split("=", 1) if arg.startswith("--to=") else [arg])
+        ]
         named = [name for option, name in pairwise(words) if option == "--to"]
         if len(named) != 1 or named[0] not in plugin_names(GROUP) or {"-h", "--help"} & set(args):
             return super().parse_args(ctx, args)
@@ -255,7 +256,7 @@ class _ExportCommand(click.Command):
             return super().parse_args(ctx, args)
 
     def get_params(self, ctx: click.Context) -> list[click.Parameter]:
-        """See `click.Command`; the options of the formats stand behind those of all."""
+        """Return the parameters: general ones first, then the options of the formats."""
         to = click.Option(
             ["--to", "name"], type=click.Choice(plugin_names(GROUP)), required=True, help="Format: see below."
         )
@@ -301,7 +302,9 @@ class _ExportCommand(click.Command):
 @click.option(
     "--hard-link", "link", is_flag=True, help="Hard-link image files where possible instead of copying them."
 )
-@click.option("--lossless", is_flag=True, help="Videos and redrawn pictures without loss: far larger.")
+@click.option(
+    "--lossless", is_flag=True, help="Write videos and redrawn images losslessly. Files become much larger."
+)
 @json_option
 def export(session: Path, name: str, out: Path, as_json: bool, **chosen: Any) -> None:
     """Convert SESSION to the format of another program.

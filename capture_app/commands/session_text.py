@@ -16,7 +16,7 @@ from capture_app.session.reading.verdict import PX_PER_S, find_sync_record, judg
 
 
 def list_entry(card: SessionCard) -> dict[str, Any]:
-    """A session in a list, as JSON has it; `problem` says why it cannot be used."""
+    """Return a session's entry in JSON; `problem` is the reason why it cannot be used."""
     return {
         "path": str(card.folder),
         "name": card.name,
@@ -32,7 +32,7 @@ def list_entry(card: SessionCard) -> dict[str, Any]:
 
 
 def list_lines(found: Sequence[SessionCard]) -> Iterator[str]:
-    """One line a session, and what is wrong with those that cannot be used."""
+    """Yield a table of the sessions, and a line for each unusable one."""
     rows = []
     for one in (one for one in found if not one.problem):
         numbers = map(str, (len(one.cameras), one.instants, one.images, one.missing))
@@ -43,7 +43,7 @@ def list_lines(found: Sequence[SessionCard]) -> Iterator[str]:
 
 
 def session_lines(session: Session) -> Iterator[str]:
-    """A session's cameras, their error bars, and how far apart the images of an instant are."""
+    """Describe a session: its cameras, their error bars, and the time differences within an instant."""
     manifest = session.manifest
     instants = manifest.burst.instants_ns
     span_ns = instants[-1] - instants[0] if instants else 0
@@ -76,7 +76,7 @@ def session_lines(session: Session) -> Iterator[str]:
 
 
 def _describe_scatter(session: Session) -> Iterator[str]:
-    """How far apart in time the images of one instant are, first to last, and what that costs."""
+    """Describe the time differences within an instant, and their effect."""
     manifest, times = session.manifest, session.manifest.burst.common_times
     if len(manifest.cameras) < 2 or not manifest.images:
         return
@@ -85,18 +85,20 @@ def _describe_scatter(session: Session) -> Iterator[str]:
         yield from (verdict.sentence, *describe_common_times(times))
         return
     images = session.images_by_instant()
-    spreads = [spread for spread, of in zip(sync.spread_ns, images, strict=True) if len(of) > 1]
-    if not spreads:
+    differences_ns = [
+        difference_ns for difference_ns, of in zip(sync.spread_ns, images, strict=True) if len(of) > 1
+    ]
+    if not differences_ns:
         return
     by = "" if sync.uncertainty_ns is not None else "by the recorded times, "
     yield from (
-        f"{by}images of one instant are {_describe_spreads(spreads)}",
+        f"{by}images of one instant are {_describe_differences(differences_ns)}",
         verdict.sentence,
         verdict.stamps,
     )
-    if true_spreads := _true_spreads(session):
-        cost = pixels(max(true_spreads), PX_PER_S)
-        yield f"by the ground truth they are {_describe_spreads(true_spreads)}: {cost}"
+    if true_differences_ns := _true_differences_ns(session):
+        cost = pixels(max(true_differences_ns), PX_PER_S)
+        yield f"by the ground truth they are {_describe_differences(true_differences_ns)}: {cost}"
     if sync.row_spread_ns is not None and sync.row_spread_ns > 2 * max(sync.spread_ns):
         yield (
             "rolling shutter: rows of the same number are up to "
@@ -109,7 +111,7 @@ def _describe_scatter(session: Session) -> Iterator[str]:
 
 
 def describe_common_times(times: CommonTimes) -> list[str]:
-    """What the times of an imported recording rest on, and each camera's offset and rate."""
+    """Describe the source of an imported recording's times, and each camera's offset and rate."""
     return [times.words, *(f"  {name}: {_describe_times(of)}" for name, of in times.cameras.items())]
 
 
@@ -125,13 +127,13 @@ def _describe_times(times: CameraTimes) -> str:
     return f"{text} (95 %), by {times.source}"
 
 
-def _describe_spreads(spreads_ns: Sequence[int]) -> str:
-    middle_ns, max_ns = round(median(spreads_ns)), max(spreads_ns)
+def _describe_differences(differences_ns: Sequence[int]) -> str:
+    middle_ns, max_ns = round(median(differences_ns)), max(differences_ns)
     return f"{duration(middle_ns)} apart at the median, {duration(max_ns)} at most"
 
 
-def _true_spreads(session: Session) -> list[int]:
-    """For each instant, how far apart in ns its images truly are; empty where nobody knows."""
+def _true_differences_ns(session: Session) -> list[int]:
+    """Return the true time difference of each instant's images, ns; empty if unknown."""
     truth = session.true_times()
     if truth is None or not {camera.name for camera in session.manifest.cameras} <= {
         image.camera for image in truth.images
@@ -146,7 +148,7 @@ def _true_spreads(session: Session) -> list[int]:
 
 def _camera_row(manifest: Manifest, camera: CameraRecord) -> tuple[str, ...]:
     images = [image for image in manifest.images if image.camera == camera.name]
-    dropped = sum(gone.dropped for gone in manifest.missing if gone.camera == camera.name)
+    dropped = sum(missing.dropped for missing in manifest.missing if missing.camera == camera.name)
     return (
         camera.name,
         f"{camera.facts.width}x{camera.facts.height}",

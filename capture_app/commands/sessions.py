@@ -45,7 +45,7 @@ for command in (export, import_command, repair, rename, note, trash, restore, em
     epilog=examples("capture-app sessions list", "capture-app sessions list ~/sessions --json"),
 )
 @click.argument("root", type=ANY_PATH, required=False)
-@click.option("--trash", "trashed", is_flag=True, help="List those in the trash of ROOT instead.")
+@click.option("--trash", "trashed", is_flag=True, help="List the trash of ROOT instead.")
 @json_option
 def list_command(root: Path | None, trashed: bool, as_json: bool) -> None:
     """List the sessions in the folder ROOT (default: ./sessions)."""
@@ -63,17 +63,17 @@ def list_command(root: Path | None, trashed: bool, as_json: bool) -> None:
         said=nothing,
     )
     for path in unfinished_outputs(root):
-        talk(f"{path} is being written, or what a killed run left of it: capture-app sessions repair {root}")
+        talk(f"{path} is incomplete: if no command is writing it, run capture-app sessions repair {root}")
 
 
 @sessions.command(epilog=examples("capture-app sessions show sessions/burst-001"))
 @click.argument("session", type=ANY_PATH)
 @json_option
 def show(session: Path, as_json: bool) -> None:
-    """Show the cameras of a session and how well they were synchronized."""
+    """Show the cameras of a session and their synchronization."""
     opened = Session.open(session)
-    told = {"session": str(session), "manifest": opened.manifest, "verdict": judge(opened.manifest)}
-    answer(as_json, told, session_lines(opened))
+    result = {"session": str(session), "manifest": opened.manifest, "verdict": judge(opened.manifest)}
+    answer(as_json, result, session_lines(opened))
 
 
 @sessions.command(epilog=examples("capture-app sessions verify sessions/burst-001 sessions/burst-002"))
@@ -98,7 +98,8 @@ def verify(paths: tuple[Path, ...], as_json: bool) -> None:
             more = f" and {len(problems) - 1} more" if len(problems) > 1 else ""
             what = f"{path} is damaged: {problems[0]}{more}"
             lost = all(problem.kind == "missing" for problem in problems)
-            failure = IncompleteError(what) if lost else BadInputError(what)
+            kind = IncompleteError if lost else BadInputError
+            failure = kind(what, hint=f"copy it again, or try capture-app sessions repair {path}")
         if not as_json:
             for problem in problems:
                 print_line(f"{path}: {problem}")

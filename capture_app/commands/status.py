@@ -24,16 +24,16 @@ _STAMPS = "stamps µs"
 
 @click.command(epilog=examples("capture-app status", "capture-app status --leader 192.168.1.20 --watch"))
 @leader_option
-@click.option("--watch", is_flag=True, help="Then show what happens, until Ctrl-C.")
+@click.option("--watch", is_flag=True, help="Then show changes until Ctrl-C.")
 @json_option
 def status(leader: Address, watch: bool, as_json: bool) -> None:
-    """Show the nodes of a running leader, those of its relays included: state, clock, phase, drops.
+    """Show the nodes of a running leader and its relays: state, clock, phase, drops.
 
-    "clock bound" is the largest possible clock error, that of the relays included. "stamps" is how well it is
-    known (95 %) how late a camera stamps its frames; those of simulated ones are exact.
+    "clock bound" is the maximum clock error, including the relays'. "phase error" is the time from the common
+    frame grid to the camera's frames. "stamps" is the 95 % uncertainty of the camera's timestamp delay.
 
-    With --watch a line follows for all that happens; with --json an object a line, and a new status whenever
-    it has changed, at most ten a second.
+    With --watch each event follows in a line; with --json as an object, with a new status after each change,
+    at most ten a second.
     """
     from capture_app.rig.link import ask_status
 
@@ -83,7 +83,7 @@ def _lines(rig: "RigStatus") -> Iterator[str]:
     rate = "no frame rate yet" if rig.period_ns is None else f"{1e9 / rig.period_ns:.3f} frames/s"
     yield f"{who}, {count(len(rig.nodes), 'node')}, {rate}"
     if rig.is_open:
-        yield "OPEN: it asks no machine who it is"
+        yield "OPEN: the rig accepts any machine without pairing"
     yield from filter(None, dict.fromkeys((rig.message, rig.advice)))
     if rig.nodes:
         rows = [_node_row(node) for node in in_tree_order(rig.nodes)]
@@ -97,7 +97,7 @@ def _lines(rig: "RigStatus") -> Iterator[str]:
     for ahead in rig.ahead:
         begins = clock_offset(max(0, ahead.first_leader_ns - rig.now_ns), signed=False)
         cancel = f"capture-app burst --cancel {ahead.burst}"
-        yield f"burst {ahead.burst} ({ahead.name}) begins in {begins}; {cancel} takes it back"
+        yield f"burst {ahead.burst} ({ahead.name}) begins in {begins}; cancel it: {cancel}"
     yield from (f"saved {path}" for path in rig.sessions)
 
 
@@ -130,7 +130,7 @@ def _node_row(node: "NodeStatus") -> dict[str, str]:
 
 
 def _stamp_error_ns(node: "NodeStatus") -> int | None:
-    """How well it is known how late a node's stamps are; None where they are exact, or it has no camera."""
+    """Return the uncertainty of a node's timestamp delay; None if exact, or without a camera."""
     from capture_app.common.node_state import WITHOUT_CAMERA
 
     stamp = node.camera.stamp_accuracy

@@ -30,7 +30,7 @@ F = TypeVar("F", bound=Callable[..., Any])
 MAX_FRAMES = 100_000
 MAX_S = 31 * 86_400.0
 REPORT_EVERY_S = 1.0
-"""The progress of a long take is reported no more often."""
+"""Minimum interval between progress lines of a take, s."""
 _FIGURE = re.compile(r"\d[\d.]* (ns|µs|ms|s)\b|--tolerance-us \d+")
 
 _wait_option = click.option(
@@ -104,7 +104,7 @@ def _line_of(event: "TakeEvent", plan: "TakePlan") -> str:
 async def take(
     link: "RigLink", plan: "TakePlan", ended: "list[TakeEnd]", *, silent: bool, detach: bool = False
 ) -> None:
-    """Take, report on stderr how far it is, and add to the list how each take ends.
+    """Take, report the progress on stderr, and append the last event of each take to `ended`.
 
     Each session and its verdict are printed, unless `silent`. With `detach` it returns when the take has
     begun. The first Ctrl-C ends a recording, the second no longer waits until it is saved.
@@ -116,7 +116,7 @@ async def take(
     def interrupt() -> None:
         if endings or series.is_open:
             raise KeyboardInterrupt
-        talk("ending; Ctrl-C again: do not wait until it is saved")
+        talk("stopping; press Ctrl-C again to leave before it is saved")
         endings.append(loop.create_task(series.end()))
 
     loop = asyncio.get_running_loop()
@@ -140,7 +140,7 @@ async def take(
 
 
 def _print_take(ended: "TakeEnd") -> None:
-    """Print the path of the session, and how good it is."""
+    """Print the session's path and its verdict."""
     if ended.status is not None and ended.status.session is not None:
         print_line(ended.status.session)
     if (verdict := _verdict_of(ended)) is not None:
@@ -154,15 +154,12 @@ def _verdict_of(ended: "TakeEnd") -> "Verdict | None":
 
 
 def _records(ended: "list[TakeEnd]") -> list[dict[str, Any]]:
-    """What --json says of each take that had begun."""
+    """Return the JSON records of the takes that had begun."""
     return [{**asdict(one.status), "verdict": _verdict_of(one)} for one in ended if one.status is not None]
 
 
 def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
-    """Raise the error of a take that failed, and IncompleteError where more than that share is missing.
-
-    One without a number was taken by phones of their own app, which keep what they took.
-    """
+    """Raise the error of a failed take, and IncompleteError if more than this percentage is missing."""
     from capture_app.rig.taking import Failed
 
     if isinstance(ended, Failed):
@@ -170,9 +167,12 @@ def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
     status = ended.status
     missing = status.expected - status.received
     if missing > max_missing_pct / 100 * status.expected:
-        raise IncompleteError(f"{status.name} is incomplete: {status.message}")
+        raise IncompleteError(
+            f"{status.name} is incomplete: {status.message}",
+            hint="fetch what nodes still have: capture-app sessions repair, on the leader's machine",
+        )
     if missing:
-        talk(f"{missing} of {count(status.expected, 'frame')} missing, {max_missing_pct:g} % accepted")
+        talk(f"{missing} of {count(status.expected, 'frame')} missing; {max_missing_pct:g} % are accepted")
 
 
 @click.command(
@@ -199,20 +199,20 @@ def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
     "--interval-s",
     type=FiniteRange(0.001, 86_400.0),
     metavar="S",
-    show_default="that of --spacing",
-    help="Seconds from one frame to the next: a time-lapse.",
+    show_default="by --spacing",
+    help="Time between frames, for a time-lapse.",
 )
 @click.option(
     "--spare",
     type=click.IntRange(0, 999),
     metavar="N",
     show_default="as many as frames, at least 4; none in a burst of over 2 s",
-    help="Skip up to this many instants of which some camera dropped its frame, and take later ones.",
+    help="Replace up to N instants (common times of all cameras) whose frame a camera dropped by later ones.",
 )
 @click.option(
     "--consecutive",
     is_flag=True,
-    help="Skip none: a frame that a camera dropped is missing, and the burst incomplete.",
+    help="Replace no instant: a dropped frame is missing, and the burst incomplete.",
 )
 @click.option(
     "--at-ns",
@@ -227,7 +227,7 @@ def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
     type=click.IntRange(0, 1000),
     metavar="N",
     default=0,
-    help="So many of the frames come from before this command.",
+    help="Number of frames from before this command, out of the ring buffer.",
 )
 @click.option("--name", default="", show_default="burst", help="Name of the take: its session is NAME-001.")
 @click.option("--note", default="", show_default=False, help="A line of text saved with the session.")
@@ -239,8 +239,8 @@ def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
     "every_s",
     type=FiniteRange(0.0, 86_400.0),
     metavar="S",
-    show_default="as soon as the last is saved",
-    help="With --repeat: seconds from one burst to the next.",
+    show_default="when the last one is saved",
+    help="With --repeat: time between bursts.",
 )
 @click.option(
     "--on-motion",
@@ -253,7 +253,7 @@ def require_whole(ended: "TakeEnd", max_missing_pct: float = 0.0) -> None:
     metavar="LEFT TOP RIGHT BOTTOM",
     default=(0.0, 0.0, 1.0, 1.0),
     show_default="the whole picture",
-    help="With --on-motion: where, as fractions of the picture.",
+    help="With --on-motion: watched region, as fractions of the picture.",
 )
 @click.option(
     "--cancel", type=click.IntRange(1), metavar="BURST", help="Cancel the burst of this number instead."
@@ -272,9 +272,8 @@ def burst(
 ) -> None:
     """Take a burst and print the path of its session, which is on the leader's machine.
 
-    A burst of more than two seconds is saved while it is taken, with every instant: what a camera drops is
-    missing. With --repeat take several, and print each path when it is saved; with --json all of them at the
-    end.
+    A burst of more than two seconds is saved while it is taken, without replacing dropped frames. With
+    --repeat each path is printed when its burst is saved; with --json all at the end.
     """
     from capture_app.rig.link import RigLink
     from capture_app.rig.taking import TakePlan
@@ -283,7 +282,7 @@ def burst(
         _cancel(leader, cancel, as_json)
         return
     if consecutive and chosen["spare"]:
-        raise click.UsageError("--consecutive skips nothing: leave out --spare")
+        raise click.UsageError("--consecutive and --spare exclude each other")
     if consecutive:
         chosen["spare"] = 0
     plan = TakePlan(**chosen, on_motion=region if on_motion else None)
@@ -302,8 +301,8 @@ def _cancel(leader: Address, number: int, as_json: bool) -> None:
     from capture_app.rig.link import give_order
 
     asyncio.run(give_order(leader, CancelBurst(burst=number)))
-    told = f"burst {number} is cancelled; what had come is saved"
-    answer(as_json, {"cancelled": number}, said=told)
+    result = f"burst {number} is cancelled; images received so far are saved"
+    answer(as_json, {"cancelled": number}, said=result)
 
 
 @click.command(
@@ -328,27 +327,27 @@ def _cancel(leader: Address, number: int, as_json: bool) -> None:
     type=FiniteRange(0.00001, 10_000.0),
     metavar="N",
     show_default="the rig's",
-    help="Frames a second: the rig's own rate, or a whole part of it.",
+    help="Frames per second: the rig's rate divided by a whole number.",
 )
 @click.option(
     "--every-s",
     type=FiniteRange(0.001, 86_400.0),
     metavar="S",
     show_default=False,
-    help="Seconds from one frame to the next, instead of --fps: a time-lapse.",
+    help="Time between frames instead of --fps, for a time-lapse.",
 )
 @click.option("--name", default="", show_default="recording", help="Its session is NAME-001.")
 @click.option("--note", default="", show_default=False, help="A line of text saved with the session.")
 @click.option(
-    "--most-missing",
+    "--max-missing",
     "max_missing_pct",
     type=FiniteRange(0, 100),
     metavar="PERCENT",
     default=1.0,
-    help="What may be missing of the frames without exit code 7.",
+    help="Accepted share of missing frames; beyond it the exit code is 7.",
 )
-@click.option("--detach", is_flag=True, help="Return as soon as it has begun.")
-@click.option("--stop", is_flag=True, help="End the newest recording, or long burst, instead.")
+@click.option("--detach", is_flag=True, help="Return as soon as the recording has begun.")
+@click.option("--stop", is_flag=True, help="Stop the newest recording or long burst instead.")
 @_countdown_option
 @ready_options
 @json_option
@@ -362,10 +361,9 @@ def record(
     as_json: bool,
     **chosen: Any,
 ) -> None:
-    """Record a video with every camera, and print the path of its session, on the leader's machine.
+    """Record a video with every camera, and print the path of its session on the leader's machine.
 
-    Frames are saved while they come, each as its camera gave it, with its own time; what a camera drops is
-    counted.
+    Frames are saved as they arrive, each with its own time; dropped frames are counted.
     """
     from capture_app.rig.link import RigLink
     from capture_app.rig.taking import Progress, TakePlan
@@ -381,7 +379,7 @@ def record(
     asyncio.run(take(RigLink(leader), plan, ended, silent=as_json, detach=detach))
     begun = isinstance(ended[0], Progress)
     if records := _records(ended):
-        goes_on = f"recording {records[0]['burst']} goes on; end it with: capture-app record --stop"
+        goes_on = f"recording {records[0]['burst']} continues; stop it: capture-app record --stop"
         answer(as_json, records[0], said=goes_on if begun else "")
     if not begun:
         require_whole(ended[0], max_missing_pct)

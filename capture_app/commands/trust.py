@@ -26,24 +26,24 @@ role_option = click.option(
     "role",
     type=click.Choice(list(Role), case_sensitive=False),
     default=Role.CAMERA,
-    help="What it may do: bring pictures, give orders, speak for those it knows, lead cameras here, or lead"
-    " in this leader's place.",
+    help="Role of the machine. camera: send images; operator: control the rig; relay: connect its own nodes;"
+    " leader: lead cameras of this machine; standby: replace this leader.",
 )
 
 
 @click.group(epilog=examples("capture-app trust list", "capture-app trust invite"))
 def trust() -> None:
-    """List the machines that this one knows; let others in, and take them off.
+    """List, pair and remove the machines that this one trusts.
 
-    Machines become known once, by a code or by their pins, and then for ever. Processes of one user on one
-    machine need none of this.
+    Two machines are paired once, by a code or by their pins. Processes of one user on one machine need no
+    pairing.
     """
 
 
 @trust.command("list", epilog=examples("capture-app trust list"))
 @json_option
 def list_command(as_json: bool) -> None:
-    """List the machines that are known here, and this machine's own pin."""
+    """List the paired machines, and this machine's own pin."""
     mine = own_machine()
     machines = mine.known.all()
     shown = [
@@ -57,7 +57,7 @@ def list_command(as_json: bool) -> None:
             ", ".join(one.roles),
             one.pin,
             _day(one.added_unix_s),
-            one.vouched_by and "its leader's word",
+            one.vouched_by and "its leader",
         )
         for one in machines
     ]
@@ -66,50 +66,50 @@ def list_command(as_json: bool) -> None:
         as_json,
         {"pin": mine.identity.pin, "machines": shown},
         [f"pin of this machine: {mine.identity.pin}", *known],
-        said="" if rows else "no other machine is known here",
+        said="" if rows else "no machine is paired",
     )
 
 
 @trust.command(epilog=examples(f"capture-app trust add {EXAMPLE_PIN}"))
 @click.argument("pin", type=PIN)
 @role_option
-@click.option("--name", default="", metavar="NAME", show_default="chosen for you", help="What to call it.")
+@click.option("--name", default="", metavar="NAME", show_default="generated", help="Name of the machine.")
 @json_option
 def add(pin: str, role: Role, name: str, as_json: bool) -> None:
-    """Let the machine of PIN join here, without a code. `capture-app trust list` there shows its pin."""
+    """Trust the machine with this PIN, without a code. `capture-app trust list` there shows its pin."""
     machine = own_machine().known.add(pin, Role(role), name=name)
-    told = {"pin": machine.pin, "name": machine.name, "roles": machine.roles}
-    answer(as_json, told, said=f"{machine.name} is known from now on, as {' and '.join(machine.roles)}")
+    result = {"pin": machine.pin, "name": machine.name, "roles": machine.roles}
+    answer(as_json, result, said=f"{machine.name} is trusted as {' and '.join(machine.roles)}")
 
 
 @trust.command(epilog=examples("capture-app trust remove garage-pi"))
 @click.argument("machine")
 @json_option
 def remove(machine: str, as_json: bool) -> None:
-    """Take MACHINE off, by its name or the beginning of its pin; what it has open is broken off."""
+    """Remove MACHINE, by its name or the start of its pin; its open connections are closed."""
     removed = own_machine().known.remove(machine)
-    told = {"removed": removed.name, "pin": removed.pin}
-    answer(as_json, told, said=f"{removed.name} is not known any more")
+    result = {"removed": removed.name, "pin": removed.pin}
+    answer(as_json, result, said=f"{removed.name} is no longer trusted")
 
 
 @trust.command(epilog=examples("capture-app trust invite", "capture-app trust invite --as operator"))
 @role_option
-@click.option("--qr", is_flag=True, help="Show the line to type as a QR code, too.")
+@click.option("--qr", is_flag=True, help="Also show the command as a QR code.")
 @leader_option
 @json_option
 def invite(role: Role, qr: bool, leader: Address, as_json: bool) -> None:
-    """Show a code by which one machine becomes known to a running leader."""
+    """Show a code that pairs one machine with a running leader."""
     from capture_app.protocol.pairing import Invite, Invited
     from capture_app.rig.link import ask_leader, ask_status
 
     role = Role(role)
     if role is Role.LEADER:
-        raise click.UsageError("a leader invites, and is not invited")
+        raise click.UsageError("a leader cannot be invited: run invite at the leader")
     invited = asyncio.run(ask_leader(leader, Invite(role=role), Invited))
     line = joining_command(asyncio.run(ask_status(leader)).leader, role, invited.code)
-    told = {"code": invited.code, "good_for_s": invited.good_for_s, "as": role, "join_with": line}
-    there = f"for one machine, within {invited.good_for_s // 60} minutes; there: {line}"
-    answer(as_json, told, [show_code(invited.code)], said=there)
+    result = {"code": invited.code, "good_for_s": invited.good_for_s, "as": role, "join_with": line}
+    there = f"pairs one machine within {invited.good_for_s // 60} minutes; type there: {line}"
+    answer(as_json, result, [show_code(invited.code)], said=there)
     if qr and not as_json:
         import segno
 
@@ -121,10 +121,10 @@ def invite(role: Role, qr: bool, leader: Address, as_json: bool) -> None:
 @code_option
 @json_option
 def pair(leader: Address, code: str | None, as_json: bool) -> None:
-    """Make this machine known to the leader at LEADER by a code, which the person there has."""
+    """Pair this machine with the leader at LEADER by a code shown there."""
     own_machine()
     if code is None and not sys.stdin.isatty():
-        raise click.UsageError("--code is needed where there is no terminal to ask on")
+        raise click.UsageError("without a terminal, give --code")
     roles = ask_and_pair(leader) if code is None else pair_with(leader, code)
     answer(as_json, {"leader": str(leader), "roles": roles})
 

@@ -100,9 +100,9 @@ def listen_tcp(host: str, *ports: int) -> socket.socket:
 
     Raises NetworkError about the last port.
     """
-    *usual, last = ports
+    *first, last = ports
     family = socket.AF_INET6 if ":" in host else socket.AF_INET
-    for port in usual:
+    for port in first:
         with contextlib.suppress(OSError):
             return socket.create_server((host, port), family=family)
     try:

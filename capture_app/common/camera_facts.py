@@ -136,8 +136,8 @@ class CameraFacts(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         known = self.stamp_accuracy
         if not known.against:
             return 0
-        told_ns = known.against_uncertainty_ns
-        return self.assumed_stamp.uncertainty_ns if told_ns is None else told_ns
+        against_ns = known.against_uncertainty_ns
+        return self.assumed_stamp.uncertainty_ns if against_ns is None else against_ns
 
     @property
     def assumed_stamp(self) -> StampAccuracy:
@@ -233,20 +233,20 @@ class ControlState(Struct, frozen=True, kw_only=True, omit_defaults=True):
     automatic: bool = False
     """Whether the camera chooses the value, frame by frame."""
     can_be_automatic: bool = False
-    least: Real | None = None
-    most: Real | None = None
+    minimum: Real | None = None
+    maximum: Real | None = None
     """Range of the values that can be set; None if none can."""
 
     @property
     def can_be_set(self) -> bool:
         """Whether a value can be set."""
-        return self.least is not None and self.most is not None
+        return self.minimum is not None and self.maximum is not None
 
     def clamped(self, value: float) -> float:
         """Return the value clamped to the range."""
-        if self.least is None or self.most is None:
+        if self.minimum is None or self.maximum is None:
             return value
-        return min(max(value, self.least), self.most)
+        return min(max(value, self.minimum), self.maximum)
 
 
 def describe(state: ControlState | None) -> str:

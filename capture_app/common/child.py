@@ -77,7 +77,7 @@ class Child:
     async def failure(self) -> SimulshotError:
         """Return the error of a process that ended unexpectedly: its own last line."""
         await asyncio.wait((self.listening,), timeout=1.0)
-        last = next((line for line in reversed(self.said) if line), "it said nothing")
+        last = next((line for line in reversed(self.said) if line), "it printed nothing")
         last = (last.partition(": error: ")[2] or last).removeprefix(f"{self.name}: ")
         code = self.process.returncode
         return error_of_exit(code, f"{self.name} ended with code {code}: {last}")

@@ -79,7 +79,9 @@ class SimulatedClock(Struct, frozen=True, forbid_unknown_fields=True):
     def __post_init__(self) -> None:
         """Raise BadInputError for an offset or a skew out of range."""
         if not abs(self.skew_ppm) <= MAX_SKEW_PPM:
-            raise BadInputError(f"clock skew of {self.skew_ppm:g} ppm", hint=f"at most {MAX_SKEW_PPM:g} ppm")
+            raise BadInputError(
+                f"a clock skew of {self.skew_ppm:g} ppm is too large", hint=f"at most {MAX_SKEW_PPM:g} ppm"
+            )
 
     def local_from_true(self, true_ns: int) -> int:
         """Return the reading of this clock in ns at a true time in ns."""
@@ -129,7 +131,9 @@ def parse_clock(text: str, *, node: str) -> NodeClock:
         except ValueError:
             raise BadInputError(f"{key} of clock {text!r} is not a number: {value!r}", hint=_HINT) from None
     if not abs(values["offset_s"]) <= MAX_OFFSET_S:
-        raise BadInputError(f"clock offset of {values['offset_s']:g} s", hint="at most ten years")
+        raise BadInputError(
+            f"a clock offset of {values['offset_s']:g} s is too large", hint="at most ten years"
+        )
     return SimulatedClock(round(values["offset_s"] * 1e9), values["skew_ppm"])
 
 
@@ -181,8 +185,8 @@ class HostRate:
         self._last = now
         if now is None or before is None or steady_ppm is None or now[1] - before[1] < EVERY_NS // 2:
             return None
-        usual_ppm = min(max(steady_ppm, -STEADY_PPM), STEADY_PPM)
-        slewing_ppm = ((now[0] - before[0]) / (now[1] - before[1]) - 1.0) * 1e6 - usual_ppm
+        steady_ppm = min(max(steady_ppm, -STEADY_PPM), STEADY_PPM)
+        slewing_ppm = ((now[0] - before[0]) / (now[1] - before[1]) - 1.0) * 1e6 - steady_ppm
         return slewing_ppm if abs(slewing_ppm) >= SLEWED_PPM else 0.0
 
     @staticmethod
@@ -190,13 +194,13 @@ class HostRate:
         """Return the kernel's steady frequency correction in ppm; None if the platform does not report it."""
         if not sys.platform.startswith("linux"):
             return None
-        told = _Timex()
+        kernel = _Timex()
         try:
-            if ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.byref(told)) < 0:
+            if ctypes.CDLL(None, use_errno=True).adjtimex(ctypes.byref(kernel)) < 0:
                 return None
         except (OSError, AttributeError):
             return None
-        tick, frequency = int(told.tick), int(told.freq)
+        tick, frequency = int(kernel.tick), int(kernel.freq)
         return (tick - TYPICAL_TICK_US) * 1e6 / TYPICAL_TICK_US + frequency / 65536.0
 
     @staticmethod

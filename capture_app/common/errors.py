@@ -97,7 +97,9 @@ def reading(path: object) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise BadInputError(f"cannot read {path}: {error.strerror or error}") from error
+        raise BadInputError(
+            f"cannot read {path}: {error.strerror or error}", hint="check the path and its permissions"
+        ) from error
 
 
 @contextmanager

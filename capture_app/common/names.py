@@ -9,8 +9,8 @@ from msgspec import Meta
 
 from capture_app.common.errors import BadInputError
 
-_MOST = 64
-_PATTERN = rf"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{_MOST - 1}}}"
+_MAX_LENGTH = 64
+_PATTERN = rf"[A-Za-z0-9][A-Za-z0-9_.-]{{0,{_MAX_LENGTH - 1}}}"
 _FORBIDDEN = re.compile(r"[^A-Za-z0-9_.-]+")
 
 Name = Annotated[str, Meta(pattern=f"^{_PATTERN}$")]
@@ -27,20 +27,20 @@ def check_name(text: str, what: str) -> str:
     if not is_name(text):
         raise BadInputError(
             f"{text!r} is not a valid name for a {what}",
-            hint=f"up to {_MOST} letters, digits, '_', '.' and '-', beginning with a letter or a digit",
+            hint=f"up to {_MAX_LENGTH} letters, digits, '_', '.' and '-', beginning with a letter or a digit",
         )
     return text
 
 
 def name_like(text: str, otherwise: str) -> str:
     """Return the valid name nearest to a text, or `otherwise` if no character is usable."""
-    return _FORBIDDEN.sub("-", text).lstrip("_.-")[:_MOST] or otherwise
+    return _FORBIDDEN.sub("-", text).lstrip("_.-")[:_MAX_LENGTH] or otherwise
 
 
-def free_name(wished: str, taken: Container[str]) -> str:
+def free_name(requested: str, taken: Container[str]) -> str:
     """Return the requested name, or the first of NAME-2, NAME-3 ... that is not taken."""
-    numbered = (f"{wished}-{number}" for number in count(2))
-    return next(name for name in chain((wished,), numbered) if name not in taken)
+    numbered = (f"{requested}-{number}" for number in count(2))
+    return next(name for name in chain((requested,), numbered) if name not in taken)
 
 
 def natural_order(text: str) -> list[tuple[int, str]]:

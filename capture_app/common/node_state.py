@@ -18,7 +18,7 @@ class NodeState(StrEnum):
     JOINING = "joining"
     SYNCING = "syncing"
     ALIGNING = "aligning"
-    DEGRADED = "coarse"
+    DEGRADED = "degraded"
     READY = "ready"
     LOST = "lost"
     FAILED = "failed"

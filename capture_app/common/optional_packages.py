@@ -51,9 +51,9 @@ def require_reconstruction(package: str, purpose: str) -> None:
 
 
 def _not_installed(package: str, extra: str, purpose: str, hint: str = "") -> NotAvailableError:
-    ways = (how_to_install(extra), hint)
+    hints = (how_to_install(extra), hint)
     return NotAvailableError(
-        f"{purpose} needs {package}, which is not installed", hint="; or ".join(filter(None, ways))
+        f"{purpose} needs {package}, which is not installed", hint="; or ".join(filter(None, hints))
     )
 
 
@@ -73,14 +73,14 @@ def how_to_install(extra: str) -> str:
     if extra not in offered:
         return f"install simulshot with its extra {extra}, in a clone by ./install.sh --with {extra}"
     here = {"sys_platform": sys.platform, "platform_machine": platform.machine()}
-    wanted = [
+    needed = [
         shlex.quote(f"{need.name}{need.specifier}")
         for need in known
         if need.marker
         and need.marker.evaluate({**here, "extra": extra})
         and not need.marker.evaluate({**here, "extra": ""})
     ]
-    if not wanted:
+    if not needed:
         return (
             f"it has no package for this machine, {platform.system()} on {platform.machine()}: "
             "copy the session to a PC with Linux on x86-64"
@@ -92,4 +92,4 @@ def how_to_install(extra: str) -> str:
         installer = f"uv pip install --python {python}"
     else:
         return f"install simulshot with its extra {extra}, in a clone by ./install.sh --with {extra}"
-    return f"{installer} {' '.join(wanted)}"
+    return f"{installer} {' '.join(needed)}"

@@ -25,7 +25,7 @@ def load_plugin(group: str, name: str, *attributes: str) -> Any:
     """
     found = _entry_points(group)
     if name not in found:
-        known = ", ".join(found) or f"none; install {DISTRIBUTION} anew"
+        known = ", ".join(found) or f"none; reinstall {DISTRIBUTION}"
         raise BadInputError(f"{name!r} is not in {group}", hint=f"installed: {known}")
     return _load(found[name], attributes)
 

@@ -80,7 +80,7 @@ class PatientOutput(io.RawIOBase):
             return b""
         if self._in_json:
             return b'{"event":"left-out","lines":%d}\n' % count
-        return b"(%d lines were left out here: nobody read them)\n" % count
+        return b"(%d lines were left out here: they were not read in time)\n" % count
 
     def _write_all(self) -> None:
         while True:

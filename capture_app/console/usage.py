@@ -87,7 +87,7 @@ def _choose(ctx: click.Context, param: click.Parameter, given: bool) -> None:
 _OPTIONS = [
     click.Option(names, is_flag=True, expose_value=False, callback=_choose, help=text)
     for names, text in (
-        (("-q", "--quiet"), "Say nothing but errors; results are printed."),
-        (("-v", "--verbose"), "Say more, with times."),
+        (("-q", "--quiet"), "Print errors and results only."),
+        (("-v", "--verbose"), "Print more, with times."),
     )
 ]

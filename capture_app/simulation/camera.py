@@ -75,18 +75,18 @@ class SimulatedControls:
             unit=MICROSECONDS,
             automatic=self.automatic,
             can_be_automatic=True,
-            least=min_ns / 1000,
-            most=max_ns / 1000,
+            minimum=min_ns / 1000,
+            maximum=max_ns / 1000,
         )
-        gain = ControlState(control=Control.GAIN, value=self.gain, unit=TIMES, least=1.0, most=MAX_GAIN)
+        gain = ControlState(control=Control.GAIN, value=self.gain, unit=TIMES, minimum=1.0, maximum=MAX_GAIN)
         white_balance = ControlState(
             control=Control.WHITE_BALANCE,
             value=self._white_balance_k or CHOSEN_KELVIN,
             unit=KELVIN,
             automatic=self._white_balance_k is None,
             can_be_automatic=True,
-            least=2000.0,
-            most=10_000.0,
+            minimum=2000.0,
+            maximum=10_000.0,
         )
         return exposure, gain, white_balance
 

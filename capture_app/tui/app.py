@@ -41,6 +41,8 @@ from capture_app.tui.widgets.header import MODES
 from capture_app.tui.widgets.picture import SharpTerminal, find_sharp_terminal
 
 LEAVE, STOP, STAY = "leave", "stop", "stay"
+FOREIGN_JOBS_S = 2.0
+"""Interval at which the state of another screen's jobs is read, s."""
 NAMED_JOBS = 2
 """Maximum number of jobs named in the quit question; the rest are counted."""
 
@@ -58,16 +60,18 @@ def quit_question(
     if asks_for_rig and status is not None:
         own_cameras = f" with {count(len(own), 'camera')}" if own else ""
         lines.append(
-            f"The rig at {status.leader}{own_cameras} can go on without the screen; "
-            "capture-app finds it when it is started again."
+            f"The rig at {status.leader}{own_cameras} can keep running without the screen. "
+            "capture-app finds it at its next start."
         )
         if status.burst is not None and not status.burst.done:
-            lines.append(f"{status.burst.name} is being saved: stopped now, it keeps what has come.")
+            lines.append(
+                f"{status.burst.name} is being saved; a rig that stops keeps only the images received."
+            )
     if jobs:
         ends = "ends" if len(jobs) == 1 else "end"
         named = ", ".join(jobs[:NAMED_JOBS])
         more = f" and {count(len(jobs) - NAMED_JOBS, 'more job')}" if len(jobs) > NAMED_JOBS else ""
-        lines.append(f"{named}{more} {ends} with the screen, without a result.")
+        lines.append(f"{named}{more} {ends} with the screen and saves no result.")
     if not lines:
         return None
     ending = f", end the {'job' if len(jobs) == 1 else 'jobs'}" if jobs else ""
@@ -92,7 +96,7 @@ class SimulshotApp(App[None]):
             for number, (mode, title) in enumerate(MODES.items(), 1)
         ),
         Binding("question_mark", "help", "Help", id="app.help", key_display="?"),
-        Binding("q", "quit", "Quit", id="app.quit", tooltip="asks where something would end"),
+        Binding("q", "quit", "Quit", id="app.quit", tooltip="asks first if a job or a rig would end"),
     ]
 
     def __init__(
@@ -139,7 +143,9 @@ class SimulshotApp(App[None]):
         for warning in self._settings.warnings:
             self.show_error(warning, "warning")
         if wrong := unknown_names(self._settings.keys):
-            self.show_error(f"{KEYS_FILE} names actions that do not exist: {', '.join(wrong)}", "warning")
+            self.show_error(
+                f"{KEYS_FILE} names unknown actions: {', '.join(wrong)}; the help (?) lists all", "warning"
+            )
         self._settings.on_change = self._save_settings
         with contextlib.suppress(NotImplementedError, ValueError):  # not in the main thread, as in tests
             asyncio.get_running_loop().add_signal_handler(signal.SIGTERM, self.exit)
@@ -147,6 +153,11 @@ class SimulshotApp(App[None]):
         self.theme_changed_signal.subscribe(self, lambda theme: self._settings.remember("theme", theme.name))
         self._follow()
         self.run_worker(self.runs.read(), group="jobs")
+        self.set_interval(FOREIGN_JOBS_S, self._read_foreign_jobs)
+
+    def _read_foreign_jobs(self) -> None:
+        if self.runs.has_foreign:
+            self.run_worker(self.runs.read(), group="jobs", exclusive=True)
 
     async def on_unmount(self) -> None:
         """End the runs; each result is complete or absent."""
@@ -173,9 +184,9 @@ class SimulshotApp(App[None]):
                 self.runs.hold(update.burst is not None and not update.burst.done)
             elif isinstance(update, LinkLost):
                 self.runs.hold(False)
-            self._tell(update)
+            self._send(update)
 
-    def _tell(self, what: object) -> None:
+    def _send(self, what: object) -> None:
         for screen in self.screen_stack:
             screen.post_message(RecordChanged(what))
             if isinstance(screen, ModeScreen):
@@ -184,20 +195,20 @@ class SimulshotApp(App[None]):
     def _notify_screen(self, _: Screen[object]) -> None:
         """Send the rig's state to a screen that has just become visible."""
         if self._record.status is not None:
-            self._tell(self._record.status)
+            self._send(self._record.status)
         if self._record.lost:
-            self._tell(LinkLost(self._record.lost))
+            self._send(LinkLost(self._record.lost))
 
     def _notify_run(self, run: Run | None) -> None:
         """Notify all modes of a finished run."""
-        self._tell(self.runs)
+        self._send(self.runs)
         if run is None or run.kind == MOMENT.name or run.state not in (RunState.DONE, RunState.FAILED):
             return
         what = f"{run.command.title} of {printable(run.session.name)}"
         if run.state is RunState.FAILED:
             self.notify(f"{what} failed: {run.message}", severity="error", markup=False, timeout=10)
         elif run.result is not None:
-            self.notify(f"{what} is done: o in Sessions shows it", markup=False)
+            self.notify(f"{what} is done: press o in Sessions for the result", markup=False)
         else:
             self.notify(f"{what}: {run.message}", markup=False)
 
@@ -214,10 +225,10 @@ class SimulshotApp(App[None]):
 
     def show_error(self, text: str, level: Literal["warning", "error"] = "error") -> None:
         """Show an error or warning as a notification and add it to the log."""
-        news = LogLine(unix_ns=time.time_ns(), text=printable(text), level=level)
-        self._record.add(news)
-        self._tell(news)
-        self.notify(news.text, severity=level, markup=False, timeout=10)
+        line = LogLine(unix_ns=time.time_ns(), text=printable(text), level=level)
+        self._record.add(line)
+        self._send(line)
+        self.notify(line.text, severity=level, markup=False, timeout=10)
 
     # Actions
 
@@ -242,7 +253,7 @@ class SimulshotApp(App[None]):
                 seen.add(binding.id)
                 act = partial(self.run_action, binding.action, node)
                 yield SystemCommand(binding.description, f"key {self.get_key_display(binding)}", act)
-        yield SystemCommand("Theme", "dark, light, without colour, and others", self.action_change_theme)
+        yield SystemCommand("Theme", "dark, light, no colour and others", self.action_change_theme)
 
     # Quitting
 
@@ -272,7 +283,7 @@ class SimulshotApp(App[None]):
             if stop_rig:
                 await asyncio.wait_for(self._source.order(StopRig()), SCREEN_STOP_TIMEOUT_S)
         except (SimulshotError, TimeoutError) as error:
-            message = printable(f"The rig may still run: {error or 'it did not answer'}")
+            message = printable(f"The rig may still be running: {error or 'it did not answer'}")
         # Close the runs while the screen can still show messages: a running job takes seconds to end.
         await self.runs.close()
         self.exit(message=message)
@@ -287,9 +298,9 @@ class SimulshotApp(App[None]):
             path.parent.mkdir(parents=True, exist_ok=True)
             with path.open("x", encoding="utf-8") as file:
                 file.write(keys_file_text())
-            words = f"{path} lists all actions; keys that you change there hold from the next start on"
+            words = f"{path} lists all actions. Changed keys take effect at the next start"
         except FileExistsError:
-            words = f"{path} is there already; delete it for a new one"
+            words = f"{path} exists already; delete it to write a new one"
         except OSError as error:
             words = f"{path} cannot be written: {error}"
         self.call_from_thread(self.notify, printable(words), markup=False, timeout=10)
@@ -299,7 +310,7 @@ class SimulshotApp(App[None]):
         try:
             self._settings.save()
         except OSError as error:
-            self.call_from_thread(self.show_error, f"choices are not remembered: {error}", "warning")
+            self.call_from_thread(self.show_error, f"the settings cannot be saved: {error}", "warning")
 
 
 def run_screen(rig: AttachedRig, *, frames: int | None = None, depth: bool = True) -> None:

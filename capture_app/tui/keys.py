@@ -16,6 +16,15 @@ from capture_app.tui.widgets.lines import Lines
 OWN = "capture_app."
 EVERYWHERE = "app"
 KEY_WIDTH, NAME_WIDTH = 16, 22
+TERMS = {
+    "instant": "a common time at which every camera takes a frame",
+    "burst": "frames of all cameras at successive instants; its session is the folder",
+    "phase": "time from the rig's common frame times to a camera's frames",
+    "error": "uncertainty (95 %) of a camera's frame times",
+    "degraded": "synchronized, but less accurately than requested",
+    "drops": "frames that a camera did not deliver",
+}
+"""Words of the screen that a newcomer may not know."""
 
 
 def known_actions() -> dict[str, Binding]:
@@ -38,8 +47,8 @@ def unknown_names(names: Iterable[str]) -> list[str]:
 def keys_file_text() -> str:
     """Return the text of a keys.toml that lists all actions, commented out."""
     lines = [
-        "# Keys of capture-app's screen. Take away the # before a line and change its key;",
-        '# more than one is written "x,space". Names are those of Textual: enter, f2, ctrl+a.',
+        "# Keys of capture-app's screen. Remove the # at the start of a line and change its key;",
+        '# write several as "x,space". Key names are Textual\'s: enter, f2, ctrl+a.',
     ]
     room = ""
     for name, action in known_actions().items():
@@ -71,9 +80,9 @@ class HelpScreen(BoxDialog[bool]):
         """
         rows = Lines(id="help-keys")
         rows.show(_rows(actions, key_names))
-        words = ["esc closes; tab goes around; ctrl+p finds an action by a few letters."]
+        words = ["esc closes; tab moves the focus; ctrl+p finds an action by a few letters."]
         if folder:
-            words.append(f"w writes {KEYS_FILE} to {folder}: keys are changed there.")
+            words.append(f"w writes {KEYS_FILE} to {folder}; change keys there.")
         foot = Static(Content("\n".join(words)), id="help-foot")
         super().__init__("keys", VerticalScroll(rows), foot)
 
@@ -97,4 +106,6 @@ def _rows(actions: Sequence[Binding], key_names: dict[str, str]) -> list[Content
     for room in sorted(rooms, key=lambda room: room == EVERYWHERE):
         title = "everywhere" if room == EVERYWHERE else room
         rows += [Content(""), Content.styled(title, "bold $secondary"), *rooms[room]]
+    rows += [Content(""), Content.styled("words", "bold $secondary")]
+    rows += [Content.assemble((f"{term:<{KEY_WIDTH}} ", "bold"), what) for term, what in TERMS.items()]
     return rows[1:]

@@ -1,6 +1,6 @@
 """Dialogs over the screen: their base classes, a choice between answers, and a line of text."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import ClassVar, TypeVar
 
@@ -12,10 +12,13 @@ from textual.containers import Horizontal, Vertical
 from textual.content import Content
 from textual.screen import ModalScreen, Screen
 from textual.widget import Widget
-from textual.widgets import Button, Input, Static
+from textual.widgets import Button, Input, OptionList, Static
+from textual.widgets.option_list import Option
 
 from capture_app.common.text import printable
 from capture_app.protocol.status import RigStatus
+from capture_app.session.reading.take_sheet import TakeSheet
+from capture_app.session.reading.verdict import GRADE_LIMITS
 from capture_app.tui.rig_record import RecordChanged
 
 Result = TypeVar("Result")
@@ -122,6 +125,32 @@ class Question(BoxDialog[str | None]):
         self.dismiss((event.button.id or "").removeprefix("answer-") or None)
 
 
+class ListQuestion(BoxDialog[str | None]):
+    """List of things with explanations; Enter returns the name of the selected one, Escape None."""
+
+    def __init__(self, title: str, rows: Mapping[str, tuple[str, str]], chosen: str = "") -> None:
+        """`rows`: title and explanation by name; `chosen`: the name selected first."""
+        wide = max(len(name) for name, _ in rows.values())
+        self._list = OptionList(
+            *(
+                Option(
+                    Content.assemble((f"{one:<{wide}}", "bold"), (f"  {what}", "$foreground-muted")), id=name
+                )
+                for name, (one, what) in rows.items()
+            )
+        )
+        self._first = list(rows).index(chosen) if chosen in rows else 0
+        super().__init__(title, self._list, subtitle="enter chooses · esc cancels")
+
+    def on_mount(self) -> None:
+        """Select the first choice."""
+        self._list.highlighted = self._first
+
+    def on_option_list_option_selected(self, event: OptionList.OptionSelected) -> None:
+        """Return the selected name."""
+        self.dismiss(event.option_id)
+
+
 class TextQuestion(BoxDialog[str | None]):
     """Question with a line of text as answer; None after Escape."""
 
@@ -146,3 +175,18 @@ class TextQuestion(BoxDialog[str | None]):
         """Return the text if it is valid."""
         if not self._check(event.value):
             self.dismiss(event.value)
+
+
+def explain_verdict(sheet: TakeSheet) -> BoxDialog[None]:
+    """Return the dialog with a verdict's details."""
+    verdict = sheet.verdict
+    parts = (
+        verdict.headline,
+        f"Largest time between images of one instant: {verdict.spread}.",
+        verdict.sentence,
+        verdict.stamps,
+        GRADE_LIMITS,
+    )
+    text = "\n\n".join(part[:1].upper() + part[1:] for part in parts if part)
+    title = f"Verdict on {sheet.session.name}"
+    return BoxDialog(title, Static(Content(printable(text))), subtitle="esc closes")

@@ -31,7 +31,7 @@ class RigRecord:
     status: RigStatus | None = None
     lost: str = ""
     """Reason why the leader does not answer; empty while it does."""
-    news: deque[LogLine] = field(default_factory=lambda: deque(maxlen=MAX_LOG_LINES))
+    log: deque[LogLine] = field(default_factory=lambda: deque(maxlen=MAX_LOG_LINES))
     phases: dict[str, deque[tuple[float, int | None]]] = field(default_factory=dict)
     """Phase errors (ns) by camera, each with the time from which it holds; None if unknown."""
 
@@ -42,7 +42,7 @@ class RigRecord:
                 self.status, self.lost = update, ""
                 self._add_phases(update)
             case LogLine():
-                self.news.append(update)
+                self.log.append(update)
             case LinkLost():
                 self.lost = update.reason
                 if self.status is not None:
@@ -92,7 +92,7 @@ class ActionFailed(Message):
 
 
 @contextmanager
-def telling(widget: Widget) -> Iterator[None]:
+def showing_errors(widget: Widget) -> Iterator[None]:
     """Show errors of a block on the screen, and continue after it."""
     try:
         yield

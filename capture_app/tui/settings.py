@@ -83,10 +83,10 @@ class Settings:
         except FileNotFoundError:
             return {}
         except (OSError, ValueError, RecursionError) as error:
-            self.warnings.append(f"{path} is left aside, as it cannot be read: {error}")
+            self.warnings.append(f"{path} is ignored, as it cannot be read: {error}")
             return {}
         if not isinstance(found, dict):
-            self.warnings.append(f"{path} is left aside, as it holds no choices by name")
+            self.warnings.append(f"{path} is ignored: it is not a table of names and values")
             return {}
         return found
 

@@ -27,7 +27,7 @@ SIGNS = {
     NodeState.JOINING: Sign("○", "joining", "$foreground-muted"),
     NodeState.SYNCING: Sign("◔", "syncing", "$warning"),
     NodeState.ALIGNING: Sign("◑", "aligning", "$warning"),
-    NodeState.DEGRADED: Sign("◕", "coarse", "$warning"),
+    NodeState.DEGRADED: Sign("◕", "degraded", "$warning"),
     NodeState.READY: Sign("●", "ready", "$success"),
     NodeState.LOST: Sign("◌", "lost", "$foreground-muted"),
     NodeState.FAILED: Sign("✖", "failed", "$error"),
@@ -59,12 +59,11 @@ def is_settled(node: NodeStatus) -> bool:
 def rig_sign(status: RigStatus) -> Sign:
     """Return the sign of the whole rig: ready, or the number of ready cameras."""
     here = [node for node in cameras_of(status) if node.state is not NodeState.LOST]
-    gone = [node for node in cameras_of(status) if node.state is NodeState.LOST]
     ready = sum(node.state is NodeState.READY for node in here)
     if not here:
         return EMPTY
     # A rig that has just lost a camera is not shown as ready.
-    lost = sum(node.last_seen_ns <= REPORT_LOST_NS for node in gone)
+    lost = sum(node.last_seen_ns <= REPORT_LOST_NS for node in cameras_of(status) if node not in here)
     if ready == len(here) and lost:
         return Sign(MISSING, f"{ready} of {ready} ready, {lost} lost", "$warning")
     if ready == len(here):

@@ -39,7 +39,7 @@ def test_a_webcams_controls_are_told_in_their_units() -> None:
     assert set(states) == {Control.EXPOSURE, Control.GAIN, Control.WHITE_BALANCE}
     exposure = states[Control.EXPOSURE]
     assert (exposure.value, exposure.unit, exposure.automatic) == (15_700.0, MICROSECONDS, True)
-    assert (exposure.least, exposure.most) == (100.0, 500_000.0)
+    assert (exposure.minimum, exposure.maximum) == (100.0, 500_000.0)
     gain = states[Control.GAIN]
     assert (gain.value, gain.unit) == (4.0, steps_of("C920"))
     assert not gain.automatic

@@ -36,7 +36,7 @@ NODE = ("node", "--leader", "127.0.0.1:1")
         (("status", "--leader", "127.0.0.1:1"), NETWORK, "no leader at 127.0.0.1:1"),
         (("burst", "--frames", "0"), USAGE, "--frames"),
         (("burst", "--spacing", "x"), USAGE, "--spacing"),
-        (("burst", "--consecutive", "--spare", "2"), USAGE, "--consecutive skips nothing"),
+        (("burst", "--consecutive", "--spare", "2"), USAGE, "--consecutive and --spare exclude each other"),
         (("burst", "--leader", "127.0.0.1:1"), NETWORK, "no leader at"),
         (("leader", "--port", "70000"), USAGE, "--port"),
         (("leader", "--fps", "0"), USAGE, "--fps"),

@@ -32,7 +32,7 @@ def test_the_bundled_session_gives_its_truth_back(capsys: pytest.CaptureFixture[
     assert abs(errors["rate_error_ppm"]) < errors["rate_uncertainty_ppm"]
     all_pairs = errors["all"]
     words = told["words"]
-    bars = "the panel tells ±20 µs; clocks inside their error bars: 5 of 5"
+    bars = "the panel resolves ±20 µs; clocks inside their error bars: 5 of 5"
     assert words["verdict"] == f"30 µs apart on average, 31 µs at most; {bars}"
     assert [row[0] for row in words["tables"][1]["rows"]] == ["cam00", "cam01"]
     assert words["tables"][0]["rows"][0][:3] == ["cam00 - cam01", "total", "30 µs"]

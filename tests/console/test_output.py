@@ -105,7 +105,7 @@ def test_what_was_left_out_is_said_when_reading_goes_on(tmp_path: Path) -> None:
     assert len(numbers) + left_out == 20000
     told_lines = 0
     for text in process.stderr:
-        gap = re.fullmatch(rb"\((\d+) lines were left out here: nobody read them\)\n", text)
+        gap = re.fullmatch(rb"\((\d+) lines were left out here: they were not read in time\)\n", text)
         told_lines += int(gap[1]) if gap else 1
         if told_lines >= 20000:
             break
@@ -129,7 +129,7 @@ def test_writes_after_a_gap_follow_its_notice(pipe: tuple[int, int]) -> None:
     read += os.read(reading, 1 << 16)
     *before, notice, last = read.splitlines()
     assert (last, before) == (b"and on", [line[:-1]] * len(before))
-    assert notice == b"(%d lines were left out here: nobody read them)" % (200 - len(before))
+    assert notice == b"(%d lines were left out here: they were not read in time)" % (200 - len(before))
 
 
 def test_a_line_that_is_larger_than_the_queue_is_written(pipe: tuple[int, int]) -> None:

@@ -47,13 +47,13 @@ async def test_a_camera_is_started_looked_at_and_removed(start: Start, tmp_path:
     assert (seen["camera"], seen["width"], seen["height"]) == ("desk", 32, 24)
     assert cv2.imread(str(picture)).shape == (24, 32, 3)
     there = await refusal(ExitCode.INCOMPLETE, "preview", "door")
-    assert "no camera named door (there are cam00, desk)" in there
+    assert "no camera named door (cameras: cam00, desk)" in there
 
     counting = await start("coverage", *at, "--for-s", "3", "--json")
     covered = json.loads((await counting.finish()).splitlines()[-1])
     assert counting.process.returncode == ExitCode.INCOMPLETE
     assert {name: camera["views"] for name, camera in covered["cameras"].items()} == {"cam00": 0, "desk": 0}
-    assert "still missing: " in counting.said[-1]
+    assert "the coverage is incomplete: " in counting.said[-1]
     assert "has not seen the board yet" in counting.said[-1]
 
     events = [await watching.next_json()]
@@ -89,9 +89,9 @@ async def test_a_count_of_the_board_goes_on_when_the_leader_is_back(start: Start
     counting = await start("coverage", "--leader", address, "--width", "640", "--json")
     assert (await counting.next_json())["cameras"]["cam00"]["views"] == 0
     await leader.kill()
-    await counting.says("what is counted so far stays")
+    await counting.says("the count so far is kept")
     await start(*serving, "--port", address.rpartition(":")[2])
-    await counting.says("the count goes on")
+    await counting.says("the count continues")
     # The previews come again too: at 3 a second so many cannot be of before.
     while (await counting.next_json())["cameras"]["cam00"]["views"] < 4:
         pass

@@ -61,7 +61,7 @@ async def test_phones_join_align_take_a_burst_vanish_and_come_back(place: Place)
     await again.open_camera()
     await ready(place, "left", "right")
     assert len((await burst(place, 2)).manifest.images) == 4
-    await until(lambda: "ready" in again.states or "coarse" in again.states)
+    await until(lambda: "ready" in again.states or "degraded" in again.states)
 
 
 @pytest.mark.slow

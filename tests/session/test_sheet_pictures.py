@@ -57,16 +57,16 @@ def test_the_wiggle_goes_there_and_back(
         # A GIF has 256 colours.
         assert np.abs(frame[24, 32, :3].astype(int) - colour_of(camera * 3 + 1)).max() <= 24
     assert run(command) == ExitCode.BAD_INPUT
-    assert "is there already" in capsys.readouterr().err
+    assert "exists already" in capsys.readouterr().err
     assert run([*command, "--replace"]) == 0
 
 
 @pytest.mark.parametrize(
     ("arguments", "reason"),
     [
-        (["sheet", "--out", "sheet.bmp"], "may end in .jpg, .jpeg, .png"),
+        (["sheet", "--out", "sheet.bmp"], "use .jpg or .jpeg or .png"),
         (["wiggle", "--out", "w.gif", "--instant", "9"], "it has cam00, cam01, cam02, cam03 at 0 to 2"),
-        (["wiggle", "--out", "w.mp4"], "may end in .gif, .webp"),
+        (["wiggle", "--out", "w.mp4"], "use .gif or .webp"),
     ],
 )
 def test_mistakes_are_sentences(

@@ -85,6 +85,16 @@ def test_what_is_missing_is_said() -> None:
     assert "all 4 images there" in whole.headline
 
 
+def test_a_take_that_lacks_most_images_is_poor_however_well_synchronized() -> None:
+    reasons = tuple(
+        MissingImage(camera=camera, instant=instant, reason="?")
+        for camera, instant in (("left", 0), ("right", 0), ("right", 1))
+    )
+    verdict = judge(take(image("left", 1, 0), missing=reasons))
+    assert verdict.grade == "poor"
+    assert verdict.headline.startswith("poor: 3 of 4 images missing; the rest is ")
+
+
 def test_the_grades_are_explained_by_the_limits_that_hold() -> None:
     limits = (100 * US, 1 * MS, 10 * MS)
     assert GRADE_LIMITS == (

@@ -86,9 +86,9 @@ class DeviceControl:
             unit=MICROSECONDS if exposes else steps_of(facts.model),
             automatic=self.is_automatic,
             can_be_automatic=self.can_be_automatic,
-            least=lowest,
+            minimum=lowest,
             # A longer exposure would delay frames.
-            most=min(highest, facts.period_ns / 1000) if exposes else highest,
+            maximum=min(highest, facts.period_ns / 1000) if exposes else highest,
         )
 
 

@@ -92,8 +92,8 @@ def read_states(
                 unit=of.unit,
                 automatic=of.switch in known and settings.get(of.switch, of.automatic) == of.automatic,
                 can_be_automatic=of.switch in known,
-                least=float(limits[0]),
-                most=float(min(limits[1], period_us) if control is Control.EXPOSURE else limits[1]),
+                minimum=float(limits[0]),
+                maximum=float(min(limits[1], period_us) if control is Control.EXPOSURE else limits[1]),
             )
         )
     return tuple(states)

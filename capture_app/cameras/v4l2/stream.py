@@ -108,8 +108,8 @@ def read_controls(device: VideoDevice, model: str) -> tuple[ControlState, ...]:
                 unit=of.unit or steps_of(model),
                 automatic=switch not in (None, of.manual),
                 can_be_automatic=switch is not None,
-                least=limits[0] * of.scale,
-                most=limits[1] * of.scale,
+                minimum=limits[0] * of.scale,
+                maximum=limits[1] * of.scale,
             )
         )
     return tuple(states)

@@ -136,7 +136,7 @@ class ControlKeeper:
         if value == "hold" and state.automatic and control not in self._live:
             return f"it may report another {control} than it used: check whether the picture has changed"
         if nearest != asked:
-            return f"{asked:g} {state.unit} is out of its range, {state.least:g} to {state.most:g}"
+            return f"{asked:g} {state.unit} is out of its range, {state.minimum:g} to {state.maximum:g}"
         return ""
 
     async def _release(self, state: ControlState) -> str:

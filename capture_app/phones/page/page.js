@@ -181,7 +181,7 @@ const STATES = {
   joining: ["wait", "Joining", "Connecting to the leader."],
   syncing: ["wait", "Measuring the clock", "Leave the phone where it is. This takes some seconds."],
   aligning: ["wait", "Getting in step", "The camera restarts until its frames begin when the others' do; its picture may stop for a moment."],
-  coarse: ["good", "Ready, roughly", "Pictures are taken by the leader."],
+  degraded: ["good", "Ready, roughly", "Pictures are taken by the leader."],
   ready: ["good", "Ready", "Pictures are taken by the leader. Do not move the phone, and leave this page open."],
   failed: ["bad", "Paused", ""],
   lost: ["bad", "Lost", ""],

@@ -68,7 +68,7 @@ def wiggle_frames(sheet: TakeSheet, instant: int, width: int) -> "list[Picture]"
     import numpy as np
 
     height, frames = round(width * sheet.aspect), []
-    for image in (sheet.load(camera, instant, width) for camera in sheet.cameras):
+    for image in (sheet.load(camera, instant, width) for camera in sheet.arc):
         if image is not None:
             fitted, whole = fit(image, width, height), np.zeros((height, width, 3), np.uint8)
             top, left = (height - fitted.shape[0]) // 2, (width - fitted.shape[1]) // 2

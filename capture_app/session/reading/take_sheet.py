@@ -1,4 +1,4 @@
-"""A take as a table: cameras across in the order of their arc, instants down, a note on each image."""
+"""A take as a table: cameras across by name, instants down, a note on each image."""
 
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
@@ -68,7 +68,9 @@ class TakeSheet:
     def __init__(self, session: Session) -> None:
         """Read the camera order of a session. Raises BadInputError if its calibration is malformed."""
         self.session, self.verdict = session, judge(session.manifest)
-        self.cameras = arc_order(session)
+        self.cameras = tuple(sorted((one.name for one in session.manifest.cameras), key=natural_order))
+        self.arc = arc_order(session)
+        """Cameras in the order of their arc, for pictures in motion."""
         self._images = {(image.camera, image.instant): image for image in session.manifest.images}
         self._missing = {(one.camera, one.instant): one.reason for one in session.manifest.missing}
 
@@ -103,7 +105,7 @@ class TakeSheet:
             return self._missing.get((camera, instant), "missing")
         if image.late:
             return f"{duration(image.residual_ns, signed=True)} off"
-        return "frame beside it" if image.substitute else ""
+        return "neighbouring frame" if image.substitute else ""
 
     def since_start_ns(self, instant: int) -> int:
         """Return the time of an instant since the first one, ns."""

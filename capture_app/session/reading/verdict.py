@@ -24,7 +24,7 @@ Grade = Literal["excellent", "good", "fair", "poor", "unknown"]
 """Displacement between cameras of an object at `PX_PER_S`, including the uncertainty of the image times.
 
 Excellent, good and fair are below 0.1, 1 and 10 px. Unknown: no instant has two images, or the uncertainty of
-their times is unknown.
+their times is unknown. Poor also if more than `MAX_MISSING` of the images are missing.
 """
 
 
@@ -32,6 +32,8 @@ UNSYNCHRONIZED_SENTENCE = (
     "images are paired by each camera's own times, which say nothing of the others': "
     "reconstruct time --apply aligns them by what moves"
 )
+MAX_MISSING = 0.5
+"""Fraction of missing images above which a take is poor, whatever its synchronization."""
 _LIMITS_PX: tuple[tuple[float, Grade], ...] = ((0.1, "excellent"), (1.0, "good"), (10.0, "fair"))
 GRADE_LIMITS = "spread and error together: " + ", ".join(
     f"{grade} below {duration(limit / PX_PER_S * 1e9)}" for limit, grade in _LIMITS_PX
@@ -90,20 +92,29 @@ def judge(manifest: Manifest) -> Verdict:
         purpose, sentence = NOT_SYNCHRONIZED, UNSYNCHRONIZED_SENTENCE
     elif spreads:
         sentence = describe_displacement(sync)
+    headline = f"{purpose}; {_completeness(manifest, sync)}"
+    expected = len(manifest.cameras) * len(manifest.burst.instants_ns)
+    if is_incomplete(expected - len(manifest.images), expected):
+        grade, headline = "poor", f"poor: {_completeness(manifest, sync)}; the rest is {purpose}"
     return Verdict(
         grade=grade,
-        headline=f"{purpose}; {_completeness(manifest, sync)}",
+        headline=headline,
         sentence=sentence,
         spread_ns=spread_ns,
         spread_error_ns=error_ns,
         motion_px_per_s=motion,
         images=len(manifest.images),
-        expected=len(manifest.cameras) * len(manifest.burst.instants_ns),
+        expected=expected,
         dropped=sync.dropped,
         substituted=sync.substituted,
         late=sync.late,
         stamps=unmeasured_stamps(stamped),
     )
+
+
+def is_incomplete(missing: int, expected: int) -> bool:
+    """Return whether so many images are missing that the take is poor."""
+    return missing > MAX_MISSING * expected
 
 
 def find_sync_record(manifest: Manifest) -> SyncRecord:

@@ -14,7 +14,7 @@ from capture_app.tui.jobs.result_screen import open_report, show_result
 from capture_app.tui.jobs.run import SIGNS, Run, RunState, progress_words, rough_time
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.mode import ModeView
-from capture_app.tui.rig_record import RecordChanged, telling
+from capture_app.tui.rig_record import RecordChanged, showing_errors
 from capture_app.tui.widgets.lines import Lines, chosen_line, filled_cells, justified
 from capture_app.tui.widgets.row_list import RowList
 
@@ -24,9 +24,9 @@ LOOK_EVERY_S = 0.25
 """Redraw interval in seconds: a program may print a thousand lines a second."""
 EMPTY = (
     "No job yet.",
-    "In Sessions (key 3), c compares a take, e exports it, and a offers all that can be done with it.",
+    "In Sessions (key 3): c compares a take, e exports it, a lists all commands.",
 )
-_WORD_CHARACTERS, _INDENT = 9, 4
+_STATE_WIDTH, _INDENT = 14, 4
 
 
 def draw_run(run: Run, width: int, chosen: bool) -> Sequence[Content | Strip]:
@@ -34,17 +34,17 @@ def draw_run(run: Run, width: int, chosen: bool) -> Sequence[Content | Strip]:
     sign = SIGNS[run.state]
     when = "" if run.ended is None else run.ended.astimezone().strftime("%d %b %H:%M")
     left = Content.assemble(
-        (f" {sign.glyph} {sign.word:<{_WORD_CHARACTERS}} ", f"bold {sign.style}"),
+        (f" {sign.glyph} {sign.word:<{_STATE_WIDTH}} ", f"bold {sign.style}"),
         (f"{run.command.title}  ", "bold"),
         (printable(run.session.name), "$foreground"),
     )
     first = justified(left, Content.styled(f"{when} ", "$foreground-muted"), width)
-    if run.state.is_over:
+    if run.state.is_over or run.is_foreign:
         style = "$error" if run.state is RunState.FAILED else "$foreground-muted"
         second = Content.styled(f"{'':<{_INDENT}}{printable(run.message)}", style)
     else:
         bar = min(24, max(8, width // 5))
-        full = filled_cells(run.share or 0.0, bar)
+        full = filled_cells(run.fraction or 0.0, bar)
         second = Content.assemble(
             " " * _INDENT,
             (full, "$primary"),
@@ -63,7 +63,7 @@ class JobsView(ModeView):
         Binding("o", "report", "Report", id="jobs.report"),
         Binding("x", "cancel", "Cancel", id="jobs.cancel"),
         Binding("r", "retry", "Run again", id="jobs.retry"),
-        Binding("delete,backspace", "forget", "Take off the list", id="jobs.forget", key_display="del"),
+        Binding("delete,backspace", "forget", "Remove", id="jobs.forget", key_display="del"),
     ]
 
     def __init__(self, runs: Runs) -> None:
@@ -110,7 +110,7 @@ class JobsView(ModeView):
         if runs and self.has_focus:
             self._rows.focus()
         self._rows.show_items({run.key: run for run in runs})
-        held = " · paused: a burst has the machine to itself" if self._runs.are_held and unfinished else ""
+        held = " · paused while a burst is taken or saved" if self._runs.are_held and unfinished else ""
         self._rows.border_subtitle = f"{unfinished} to do{held}" if unfinished else count(len(runs), "job")
         self._show_log()
         self.refresh_bindings()
@@ -164,7 +164,7 @@ class JobsView(ModeView):
         return {
             "open": run is not None and run.result is not None,
             "report": run is not None and run.report is not None,
-            "cancel": run is not None and not over,
+            "cancel": run is not None and not over and not run.is_foreign,
             "retry": over,
             "forget": over,
         }.get(action, True)
@@ -174,7 +174,7 @@ class JobsView(ModeView):
         """Show the selected run's results."""
         run = self._rows.item
         if run is not None and run.result is not None:
-            await show_result(self, run)
+            await show_result(self, run, self._runs.log(run))
 
     def action_report(self) -> None:
         """Open the selected run's report in the browser."""
@@ -190,7 +190,7 @@ class JobsView(ModeView):
     def action_retry(self) -> None:
         """Run the same command again."""
         if (run := self._rows.item) is not None:
-            with telling(self):
+            with showing_errors(self):
                 self._rows.choose(self._runs.add(run.command, run.session, run.options, run.out).key)
 
     @work

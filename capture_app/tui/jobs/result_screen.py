@@ -1,25 +1,33 @@
-"""Whole-screen view of a result: verdict, tables, and pictures switched between the two conditions."""
+"""Whole-screen view of a result: its verdict, tables and notes, and its pictures in both conditions.
+
+All texts are those that the command wrote or printed; nothing is computed here.
+"""
 
 import asyncio
 import os
-import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from functools import partial
-from itertools import count, groupby, zip_longest
 from pathlib import Path
-from typing import ClassVar
+from typing import Any, ClassVar
 
+import msgspec
+from rich import box
+from rich.console import Group, RenderableType
+from rich.table import Table
+from rich.text import Text
 from textual import events
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical, VerticalScroll
 from textual.content import Content
 from textual.widget import Widget
+from textual.widgets import Static
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.text import printable
-from capture_app.tui.jobs.results import ResultPicture, ResultTable, StudyResult, read_result
+from capture_app.common.text import ProgressStep, printable
+from capture_app.session.format.manifest import inside
 from capture_app.tui.jobs.run import Run
-from capture_app.tui.rig_record import ActionFailed, telling
+from capture_app.tui.rig_record import ActionFailed, showing_errors
 from capture_app.tui.widgets.cells import Image
 from capture_app.tui.widgets.lines import Lines
 from capture_app.tui.widgets.picture import Picture, Source
@@ -28,69 +36,100 @@ from capture_app.tui.widgets.whole_screen import WholeScreen
 BLINK_S = 0.8
 WIDE = 150
 """Width from which pictures and tables are shown side by side."""
+SYNCED, OFFSET = "synchronized", "offset"
+_FIRST = ("multiview_depth", "stereo_depth", "panorama", "multiview_movers", "stereo_movers", "stereo_late")
+"""Keys of the most informative pictures, shown first."""
 
 
-def verdict_lines(text: str, width: int) -> list[Content]:
-    """Return a verdict in lines of a width, its first sentence in bold."""
-    # A narrow space keeps a number and its unit on one line.
-    text = re.sub(r"(?<=\d) (?=(?:[mµn]?s|px|[cm]?m)\b|%)", "\u202f", printable(text))
-    first, dot, rest = text.partition(". ")
-    return Content.assemble((first + dot.strip(), "bold"), (f" {rest}" if rest else "", "$foreground")).wrap(
-        width
-    )
+@dataclass(frozen=True, slots=True)
+class ResultPicture:
+    """Picture in both conditions; `offset` is None if only the synchronized one exists."""
+
+    title: str
+    caption: str
+    synced: Path
+    offset: Path | None = None
+    synced_label: str = SYNCED
+    offset_label: str = OFFSET
 
 
-def figure_lines(result: StudyResult, width: int) -> Iterator[Content]:
-    """Yield the verdict, the tables and the notes, in lines of a width."""
-    yield from (*verdict_lines(result.verdict, width), Content(""))
-    for table in result.tables:
-        yield from (*_table(table, width), Content(""))
-    for remark in result.remarks:
-        yield from Content.styled(printable(remark), "$foreground-muted").wrap(width)
+class ResultTable(msgspec.Struct, frozen=True):
+    """Table of formatted values: headings of the value columns, and rows that start with a name."""
+
+    caption: str
+    groups: tuple[str, ...]
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
 
 
-def _table(table: ResultTable, width: int) -> Iterator[Content]:
-    """Yield a table in lines: groups above the columns, numbers right-aligned."""
-    rows = [tuple(printable(cell) for cell in row) for row in table.rows]
-    columns = zip_longest(table.columns, *(row[1:] for row in rows), fillvalue="")
-    widths = [max(map(len, column)) for column in columns]
-    longest = max((len(row[0]) for row in rows), default=12)
-    name = max(12, min(longest, width - sum(widths) - 2 * len(widths)))
-    yield Content.styled(printable(table.caption), "bold $primary").truncate(width, ellipsis=True)
-    if any(table.groups):
-        groups = "".join(
-            f"  {_cut(group.replace('Things at rest', 'At rest'), room):>{room}}"
-            for group, room in _spans(table, widths)
+class StudyResult(msgspec.Struct, frozen=True):
+    """Result of a run as the screen shows it."""
+
+    verdict: str
+    pictures: tuple[ResultPicture, ...] = ()
+    tables: tuple[ResultTable, ...] = ()
+    notes: tuple[str, ...] = ()
+    """What was left out, with the reason, and what else the command printed."""
+
+
+def read_result(run: Run, log: Sequence[str] = ()) -> StudyResult:
+    """Read a run's result; `log` is its output. Raises BadInputError if it is missing or unreadable."""
+    path = run.result
+    if path is None:
+        raise BadInputError(f"{run.command.title} of {run.session.name} has no result", hint="run it again")
+    try:
+        found = msgspec.json.decode(path.read_bytes(), type=dict[str, Any])
+        words = found.get("words") or {}
+        skipped = (
+            f"no {one['name']}: {one['skipped']}" for one in found.get("studies", ()) if one["skipped"]
         )
-        yield Content.styled(f"{'':<{name}}{groups}", "$foreground-muted")
-    heads = "".join(f"  {head:>{room}}" for head, room in zip(table.columns, widths, strict=True))
-    yield Content.styled(f"{'':<{name}}{heads}", "$foreground-muted")
-    styles = [_style(table, at) for at in range(len(widths))]
-    for row in rows:
-        cells = zip(row[1:], widths, styles, strict=False)
-        parts = [Content.styled(f"  {cell:>{room}}", style) for cell, room, style in cells]
-        yield Content("").join([Content(f"{_cut(row[0], name):<{name}}"), *parts])
+        left_out = (f"{name} is left out: {why}" for name, why in found.get("left_out", {}).items())
+        printed = [line for line in log if ProgressStep.parse(line) is None] if not words else ()
+        return StudyResult(
+            run.message,
+            tuple(_pictures(found, words, path.parent)),
+            msgspec.convert(words.get("tables", ()), tuple[ResultTable, ...]),
+            (*skipped, *left_out, *words.get("remarks", ()), *printed),
+        )
+    except OSError as error:
+        raise BadInputError(f"cannot read {path}: {error.strerror}", hint="run it again") from error
+    except (msgspec.DecodeError, KeyError, TypeError, ValueError, IndexError, AttributeError) as error:
+        raise BadInputError(f"{path} is not a result of this version", hint="run it again") from error
 
 
-def _style(table: ResultTable, at: int) -> str:
-    """Return a column's style: alternating for synchronized and offset, neutral for all other columns."""
-    if "rest" in table.groups[at] or "still" in table.columns[at]:
-        return "$foreground-muted"
-    if not any(table.groups) and len(table.columns) not in (2, 3):
-        return "$foreground"
-    return "$error" if at % 2 else "bold $success"
+def _pictures(found: dict[str, Any], words: dict[str, Any], folder: Path) -> Iterator[ResultPicture]:
+    """Yield the pictures of a comparison, a panorama or depth maps, the most informative first."""
+    studied = [
+        (one, words.get("unsynchronized" if len(study["cameras"]) > 2 else "offset", OFFSET))
+        for study in found.get("studies", ())
+        for one in study["pictures"]
+    ]
+    for one, label in sorted(studied, key=lambda each: (*_FIRST, each[0]["key"]).index(each[0]["key"])):
+        paths = inside(folder, one["synced"]), inside(folder, one["offset"])
+        yield ResultPicture(one["title"], one["caption"], *paths, words.get("synced", SYNCED).lower(), label)
+    synced, offset = found.get("synced", {}), found.get("offset") or {}
+    for key, title in (("panorama", "Panorama"), ("ghosts", "Ghosts: where pictures do not fit")):
+        if key in synced:
+            other = inside(folder, offset[key]) if key in offset else None
+            label = f"{found['actual_offset_ms']:.0f} ms offset"
+            yield ResultPicture(title, "", inside(folder, synced[key]), other, SYNCED, label)
+    for view in found.get("views", ()):
+        caption = f"{found['nearest']:.3g} to {found['farthest']:.3g} {found['unit']}; dark: no distance"
+        yield ResultPicture(f"Distance, {view['camera']}", caption, inside(folder, view["picture"]))
 
 
-def _spans(table: ResultTable, widths: list[int]) -> Iterator[tuple[str, int]]:
-    """Yield each group of neighbouring columns and its width in cells; a column without a group is alone."""
-    columns = zip(count(), table.groups, widths, strict=False)
-    for (group, _), found in groupby(columns, key=lambda column: (column[1], column[1] or column[0])):
-        rooms = [room for _, _, room in found]
-        yield group, sum(rooms) + 2 * (len(rooms) - 1)
-
-
-def _cut(text: str, width: int) -> str:
-    return text if len(text) <= width else text[: max(0, width - 1)] + "…"
+def figures(result: StudyResult) -> Iterator[RenderableType]:
+    """Yield the verdict, the tables and the notes."""
+    first, dot, rest = printable(result.verdict).partition(". ")
+    yield Text.assemble((first + dot, "bold"), rest + "\n")
+    for table in result.tables:
+        drawn = Table("", box=box.SIMPLE_HEAD, title=Text(printable(table.caption)), title_justify="left")
+        for group, column in zip(table.groups, table.columns, strict=True):
+            drawn.add_column(Text(printable(f"{group}\n{column}".strip())), justify="right")
+        for row in table.rows:
+            drawn.add_row(*(Text(printable(cell)) for cell in row))
+        yield drawn
+    yield from (Text(printable(note), style="dim") for note in result.notes)
 
 
 class ResultScreen(WholeScreen[None]):
@@ -100,21 +139,18 @@ class ResultScreen(WholeScreen[None]):
         Binding("space,s", "switch", "Synced/offset", id="result.switch", key_display="space"),
         Binding("right,n", "move(1)", "Next picture", id="result.next", key_display="→"),
         Binding("left,p", "move(-1)", "Previous picture", id="result.previous", show=False, key_display="←"),
-        Binding("b", "blink", "Blink", id="result.blink"),
+        Binding("b", "blink", "Blink", id="result.blink", tooltip="alternate both conditions"),
         Binding("f,tab", "figures", "Figures", id="result.figures", key_display="f"),
         Binding("o", "report", "Report", id="result.report"),
         Binding("escape,backspace", "dismiss", "Back", id="result.back", key_display="esc"),
     ]
 
     def __init__(self, run: Run, result: StudyResult) -> None:
-        self._verdict = Lines(id="result-verdict")
-        self._words = Lines(id="result-figures")
-        self._sides = Lines(id="result-sides")
+        self._labels = Lines(id="result-labels")
         self._picture = Picture(words="no picture", id="result-picture")
         self._caption = Lines(id="result-caption")
-        self._text = VerticalScroll(self._words, id="result-words")
-        pictures = (self._verdict, self._sides, self._picture, self._caption)
-        self._pictures = Vertical(*pictures, id="result-pictures")
+        self._text = VerticalScroll(Static(Group(*figures(result)), id="result-figures"), id="result-words")
+        self._pictures = Vertical(self._labels, self._picture, self._caption, id="result-pictures")
         super().__init__(Horizontal(self._text, self._pictures))
         self._run, self._result = run, result
         self._at = 0
@@ -127,6 +163,8 @@ class ResultScreen(WholeScreen[None]):
     def on_mount(self) -> None:
         """Start the timer that blinks the conditions."""
         self.set_interval(BLINK_S, self._blink)
+        title = f" {self._run.command.title} · {self._run.session.name} · {self._run.out}"
+        self.title_line.show([Content.styled(printable(title), "bold")])
 
     @property
     def picture(self) -> ResultPicture | None:
@@ -138,9 +176,10 @@ class ResultScreen(WholeScreen[None]):
     def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
         """Offer only what this result contains."""
         seen = not self._figures or self._is_wide
+        has_two = seen and self.picture is not None and self.picture.offset is not None
         return {
-            "switch": seen and self._has_two_conditions,
-            "blink": seen and self._has_two_conditions,
+            "switch": has_two,
+            "blink": has_two,
             "move": seen and len(self._result.pictures) > 1,
             "figures": bool(self._result.pictures) and not self._is_wide,
             "report": self._run.report is not None,
@@ -148,8 +187,8 @@ class ResultScreen(WholeScreen[None]):
 
     def action_switch(self) -> None:
         """Show the other condition."""
-        self._blinks = False
-        self._turn()
+        self._blinks, self.shows_offset = False, not self.shows_offset
+        self._show_picture()
 
     def action_blink(self) -> None:
         """Start or stop alternating between both conditions."""
@@ -163,7 +202,7 @@ class ResultScreen(WholeScreen[None]):
 
     def on_click(self, event: events.Click) -> None:
         """Switch the condition after a click on the picture or on the labels above it."""
-        if event.widget in (self._picture, self._sides) and self._has_two_conditions:
+        if event.widget in (self._picture, self._labels) and self.check_action("switch", ()):
             self.action_switch()
 
     def action_figures(self) -> None:
@@ -178,10 +217,6 @@ class ResultScreen(WholeScreen[None]):
     # Drawing
 
     @property
-    def _has_two_conditions(self) -> bool:
-        return self.picture is not None and self.picture.offset is not None
-
-    @property
     def _is_wide(self) -> bool:
         return self.size.width >= WIDE
 
@@ -192,64 +227,44 @@ class ResultScreen(WholeScreen[None]):
         self._pictures.display = both or not self._figures
         if self._figures and not both:
             self._text.focus()
-        self.call_after_refresh(self._show)
+        self.call_after_refresh(self._show_picture)
 
     on_resize = _lay_out
-
-    def _show(self) -> None:
-        width = max(24, self._text.scrollable_content_region.width or self.size.width - 4)
-        self.title_line.show(
-            [
-                Content.assemble(
-                    (f" {self._run.command.title} ", "reverse bold $primary"),
-                    (f" {printable(self._run.session.name)}", "bold"),
-                    (f"   {printable(str(self._run.out))}", "$foreground-muted"),
-                ).truncate(self.size.width, ellipsis=True)
-            ]
-        )
-        self._words.show(figure_lines(self._result, width))
-        room = max(24, self.size.width - 4)
-        self._verdict.show(verdict_lines(self._result.verdict, room))
-        self._show_picture()
 
     def _show_picture(self) -> None:
         picture = self.picture
         if picture is None:
             return
-        path = picture.synced if picture.offset is None or not self.shows_offset else picture.offset
+        path = picture.offset if picture.offset is not None and self.shows_offset else picture.synced
         self.shows_offset = path is picture.offset
         source = self._sources.setdefault(path, partial(_read, path))
         sharp = None if self._blinks else source
-        self._picture.show(source, f"{path.name} is gone: run the job again", sharp=sharp)
-        sides = []
-        if picture.offset is not None:
-            for words, seen, style in (
-                (picture.synced_words, not self.shows_offset, "$success"),
-                (picture.offset_words, self.shows_offset, "$error"),
-            ):
-                look = f"reverse bold {style}" if seen else "$foreground-muted"
-                sides.append(Content.styled(f" {'●' if seen else '○'} {words} ", look))
-        place = f"{self._at + 1}/{len(self._result.pictures)}  {printable(picture.title)}"
-        line = Content("  ").join(sides)
-        gap = self._sides.scrollable_content_region.width - line.cell_length - len(place)
-        self._sides.show([Content.assemble(line, " " * max(2, gap), (place, "bold"))])
+        self._picture.show(source, f"{path.name} no longer exists: run the job again", sharp=sharp)
+        conditions = [
+            (picture.synced_label, not self.shows_offset, "$success"),
+            (picture.offset_label, self.shows_offset, "$error"),
+        ]
+        labels = [
+            (f" {'●' if seen else '○'} {label} ", f"reverse bold {style}" if seen else "$foreground-muted")
+            for label, seen, style in conditions
+            if picture.offset is not None
+        ]
+        place = f" {self._at + 1}/{len(self._result.pictures)}  {printable(picture.title)}"
+        self._labels.show([Content.assemble(*labels, (place, "bold"))])
         width = max(24, self._caption.scrollable_content_region.width)
         self._caption.show(Content.styled(printable(picture.caption), "$foreground-muted").wrap(width)[:3])
         self.refresh_bindings()
 
     def _blink(self) -> None:
         if self._blinks:
-            self._turn()
-
-    def _turn(self) -> None:
-        self.shows_offset = not self.shows_offset
-        self._show_picture()
+            self.shows_offset = not self.shows_offset
+            self._show_picture()
 
 
 def open_report(widget: Widget, report: Path | None) -> None:
     """Open a report in the browser; over SSH, show its path instead."""
     if report is None or not report.is_file():
-        error = BadInputError("the report is gone", hint="run the job again")
+        error = BadInputError("the report no longer exists", hint="run the job again: r")
         widget.post_message(ActionFailed(error))
         return
     path = report.resolve()
@@ -267,8 +282,8 @@ def _read(path: Path) -> bytes | Image | None:
         return None
 
 
-async def show_result(widget: Widget, run: Run) -> None:
-    """Show a run's result on the whole screen, or an error if it cannot be read."""
-    with telling(widget):
-        result = await asyncio.to_thread(read_result, run)
+async def show_result(widget: Widget, run: Run, log: Sequence[str]) -> None:
+    """Show a run's result on the whole screen, or an error if it cannot be read; `log` is its output."""
+    with showing_errors(widget):
+        result = await asyncio.to_thread(read_result, run, log)
         await widget.app.push_screen(ResultScreen(run, result))

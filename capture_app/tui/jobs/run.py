@@ -1,11 +1,13 @@
 """Commands that the screen can run on a session, and one run of a command with its progress and outcome."""
 
+import os
 import shlex
 from collections.abc import Mapping
 from dataclasses import dataclass
 from datetime import datetime
 from enum import StrEnum
 from pathlib import Path
+from socket import gethostname
 from typing import Annotated
 
 from msgspec import Meta, Struct
@@ -21,6 +23,8 @@ CAPTURE, RECONSTRUCT = "capture_app.cli", "reconstruction.cli"
 _PROGRAMS = {CAPTURE: "capture-app", RECONSTRUCT: "reconstruct"}
 REPORT = "report.html"
 """Report in a run's folder, for commands that write one."""
+OWN = f"{gethostname()}:{os.getpid()}"
+"""Owner of the runs of this process."""
 MEASURED_FRACTION = 1 / 3
 """Fraction of a run's steps after which the remaining time is estimated."""
 
@@ -48,10 +52,10 @@ class Command:
         try:
             words = shlex.split(options)
         except ValueError as error:
-            raise BadInputError(f"the options cannot be read: {error}", hint="close all quotes") from None
+            raise BadInputError(f"the options are not valid: {error}", hint="close all quotes") from None
         for word in words:
             if word.partition("=")[0] in ("--out", "--json"):
-                raise BadInputError(f"{word} is set by the job itself", hint="leave it out")
+                raise BadInputError(f"{word} is set by the job", hint="remove it")
         target = () if out is None or not self.writes else ("--out", str(out))
         return (*self.words, str(session), *self.fixed, *words, *target)
 
@@ -63,7 +67,7 @@ class Command:
 COMPARE = Command(
     "compare",
     "Compare",
-    "what synchronization is worth in this take",
+    "synchronized against offset images",
     RECONSTRUCT,
     ("compare",),
     "--max-multiview-instants 3 --multiview-width 320",
@@ -81,7 +85,7 @@ MULTIVIEW = Command(
 MOMENT = Command(
     "moment",
     "Depth of the moment",
-    "depth of one instant at once, and a page to turn it",
+    "quick depth of one instant, and a 3D page",
     RECONSTRUCT,
     ("multiview",),
     "--instant 0",
@@ -91,7 +95,7 @@ MOMENT = Command(
 CLOUDS = Command(
     "clouds",
     "Clouds of all instants",
-    "a cloud of each, and masks of what moves",
+    "point clouds and motion masks",
     RECONSTRUCT,
     ("multiview",),
     result="sequence.json",
@@ -100,7 +104,7 @@ CLOUDS = Command(
 PANORAMA = Command(
     "panorama",
     "Panorama",
-    "one wide picture, of one instant and late",
+    "one wide picture, synchronized and offset",
     RECONSTRUCT,
     ("panorama",),
     "--instant 0 --offset-ms 66",
@@ -109,7 +113,7 @@ PANORAMA = Command(
 TOLERANCE = Command(
     "tolerance",
     "Tolerable delay",
-    "how late a camera may be for good depth",
+    "maximum camera delay for good depth",
     RECONSTRUCT,
     ("tolerance",),
     "--max-instants 4",
@@ -118,7 +122,7 @@ TOLERANCE = Command(
 PANEL = Command(
     "panel",
     "Panel",
-    "how far apart the cameras were, by a panel",
+    "time differences seen on a panel",
     CAPTURE,
     ("panel", "read"),
     result="panel.json",
@@ -126,7 +130,7 @@ PANEL = Command(
 VERIFY = Command(
     "verify",
     "Verify",
-    "whether every file is as it was saved",
+    "check that every file is intact",
     CAPTURE,
     ("sessions", "verify"),
     writes=False,
@@ -134,7 +138,7 @@ VERIFY = Command(
 REPAIR = Command(
     "repair",
     "Repair",
-    "finish it with the images that are there",
+    "complete it with the images received",
     CAPTURE,
     ("sessions", "repair"),
     "--wait-s 0",
@@ -143,7 +147,7 @@ REPAIR = Command(
 IMPORT = Command(
     "import",
     "Import",
-    "a folder of videos, or another program's recording, as a session",
+    "a folder of videos or another program's recording",
     CAPTURE,
     ("sessions", "import"),
 )
@@ -173,11 +177,13 @@ class RunState(StrEnum):
     DONE = "done"
     FAILED = "failed"
     CANCELLED = "cancelled"
+    NOT_APPLICABLE = "not applicable"
+    """The session lacks what the automatic depth needs, such as a calibration."""
 
     @property
     def is_over(self) -> bool:
         """Whether the run has ended."""
-        return self in (RunState.DONE, RunState.FAILED, RunState.CANCELLED)
+        return self not in (RunState.WAITING, RunState.RUNNING, RunState.PAUSED)
 
 
 class Run(Struct, eq=False, kw_only=True, omit_defaults=True):
@@ -197,6 +203,13 @@ class Run(Struct, eq=False, kw_only=True, omit_defaults=True):
     processor_s: float = 0.0
     """CPU time in seconds, over all processors."""
     step: ProgressStep | None = None
+    owner: str = ""
+    """Machine and process of the screen that runs it: HOST:PID."""
+
+    @property
+    def is_foreign(self) -> bool:
+        """Whether it runs in another screen of this machine."""
+        return not self.state.is_over and self.owner not in ("", OWN)
 
     @property
     def command(self) -> Command:
@@ -228,7 +241,7 @@ class Run(Struct, eq=False, kw_only=True, omit_defaults=True):
         return None if result is None or not result.with_name(REPORT).is_file() else result.with_name(REPORT)
 
     @property
-    def share(self) -> float | None:
+    def fraction(self) -> float | None:
         """Completed fraction by steps, 0 to 1; None if unknown or if the run has ended."""
         if self.state.is_over or self.step is None or self.step.total <= 0:
             return None
@@ -239,13 +252,13 @@ class Run(Struct, eq=False, kw_only=True, omit_defaults=True):
     def seconds_left(self) -> float | None:
         """Estimated remaining time in seconds, for equal steps; None before a third of them is done."""
         # The first steps are the shortest: extrapolating them turns a quarter of an hour into seconds.
-        if self.share is None or self.share < MEASURED_FRACTION:
+        if self.fraction is None or self.fraction < MEASURED_FRACTION:
             return None
-        return self.seconds * (1 - self.share) / self.share
+        return self.seconds * (1 - self.fraction) / self.fraction
 
     def __str__(self) -> str:
         """Return title, session and progress: Compare of burst-001 (11 %)."""
-        far = str(self.state) if self.share is None else f"{100 * self.share:.0f} %"
+        far = str(self.state) if self.fraction is None else f"{100 * self.fraction:.0f} %"
         return f"{self.command.title} of {self.session.name} ({far})"
 
 
@@ -255,6 +268,7 @@ SIGNS = {
     RunState.PAUSED: Sign("⏸", "paused", "$warning"),
     RunState.DONE: Sign("✔", "done", "$success"),
     RunState.FAILED: Sign("✖", "failed", "$error"),
+    RunState.NOT_APPLICABLE: Sign("–", "not applicable", "$foreground-muted"),
     RunState.CANCELLED: Sign("◌", "cancelled", "$foreground-muted"),
 }
 
@@ -269,7 +283,7 @@ def rough_time(seconds: float) -> str:
 
 def progress_words(run: Run) -> str:
     """Return a run's progress in words: 43 % · 2 min left · stereo cam00-cam01."""
-    parts = [] if run.share is None else [f"{100 * run.share:.0f} %"]
+    parts = [] if run.fraction is None else [f"{100 * run.fraction:.0f} %"]
     if run.seconds_left is not None:
         parts.append(f"about {rough_time(run.seconds_left)} left")
     if run.step is not None:
@@ -280,5 +294,5 @@ def progress_words(run: Run) -> str:
 def run_tag(run: Run) -> Content:
     """Return a run's short label for the list of sessions: glyph, command and progress."""
     sign = SIGNS[run.state]
-    share = "" if run.share is None else f" {100 * run.share:.0f} %"
-    return Content.styled(f"{sign.glyph} {run.command.title.lower()}{share}", sign.style)
+    fraction = "" if run.fraction is None else f" {100 * run.fraction:.0f} %"
+    return Content.styled(f"{sign.glyph} {run.command.title.lower()}{fraction}", sign.style)

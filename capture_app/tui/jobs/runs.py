@@ -14,6 +14,7 @@ from collections.abc import Callable, Sequence
 from contextlib import suppress
 from datetime import UTC, datetime
 from pathlib import Path
+from socket import gethostname
 
 import msgspec
 
@@ -24,9 +25,9 @@ from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import clear_leftovers
 from capture_app.session.files.untrusted_files import read_regular
 from capture_app.session.library.changes import RESULTS, results_folder
-from capture_app.tui.jobs.run import COMMANDS, IMPORT, Command, Run, RunState
+from capture_app.tui.jobs.run import COMMANDS, IMPORT, MOMENT, OWN, Command, Run, RunState
 
-INTERRUPTED = "the screen was closed before it was done"
+INTERRUPTED = "its screen was closed before it was done"
 LOG_LINES = 500
 
 
@@ -54,8 +55,13 @@ class Runs:
 
     @property
     def unfinished(self) -> list[Run]:
-        """Waiting and running runs, which closing would lose."""
-        return [run for run in self.all if not run.state.is_over]
+        """Waiting and running runs of this screen, which closing would lose."""
+        return [run for run in self.all if not run.state.is_over and not run.is_foreign]
+
+    @property
+    def has_foreign(self) -> bool:
+        """Whether another screen runs jobs, of which this one learns from the disk."""
+        return any(run.is_foreign for run in self.all)
 
     @property
     def are_held(self) -> bool:
@@ -91,11 +97,14 @@ class Runs:
         if command.writes and out is None:
             out = self.out(command, session)
         command.arguments(session, out, options)
-        run = Run(kind=command.name, session=session, out=out, options=options)
+        run = Run(kind=command.name, session=session, out=out, options=options, owner=OWN)
         others = [other for other in self.all if other.key != run.key]
-        for same in self.unfinished:
-            if same not in others:
-                raise BadInputError(f"{command.title} of {session.name} is {same.state} already")
+        for same in self.all:
+            if same not in others and not same.state.is_over:
+                raise BadInputError(
+                    f"{command.title} of {session.name} is {same.state} already",
+                    hint="wait for it, or cancel it in Jobs (key 4)",
+                )
         self.all = [run, *others]
         self._said[run.key] = deque(maxlen=LOG_LINES)
         self._tell(run)
@@ -105,7 +114,7 @@ class Runs:
 
     async def cancel(self, run: Run) -> None:
         """Cancel a run and remove its partial results."""
-        if not run.state.is_over:
+        if not run.state.is_over and not run.is_foreign:
             goes_on = run.state is not RunState.WAITING
             run.state, run.ended = RunState.CANCELLED, datetime.now(UTC)
             if not goes_on:
@@ -163,7 +172,7 @@ class Runs:
 
     @property
     def _of_this_start(self) -> list[Run]:
-        return [run for run in self.all if run is self._going or not run.state.is_over]
+        return [run for run in self.all if run is self._going or run in self.unfinished]
 
     def _file(self, run: Run, suffix: str) -> Path:
         return results_folder(run.session, self.root) / f"{run.kind}{suffix}"
@@ -183,7 +192,9 @@ class Runs:
         try:
             state, message = RunState.DONE, await self._run_child(run)
         except (SimulshotError, OSError) as failure:
-            state, message = RunState.FAILED, str(failure)
+            # Depth of each take is computed unasked, and most rigs are not calibrated.
+            unasked = run.kind == MOMENT.name and isinstance(failure, BadInputError)
+            state, message = RunState.NOT_APPLICABLE if unasked else RunState.FAILED, str(failure)
         self.count_time()
         run.processor_s = _processor_s() - worked_s
         if run.state is RunState.CANCELLED:
@@ -215,7 +226,8 @@ class Runs:
             self._said[run.key] += map(printable, more)
             return first
         except SimulshotError as failure:
-            raise SimulshotError(failure.what.partition(": ")[2] or failure.what) from failure
+            failure.what = failure.what.partition(": ")[2] or failure.what
+            raise
         finally:
             self._child = None
             await child.stop()
@@ -229,7 +241,9 @@ class Runs:
         try:
             await asyncio.to_thread(self._write, run)
         except OSError as error:
-            self._said[run.key].append(f"this job will not be known after a restart: {error}")
+            self._said[run.key].append(
+                f"this job cannot be stored and is forgotten at the next start: {error}"
+            )
 
     def _write(self, run: Run) -> None:
         root, path = self.root.absolute(), self._file(run, ".json")
@@ -254,6 +268,16 @@ def _processor_s() -> float:
     return times.children_user + times.children_system
 
 
+def _is_alive(owner: str) -> bool:
+    """Return whether the screen of a run is running on this machine."""
+    host, _, process = owner.rpartition(":")
+    try:
+        os.kill(int(process), 0)
+    except (OSError, ValueError, OverflowError):
+        return False
+    return host == gethostname()
+
+
 def _read_all(root: Path) -> list[Run]:
     """Return the stored runs in a sessions folder, latest first."""
     places = [*(root / RESULTS).glob("*/*.json"), *(root / RESULTS).glob("_*/*/*.json")]
@@ -275,7 +299,9 @@ def _read(place: Path, root: Path) -> Run | None:
         run.session = root / place.parent.name
     if run.out is not None and run.out.is_relative_to(root / RESULTS):
         run.out = place.parent / run.out.name
-    if not run.state.is_over:
+    if run.is_foreign and _is_alive(run.owner):
+        run.message = f"runs in another screen on this machine (process {run.owner.rpartition(':')[2]})"
+    elif not run.state.is_over:
         run.state, run.message = RunState.CANCELLED, INTERRUPTED
         run.ended = datetime.fromtimestamp(place.stat().st_mtime, UTC)
     return None if run.state is RunState.DONE and run.command.result and run.result is None else run

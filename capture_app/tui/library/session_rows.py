@@ -17,7 +17,7 @@ from capture_app.common.names import natural_order
 from capture_app.common.text import count, duration, printable
 from capture_app.session.library.listing import SessionCard, best_synchronized
 from capture_app.session.library.thumbnails import load_thumbnail
-from capture_app.session.reading.verdict import grade_of
+from capture_app.session.reading.verdict import grade_of, is_incomplete
 from capture_app.tui.jobs.run import run_tag
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.signs import GRADES, Sign
@@ -63,7 +63,8 @@ def arrange(
 ) -> list[Entry]:
     """Return the sessions whose displayed text contains all words, sorted; samples come last."""
     found = [card for card in sessions if _matches(card, words)]
-    best = best_synchronized(found)
+    whole = [card for card in found if not is_incomplete(card.missing, card.images + card.missing)]
+    best = best_synchronized(whole)
     return [
         *(Entry(card, is_best=card is best) for card in _sort(found, order)),
         *(Entry(card, is_sample=True) for card in _sort([c for c in samples if _matches(c, words)], order)),
@@ -102,13 +103,13 @@ class SessionRows(RowList[Entry]):
         self._cache = thumbnails
         self._runs = runs
         self._thumbs: dict[tuple[Path, ...], CellPicture | None] = {}
-        self._wanted: list[str] = []
+        self._requested: list[str] = []
 
     def _draw_entry(self, entry: Entry, width: int, chosen: bool) -> Sequence[Content | Strip]:
         """Draw the thumbnail beside three lines."""
         room = width - THUMB - 3
-        remarks = Content.styled(" · ", "$foreground-muted").join(_remarks(entry.card))
-        lines = [self._title(entry, room), self._facts(entry.card, room), remarks]
+        notes = Content.styled(" · ", "$foreground-muted").join(_notes(entry.card))
+        lines = [self._title(entry, room), self._facts(entry.card, room), notes]
         style = "on $block-cursor-background" if chosen else ""
         mark = strip_of_line(self, Content.styled("▌" if chosen else " ", "$primary").stylize_before(style))
 
@@ -139,17 +140,17 @@ class SessionRows(RowList[Entry]):
         if card.state != "complete":
             sign = STATES[card.state]
             return Content.styled(f"{sign}: {printable(card.problem)}", sign.style)
-        spread = scatter_of(card)
-        tags = fitting(map(run_tag, self._runs.of(card.folder)), "  ", room - spread.cell_length - 2)
-        return justified(spread, Content("  ").join(tags), room)
+        time_difference = scatter_of(card)
+        tags = fitting(map(run_tag, self._runs.of(card.folder)), "  ", room - time_difference.cell_length - 2)
+        return justified(time_difference, Content("  ").join(tags), room)
 
     def _thumb_line(self, entry: Entry, line: int) -> Strip:
         images = entry.card.first_images[:1]
         thumb = self._thumbs.get(images)
         if thumb is None:
-            if images and images not in self._thumbs and entry.key not in self._wanted:
-                self._wanted.append(entry.key)
-                if len(self._wanted) == 1:
+            if images and images not in self._thumbs and entry.key not in self._requested:
+                self._requested.append(entry.key)
+                if len(self._requested) == 1:
                     self._load()
             return Strip.blank(THUMB, self.rich_style)
         return strip_of_middle(thumb, line, Size(THUMB, ROWS), self.rich_style, self.rich_style)
@@ -157,18 +158,18 @@ class SessionRows(RowList[Entry]):
     @work(group="thumbnails")
     async def _load(self) -> None:
         """Load newly visible thumbnails in a thread, latest first."""
-        while self._wanted:
-            key = self._wanted[-1]
+        while self._requested:
+            key = self._requested[-1]
             images = self.items[key].card.first_images[:1] if key in self.items else ()
             if images:
                 palette, light = palette_of(self.app), not self.app.current_theme.dark
                 drawn = await asyncio.to_thread(_draw, self._cache, images[0], palette, light)
                 self._thumbs[images] = drawn
-            self._wanted.remove(key)
+            self._requested.remove(key)
             self.show_again(key)
 
 
-def _remarks(card: SessionCard) -> Iterator[Content]:
+def _notes(card: SessionCard) -> Iterator[Content]:
     if card.state != "complete":
         yield Content.styled(f"→ {printable(card.remedy)}", "$foreground")
         return
@@ -190,6 +191,10 @@ def scatter_of(card: SessionCard) -> Content:
         return Content.styled(
             "one camera" if len(card.cameras) == 1 else "nothing to compare", "$foreground-muted"
         )
+    if is_incomplete(card.missing, card.images + card.missing):
+        sign = GRADES["poor"]
+        missing = f"  {card.missing} of {count(card.images + card.missing, 'image')} missing"
+        return Content.assemble((str(sign), f"bold {sign.style}"), missing)
     error_ns = None if card.uncertainty_ns is None else 2 * card.uncertainty_ns
     grade, _ = grade_of(card.spread_ns, error_ns)
     sign = GRADES[grade]

@@ -20,20 +20,23 @@ from capture_app.session.library.listing import SessionCard, SessionListing
 from capture_app.session.library.trash import restore_session, trash_session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.jobs.result_screen import show_result
-from capture_app.tui.jobs.run import COMPARE, EXPORTS, IMPORT, VERIFY, Command, Run
+from capture_app.tui.jobs.run import COMMANDS, COMPARE, EXPORTS, IMPORT, VERIFY, Command, Run
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.library.forms import (
-    command_form,
-    export_form,
+    command_list,
+    folder_question,
+    format_list,
     import_question,
     name_question,
     note_question,
+    options_question,
     typed_path,
 )
 from capture_app.tui.library.session_rows import ORDERS, Entry, Order, SessionRows, arrange
 from capture_app.tui.library.take import TakePane
 from capture_app.tui.mode import ModeView
-from capture_app.tui.rig_record import ActionFailed, RecordChanged, telling
+from capture_app.tui.question import explain_verdict
+from capture_app.tui.rig_record import ActionFailed, RecordChanged, showing_errors
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.lines import Lines
 
@@ -46,7 +49,7 @@ SETTLED_S = 0.15
 """Delay before a newly selected session's images are loaded, in seconds."""
 WIDE = 120
 """Width from which the selected session is shown beside the list."""
-_OF_ONE = ("look", "compare", "results", "export", "verify", "analyse", "rename", "note", "trash")
+_OF_ONE = ("look", "explain", "compare", "results", "export", "verify", "analyse", "rename", "note", "trash")
 
 
 class SessionsView(ModeView):
@@ -54,18 +57,19 @@ class SessionsView(ModeView):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("enter", "look", "Look", id="sessions.look"),
+        Binding("y", "explain", "Why", id="sessions.why", tooltip="explains the verdict"),
         Binding("c", "compare", "Compare", id="sessions.compare", tooltip="synchronized against offset"),
-        Binding("o", "results", "Results", id="sessions.results", tooltip="figures of its last job"),
+        Binding("o", "results", "Results", id="sessions.results", tooltip="result of the last job"),
         Binding("e", "export", "Export", id="sessions.export"),
-        Binding("a", "analyse", "Analyse", id="sessions.analyse", tooltip="depth, panorama, many views"),
-        Binding("d,delete", "trash", "Trash", id="sessions.trash"),
+        Binding("a", "analyse", "Analyse", id="sessions.analyse", tooltip="depth, panorama, point clouds"),
+        Binding("delete,backspace", "trash", "Trash", id="sessions.trash", key_display="del"),
         Binding("r", "rename", "Rename", id="sessions.rename"),
         Binding("n", "note", "Note", id="sessions.note"),
         Binding("u", "undo", "Undo", id="sessions.undo"),
         Binding("s", "sort", "Sort", id="sessions.sort"),
         Binding("slash", "filter", "Find", id="sessions.filter", key_display="/"),
-        Binding("v", "verify", "Verify", id="sessions.verify", tooltip="whether all files are whole"),
-        Binding("i", "import", "Import", id="sessions.import", tooltip="a folder of videos"),
+        Binding("v", "verify", "Verify", id="sessions.verify", tooltip="check that all files are intact"),
+        Binding("m", "import", "Import", id="sessions.import", tooltip="import a folder of videos"),
         Binding("escape", "show_all", "Show all", id="sessions.show-all", key_display="esc"),
     ]
 
@@ -83,7 +87,7 @@ class SessionsView(ModeView):
         self._cards: list[SessionCard] | None = None
         """Sessions as last read; None before the first read or after a change of folder."""
         self._samples: list[SessionCard] = []
-        self._wanted: Path | None = None
+        self._target: Path | None = None
         """Session, or folder of sessions, to select once it is listed."""
         self._settling: Timer | None = None
         self._reading = asyncio.Lock()
@@ -132,7 +136,7 @@ class SessionsView(ModeView):
     # List
 
     def _look_for(self, folder: Path | None) -> None:
-        self._wanted = folder
+        self._target = folder
         self.look_at_disk()
 
     def _look_again(self) -> None:
@@ -147,7 +151,7 @@ class SessionsView(ModeView):
 
     def _name_frame(self, title: str) -> None:
         importing = [f"◔ {run}" for run in self._runs.unfinished if run.kind == IMPORT.name]
-        subtitle = " · ".join([*importing, self._order, "s sorts · / finds · i imports"])
+        subtitle = " · ".join([*importing, self._order, "s sorts · / finds · m imports"])
         if (title, subtitle) != (self._frame.border_title, self._frame.border_subtitle):
             self._frame.border_title, self._frame.border_subtitle = title, subtitle
 
@@ -162,7 +166,7 @@ class SessionsView(ModeView):
             cards = await asyncio.to_thread(listing.read)
             if self._sample_listing is not None and self._cards is None:
                 self._samples = await asyncio.to_thread(self._sample_listing.read)
-            if listing is self._listing and (cards != self._cards or self._wanted is not None):
+            if listing is self._listing and (cards != self._cards or self._target is not None):
                 self._cards = cards
                 self._show()
 
@@ -178,14 +182,14 @@ class SessionsView(ModeView):
         self._rows.show_items({entry.key: entry for entry in entries})
         if nothing_chosen:
             self._choose_saved(entries)
-        if self._wanted is not None:
-            wanted = self._wanted.absolute()
-            if self._choose_saved([e for e in entries if wanted in (Path(e.key), Path(e.key).parent)]):
-                self._wanted = None
+        if self._target is not None:
+            target = self._target.absolute()
+            if self._choose_saved([e for e in entries if target in (Path(e.key), Path(e.key).parent)]):
+                self._target = None
         self._rows.display = bool(entries)
         self._empty.display = not entries and self._cards is not None
         where = printable(str(self._listing.root))
-        text = f"No session in {where} yet: in Shoot (key 2), space takes one; i imports videos."
+        text = f"No session in {where} yet: in Shoot (key 2), space takes one; m imports videos."
         self._empty.show([Content(f"No session has “{printable(words)}”; esc shows all." if words else text)])
         here = sum(not entry.is_sample for entry in entries)
         samples = f" · {count(len(entries) - here, 'sample')}" if len(entries) > here else ""
@@ -253,14 +257,16 @@ class SessionsView(ModeView):
             # The action will be available soon: its key explains that, while a hidden key explains nothing.
             return True
         whole = entry.card.state == "complete" or action in ("analyse", "trash")
-        kept = entry.is_sample and action in ("rename", "note", "trash")
-        return whole and not kept and (action != "compare" or len(entry.card.cameras) > 1)
+        is_read_only = entry.is_sample and action in ("rename", "note", "trash")
+        return whole and not is_read_only and (action != "compare" or len(entry.card.cameras) > 1)
 
     def _saved_entry(self) -> Entry | None:
         """Return the selected session; while it is being saved, show a message and return None."""
         entry = self.entry
         if entry is not None and entry.card.state == "being saved":
-            self.app.notify(f"{printable(entry.card.name)} is being saved: press it after that", markup=False)
+            self.app.notify(
+                f"{printable(entry.card.name)} is being saved: try again when that is done", markup=False
+            )
             return None
         return entry
 
@@ -270,6 +276,14 @@ class SessionsView(ModeView):
         if entry is not None and entry.card.state == "complete":
             self._show_pane()
             self._look_whole(True)
+
+    @work
+    async def action_explain(self) -> None:
+        """Explain the verdict on the selected session."""
+        entry = self._saved_entry()
+        sheet = None if entry is None else await self._try(TakeSheet.open, entry.card.folder)
+        if sheet is not None:
+            self.app.push_screen(explain_verdict(sheet))
 
     def _look_whole(self, whole: bool) -> None:
         self.set_class(whole, "-whole")
@@ -281,7 +295,7 @@ class SessionsView(ModeView):
         """Show the latest result on the session."""
         run = None if self.entry is None else self._latest_result(self.entry)
         if run is not None:
-            await show_result(self, run)
+            await show_result(self, run, self._runs.log(run))
 
     def _latest_result(self, entry: Entry) -> Run | None:
         return next((run for run in self._runs.of(entry.card.folder) if run.result is not None), None)
@@ -324,10 +338,14 @@ class SessionsView(ModeView):
     async def action_analyse(self) -> None:
         """Ask for a command and its options, and run it."""
         entry = self._saved_entry()
-        if entry is not None:
-            chosen = await self.app.push_screen_wait(command_form(entry.card, self._runs))
-            if chosen is not None:
-                self._start(chosen[0], entry, chosen[1])
+        name = None if entry is None else await self.app.push_screen_wait(command_list(entry.card))
+        if entry is None or name is None:
+            return
+        command = COMMANDS[name]
+        form = options_question(command, entry.card, self._runs.out(command, entry.card.folder))
+        options = await self.app.push_screen_wait(form)
+        if options is not None:
+            self._start(command, entry, options)
 
     @work
     async def action_export(self) -> None:
@@ -335,15 +353,17 @@ class SessionsView(ModeView):
         entry = self._saved_entry()
         if entry is None:
             return
+        before = self._settings.recall("sessions.export-format", "colmap")
+        name = await self.app.push_screen_wait(format_list(entry.card, before))
+        if name is None:
+            return
         folder = self._settings.recall("sessions.export-folder", str(self._listing.root.parent))
-        name = self._settings.recall("sessions.export-format", "colmap")
-        chosen = await self.app.push_screen_wait(export_form(entry.card, Path(folder), name))
-        if chosen is not None:
-            command, out = chosen[0], typed_path(chosen[1])
+        typed = await self.app.push_screen_wait(folder_question(entry.card, Path(folder), name))
+        if typed is not None:
+            out = typed_path(typed)
             self._settings.remember("sessions.export-folder", str(out.parent))
-            name = next(name for name, one in EXPORTS.items() if one.name == command.name)
             self._settings.remember("sessions.export-format", name)
-            self._start(command, entry, out=out)
+            self._start(EXPORTS[name], entry, out=out)
 
     @work
     async def action_import(self) -> None:
@@ -355,7 +375,7 @@ class SessionsView(ModeView):
         folder = typed_path(typed).absolute()
         self._settings.remember("sessions.import-folder", str(folder))
         root, before = self._listing.root, set(self._rows.keys)
-        with telling(self):
+        with showing_errors(self):
             run = self._runs.add(IMPORT, folder, out=root)
             while not run.state.is_over:  # noqa: ASYNC110 - it is followed as often anyway
                 await asyncio.sleep(FOLLOW_EVERY_S)
@@ -366,11 +386,11 @@ class SessionsView(ModeView):
         self, command: Command, entry: Entry | None, options: str | None = None, out: Path | None = None
     ) -> None:
         if entry is not None:
-            with telling(self):
+            with showing_errors(self):
                 self._runs.add(command, entry.card.folder, options, out)
                 self.app.notify(
-                    f"{command.title} of {printable(entry.card.name)} has begun: key 4 shows how far it is; "
-                    "it ends when the screen is closed",
+                    f"{command.title} of {printable(entry.card.name)} has started: key 4 shows its progress. "
+                    "It ends when this screen is closed.",
                     markup=False,
                 )
 
@@ -403,11 +423,13 @@ class SessionsView(ModeView):
             return
         if any(not run.state.is_over for run in self._runs.of(entry.card.folder)):
             self.post_message(
-                ActionFailed(SimulshotError("a job works on it", hint="cancel it first: key 4"))
+                ActionFailed(
+                    SimulshotError("a job is working on this session", hint="cancel it first: key 4, then x")
+                )
             )
             return
         if await self._try(trash_session, entry.card.folder) is not None:
-            self.app.notify(f"{printable(entry.card.name)} is in the trash: u brings it back", markup=False)
+            self.app.notify(f"{printable(entry.card.name)} is in the trash: u restores it", markup=False)
         self.look_at_disk()
         await self._runs.read()
 

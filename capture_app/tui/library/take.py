@@ -24,8 +24,10 @@ class TakePane(Vertical):
     """Pane of a session; the caller loads the sheet."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("b", "look('cameras')", "Blink cameras", id="take.blink", tooltip="one after the other"),
-        Binding("w", "look('wiggle')", "Wiggle", id="take.wiggle", tooltip="to and fro between cameras"),
+        Binding("b", "look('cameras')", "Blink cameras", id="take.blink", tooltip="alternate two cameras"),
+        Binding(
+            "w", "look('wiggle')", "Wiggle", id="take.wiggle", tooltip="back and forth through the cameras"
+        ),
     ]
 
     def __init__(self) -> None:
@@ -59,14 +61,9 @@ class TakePane(Vertical):
             yield from Content(f"→ {printable(card.remedy)}").wrap(width)
         elif sheet is not None and sheet.session.folder == card.folder:
             verdict, sign = sheet.verdict, GRADES[sheet.verdict.grade]
-            yield from Content.assemble(
+            yield Content.assemble(
                 (f"{sign.glyph} ", f"bold {sign.style}"), (printable(verdict.headline), "bold")
-            ).wrap(width)
-            if not low:
-                sentence = f"{verdict.spread} apart: {printable(verdict.sentence)}"
-                yield from Content.styled(sentence, "$foreground-muted").wrap(width)
-                if verdict.stamps:
-                    yield from Content.styled(printable(verdict.stamps), "$warning").wrap(width)
+            ).truncate(width, ellipsis=True)
         if card.note:
             note = Content.assemble(("note  ", "$foreground-muted"), printable(card.note))
             yield from [note.truncate(width, ellipsis=True)] if low else note.wrap(width)

@@ -11,6 +11,7 @@ from textual.containers import Vertical, VerticalScroll
 from textual.content import Content
 from textual.geometry import Region
 
+from capture_app.common.camera_facts import SIMULATED
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.text import NO_VALUE, count, duration, printable
 from capture_app.protocol.status import NodeStatus, in_tree_order
@@ -28,6 +29,8 @@ BEFORE_STRIP = 3
 HEIGHTS = (9, 7, 5, 3)
 """Rows per camera in the tall form, best first."""
 BORDER = 2
+EQUAL_RATIO = 1.01
+"""Ratio up to which two exposures or gains count as equal."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -81,26 +84,26 @@ def compact_head(width: int) -> Content:
 
 def compact_row(node: NodeStatus, errors_ns: list[int | None], axis: PhaseAxis, width: int) -> Content:
     """Return a camera in one line; `errors_ns` has one value per cell of `compact_strip_width`."""
-    gone = node.state is NodeState.LOST
+    lost = node.state is NodeState.LOST
     cells = {
         "state": _state(node),
         "phase": _phase(node, axis),
         "error": _time_error(node),
         "fps": Content(_fps(node)),
-        "drops": Content.styled(str(node.drops), "$warning" if node.drops else ""),
+        "drops": Content.styled(str(node.drops), _drops_style(node)),
         "exposure": Content(_exposure(node)),
         "disk": Content(_disk(node)),
         "  model": Content(f"  {printable(node.camera.model)}"),
     }
     room = compact_strip_width(width)
     if any(error is not None for error in errors_ns) or not node.message:
-        (trace,) = strip_rows(errors_ns, axis, width=room, height=1, dimmed=gone)
+        (trace,) = strip_rows(errors_ns, axis, width=room, height=1, dimmed=lost)
         strip = Content.assemble(" ", trace, " ")
     else:
         message = f" {printable(node.message):<{room + 1}}"
         strip = Content.styled(message, SIGNS[node.state].style).truncate(room + 2, ellipsis=True)
     row = _compact(_name(node, NAME_WIDTH), cells, strip, width)
-    return row.stylize_before("$foreground-muted") if gone else row
+    return row.stylize_before("$foreground-muted") if lost else row
 
 
 def tall_text_width(width: int) -> int:
@@ -117,7 +120,7 @@ def tall_rows(
     node: NodeStatus, errors_ns: list[int | None], axis: PhaseAxis, *, width: int, height: int
 ) -> list[Content]:
     """Return a camera in `height` lines, three or more; `errors_ns` has one value per cell of the strip."""
-    gone = node.state is NodeState.LOST
+    lost = node.state is NodeState.LOST
     room, strip = tall_text_width(width), tall_strip_width(width)
     phase = _phase(node, axis).truncate(8, ellipsis=True, pad=True)
     label = "$foreground-muted"
@@ -128,7 +131,7 @@ def tall_rows(
     if node.camera.kind in WITHOUT_CAMERA:
         words.append(Content.styled(f"  {node.camera.kind}", label))
     else:
-        drops = (count(node.drops, "drop"), "$warning" if node.drops else "")
+        drops = (count(node.drops, "drop"), _drops_style(node))
         words.append(Content.assemble(f"  {_fps(node)} fps  {_exposure(node)}  ", drops))
     if node.disk_free_bytes is not None and not node.on_leader:
         # Cameras on the leader's machine share its disk, whose free space is in the header.
@@ -137,14 +140,14 @@ def tall_rows(
         model = Content.styled(f"  {printable(node.camera.model)}", label)
         words.append(model.truncate(room, ellipsis=True))
     if any(error is not None for error in errors_ns):
-        strips = strip_rows(errors_ns, axis, width=strip, height=height, dimmed=gone)
+        strips = strip_rows(errors_ns, axis, width=strip, height=height, dimmed=lost)
         labels = [Content.styled(text, label) for text in axis.labels(height)]
         right = [trace + beside for trace, beside in zip(strips, labels, strict=True)]
     else:
         right = _message_rows(node, strip + AXIS_WIDTH, height)
     left = [line.truncate(room, ellipsis=True, pad=True) for line in _filled(words, height)]
     rows = [line + " " + beside for line, beside in zip(left, right, strict=True)]
-    return [row.stylize_before("$foreground-muted") for row in rows] if gone else rows
+    return [row.stylize_before("$foreground-muted") for row in rows] if lost else rows
 
 
 def _filled(lines: list[Content], height: int) -> list[Content]:
@@ -154,7 +157,7 @@ def _filled(lines: list[Content], height: int) -> list[Content]:
 def _message_rows(node: NodeStatus, width: int, height: int) -> list[Content]:
     """Return the reason for an empty strip, in its place."""
     text = printable(node.message) or {
-        NodeState.LOST: "Not heard of any more. Delete takes it off the list.",
+        NodeState.LOST: "No longer heard from. Delete removes it from the list.",
         NodeState.SYNCING: "Measuring the clock before frames can be aligned.",
         NodeState.JOINING: "Joining.",
     }.get(node.state, "")
@@ -203,6 +206,11 @@ def _fps(node: NodeStatus) -> str:
     return NO_VALUE if node.fps is None else f"{node.fps:.3g}"
 
 
+def _drops_style(node: NodeStatus) -> str:
+    """Return the style of dropped frames; a simulated camera is meant to drop some."""
+    return "$warning" if node.drops and node.camera.kind != SIMULATED else ""
+
+
 def _exposure(node: NodeStatus) -> str:
     ns = node.exposure_ns
     if not ns:
@@ -215,12 +223,17 @@ def _settings(cameras: Sequence[NodeStatus]) -> str:
     here = [node for node in cameras if node.state is not NodeState.LOST and node.exposure_ns]
     if len(here) < 2:
         return ""
-    exposures = {_exposure(node) for node in here}
-    gains = {NO_VALUE if node.gain is None else f"{node.gain:.2g}" for node in here}
-    unlike = [what for what, found in (("exposure", exposures), ("gain", gains)) if len(found) > 1]
-    if unlike:
-        return f" · not alike: {' and '.join(unlike)}"
-    return f" · alike: {next(iter(exposures))}, gain {next(iter(gains))}"
+    exposures, gains = [node.exposure_ns or 0 for node in here], [node.gain or 0.0 for node in here]
+    # Cameras round what they are set to, each in its own steps.
+    different = [
+        what
+        for what, values in (("exposure", exposures), ("gain", gains))
+        if max(values) > EQUAL_RATIO * min(values)
+    ]
+    if different:
+        return f" · different {' and '.join(different)}"
+    gain = NO_VALUE if here[0].gain is None else f"{here[0].gain:.2g}"
+    return f" · {_exposure(here[0])}, gain {gain}"
 
 
 def _disk(node: NodeStatus) -> str:
@@ -237,7 +250,7 @@ class CameraList(Vertical, can_focus=True):
         Binding("pagedown", "move(5)", "Five cameras down", show=False, id="rig.page-down"),
         Binding("home", "move(-9999)", "First camera", show=False, id="rig.first"),
         Binding("end", "move(9999)", "Last camera", show=False, id="rig.last"),
-        Binding("enter", "open", "Look closely", id="rig.open", tooltip="its clock, phase and picture"),
+        Binding("enter", "open", "Details", id="rig.open", tooltip="the camera's clock, phase and picture"),
     ]
 
     def __init__(self, source: RigLink, record: RigRecord) -> None:

@@ -19,7 +19,7 @@ from capture_app.protocol.status import NodeDetail, NodeStatus, Preview
 from capture_app.rig.link import RigLink
 from capture_app.session.reading.stamp_words import describe_stamp
 from capture_app.tui.question import Dialog
-from capture_app.tui.rig_record import RecordChanged, RigRecord, telling
+from capture_app.tui.rig_record import RecordChanged, RigRecord, showing_errors
 from capture_app.tui.signs import SIGNS
 from capture_app.tui.widgets.footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines, fitting, log_lines
@@ -50,7 +50,7 @@ class CameraScreen(Dialog[None]):
             "match",
             "Set all like this",
             id="camera.match",
-            tooltip="its exposure, gain, white balance, focus",
+            tooltip="copies exposure, gain, white balance and focus",
         ),
     ]
 
@@ -115,7 +115,7 @@ class CameraScreen(Dialog[None]):
     @work(exclusive=True, group="match")
     async def action_match(self) -> None:
         """Copy this camera's exposure, gain, white balance and focus to all others; show what failed."""
-        with telling(self):
+        with showing_errors(self):
             found = await self._source.match_cameras(self._camera)
             problems = [
                 f"{name}: {why}"
@@ -124,7 +124,7 @@ class CameraScreen(Dialog[None]):
             ]
             words = f"{count(len(found), 'camera')} set like {self._camera}"
             if problems:
-                words += ", but for:\n" + "\n".join(problems)
+                words += ", except:\n" + "\n".join(problems)
             severity: SeverityLevel = "warning" if problems else "information"
             self.notify(printable(words), severity=severity, markup=False, timeout=20)
 
@@ -173,7 +173,7 @@ class CameraScreen(Dialog[None]):
             lines = [
                 Content.styled(line, "$warning") for line in textwrap.wrap(self._problem, log.size.width or 1)
             ]
-        self._log.show(lines or [Content.styled("It has said nothing yet.", "$foreground-muted")])
+        self._log.show(lines or [Content.styled("No log lines yet.", "$foreground-muted")])
 
     def _draw_facts(self) -> None:
         node, detail = self._node, self._detail
@@ -193,22 +193,22 @@ class CameraScreen(Dialog[None]):
             clock,
             f"{NO_VALUE if node.fps is None else f'{node.fps:.3g}'} fps",
             count(node.drops, "drop"),
-            f"{clock_offset(node.offset_ns)} from the leader",
+            f"clock offset {clock_offset(node.offset_ns)}",
         ]
         facts = node.camera
         third = [f"{printable(facts.model)} {facts.width}x{facts.height}"]
         if facts.kind not in WITHOUT_CAMERA and not facts.stamp_accuracy.is_exact:
             third.append(f"stamps {describe_stamp(facts.stamp_accuracy)}")
-        told = {state.control: f"{state.control} {describe(state)}" for state in detail.controls}
-        if Control.EXPOSURE not in told and node.exposure_ns:
+        shown = {state.control: f"{state.control} {describe(state)}" for state in detail.controls}
+        if Control.EXPOSURE not in shown and node.exposure_ns:
             third.append(f"exposure {duration(node.exposure_ns)}")
-        if Control.GAIN not in told and node.gain is not None:
+        if Control.GAIN not in shown and node.gain is not None:
             third.append(f"gain {node.gain:.1f}")
-        third += map(printable, told.values())
+        third += map(printable, shown.values())
         if node.disk_free_bytes is not None:
             third.append(f"{node.disk_free_bytes / 1e9:.0f} GB free")
         if detail.spool:
-            third.append(f"spool {printable(detail.spool)}")
+            third.append(f"unsent images in {printable(detail.spool)}")
         width = self._facts.size.width
         self._facts.show(
             [

@@ -32,7 +32,7 @@ QUIET = 2
 """Light margin around the code, in modules; scanning from a screen needs only two."""
 _HALF = {(True, True): "█", (True, False): "▀", (False, True): "▄", (False, False): " "}
 LOOK_EVERY_S = 1.0
-MAX_NEWS = 2
+MAX_LOG_LINES = 2
 
 
 def large(code: str) -> list[str]:
@@ -74,7 +74,7 @@ class GuideScreen(BoxDialog[None]):
         """Content of the QR code."""
         self._words = Lines(id=f"{name}-words", classes="words")
         self._code = Lines(id=f"{name}-code", classes="code")
-        self._event_log, self._came = deque[LogLine](maxlen=MAX_NEWS), Lines(id=f"{name}-news")
+        self._event_log, self._came = deque[LogLine](maxlen=MAX_LOG_LINES), Lines(id=f"{name}-news")
         super().__init__(title, Horizontal(self._words, self._code), self._came, subtitle="esc closes")
         self.id = f"{name}-guide"
 
@@ -121,7 +121,7 @@ class InviteScreen(GuideScreen):
 
 async def _invite(source: RigLink, leader: str, screen: GuideScreen) -> None:
     command = joining_line(printable(leader))
-    line = ("To join from another machine, type there:", ""), (command, "bold $secondary"), ("", "")
+    line = ("On the camera's machine, type:", ""), (command, "bold $secondary"), ("", "")
     try:
         invited = await source.ask(Invite(), Invited)
     except SimulshotError as error:
@@ -129,8 +129,8 @@ async def _invite(source: RigLink, leader: str, screen: GuideScreen) -> None:
         return
     code = show_code(invited.code)
     words = (
-        f"A machine that is not known here yet asks for a number, once: {code}. It is for one machine "
-        f"and {invited.good_for_s // 60} minutes; i shows another; both are good."
+        f"An unpaired machine asks for this pairing code: {code}. It pairs one machine and expires after "
+        f"{invited.good_for_s // 60} minutes. i shows another code; both stay valid."
     )
     number = [(row, "bold $success") for row in large(code)]
     screen.show(command, *line, *number, (words, "$foreground-muted"))
@@ -142,7 +142,7 @@ def phones_screen(source: RigLink) -> GuideScreen:
 
 
 async def _invite_phones(source: RigLink, screen: GuideScreen) -> None:
-    screen.show("", ("One moment: the page is being prepared …", ""))
+    screen.show("", ("Preparing the page …", ""))
     shown = ""
     while True:
         try:
@@ -157,19 +157,19 @@ async def _invite_phones(source: RigLink, screen: GuideScreen) -> None:
 
 
 def _show_steps(screen: GuideScreen, invited: PhoneInvited, *, came: bool) -> None:
-    begin = ("That code was used, or its time was over. For the next phone:", "$success")
+    begin = ("The last code was used or has expired. For the next phone:", "$success")
     screen.show(
         invited.url,
         *([begin] if came else []),
         ("1  Scan the code with the phone, and open the page.", ""),
-        ("2  Its browser warns, once: it does not know this machine. Go on (Advanced).", ""),
-        ("3  Start the camera, allow it; put the phone in its place, and plug it in.", ""),
+        ("2  The browser warns once that it does not know this machine: choose Advanced, then continue.", ""),
+        ("3  Start the camera and allow access. Place the phone and plug it in.", ""),
         ("", ""),
         (invited.url, "bold $secondary"),
         ("", ""),
         (
-            "Each code is for one phone and ten minutes. If you doubt this network, compare the SHA-256 "
-            "of the certificate in the phone's browser:",
+            "Each code admits one phone and expires after ten minutes. On an untrusted network, compare the "
+            "certificate's SHA-256 in the phone's browser with:",
             "$foreground-muted",
         ),
         (invited.fingerprint, "$foreground-muted"),

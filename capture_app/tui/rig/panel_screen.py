@@ -10,8 +10,8 @@ from capture_app.tui.rig.joining import GuideScreen
 
 ALL = "0.0.0.0"  # noqa: S104 - a phone is another machine
 _LIMITS = (
-    "The page goes on when this is closed. A screen tells time to a part of its refresh (16.7 ms at 60 Hz); "
-    "for microseconds build the panel of LEDs:"
+    "An open page keeps running when this is closed. A screen resolves part of its refresh interval "
+    "(16.7 ms at 60 Hz). For microseconds build the LED panel:"
 )
 
 
@@ -21,7 +21,7 @@ def panel_screen() -> GuideScreen:
 
 
 async def _serve(screen: GuideScreen) -> None:
-    where = "Open this on ONE screen that all cameras see, and go full screen; on a phone by the code:"
+    where = "Open this page full-screen on ONE screen that all cameras see; a phone scans the code:"
     url = ""
     async with AsyncExitStack() as serving:
         try:
@@ -35,8 +35,8 @@ async def _serve(screen: GuideScreen) -> None:
             url,
             (f"1  {where}", ""),
             (f"   {url}", "bold $secondary"),
-            ("2  Take a burst of it: 2, then Space.", ""),
-            ("3  Read it: 3, then a, and choose Panel.", ""),
+            ("2  Take a burst of it: key 2, then Space.", ""),
+            ("3  Read it: key 3, then a, and choose Panel.", ""),
             ("", ""),
             (_LIMITS, "$foreground-muted"),
             ("capture-app panel sketch --out panel", "$foreground-muted"),

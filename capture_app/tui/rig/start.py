@@ -25,7 +25,7 @@ from capture_app.tui.rig.joining import (
     joining_line,
     phones_screen,
 )
-from capture_app.tui.rig_record import SessionsRequested, telling
+from capture_app.tui.rig_record import SessionsRequested, showing_errors
 from capture_app.tui.settings import Settings
 from capture_app.tui.widgets.lines import Lines
 
@@ -58,7 +58,7 @@ class StartPanel(Vertical):
     """Offers local cameras, other machines, a simulated rig and sessions; stores the last choice."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("i", "invite", "Invite", id="start.invite", tooltip="how other machines join"),
+        Binding("i", "invite", "Invite", id="start.invite", tooltip="how another machine joins"),
         Binding(
             "h", "phones", "Phones", show=False, id="start.phones", tooltip="phones as cameras, by a QR code"
         ),
@@ -66,9 +66,16 @@ class StartPanel(Vertical):
         Binding("plus,equals_sign,right", "more(1)", "More cameras", key_display="+", id="start.more"),
         Binding("minus,left", "more(-1)", "Fewer", key_display="-", id="start.fewer"),
         Binding("t", "scene", "Scene", id="start.scene", tooltip="what simulated cameras see"),
-        Binding("o", "sessions", "Sessions", id="start.sessions", tooltip="takes that are on disk"),
-        Binding("b", "samples", "Samples", show=False, id="start.samples", tooltip="takes that came with it"),
-        Binding("r", "rescan", "Look again", id="start.rescan", tooltip="for cameras of this machine"),
+        Binding("o", "sessions", "Sessions", id="start.sessions", tooltip="takes on disk"),
+        Binding(
+            "b",
+            "samples",
+            "Samples",
+            show=False,
+            id="start.samples",
+            tooltip="takes that come with simulshot",
+        ),
+        Binding("r", "rescan", "Rescan", id="start.rescan", tooltip="search this machine for cameras"),
     ]
 
     def __init__(
@@ -80,7 +87,7 @@ class StartPanel(Vertical):
         self._sessions, self._samples = sessions, samples
         self._local = local
         self._found: list[CameraListing] = []
-        self._kept = 0
+        self._saved_count = 0
         """Number of sessions in the folder."""
         self._leader = ""
         self._busy = ""
@@ -111,7 +118,7 @@ class StartPanel(Vertical):
     def _offer(self) -> None:
         """Fill the list, with the last choice first."""
         last = self._settings.recall(CHOICE, "")
-        kept = self._chosen if self._list.highlighted else None  # None before the user moves the cursor
+        selected = self._chosen if self._list.highlighted else None  # None before the user moves the cursor
         options = [
             Option(
                 Content.assemble(
@@ -126,7 +133,7 @@ class StartPanel(Vertical):
             for one in sorted(self._choices(), key=lambda one: one.name != last)
         ]
         self._list.set_options(options)
-        self._list.highlighted = next((at for at, one in enumerate(options) if one.id == kept), 0)
+        self._list.highlighted = next((at for at, one in enumerate(options) if one.id == selected), 0)
 
     def _choices(self) -> Iterator[_Choice]:
         for key, camera in zip(CAMERA_KEYS, self._found, strict=False):
@@ -134,19 +141,19 @@ class StartPanel(Vertical):
             what = f"{camera.spec}: {camera.detail}"
             start = partial(self._start_camera, camera)
             yield _Choice(camera.spec, key, title, what, start, is_usable=camera.usable)
-        what = "The line below and a number, for cameras of another machine; a code for its phone."
+        what = "Shows a pairing code. Run the command below on the other machine and enter the code."
         yield _Choice("invite", "i", "Invite other machines", what, self.action_invite)
-        what = "Any phone with a browser is a camera: it scans a code, and keeps a page open."
+        what = "A phone scans a QR code and becomes a camera while the page is open in its browser."
         yield _Choice("phones", "h", "Phones by a QR code", what, self.action_phones)
         what = (
-            f"Each is a process with a clock of its own, hours off. They look at the scene "
-            f"“{self._scene}”. Press + or - for more or fewer of them, t for another scene."
+            f"Each camera is a process whose clock is hours off. They see the scene “{self.scene}”. "
+            "+ and - change their number, t the scene."
         )
         title = f"Simulate {count(self._cameras, 'camera')}"
         yield _Choice("simulated", "s", title, what, self.action_simulate)
-        if self._kept:
-            title = f"Look at {count(self._kept, 'session')}"
-            what = f"The takes in {self._sessions}: to look at, verify, compare and export."
+        if self._saved_count:
+            title = f"Open {count(self._saved_count, 'session')}"
+            what = f"Takes in {self._sessions}: view, verify, compare and export them."
             yield _Choice("sessions", "o", title, what, self.action_sessions)
         if self._samples:
             what = f"Takes of simulated cameras, in {self._samples}."
@@ -159,10 +166,11 @@ class StartPanel(Vertical):
 
     @property
     def _cameras(self) -> int:
-        return min(max(self._settings.recall(CAMERAS, 5), 1), SCENES[self._scene])
+        return min(max(self._settings.recall(CAMERAS, 5), 1), SCENES[self.scene])
 
     @property
-    def _scene(self) -> str:
+    def scene(self) -> str:
+        """Scene of simulated cameras, as last chosen."""
         scene = self._settings.recall(SCENE, "")
         return scene if scene in SCENES else next(iter(SCENES))
 
@@ -174,11 +182,11 @@ class StartPanel(Vertical):
         width, style = max(min(self.size.width, MAX_WIDTH) - MARGIN, 20), "$foreground-muted"
         if self._busy:
             words, style = self._busy, "$warning"
-        self._title.show([Content.styled("What shall take pictures?", "bold $primary")])
+        self._title.show([Content.styled("Add cameras", "bold $primary")])
         self._meaning.show(Content.styled(each, style) for each in textwrap.wrap(printable(words), width))
-        said = ["To join from another machine, type there:"]
+        said = ["To add a camera of another machine, type there:"]
         if self._leader and not self._leader.endswith(f":{DEFAULT_PORT}"):
-            said.insert(0, f"This rig's port is not the usual {DEFAULT_PORT}.")
+            said.insert(0, f"The port differs from the default, {DEFAULT_PORT}.")
         muted = [Content.styled(each, "$foreground-muted") for each in said]
         self._line.show([*muted, Content.styled(f"  {line}", "bold $secondary")])
 
@@ -214,18 +222,18 @@ class StartPanel(Vertical):
     def action_simulate(self) -> None:
         """Start simulated cameras."""
         words = f"Starting {count(self._cameras, 'simulated camera')} …"
-        self._start("simulated", AddSimulated(cameras=self._cameras, scene=self._scene), words)
+        self._start("simulated", AddSimulated(cameras=self._cameras, scene=self.scene), words)
 
     def action_more(self, step: int) -> None:
         """Change the number of simulated cameras."""
-        self._settings.remember(CAMERAS, min(max(self._cameras + step, 1), SCENES[self._scene]))
+        self._settings.remember(CAMERAS, min(max(self._cameras + step, 1), SCENES[self.scene]))
         self._offer()
         self._highlight("simulated")
 
     def action_scene(self) -> None:
         """Switch to the next scene of the simulated cameras."""
         scenes = list(SCENES)
-        self._settings.remember(SCENE, scenes[(scenes.index(self._scene) + 1) % len(scenes)])
+        self._settings.remember(SCENE, scenes[(scenes.index(self.scene) + 1) % len(scenes)])
         self._offer()
         self._highlight("simulated")
 
@@ -250,11 +258,11 @@ class StartPanel(Vertical):
     @work(exclusive=True, group="offers")
     async def action_rescan(self) -> None:
         """Search for cameras and sessions again."""
-        with telling(self):
+        with showing_errors(self):
             found = await asyncio.to_thread(list_cameras, simulated=False) if self._local else []
-            kept = len(list(self._sessions.glob("*/session.json")))
-            if (found, kept) != (self._found, self._kept):
-                self._found, self._kept = found, kept
+            selected = len(list(self._sessions.glob("*/session.json")))
+            if (found, selected) != (self._found, self._saved_count):
+                self._found, self._saved_count = found, selected
                 self._offer()
 
     def _highlight(self, choice: str) -> None:
@@ -266,10 +274,10 @@ class StartPanel(Vertical):
         self._settings.remember(CHOICE, choice)
         self.say_busy(words)
         until_there = ""
-        with telling(self):
+        with showing_errors(self):
             await self._source.order(order)
             # Shown until the cameras join; their list then replaces this panel.
-            until_there = f"{words} Each joins as soon as it is open, within half a minute."
+            until_there = f"{words} Cameras join within half a minute."
         self.say_busy(until_there)
 
     def say_busy(self, words: str) -> None:

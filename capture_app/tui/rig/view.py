@@ -11,11 +11,11 @@ from textual.containers import VerticalScroll
 from textual.content import Content
 
 from capture_app.common.address import ANY_HOST, LOOPBACK_HOSTS, parse_address
-from capture_app.common.camera_facts import PHONE
+from capture_app.common.camera_facts import PHONE, SIMULATED
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import printable
-from capture_app.protocol.orders import RemoveCamera
+from capture_app.protocol.orders import AddSimulated, RemoveCamera
 from capture_app.protocol.status import LogLine, RigStatus
 from capture_app.rig.link import LinkLost, RigLink
 from capture_app.rig.process import start_rig
@@ -24,7 +24,7 @@ from capture_app.tui.question import Answer, Question
 from capture_app.tui.rig.camera_list import CameraList
 from capture_app.tui.rig.panel_screen import panel_screen
 from capture_app.tui.rig.start import StartPanel
-from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, telling
+from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, showing_errors
 from capture_app.tui.settings import Settings
 from capture_app.tui.signs import MISSING, NO_LEADER, is_settled, rig_sign
 from capture_app.tui.widgets.lines import Lines, log_lines
@@ -51,7 +51,7 @@ class LogPane(VerticalScroll, can_focus=True):
     def draw(self) -> None:
         """Draw the log."""
         following = self.scroll_y >= self.max_scroll_y
-        self._lines.show(log_lines(self._record.news, self.size.width - SCROLLBAR))
+        self._lines.show(log_lines(self._record.log, self.size.width - SCROLLBAR))
         if following:
             self.call_after_refresh(self.scroll_end, animate=False)
 
@@ -62,19 +62,28 @@ class RigView(ModeView):
     """View of all cameras, the rig's readiness, and its log."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("l", "start", "Restart leader", id="rig.start", tooltip="if it is lost"),
         Binding(
-            "delete,d", "remove", "Remove camera", id="rig.remove", tooltip="end it, or forget a lost one"
+            "delete,backspace",
+            "remove",
+            "Remove",
+            id="rig.remove",
+            key_display="del",
+            tooltip="stop a camera, or remove a lost one",
         ),
-        Binding("a", "add", "Add cameras", id="rig.add", tooltip="start or invite more"),
+        Binding("a", "add", "Add cameras", id="rig.add", tooltip="start or invite more cameras"),
         Binding("n", "log", "Log", id="rig.log", tooltip="scroll through the log"),
         Binding(
-            "p", "panel", "Panel", id="rig.panel", tooltip="check the rig by a clock that all cameras see"
+            "p",
+            "panel",
+            "Panel",
+            id="rig.panel",
+            tooltip="check the synchronization with a clock that all cameras see",
         ),
         Binding(
             "h", "phones", "Phones", show=False, id="rig.phones", tooltip="phones as cameras, by a QR code"
         ),
         Binding("i", "invite", "Invite", show=False, id="rig.invite", tooltip="a code for another machine"),
-        Binding("l", "start", "Start it again", id="rig.start", tooltip="the leader that is lost"),
         Binding("escape", "back", "Back", id="rig.back"),
     ]
 
@@ -167,21 +176,21 @@ class RigView(ModeView):
         small = self.size.height < SMALL
         self.set_class(small, "-small")
         room = self.size.height - len(advice) - (3 if small else 8)
-        wanted = CameraList.rows_needed(len(status.nodes), room)
-        if self._cameras.styles.height is None or self._cameras.styles.height.value != wanted:
-            self._cameras.styles.height = wanted
+        height = CameraList.rows_needed(len(status.nodes), room)
+        if self._cameras.styles.height is None or self._cameras.styles.height.value != height:
+            self._cameras.styles.height = height
         self._cameras.draw(room)
 
     def _advise(self, status: RigStatus) -> list[Content]:
         if self._record.lost:
             sign, words = NO_LEADER, self._starting or self._record.lost
             if self._local and not self._starting:
-                words += "; l starts it again"
+                words = f"press l to restart it. {words}"
         else:
             sign = rig_sign(status)
             words = " ".join(filter(None, (status.message, status.advice))) or sign.word
             if sign.glyph == MISSING:
-                words += "; del takes a lost camera off the list"
+                words += "; del removes a lost camera"
         lines = textwrap.wrap(f"{sign.glyph} {printable(words)}", self.size.width - 2, subsequent_indent="  ")
         # A fixed number of lines, so that the content below does not jump.
         more, lines = lines[ADVICE_LINES:], (lines + [""] * ADVICE_LINES)[:ADVICE_LINES]
@@ -227,14 +236,18 @@ class RigView(ModeView):
 
     @work(exclusive=True, group="start")
     async def action_start(self) -> None:
-        """Restart the local leader at its address, where its running cameras reconnect."""
+        """Restart the local leader at its address, with its simulated cameras; running cameras reconnect."""
         leader, status = self._source.leader, self._record.status
         alone = status is not None and parse_address(status.leader).host in LOOPBACK_HOSTS
-        self._starting = f"starting a leader at {leader}; its cameras are then added by a"
+        self._starting = f"starting a leader at {leader} …"
         self._draw()
-        with telling(self):
+        with showing_errors(self):
             host = LOOPBACK_HOSTS[1] if alone else ANY_HOST[1]
             await start_rig(sessions=self._sessions, host=host, port=leader.port)
+            nodes = status.nodes if status is not None else ()
+            simulated = sum(node.on_leader and node.camera.kind == SIMULATED for node in nodes)
+            if simulated:
+                await self._source.order(AddSimulated(cameras=simulated, scene=self._start.scene))
         self._starting = ""
 
     def action_log(self) -> None:
@@ -259,13 +272,13 @@ class RigView(ModeView):
         node = self._cameras.chosen
         if node is not None and node.state is not NodeState.LOST:
             if not node.on_leader and node.camera.kind != PHONE:
-                words = f"{node.name} runs on another machine ({node.address})"
-                self.post_message(ActionFailed(SimulshotError(words, hint="stop it there")))
+                words = f"{node.name} runs on another machine, {node.address}"
+                self.post_message(ActionFailed(SimulshotError(words, hint="stop it there with Ctrl-C")))
                 return
-            answers = [Answer("keep", "k", "Keep it"), Answer("end", "e", "End it")]
-            question = Question(f"{node.name} is running. End it, and take it off the rig?", answers)
+            answers = [Answer("keep", "k", "Keep"), Answer("end", "e", "Stop and remove")]
+            question = Question(f"{node.name} is running. Stop it and remove it from the rig?", answers)
             if await self.app.push_screen_wait(question) != "end":
                 return
         if node is not None:
-            with telling(self):
+            with showing_errors(self):
                 await self._source.order(RemoveCamera(name=node.name))

@@ -35,7 +35,7 @@ from capture_app.tui.widgets.whole_screen import WholeScreen
 
 NUMBERS = 200
 """Number of stored focus values; covers the time over which they are compared."""
-KEPT = 12
+MAX_PREVIEWS = 12
 """Stored previews per camera, a few seconds' worth."""
 FULL_FPS, PAIR_FPS = 8.0, 4.0
 MIN_PX, MAX_PX = 640, 1280
@@ -65,10 +65,12 @@ class FullView(WholeScreen[str]):
         Binding("escape", "close", "Back", id="finder.back"),
         Binding("left,up", "move(-1)", "Camera before", id="finder.before", show=False),
         Binding("right,down", "move(1)", "Next camera", id="finder.after"),
-        Binding("f", "aid('focus')", "Focus peaking", id="finder.focus", tooltip="marks what is sharp"),
-        Binding("z", "aid('zebra')", "Zebra", id="finder.zebra", tooltip="marks what is too bright"),
+        Binding("f", "aid('focus')", "Focus peaking", id="finder.focus", tooltip="marks sharp edges"),
+        Binding("z", "aid('zebra')", "Zebra", id="finder.zebra", tooltip="marks clipped pixels"),
         Binding("m", "meters", "Meters", id="finder.meters"),
-        Binding("b", "blink", "Blink with next", id="finder.blink", tooltip="this camera and the next"),
+        Binding(
+            "b", "blink", "Blink with next", id="finder.blink", tooltip="alternate this camera and the next"
+        ),
     ]
 
     def __init__(self, rig: RigLink, record: RigRecord, cameras: Sequence[str], camera: str) -> None:
@@ -148,7 +150,7 @@ class FullView(WholeScreen[str]):
                 self._measure()
 
     def _begin(self) -> None:
-        self._previews = {camera: deque(maxlen=KEPT) for camera in (self.camera, self._partner)}
+        self._previews = {camera: deque(maxlen=MAX_PREVIEWS) for camera in (self.camera, self._partner)}
         self._shows_second = False
         self._exposure = None
         self.focus_numbers.clear()

@@ -80,18 +80,18 @@ class TakeSettings:
     @classmethod
     def recall(cls, settings: Settings) -> Self:
         """Return the stored settings."""
-        kept = {name: settings.recall(f"shoot.{name}", value) for name, value in cls()._kept().items()}
-        kept["mode"] = kept["mode"] if kept["mode"] in MODES else "single"
-        kept["region"] = kept["region"] if kept["region"] in REGIONS else cls().region
-        kept["name"] = kept["name"] if is_name(kept["name"]) else ""
-        return cls(**kept)
+        stored = {name: settings.recall(f"shoot.{name}", value) for name, value in cls()._stored().items()}
+        stored["mode"] = stored["mode"] if stored["mode"] in MODES else "single"
+        stored["region"] = stored["region"] if stored["region"] in REGIONS else cls().region
+        stored["name"] = stored["name"] if is_name(stored["name"]) else ""
+        return cls(**stored)
 
     def remember(self, settings: Settings) -> None:
         """Store the settings for the next start, except the note, which belongs to one take."""
-        for name, value in self._kept().items():
+        for name, value in self._stored().items():
             settings.remember(f"shoot.{name}", value)
 
-    def _kept(self) -> dict[str, Any]:
+    def _stored(self) -> dict[str, Any]:
         return {name: value for name, value in asdict(self).items() if name != "note"}
 
     @property
@@ -266,10 +266,10 @@ class PlanPanel(Lines, can_focus=True):
         """Edit the `name` or the `notes` of the following takes; by default, the selected one."""
         what = what or self._rows()[self._chosen].label
         if what == "name":
-            text = "A name for the takes that follow; their folders begin with it. Empty: burst."
+            text = "Name of the following takes and of their folders. Default: burst."
             question = TextQuestion(text, self.settings.name, check=_check_name, title="Name")
         elif what == "notes":
-            text = "Notes that are kept with the takes that follow."
+            text = "Note saved with each following take."
             question = TextQuestion(
                 text,
                 self.settings.note,
@@ -303,4 +303,4 @@ class PlanPanel(Lines, can_focus=True):
 def _check_name(name: str) -> str:
     if not name.strip() or is_name(name.strip()):
         return ""
-    return "letters, digits, '_', '.' and '-', beginning with a letter or a digit; up to 64"
+    return "Use up to 64 letters, digits, '_', '.' and '-', starting with a letter or a digit."

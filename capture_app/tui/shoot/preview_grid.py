@@ -100,7 +100,7 @@ class PreviewGrid(Container, can_focus=True):
         return tuple(self._tiles.values())
 
     @property
-    def wanted(self) -> tuple[int, float]:
+    def request(self) -> tuple[int, float]:
         """Width in pixels and rate of the previews to request."""
         pixels = 2 * self.size.width // max(self._columns, 1)
         fps = MANY_FPS if len(self._tiles) > MANY else GRID_FPS

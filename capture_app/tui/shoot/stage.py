@@ -71,9 +71,9 @@ class Stage(ContentSwitcher):
     def want_previews(self, seen: bool) -> None:
         """Request the previews that are visible, if the request has changed."""
         looking = seen and self.current == LIVE and bool(self.grid.tiles)
-        wanted = self.grid.wanted if looking else (self._asked[0], 0.0)
-        if wanted != self._asked and (wanted[1] or self._asked[1]):
-            self._asked = width, fps = wanted
+        request = self.grid.request if looking else (self._asked[0], 0.0)
+        if request != self._asked and (request[1] or self._asked[1]):
+            self._asked = width, fps = request
             asking = self._rig.want_previews(cameras=None, width=width, fps=fps)
             self.run_worker(asking, exclusive=True, group="previews")
 

@@ -27,9 +27,11 @@ async def begin(runs: Runs | None, sheet: TakeSheet) -> None:
     """
     if runs is None or len(sheet.cameras) < 2:
         return
-    for run in [run for run in runs.unfinished if run.kind == MOMENT.name]:
+    for run in [run for run in runs.all if run.kind == MOMENT.name]:
         if run.state is RunState.WAITING:
             await runs.cancel(run)
+        elif run.state is RunState.NOT_APPLICABLE:
+            await runs.forget(run)
     if not _is_slow(runs):
         runs.add(MOMENT, sheet.session.folder, f"--instant {sheet.instants // 2}")
 
@@ -51,15 +53,15 @@ def lines(runs: Runs | None, sheet: TakeSheet | None) -> Iterator[Content]:
     run = run_of(runs, sheet)
     if run is None:
         if runs is not None and sheet is not None and _is_slow(runs):
-            slow = f"no depth by itself: it takes over {SLOW_S:.0f} s here"
+            slow = f"no automatic depth: it takes over {SLOW_S:.0f} s here"
             yield Content.styled(slow, "$foreground-muted")
     elif not run.state.is_over:
         yield Content.styled(f"◔ depth {progress_words(run) or run.state}", "$primary")
     elif run.state is RunState.DONE:
         yield Content.styled(f"✔ {printable(run.message)}", "$success")
-        yield Content.styled("d turns it in the browser", "$foreground-muted")
+        yield Content.styled("d opens it in the browser", "$foreground-muted")
     else:
-        yield Content.styled(f"no depth: {printable(run.message)}", "$foreground-muted")
+        yield Content.styled(f"depth {run.state}: {printable(run.message)}", "$foreground-muted")
 
 
 def picture(runs: Runs | None, sheet: TakeSheet | None) -> Source | None:

@@ -11,7 +11,7 @@ from capture_app.common.text import printable
 from capture_app.protocol.status import BurstStatus, CameraTransfer
 from capture_app.rig.taking import TakePlan, local_session
 from capture_app.session.reading.take_sheet import TakeSheet
-from capture_app.session.reading.verdict import GRADE_LIMITS, Verdict
+from capture_app.session.reading.verdict import Verdict
 from capture_app.tui.signs import GRADES
 from capture_app.tui.widgets.picture import Picture, Source
 
@@ -19,8 +19,6 @@ SAID_AFTER_S = 2
 """Seconds after which the progress text shows the elapsed time."""
 EARLIER = 8
 BAR = 10
-WIDE = 34
-"""Columns from which the verdict's explanation is shown."""
 
 
 @dataclass(slots=True)
@@ -59,8 +57,8 @@ def open_take(status: BurstStatus) -> TakeSheet | None:
 def progress_words(status: BurstStatus, seconds: float) -> str:
     """Return the progress of a burst ordered `seconds` ago, in words."""
     if status.recording and not status.done:
-        lacking = f", {status.expected - status.received} on their way" if status.expected else ""
-        return f"recording: {status.received} frames{lacking}; Space ends it"
+        lacking = f", {status.expected - status.received} in transit" if status.expected else ""
+        return f"recording: {status.received} frames{lacking}; Space stops"
     after = f", {seconds:.0f} s" if seconds >= SAID_AFTER_S else ""
     if status.received:
         return f"{status.received} of {status.expected} images"
@@ -92,7 +90,7 @@ class TakePanel(VerticalScroll, can_focus=False):
         self._picture.display = picture is not None
         self._picture.show(picture)
         self._earlier.display = len(takes) > 1
-        newest = Content("\n").join(_lines(takes, now_s, depth, wide=self.size.width >= WIDE))
+        newest = Content("\n").join(_lines(takes, now_s, depth))
         earlier = Content("\n").join(_in_short(take, now_s) for take in takes[-2 : -2 - EARLIER : -1])
         self.plain = f"{newest.plain}\n\n{earlier.plain}".rstrip()
         for part, text in ((self._newest, newest), (self._earlier, earlier)):
@@ -108,7 +106,7 @@ def verdict_line(verdict: Verdict) -> Content:
         (f"{sign.glyph} ", sign.style),
         (verdict.spread, "bold"),
         (" · ", "$foreground-muted"),
-        (verdict.headline, sign.style),
+        (printable(verdict.headline), sign.style),
     )
 
 
@@ -127,7 +125,7 @@ def transfer_line(transfer: CameraTransfer) -> Content:
     )
 
 
-def _lines(takes: Sequence[Take], now_s: float, depth: Iterable[Content], *, wide: bool) -> Iterator[Content]:
+def _lines(takes: Sequence[Take], now_s: float, depth: Iterable[Content]) -> Iterator[Content]:
     if not takes:
         yield Content.styled("No take yet: press Space.", "$foreground-muted")
         return
@@ -137,30 +135,22 @@ def _lines(takes: Sequence[Take], now_s: float, depth: Iterable[Content], *, wid
     if takes[-1].trashed:
         yield Content.styled("in the trash", "$foreground-muted")
     else:
-        yield from _in_full(takes[-1], now_s, wide=wide)
+        yield from _in_full(takes[-1], now_s)
         yield from depth
 
 
-def _verdict_lines(verdict: Verdict, *, wide: bool) -> Iterator[Content]:
-    sign = GRADES[verdict.grade]
-    yield Content.styled(f"{sign.glyph} {verdict.headline}", sign.style)
-    yield Content.assemble(("spread ", "$foreground-muted"), (verdict.spread, "bold"))
-    if verdict.stamps:
-        yield Content.styled(printable(verdict.stamps), "$warning")
-    if wide:
-        yield from (Content.styled(text, "$foreground-muted") for text in (verdict.sentence, GRADE_LIMITS))
-
-
-def _in_full(take: Take, now_s: float, *, wide: bool) -> Iterator[Content]:
+def _in_full(take: Take, now_s: float) -> Iterator[Content]:
     status = take.status
     if take.sheet is not None:
-        yield from _verdict_lines(take.sheet.verdict, wide=wide)
+        yield _short_verdict(take.sheet.verdict)
+        if take.sheet.verdict.stamps:
+            yield Content.styled("! timestamps not measured", "$warning")
     elif take.problem:
         yield Content.styled(f"✖ {printable(take.problem)}", "$error")
     elif not status.done:
         yield Content.styled(f"◔ {progress_words(status, now_s - take.begun_s)}", "$primary")
     elif status.session is not None:
-        yield Content.styled("✔ saved where the leader runs:", "$success")
+        yield Content.styled("✔ saved on the leader's machine:", "$success")
         yield Content(printable(status.session))
         yield Content(f"{status.received} of {status.expected} images")
     else:
@@ -184,5 +174,9 @@ def _in_short(take: Take, now_s: float) -> Content:
         if status.done:
             state = "saved" if status.session else "no session"
         return Content.assemble(name, (state, "$foreground-muted"))
-    sign = GRADES[take.sheet.verdict.grade]
-    return Content.assemble(name, (f"{sign} ", sign.style), take.sheet.verdict.spread)
+    return Content.assemble(name, _short_verdict(take.sheet.verdict))
+
+
+def _short_verdict(verdict: Verdict) -> Content:
+    sign = GRADES[verdict.grade]
+    return Content.assemble((f"{sign}  ", sign.style), verdict.spread)

@@ -32,13 +32,19 @@ from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.jobs.result_screen import open_report
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.mode import ModeView
-from capture_app.tui.question import CANCEL, Answer, Question
-from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, telling
+from capture_app.tui.question import CANCEL, Answer, Question, explain_verdict
+from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, showing_errors
 from capture_app.tui.settings import Settings
 from capture_app.tui.shoot import take_depth
 from capture_app.tui.shoot.plan import PlanPanel
 from capture_app.tui.shoot.stage import Stage
-from capture_app.tui.shoot.takes import Take, TakePanel, open_take, progress_words, verdict_line
+from capture_app.tui.shoot.takes import (
+    Take,
+    TakePanel,
+    open_take,
+    progress_words,
+    verdict_line,
+)
 from capture_app.tui.signs import cameras_of, is_settled
 from capture_app.tui.widgets.lines import Lines
 
@@ -55,12 +61,11 @@ class ShootView(ModeView):
 
     BINDINGS: ClassVar[list[BindingType]] = [
         Binding("space", "take", "Take", id="shoot.take"),
-        Binding("r", "retake", "Retake", id="shoot.retake", tooltip="the newest take once more"),
+        Binding("r", "retake", "Retake", id="shoot.retake", tooltip="repeat the newest take"),
         Binding("v", "switch", "Live/sheet", id="shoot.switch", tooltip="live pictures or contact sheet"),
-        Binding("w", "wiggle", "Wiggle", id="shoot.wiggle", tooltip="to and fro between cameras"),
-        Binding(
-            "d", "turn", "Turn it", id="shoot.turn", show=False, tooltip="the last take's depth, by hand"
-        ),
+        Binding("w", "wiggle", "Wiggle", id="shoot.wiggle", tooltip="back and forth through the cameras"),
+        Binding("d", "open_depth", "Depth", id="shoot.depth", tooltip="the newest take in 3D in the browser"),
+        Binding("y", "explain", "Why", id="shoot.why", tooltip="explains the verdict on the newest take"),
         Binding("n", "edit('name')", "Name", id="shoot.name"),
         Binding("t", "edit('notes')", "Notes", id="shoot.note"),
         Binding("left_square_bracket", "frames(-1,0)", "Fewer before", id="shoot.before-less", show=False),
@@ -74,7 +79,7 @@ class ShootView(ModeView):
             "Cancel a burst",
             id="shoot.cancel",
             show=False,
-            tooltip="ahead, or being saved",
+            tooltip="scheduled, or being saved",
         ),
     ]
 
@@ -127,6 +132,7 @@ class ShootView(ModeView):
                 self.stage.grid.show_preview(preview)
             case Runs():
                 self._show_course()
+                self.refresh_bindings()
             case RigStatus() as status:
                 self.plan_panel.show_period(status.period_ns)
                 self.stage.grid.show_status(status)
@@ -198,35 +204,42 @@ class ShootView(ModeView):
         """Wiggle through the cameras at the selected instant of the last take."""
         self.stage.sheet.action_look("wiggle")
 
-    def action_turn(self) -> None:
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer only actions available for the newest take."""
+        if action == "explain":
+            return self._newest_sheet is not None
+        run = take_depth.run_of(self._depth_runs, self._newest_sheet) if action == "open_depth" else None
+        return action != "open_depth" or (run is not None and run.report is not None)
+
+    def action_explain(self) -> None:
+        """Explain the verdict on the newest take."""
+        if (sheet := self._newest_sheet) is not None:
+            self.app.push_screen(explain_verdict(sheet))
+
+    def action_open_depth(self) -> None:
         """Open the interactive 3D page of the newest take's depth."""
         run = take_depth.run_of(self._depth_runs, self._newest_sheet)
-        if run is None or run.report is None:
-            self.notify("the newest take has no depth")
-        else:
-            open_report(self, run.report)
+        open_report(self, None if run is None else run.report)
 
     @work(group="asking")
     async def action_cancel_burst(self) -> None:
         """Ask which burst to cancel, and cancel it."""
         offers = {} if self._record.status is None else cancellable_bursts(self._record.status)
         if not offers:
-            self.notify("no burst lies ahead, and none is being saved")
+            self.notify("no burst is scheduled or being saved")
             return
         answers = [
             Answer(str(burst), str(key), words)
             for key, (burst, words) in enumerate(list(offers.items())[:MAX_ANSWERS], 1)
         ]
-        question = Question(
-            "What has come of it already is saved.", [*answers, CANCEL], title="Cancel a burst"
-        )
+        question = Question("Images received so far are saved.", [*answers, CANCEL], title="Cancel a burst")
         answer = await self.app.push_screen_wait(question)
         if answer is not None:
             self._order(CancelBurst(burst=int(answer)))
 
     @work(group="orders")
     async def _order(self, order: Order) -> None:
-        with telling(self):
+        with showing_errors(self):
             await self._rig.order(order)
 
     @work(group="shooting")
@@ -253,7 +266,7 @@ class ShootView(ModeView):
             case Moved(camera=camera):
                 self.notify(f"something moves in front of {printable(camera)}", markup=False)
             case Waiting(reason=reason):
-                keys = "◔ Space takes now, esc takes it back; " if self._taking.is_waiting else f"◉ {of}: "
+                keys = "◔ Space takes now, esc cancels; " if self._taking.is_waiting else f"◉ {of}: "
                 self._end_course(keys + reason)
             case Begun():
                 self._end_course(f"◉ {of} is being taken")
@@ -299,7 +312,7 @@ class ShootView(ModeView):
         try:
             take.sheet = await asyncio.to_thread(open_take, take.status)
         except SimulshotError as error:
-            take.problem = f"it cannot be looked at: {error}"
+            take.problem = f"the take cannot be shown: {error}"
         shown = self._shown
         newer = shown is None or self.takes.index(take) > self.takes.index(shown)
         if take.sheet is not None and newer:
@@ -310,6 +323,8 @@ class ShootView(ModeView):
         if take.sheet is not None and take.is_new:
             await take_depth.begin(self._depth_runs, take.sheet)
         self._show_course()
+        if self.is_attached:  # the screen may have been closed meanwhile
+            self.refresh_bindings()
 
     @property
     def _newest_sheet(self) -> TakeSheet | None:
@@ -324,7 +339,7 @@ class ShootView(ModeView):
 
     @work(group="trash")
     async def _trash(self, take: Take, sheet: TakeSheet) -> None:
-        with telling(self):
+        with showing_errors(self):
             await asyncio.to_thread(trash_session, sheet.session.folder)
             take.trashed = True
             self.stage.forget_sheet(sheet)
@@ -373,7 +388,7 @@ def cancellable_bursts(status: RigStatus) -> dict[int, str]:
     offers = {}
     newest = status.burst
     if newest is not None and newest.burst and not newest.done:
-        offers[newest.burst] = f"{newest.name}: {newest.received} of {newest.expected} images are here"
+        offers[newest.burst] = f"{newest.name}: {newest.received} of {newest.expected} images received"
     for burst in sorted(status.ahead, key=lambda burst: burst.first_leader_ns):
         begins = clock_offset(max(0, burst.first_leader_ns - status.now_ns), signed=False)
         offers[burst.burst] = f"{burst.name}: begins in {begins}, {count(burst.instants, 'frame')}"

@@ -106,8 +106,8 @@ def fitted_cells(width: int, height: int, columns: int, rows: int) -> tuple[int,
 def resample(image: Image, width: int, height: int) -> Image:
     """Resize an image; averages over areas when shrinking."""
     shrinks = width <= image.shape[1] and height <= image.shape[0]
-    way = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
-    return np.asarray(cv2.resize(image, (width, height), interpolation=way), np.uint8)
+    method = cv2.INTER_AREA if shrinks else cv2.INTER_LINEAR
+    return np.asarray(cv2.resize(image, (width, height), interpolation=method), np.uint8)
 
 
 def grey_of(image: Image) -> Image:
@@ -151,11 +151,11 @@ def keep_equal_cells(shown: CellPicture, new: CellPicture, threshold: int) -> Ce
     if new.palette is Palette.DOTS or (shown.palette, shown.glyphs.shape) != (new.palette, new.glyphs.shape):
         return new
     difference = np.abs(new.pixels().astype(np.int16) - shown.pixels())
-    alike = difference.max(axis=(2, 3)) <= threshold
+    equal = difference.max(axis=(2, 3)) <= threshold
     return CellPicture(
         new.palette,
-        np.where(alike, shown.glyphs, new.glyphs),
-        np.where(alike[..., None, None], shown.inks, new.inks),
+        np.where(equal, shown.glyphs, new.glyphs),
+        np.where(equal[..., None, None], shown.inks, new.inks),
     )
 
 

@@ -19,7 +19,7 @@ from capture_app.tui.widgets.picture import strip_of_middle
 
 GUTTER = 9
 """Columns for an instant's time."""
-LEAST, MOST = 10, 60
+MIN_WIDTH, MAX_WIDTH = 10, 60
 """Min and max columns of a picture."""
 
 
@@ -41,7 +41,7 @@ class ContactSheet(ScrollView, can_focus=True):
         "sheet--label",
         "sheet--cursor",
         "sheet--frame",
-        "sheet--remark",
+        "sheet--note",
         "sheet--empty",
     }
     DEFAULT_CSS = """
@@ -50,7 +50,7 @@ class ContactSheet(ScrollView, can_focus=True):
         & > .sheet--label { color: $text-muted; }
         & > .sheet--cursor { color: $primary; text-style: bold reverse; }
         & > .sheet--frame { color: $primary; }
-        & > .sheet--remark { color: $warning; }
+        & > .sheet--note { color: $warning; }
         & > .sheet--empty { color: $text-muted; background: $surface; }
     }
     """
@@ -61,7 +61,7 @@ class ContactSheet(ScrollView, can_focus=True):
         self.cursor = Offset(0, 0)
         """Indices of camera and instant."""
         self._thumbs: dict[tuple[int, int], CellPicture | None] = {}
-        self._wanted: list[tuple[int, int]] = []
+        self._missing_thumbs: list[tuple[int, int]] = []
         """Visible pictures that are not drawn yet."""
         self._zoom = 1.0
 
@@ -81,7 +81,8 @@ class ContactSheet(ScrollView, can_focus=True):
         wide = (room.width - GUTTER) // max(1, len(sheet.cameras)) - 1
         # With few instants, large pictures must leave space for another row.
         high = int((room.height - 1) * 2 / max(2, min(sheet.instants, 3)) / sheet.aspect)
-        width = round(min(max(min(wide, high, MOST), LEAST) * self._zoom, 4 * MOST, room.width - GUTTER))
+        fit = max(min(wide, high, MAX_WIDTH), MIN_WIDTH)
+        width = round(min(fit * self._zoom, 4 * MAX_WIDTH, room.width - GUTTER))
         rows = max(2, round(width * sheet.aspect / 2))
         return Size(max(4, min(width, round(2 * rows / sheet.aspect))), rows)
 
@@ -142,7 +143,7 @@ class ContactSheet(ScrollView, can_focus=True):
 
     def _lay_out(self) -> None:
         self._thumbs.clear()
-        self._wanted.clear()
+        self._missing_thumbs.clear()
         if self.sheet is not None:
             size = self.thumb_size
             self.virtual_size = Size(
@@ -166,8 +167,8 @@ class ContactSheet(ScrollView, can_focus=True):
             style = "sheet--cursor" if instant == self.cursor.y else "sheet--label"
             text = duration(sheet.since_start_ns(instant), signed=True) if instant else "first"
             gutter = self._words(text.rjust(GUTTER - 1), GUTTER, style, gap=1)
-        elif line == 1 and (spread := sheet.spread_ns(instant)) is not None:
-            gutter = self._words(f"↔{duration(spread)}".rjust(GUTTER - 1), GUTTER, "sheet--label", gap=1)
+        elif line == 1 and (scatter := sheet.spread_ns(instant)) is not None:
+            gutter = self._words(f"↔{duration(scatter)}".rjust(GUTTER - 1), GUTTER, "sheet--label", gap=1)
         else:
             gutter = Strip.blank(GUTTER, self.rich_style)
         if self.cursor == (0, instant) and line < self.thumb_size.height:
@@ -182,7 +183,7 @@ class ContactSheet(ScrollView, can_focus=True):
                 parts.append(self._thumb_line(at, instant, line))
             else:
                 note = sheet.note(sheet.cameras[at], instant)
-                style = "sheet--remark" if note else "sheet--frame" if here else "sheet--label"
+                style = "sheet--note" if note else "sheet--frame" if here else "sheet--label"
                 mark = "! " if note else ""
                 text = mark + printable(note) if note else "▀" * size.width if here else ""
                 parts.append(self._words(text, size.width, style))
@@ -195,9 +196,9 @@ class ContactSheet(ScrollView, can_focus=True):
         thumb = self._thumbs.get((at, instant))
         if thumb is None:
             known = (at, instant) in self._thumbs
-            if not known and (at, instant) not in self._wanted:
-                self._wanted.append((at, instant))
-                if len(self._wanted) == 1:
+            if not known and (at, instant) not in self._missing_thumbs:
+                self._missing_thumbs.append((at, instant))
+                if len(self._missing_thumbs) == 1:
                     self._load()
             text = "no picture" if known and line == size.height // 2 else ""
             return self._words(text.center(size.width), size.width, "sheet--empty")
@@ -248,11 +249,11 @@ class ContactSheet(ScrollView, can_focus=True):
         """Draw newly visible pictures one by one in a thread."""
         sheet, size = self.sheet, self.thumb_size
         palette, light = palette_of(self.app), not self.app.current_theme.dark
-        while sheet is not None and self._wanted:
-            x, y = self._wanted[0]
+        while sheet is not None and self._missing_thumbs:
+            x, y = self._missing_thumbs[0]
             drawn = await asyncio.to_thread(_draw, sheet, sheet.cameras[x], y, size, palette, light)
-            if (x, y) in self._wanted and sheet is self.sheet:
-                self._wanted.remove((x, y))
+            if (x, y) in self._missing_thumbs and sheet is self.sheet:
+                self._missing_thumbs.remove((x, y))
                 self._thumbs[x, y] = drawn
                 self._refresh_region(self._region(x, y))
 

@@ -122,24 +122,24 @@ def focus_line(numbers: Sequence[tuple[float, float]], width: int = 24) -> Conte
     lately = [number for when_s, number in numbers if when_s >= numbers[-1][0] - BEST_OVER_S]
     if not lately or max(lately) <= 0:
         return Content.styled("focus   no picture yet", "$foreground-muted")
-    share = lately[-1] / max(lately)
-    filled = round(share * width)
-    style = "$success" if share >= IN_FOCUS else "$warning"
+    fraction = lately[-1] / max(lately)
+    filled = round(fraction * width)
+    style = "$success" if fraction >= IN_FOCUS else "$warning"
     return Content.assemble(
         ("focus   ", "$foreground-muted"),
         (f"{lately[-1]:7.3f}  ", "bold"),
         ("█" * filled, style),
         ("░" * (width - filled), "$foreground-muted"),
-        (f" {share:4.0%} of the best in {BEST_OVER_S:g} s", style),
+        (f" {fraction:4.0%} of the best in {BEST_OVER_S:g} s", style),
     )
 
 
 def exposure_line(exposure: Exposure) -> Content:
     """Return mean brightness and clipping in a line."""
 
-    def clipped(share: float, name: str, glyph: str) -> tuple[str, str]:
-        warns = share >= CLIPPED
-        return f"  {glyph if warns else ' '} {name} {share:.1%}", "$warning" if warns else "$foreground-muted"
+    def clipped(fraction: float, name: str, glyph: str) -> tuple[str, str]:
+        mark, style = (glyph, "$warning") if fraction >= CLIPPED else (" ", "$foreground-muted")
+        return f"  {mark} {name} {fraction:.1%}", style
 
     return Content.assemble(
         ("light   ", "$foreground-muted"),
@@ -157,7 +157,7 @@ def histogram_lines(exposure: Exposure, width: int, height: int) -> list[Content
         first = column * len(shares) // width
         last = max((column + 1) * len(shares) // width, first + 1)
         columns.append(max(shares[first:last]))
-    most = max(columns, default=0.0) or 1.0
-    eighths = [round((share / most) ** 0.5 * 8 * height) for share in columns]
-    eighths = [max(value, 1) if share > 0 else 0 for value, share in zip(eighths, columns, strict=True)]
+    highest = max(columns, default=0.0) or 1.0
+    eighths = [round((fraction / highest) ** 0.5 * 8 * height) for fraction in columns]
+    eighths = [max(value, 1) if fraction > 0 else 0 for value, fraction in zip(eighths, columns, strict=True)]
     return [Content.styled(row, "$primary") for row in bar_rows(eighths, height)]

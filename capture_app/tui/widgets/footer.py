@@ -7,6 +7,8 @@ from textual.screen import Screen
 
 from capture_app.tui.widgets.lines import Lines
 
+FIRST = ("start",)
+"""Actions shown before all others: the remedy of a lost leader."""
 ALWAYS = ("quit", "help")
 """Actions always shown, at the right: quit, and help with all keys."""
 
@@ -46,7 +48,7 @@ class KeyFooter(Lines):
         right = [self._item(binding) for binding in last]
         room = self.size.width - sum(item.cell_length for item in right)
         line, self._spans = Content(""), []
-        for binding in shown.values():
+        for binding in sorted(shown.values(), key=lambda binding: binding.action not in FIRST):
             item = self._item(binding)
             if line.cell_length + item.cell_length > room:
                 # The remaining keys are listed in the help, whose key follows.

@@ -52,10 +52,10 @@ class Header(Lines):
         if status is None:
             return
         if status.is_open:
-            yield Content.styled("OPEN to anybody", "$warning")
+            yield Content.styled("OPEN: no pairing", "$warning")
         if present := [phone for phone in status.app_phones if phone.state != "lost"]:
             synced = sum(phone.state == "synced" for phone in present)
-            words = f"{synced} of {count(len(present), 'app phone')} with the time"
+            words = f"{synced} of {count(len(present), 'app phone')} synchronized"
             yield Content.styled(words, "$warning")
         free = status.disk_free_bytes
         if free is not None:

@@ -54,9 +54,9 @@ def chosen_line(line: Content, width: int) -> Content:
     return line.pad_right(max(width - line.cell_length, 0)).stylize_before("on $block-cursor-background")
 
 
-def filled_cells(share: float, width: int) -> str:
+def filled_cells(fraction: float, width: int) -> str:
     """Return a bar of a fraction of `width` cells, in steps of an eighth of a cell."""
-    eighths = round(8 * width * min(max(share, 0.0), 1.0))
+    eighths = round(8 * width * min(max(fraction, 0.0), 1.0))
     return "█" * (eighths // 8) + ("▏▎▍▌▋▊▉"[eighths % 8 - 1] if eighths % 8 else "")
 
 
@@ -123,8 +123,8 @@ class Lines(Widget):
             return Strip.blank(self.size.width, self.rich_style)
         strip, width = self._strips[y], self.size.width
         if strip.cell_length > width > 1 and strip.text[width - 1 :].strip():
-            kept = strip.crop(0, width - 1)
-            strip = Strip([*kept, Segment("…", list(kept)[-1].style)])
+            cropped = strip.crop(0, width - 1)
+            strip = Strip([*cropped, Segment("…", list(cropped)[-1].style)])
         return strip.adjust_cell_length(width, self.rich_style)
 
     def notify_style_update(self) -> None:
@@ -158,10 +158,10 @@ def _cells(strip: Strip) -> list[tuple[str, object]]:
     return cells if len(cells) == strip.cell_length else [(strip.text, tuple(strip))]
 
 
-def log_lines(news: Iterable[LogLine], width: int) -> list[Content]:
+def log_lines(log: Iterable[LogLine], width: int) -> list[Content]:
     """Return the lines of log entries, long ones wrapped."""
     lines: list[Content] = []
-    for each in news:
+    for each in log:
         mark, style = MARKS[each.level]
         clock = time.strftime(TIME, time.localtime(each.unix_ns / 1e9))
         text_style = "" if each.level == "info" else style

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterator, Sequence
 from functools import lru_cache, partial
-from typing import ClassVar, Literal
+from typing import ClassVar, Literal, TypeVar
 
 from textual.binding import Binding, BindingType
 from textual.content import Content
@@ -14,9 +14,10 @@ from capture_app.tui.widgets.cells import Image
 from capture_app.tui.widgets.picture import Picture, Source, sharp_terminal_of
 from capture_app.tui.widgets.whole_screen import WholeScreen
 
+T = TypeVar("T")
 SLOWEST, FASTEST = 1.0, 8.0
 """Min and max pictures per second; more would overload a slow link."""
-KEPT = 80
+MAX_CACHED = 80
 """Max number of cached pictures, decoded at the size of the screen."""
 
 
@@ -31,7 +32,7 @@ _MOVING: dict[Motion, tuple[str, float]] = {
 """Description and initial pictures per second of each motion."""
 
 
-def ping_pong(things: Sequence[int]) -> list[int]:
+def ping_pong(things: Sequence[T]) -> list[T]:
     """Return the sequence forth and back, without repeating either end."""
     return [*things, *things[-2:0:-1]]
 
@@ -50,19 +51,21 @@ class LookScreen(WholeScreen[tuple[str, int]]):
             "motion('cameras')",
             "Blink cameras",
             id="look.blink-cameras",
-            tooltip="one camera after the other",
+            tooltip="alternate two cameras",
         ),
         Binding(
-            "i",
+            "t",
             "motion('instants')",
             "Blink instants",
             id="look.blink-instants",
-            tooltip="one instant after the other",
+            tooltip="alternate two instants",
         ),
-        Binding("w", "motion('wiggle')", "Wiggle", id="look.wiggle", tooltip="to and fro between cameras"),
+        Binding(
+            "w", "motion('wiggle')", "Wiggle", id="look.wiggle", tooltip="back and forth through the cameras"
+        ),
         Binding("p", "motion('play')", "Play", id="look.play"),
-        Binding("plus,equals_sign", "pace(1.5)", "Faster", id="look.faster", show=False, key_display="+"),
-        Binding("minus", "pace(0.67)", "Slower", id="look.slower", show=False, key_display="-"),
+        Binding("plus,equals_sign", "speed(1.5)", "Faster", id="look.faster", show=False, key_display="+"),
+        Binding("minus", "speed(0.67)", "Slower", id="look.slower", show=False, key_display="-"),
     ]
 
     def __init__(self, sheet: TakeSheet, camera: str, instant: int, motion: Motion = "still") -> None:
@@ -75,7 +78,7 @@ class LookScreen(WholeScreen[tuple[str, int]]):
         self._step = 0
         self._timer: Timer | None = None
         self._sources: dict[tuple[str, int], tuple[Source, Source]] = {}
-        self._load = lru_cache(maxsize=KEPT)(self._load_now)
+        self._load = lru_cache(maxsize=MAX_CACHED)(self._load_now)
 
     @property
     def shown(self) -> tuple[str, int]:
@@ -137,7 +140,7 @@ class LookScreen(WholeScreen[tuple[str, int]]):
             case "instants":
                 return [(at, when), (at, when + 1 if when + 1 < instants else max(when - 1, 0))]
             case "wiggle":
-                return [(camera, when) for camera in ping_pong(range(cameras))]
+                return [(self._sheet.cameras.index(camera), when) for camera in ping_pong(self._sheet.arc)]
             case "play":
                 return [(at, instant) for instant in range(instants)]
 

@@ -160,7 +160,7 @@ class Picture(Widget):
         self._sharp_source: Source | None = None
         self._sharp: SharpPicture | None = None
         self._sharpening = False
-        self._turn = 0
+        self._request = 0
         """Counter of requests, which identifies outdated work."""
         self._drawing = False
         self._stale = source is not None
@@ -204,7 +204,7 @@ class Picture(Widget):
 
     def _draw_again(self) -> None:
         self._stale = True
-        self._turn += 1
+        self._request += 1
         if not self._drawing and self.is_mounted and self.size:
             self._drawing = True
             self._draw()
@@ -232,16 +232,16 @@ class Picture(Widget):
         """Replace the glyphs by pixels, unless another picture is requested meanwhile."""
         try:
             while self._sharp is None and self.size:
-                terminal, source, turn = sharp_terminal_of(self.app), self._sharp_source, self._turn
+                terminal, source, request = sharp_terminal_of(self.app), self._sharp_source, self._request
                 if terminal is None or source is None:
                     return
                 await asyncio.sleep(REST_S)
-                if turn != self._turn:
+                if request != self._request:
                     continue
                 sent = await asyncio.to_thread(_send, terminal, source, self.size.width, self.size.height)
                 if sent is None:
                     return
-                if turn == self._turn:
+                if request == self._request:
                     self._put_sharp(sent)
                 else:
                     sent.forget()

@@ -59,16 +59,16 @@ def histogram_rows(errors_ns: Sequence[int], tolerance_ns: int, width: int, heig
     if not errors_ns or width < 12 or height < 3:
         return [Content.styled("No frame on the grid yet.", "$foreground-muted")]
     sizes = sorted(abs(error) for error in errors_ns)
-    reach = max(1.25 * tolerance_ns, sizes[int(SHOWN_FRACTION * (len(sizes) - 1))], 1.0)
+    limit = max(1.25 * tolerance_ns, sizes[int(SHOWN_FRACTION * (len(sizes) - 1))], 1.0)
     bins = [0] * width
     for error in errors_ns:
-        bins[max(0, min(int((error / reach + 1) / 2 * width), width - 1))] += 1
+        bins[max(0, min(int((error / limit + 1) / 2 * width), width - 1))] += 1
     # A non-empty bar is at least an eighth of a cell high.
     eighths = [max(round(8 * (height - 1) * size / max(bins)), 1) if size else 0 for size in bins]
-    inside = [abs((x + 0.5) / width * 2 - 1) * reach <= tolerance_ns for x in range(width)]
+    inside = [abs((x + 0.5) / width * 2 - 1) * limit <= tolerance_ns for x in range(width)]
     styles = ["$success on $success 9%" if each else "$warning" for each in inside]
     rows = [joined_cells(zip(row, styles, strict=True)) for row in bar_rows(eighths, height - 1)]
-    axis = _foot(f"−{duration(reach)}", "0", duration(reach, signed=True), width)
+    axis = _foot(f"−{duration(limit)}", "0", duration(limit, signed=True), width)
     return [*rows, Content.styled(axis[:width], "$foreground-muted")]
 
 
@@ -83,8 +83,8 @@ def histogram_title(errors_ns: Sequence[int], tolerance_ns: int) -> str:
     if not errors_ns:
         return "phase error"
     inside = sum(abs(error) <= tolerance_ns for error in errors_ns)
-    share = 100 * inside / len(errors_ns)
-    return f"phase, {share:.0f} % of {len(errors_ns)} within ±{duration(tolerance_ns)}"
+    fraction = 100 * inside / len(errors_ns)
+    return f"phase, {fraction:.0f} % of {len(errors_ns)} within ±{duration(tolerance_ns)}"
 
 
 def wedge_rows(samples_ns: Sequence[tuple[int, int]], width: int, height: int) -> list[Content]:
@@ -94,25 +94,26 @@ def wedge_rows(samples_ns: Sequence[tuple[int, int]], width: int, height: int) -
     """
     if len(samples_ns) < 2 or width <= LABEL_WIDTH + 4 or height < 3:
         return [Content.styled("No exchanges with the leader yet.", "$foreground-muted")]
-    by_trip = sorted(samples_ns, key=lambda sample: sample[1])
-    shown = by_trip[: max(2, round(SHOWN_TRIPS_FRACTION * len(by_trip)))]
+    by_round_trip = sorted(samples_ns, key=lambda sample: sample[1])
+    shown = by_round_trip[: max(2, round(SHOWN_TRIPS_FRACTION * len(by_round_trip)))]
     shortest, longest = shown[0][1], max(shown[-1][1], shown[0][1] + 1)
-    best = sorted(offset for offset, _ in by_trip[: max(1, len(by_trip) // 20)])
+    best = sorted(offset for offset, _ in by_round_trip[: max(1, len(by_round_trip) // 20)])
     middle = best[len(best) // 2]
-    reach = max((longest - shortest) / 2, *(abs(offset - middle) for offset, _ in shown), 1.0)
+    limit = max((longest - shortest) / 2, *(abs(offset - middle) for offset, _ in shown), 1.0)
     points, edges = (Canvas(width - LABEL_WIDTH, height - 1, QUARTERS) for _ in range(2))
     across, down = points.dots
 
     def row_of(offset: float) -> int:
-        return round((1 - offset / reach) / 2 * (down - 1))
+        return round((1 - offset / limit) / 2 * (down - 1))
 
     for x in range(across):
         half = (longest - shortest) * x / (across - 1) / 2
         edges.put(x, row_of(half))
         edges.put(x, row_of(-half))
-    for offset, trip in shown:
-        points.put(round((trip - shortest) / (longest - shortest) * (across - 1)), row_of(offset - middle))
-    labels = {0: duration(reach, signed=True), (height - 1) // 2: "0", height - 2: f"−{duration(reach)}"}
+    for offset, round_trip in shown:
+        x = round((round_trip - shortest) / (longest - shortest) * (across - 1))
+        points.put(x, row_of(offset - middle))
+    labels = {0: duration(limit, signed=True), (height - 1) // 2: "0", height - 2: f"−{duration(limit)}"}
     rows: list[Content] = []
     for y in range(height - 1):
         label = f"{labels.get(y, '')[: LABEL_WIDTH - 1]:>{LABEL_WIDTH - 1}} "
@@ -152,11 +153,11 @@ class PhaseAxis:
         """Return an error's position: 0 at -limit, 0.5 at zero, 1 at +limit; `band`: the band's fraction."""
         size = min(abs(error_ns), self.limit_ns)
         if size <= self.tolerance_ns:
-            away = band / 2 * size / self.tolerance_ns
+            distance = band / 2 * size / self.tolerance_ns
         else:
             beyond = math.log(size / self.tolerance_ns) / math.log(self.limit_ns / self.tolerance_ns)
-            away = band / 2 + (0.5 - band / 2) * beyond
-        return 0.5 + math.copysign(away, error_ns)
+            distance = band / 2 + (0.5 - band / 2) * beyond
+        return 0.5 + math.copysign(distance, error_ns)
 
     def labels(self, height: int) -> list[str]:
         """Return the labels beside the rows of a strip."""

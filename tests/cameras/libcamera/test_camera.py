@@ -103,9 +103,9 @@ async def test_exposure_and_gain_are_told_set_and_given_back_to_the_camera() -> 
     await opened.start(0.1)
     exposure, gain = await opened.camera.controls()
     assert (exposure.control, exposure.unit, exposure.automatic) == (Control.EXPOSURE, MICROSECONDS, False)
-    assert (exposure.least, exposure.can_be_automatic) == (29, True)
-    assert exposure.most == pytest.approx(33_333, abs=20), "no exposure makes a frame longer"
-    assert (gain.control, gain.value, gain.most) == (Control.GAIN, 2.0, 10.7)
+    assert (exposure.minimum, exposure.can_be_automatic) == (29, True)
+    assert exposure.maximum == pytest.approx(33_333, abs=20), "no exposure makes a frame longer"
+    assert (gain.control, gain.value, gain.maximum) == (Control.GAIN, 2.0, 10.7)
     await opened.camera.set_control(Control.EXPOSURE, 2_000.0)
     assert opened.camera.facts.exposure_ns == 105 * ROW_NS
     assert opened.camera.facts.stamp.bias_ns == 105 * ROW_NS

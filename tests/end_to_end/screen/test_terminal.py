@@ -36,8 +36,8 @@ async def test_a_first_user_takes_compares_and_exports_by_keys_alone(
 ) -> None:
     here = ("--host", "127.0.0.1", "--sessions", "takes", "--frames", "4")
     async with Terminal(*here, environment=home, folder=tmp_path) as terminal:
-        await terminal.shows("One moment: the screen is being prepared")
-        await terminal.shows("What shall take pictures?", "Simulate 5 cameras")
+        await terminal.shows("Starting the screen")
+        await terminal.shows("Add cameras", "Simulate 5 cameras")
         terminal.press("-", "-", "-")
         await terminal.shows("Simulate 2 cameras")
         terminal.press("s")

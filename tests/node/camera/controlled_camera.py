@@ -22,10 +22,10 @@ EXPOSURE = ControlState(
     unit=MICROSECONDS,
     automatic=True,
     can_be_automatic=True,
-    least=100.0,
-    most=30_000.0,
+    minimum=100.0,
+    maximum=30_000.0,
 )
-GAIN = ControlState(control=Control.GAIN, value=7.0, unit=steps_of("A"), least=0.0, most=15.0)
+GAIN = ControlState(control=Control.GAIN, value=7.0, unit=steps_of("A"), minimum=0.0, maximum=15.0)
 WHITE_BALANCE = ControlState(control=Control.WHITE_BALANCE, value=5000.0, unit=KELVIN)
 """It tells this one, and takes none."""
 

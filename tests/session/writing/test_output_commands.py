@@ -22,7 +22,7 @@ def test_sessions_list_mentions_leftovers_and_repair_removes_them(
     (hidden / "new").mkdir()
     (hidden / "lock").touch()
     assert run(["sessions", "list", str(tmp_path)]) == ExitCode.OK
-    assert f"{tmp_path / 'rendered'} is being written, or" in capsys.readouterr().err
+    assert f"{tmp_path / 'rendered'} is incomplete: if no command is writing it" in capsys.readouterr().err
     assert run(["sessions", "repair", str(tmp_path), "--wait-s", "0"]) == ExitCode.OK
     assert f"restored the earlier result in {tmp_path / 'rendered'}" in caplog.text
     assert names(tmp_path) == ["rendered", "small"]

@@ -21,7 +21,7 @@ from capture_app.tui.jobs.run import (
 )
 
 TOLERANCE_VERDICT = "This motion tolerates a delay of about 3.9 ms."
-PANEL_VERDICT = "32 µs apart on average, 121 µs at most; the panel tells ±14 µs"
+PANEL_VERDICT = "32 µs apart on average, 121 µs at most; the panel resolves ±14 µs"
 VERDICT = (
     "When both pictures show the same instant, the right distance is found for 97 % of what moves; with one "
     "picture 67 ms late, for 2 %. What stands still is found equally well both times."
@@ -143,11 +143,11 @@ def add_dose(root: Path, session: str) -> Run:
         {
             "offsets_ms": {"cam00": 0.0, "cam01": ms},
             "measures": [
-                {"name": "mover_coverage", "offset": None if share is None else {"value": share}},
+                {"name": "mover_coverage", "offset": None if fraction is None else {"value": fraction}},
                 {"name": "static_coverage", "offset": {"value": 0.9}},
             ],
         }
-        for ms, share in ((0.0, 0.97), (33.3, 0.2), (66.7, None))
+        for ms, fraction in ((0.0, 0.97), (33.3, 0.2), (66.7, None))
     ]
     found = {
         "measure": "mover_coverage",

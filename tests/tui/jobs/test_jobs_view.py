@@ -8,6 +8,7 @@ from typing import Any
 
 import pytest
 from msgspec import structs
+from textual.geometry import Region
 
 from capture_app.protocol.status import BurstStatus
 from capture_app.tui.jobs.jobs_view import JobsView
@@ -157,15 +158,20 @@ async def test_pictures_are_switched_by_one_key(root: Path, size: tuple[int, int
         grey = screen.query_one(Picture).cells.inks.min()
         await pilot.press("space")
         await until(pilot, lambda: screen.query_one(Picture).cells.inks.min() > grey + 50)
-        await pilot.click("#result-sides")
+        await pilot.click("#result-labels")
         await settle(pilot)
         assert not screen.shows_offset
         if size[0] < 150:
             await pilot.press("f")
             await settle(pilot)
-        figures = "\n".join(screen.query_one("#result-figures").plain)
+        figures = "\n".join(
+            strip.text
+            for strip in screen.query_one("#result-figures").render_lines(
+                Region(0, 0, *screen.query_one("#result-figures").size)
+            )
+        )
         assert "96.8 %" in figures
-        assert "no depth from all cameras" in figures
+        assert "no multiview" in figures
         await pilot.press("escape")
         await until(pilot, lambda: not isinstance(pilot.app.screen, ResultScreen))
 
@@ -243,7 +249,7 @@ async def test_a_picture_of_one_condition_has_no_switch(root: Path) -> None:
         await pilot.press("enter")
         await until(pilot, lambda: isinstance(pilot.app.screen, ResultScreen))
         await until(pilot, lambda: pilot.app.screen.query_one(Picture).cells is not None)
-        (sides,) = pilot.app.screen.query_one("#result-sides", Lines).plain
+        (sides,) = pilot.app.screen.query_one("#result-labels", Lines).plain
         assert sides.split() == ["1/2", "Distance,", "cam00"]
 
 

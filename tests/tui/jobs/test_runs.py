@@ -1,7 +1,9 @@
 """Jobs are run one after the other, told of, cancelled, retried, and known again by the next start."""
 
 import asyncio
+import json
 import os
+import socket
 from dataclasses import replace
 from pathlib import Path
 
@@ -11,8 +13,8 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.text import ProgressStep
 from capture_app.session.library.changes import rename_session, results_folder
 from capture_app.session.reading.reader import Session
-from capture_app.tui.jobs.results import read_result
-from capture_app.tui.jobs.run import COMMANDS, COMPARE, EXPORTS, PANEL, VERIFY, Run, RunState
+from capture_app.tui.jobs.result_screen import read_result
+from capture_app.tui.jobs.run import COMMANDS, COMPARE, EXPORTS, PANEL, PANORAMA, VERIFY, Run, RunState
 from capture_app.tui.jobs.runs import INTERRUPTED, Runs
 from tests.waiting import until
 
@@ -50,7 +52,7 @@ async def test_what_goes_wrong_is_said_in_the_programs_own_words(runs: Runs, ses
     assert job.state is RunState.FAILED
     assert job.message == "the burst has one instant only"
     assert job.result is None
-    with pytest.raises(BadInputError, match="cannot be read"):
+    with pytest.raises(BadInputError, match="are not valid"):
         runs.add(QUICK, session.folder, "say 'open")
     with pytest.raises(BadInputError, match="set by the job"):
         runs.add(QUICK, session.folder, "--out=/elsewhere")
@@ -81,7 +83,7 @@ async def test_one_at_a_time_and_none_twice(runs: Runs, session: Session, tmp_pa
     await until(lambda: first.step is not None)
     assert (first.state, other.state) == (RunState.RUNNING, RunState.WAITING)
     assert runs.unfinished == [other, first]
-    assert first.share == 0.2
+    assert first.fraction == 0.2
     go.touch()
     await runs.wait()
     assert (first.state, other.state) == (RunState.DONE, RunState.DONE)
@@ -148,6 +150,28 @@ async def test_the_next_start_knows_what_was_done(runs: Runs, session: Session, 
     assert not (results_folder(tmp_path / "new") / "tolerance.json").exists()
 
 
+async def test_a_job_of_another_screen_runs_until_that_screen_ends(session: Session, tmp_path: Path) -> None:
+    other = await asyncio.create_subprocess_exec("sleep", "600")
+    stored = results_folder(session.folder) / "panorama.json"
+    stored.parent.mkdir(parents=True, exist_ok=True)
+    owner = f"{socket.gethostname()}:{other.pid}"
+    text = {"kind": "panorama", "session": session.folder.name, "state": "running", "owner": owner}
+    stored.write_text(json.dumps(text))
+    runs = Runs(tmp_path)
+    await runs.read()
+    (job,) = runs.all
+    assert (job.state, job.is_foreign, runs.unfinished) == (RunState.RUNNING, True, [])
+    assert f"another screen on this machine (process {other.pid})" in job.message
+    await runs.close()
+    assert json.loads(stored.read_text()) == text, "closing this screen leaves it alone"
+    with pytest.raises(BadInputError, match="running already"):
+        runs.add(PANORAMA, session.folder)
+    other.kill()
+    await other.wait()
+    await runs.read()
+    assert [(run.state, run.message) for run in runs.all] == [(RunState.CANCELLED, INTERRUPTED)]
+
+
 @pytest.mark.parametrize(
     "odd", ['"options": "say \'open"', '"options": "--out=/elsewhere"', '"ended": "2026-11-21T16:00:00"']
 )
@@ -197,12 +221,12 @@ def test_time_left_is_reckoned_from_the_steps(tmp_path: Path) -> None:
     job = Run(kind="compare", session=tmp_path, state=RunState.RUNNING, seconds=30.0)
     assert job.seconds_left is None
     job.step = ProgressStep(3, 9, "stereo")
-    assert job.share == pytest.approx(2 / 9)
+    assert job.fraction == pytest.approx(2 / 9)
     assert job.seconds_left is None, "the first steps are short and tell nothing of the others"
     job.step = ProgressStep(4, 9, "stereo")
     assert job.seconds_left == pytest.approx(60.0)
     job.step = ProgressStep(5, 0, "odd")
-    assert job.share is None
+    assert job.fraction is None
 
 
 @pytest.mark.slow
@@ -216,4 +240,4 @@ async def test_a_panel_is_read_and_its_figures_can_be_looked_at(runs: Runs) -> N
     apart, seen = result.tables
     assert [row[0] for row in apart.rows] == ["cam00 - cam01", "", ""]
     assert [row[:3] for row in seen.rows] == [("cam00", "5", "0"), ("cam01", "5", "0")]
-    assert "the same again after 1.0 s" in result.remarks[0]
+    assert "the pattern repeats after 1.0 s" in result.notes[0]

@@ -29,15 +29,14 @@ def jobs(pilot: Any) -> list[Any]:
 async def test_export_to_colmap(sessions: Path, tmp_path: Path) -> None:
     async with library(sessions) as pilot:
         await choose(pilot, "one")
-        await pilot.press("e")
+        await pilot.press("e", "enter")
         await settle(pilot)
         line = pilot.app.screen.query_one(Input)
         assert line.value == str(tmp_path / "one-colmap")
-        await pilot.press("tab")
         await type_text(pilot, str(sessions))
         await pilot.press("enter")
         await settle(pilot)
-        assert pilot.app.screen.query(OptionList), "a folder with something in it is refused"
+        assert pilot.app.screen.query(Input), "a folder with something in it is refused"
         await type_text(pilot, str(tmp_path / "for colmap"))
         await pilot.press("enter")
         await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state is RunState.DONE)
@@ -52,22 +51,20 @@ async def test_an_export_proposes_a_folder_that_is_free_and_says_when_one_is_not
     (tmp_path / "one-colmap").mkdir()
     async with library(sessions) as pilot:
         await choose(pilot, "one")
-        await pilot.press("e")
+        await pilot.press("e", "enter")
         await settle(pilot)
         line = pilot.app.screen.query_one(Input)
         assert line.value == str(tmp_path / "one-colmap-2")
-        await pilot.press("tab")
         await type_text(pilot, str(sessions))
-        await pilot.press("tab", "enter")
+        await pilot.press("enter")
         await settle(pilot)
         wrong = pilot.app.screen.query_one(".wrong", Static)
         assert "choose another folder" in str(wrong.content)
-        assert wrong.has_class("-refused")
         assert line.has_focus
         assert not jobs(pilot)
         await pilot.press("x")
         await settle(pilot)
-        assert not wrong.has_class("-refused")
+        assert "choose another folder" not in str(wrong.content)
 
 
 @pytest.mark.parametrize("key", ["a", "e"])
@@ -85,7 +82,7 @@ async def test_a_job_that_begins_says_that_it_ends_with_the_screen(sessions: Pat
     async with library(sessions) as pilot:
         await choose(pilot, "one")
         await pilot.press("v")
-        await until(pilot, lambda: any("ends when the screen is closed" in t for t in toasts(pilot.app)))
+        await until(pilot, lambda: any("ends when this screen is closed" in t for t in toasts(pilot.app)))
         await until(pilot, lambda: jobs(pilot)[0].state.is_over)
 
 
@@ -140,7 +137,7 @@ async def test_an_interrupted_session_is_repaired_by_a_job(sessions: Path) -> No
     writer.abort()
     async with library(sessions) as pilot:
         await choose(pilot, "cut")
-        await pilot.press("a")
+        await pilot.press("a", "enter")
         await settle(pilot)
         await pilot.press("enter")
         await until(pilot, lambda: jobs(pilot) and jobs(pilot)[0].state.is_over)
@@ -157,7 +154,7 @@ async def test_a_real_comparison_from_the_key_to_its_depth(sessions: Path) -> No
         await until(pilot, lambda: "crossing" in names(pilot))
         rows(pilot.app).choose(str(sessions / "crossing"))
         await settle(pilot)
-        await pilot.press("a", "tab")
+        await pilot.press("a", "enter")
         await settle(pilot)
         await type_text(pilot, "--max-multiview-instants 0 --max-instants 1 --no-poses")
         await pilot.press("enter")
@@ -180,14 +177,14 @@ async def test_a_real_comparison_from_the_key_to_its_depth(sessions: Path) -> No
         await pilot.press("escape")
 
 
-@pytest.mark.parametrize("key", ["e", "i"])
+@pytest.mark.parametrize("key", ["e", "m"])
 @pytest.mark.parametrize("typed", ["~nobody-of-this-name/films", "x" * 300])
 async def test_a_path_that_none_can_be_is_no_folder_and_no_error(
     sessions: Path, key: str, typed: str
 ) -> None:
     async with library(sessions) as pilot:
         await choose(pilot, "one")
-        await pilot.press(key)
+        await pilot.press(*(("e", "enter") if key == "e" else key))
         await settle(pilot)
         line = pilot.app.screen.query_one(Input)
         line.focus()
@@ -195,7 +192,7 @@ async def test_a_path_that_none_can_be_is_no_folder_and_no_error(
         await settle(pilot)
         assert line.value == typed
         wrong = pilot.app.screen.query_one(".wrong", Static)
-        assert ("there is no such folder" in str(wrong.content)) == (key == "i")
+        assert ("this folder does not exist" in str(wrong.content)) == (key == "m")
         await pilot.press("escape")
         await settle(pilot)
         assert not jobs(pilot)
@@ -205,7 +202,7 @@ async def test_a_folder_of_videos_is_imported_by_a_key(sessions: Path, tmp_path:
     films = tmp_path / "walk"
     export_session(Session.open(sessions / "one"), "mp4", films)
     async with library(sessions) as pilot:
-        await pilot.press("i")
+        await pilot.press("m")
         await settle(pilot)
         await type_text(pilot, str(tmp_path / "nowhere"))
         await pilot.press("enter")

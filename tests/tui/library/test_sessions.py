@@ -117,11 +117,11 @@ async def test_note_trash_and_undo(sessions: Path) -> None:
         await pilot.press("enter")
         await until(pilot, lambda: "[red]best[/red] one" in text(pilot.app))
         assert Session.open(sessions / "two").manifest.note == "[red]best[/red] one"
-        await pilot.press("d")
+        await pilot.press("delete")
         await until(pilot, lambda: "two" not in names(pilot))
         assert not (sessions / "two").exists()
         assert [one.name for one in trashed_sessions(sessions)] == ["two"]
-        assert any("u brings it back" in toast for toast in toasts(pilot.app))
+        assert any("u restores it" in toast for toast in toasts(pilot.app))
         await pilot.press("u")
         await until(pilot, lambda: "two" in names(pilot))
         await until(pilot, lambda: view(pilot.app).entry.card.name == "two")
@@ -168,7 +168,7 @@ async def test_an_interrupted_session_says_what_to_do_and_can_be_thrown_away(ses
         await choose(pilot, "cut")
         assert view(pilot.app).check_action("look", ()) is False
         assert view(pilot.app).check_action("compare", ()) is False
-        await pilot.press("d")
+        await pilot.press("delete")
         await until(pilot, lambda: "cut" not in names(pilot))
     assert [one.name for one in trashed_sessions(sessions)] == ["cut"]
 

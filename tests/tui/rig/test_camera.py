@@ -67,7 +67,7 @@ async def test_all_cameras_are_set_like_this_one() -> None:
         await pilot.press("m")
         await settle(pilot)
         assert ("match_cameras", "cam00") in rig.asked
-        assert toasts(app) == ["2 cameras set like cam00, but for:\ncam01: it has no [b]focus"]
+        assert toasts(app) == ["2 cameras set like cam00, except:\ncam01: it has no [b]focus"]
 
 
 async def test_a_camera_that_does_not_answer_says_so_and_one_that_left_too() -> None:

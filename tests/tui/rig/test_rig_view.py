@@ -5,14 +5,16 @@ from pathlib import Path
 
 import pytest
 
+from capture_app.common.camera_facts import SIMULATED
 from capture_app.common.errors import BadInputError
 from capture_app.common.node_state import NodeState
-from capture_app.protocol.orders import RemoveCamera
+from capture_app.protocol.orders import AddSimulated, RemoveCamera
 from capture_app.protocol.pairing import Invite
 from capture_app.tui.rig.camera_list import CameraList
 from capture_app.tui.rig.joining import large
 from capture_app.tui.rig.view import LogPane
 from capture_app.tui.rig_record import RigRecord
+from tests.facts import make_facts
 from tests.tui.driving import lines, make_app, settle, text, toasts
 from tests.tui.fake_rig import FakeRig, make_node
 
@@ -56,7 +58,7 @@ async def test_the_advice_is_above_the_list_and_a_lost_leader_is_said_there() ->
         assert text(app, "#advice").strip() == "◑ cam02 is aligning: wait a few seconds."
         rig.lose_link("192.168.1.5:47010 does not answer; trying again")
         await settle(pilot)
-        assert text(app, "#advice").startswith("✖ 192.168.1.5:47010 does not answer")
+        assert text(app, "#advice").startswith("✖ press l to restart it. 192.168.1.5:47010 does not answer")
 
 
 async def test_why_a_camera_failed_is_in_place_of_its_strip() -> None:
@@ -109,7 +111,7 @@ async def test_a_lost_camera_is_removed_by_a_key_and_one_elsewhere_is_not() -> N
         await settle(pilot)
         await pilot.press("delete")
         await settle(pilot)
-        assert toasts(app) == ["cam00 runs on another machine (192.168.1.7:50112) (stop it there)"]
+        assert toasts(app) == ["cam00 runs on another machine, 192.168.1.7:50112 (stop it there with Ctrl-C)"]
         await pilot.press("end", "delete")
         await settle(pilot)
         assert rig.asked == [("order", RemoveCamera(name="cam04"))]
@@ -167,10 +169,10 @@ async def test_only_what_concerns_the_list_is_offered_with_the_news_and_own_disk
         assert text(app, ROWS).count("34 GB free") == 1
         seen = app.export_screenshot().replace("&#160;", " ")
         assert "…" in seen, "a sentence that is cut says so"
-        assert "Remove camera" in text(app, "#footer")
+        assert "Remove" in text(app, "#footer")
         await pilot.press("n")
         await settle(pilot)
-        assert "Remove camera" not in text(app, "#footer")
+        assert "Remove" not in text(app, "#footer")
 
 
 async def test_a_code_for_another_machine_is_large_wherever_one_looks_at_the_rig() -> None:
@@ -213,15 +215,15 @@ async def test_a_leader_of_this_machine_that_is_gone_is_started_again_by_a_key(
     monkeypatch.setattr("capture_app.tui.rig.view.start_rig", start)
     rig = FakeRig(cameras)
     app = make_app(rig, sessions=tmp_path)
-    async with app.run_test(size=(150, 30)) as pilot:
+    async with app.run_test(size=(80, 24)) as pilot:
         await settle(pilot)
         await pilot.press("l")
         await settle(pilot)
         assert not started, "nothing is lost"
         rig.lose_link("no leader at 127.0.0.1:47010")
         await settle(pilot)
-        assert "l starts it again" in text(app, "#advice")
-        assert "Start it again" in text(app, "#footer")
+        assert "press l to restart it" in text(app, "#advice")
+        assert "l Restart leader" in text(app, "#footer")
         await pilot.press("l")
         await settle(pilot)
         assert started == [{"sessions": tmp_path, "host": "0.0.0.0", "port": 47010}]
@@ -229,7 +231,29 @@ async def test_a_leader_of_this_machine_that_is_gone_is_started_again_by_a_key(
         answers.set()
         rig.tell()
         await settle(pilot)
-        assert "Start it again" not in text(app, "#footer")
+        assert "Restart leader" not in text(app, "#footer")
+
+
+async def test_simulated_cameras_come_back_with_a_restarted_leader(
+    monkeypatch: pytest.MonkeyPatch, tmp_path: Path
+) -> None:
+    async def start(**_: object) -> None:
+        pass
+
+    monkeypatch.setattr("capture_app.tui.rig.view.start_rig", start)
+    rig = FakeRig(0)
+    facts = make_facts(kind=SIMULATED)
+    rig.nodes = tuple(make_node(name, camera=facts, on_leader=True) for name in ("cam00", "cam01"))
+    app = make_app(rig, sessions=tmp_path)
+    async with app.run_test(size=(80, 24)) as pilot:
+        await settle(pilot)
+        rig.lose_link("no leader at 127.0.0.1:47010")
+        await settle(pilot)
+        await pilot.press("l")
+        await settle(pilot)
+        assert [asked for asked in rig.asked if asked[0] == "order"][-1][1] == AddSimulated(
+            cameras=2, scene="studio"
+        )
 
 
 async def test_the_list_says_whether_cameras_are_exposed_alike() -> None:
@@ -238,10 +262,13 @@ async def test_the_list_says_whether_cameras_are_exposed_alike() -> None:
     app = make_app(rig)
     async with app.run_test(size=(100, 30)) as pilot:
         await settle(pilot)
-        assert str(app.screen.query_one(CameraList).border_title) == "4 cameras · alike: 1/100 s, gain 1.5"
+        assert str(app.screen.query_one(CameraList).border_title) == "4 cameras · 1/100 s, gain 1.5"
+        rig.change("cam1", exposure_ns=10_010_000)
+        await settle(pilot)
+        assert "different" not in str(app.screen.query_one(CameraList).border_title), "rounded"
         rig.change("cam1", gain=4.0, message="x")
         await settle(pilot)
-        assert str(app.screen.query_one(CameraList).border_title) == "4 cameras · not alike: gain"
+        assert str(app.screen.query_one(CameraList).border_title) == "4 cameras · different gain"
 
 
 async def test_a_leader_elsewhere_is_not_started_from_here() -> None:
@@ -250,4 +277,4 @@ async def test_a_leader_elsewhere_is_not_started_from_here() -> None:
     async with app.run_test(size=(150, 30)) as pilot:
         rig.lose_link("no leader at 192.168.1.5:47010")
         await settle(pilot)
-        assert "Start it again" not in text(app, "#footer")
+        assert "Restart leader" not in text(app, "#footer")

@@ -53,7 +53,7 @@ async def test_what_is_there_is_offered_and_told(cameras: list[CameraListing], t
             "i  Invite other machines",
             "h  Phones by a QR code",
             "s  Simulate 5 cameras",
-            "o  Look at 1 session",
+            "o  Open 1 session",
             "b  Browse the samples",
         ]
         assert "MJPG 1280x720" in text(app, "#start-meaning")
@@ -146,7 +146,7 @@ async def test_no_word_of_the_start_is_cut_in_a_narrow_terminal() -> None:
     app = make_app(rig)
     async with app.run_test(size=(80, 24)) as pilot:
         await rest(app, pilot)
-        busy = "Starting 5 simulated cameras … Each joins as soon as it is open, within half a minute."
+        busy = "Starting 5 simulated cameras … Cameras join within half a minute."
         app.screen.query_one(StartPanel).say_busy(busy)
         assert " ".join(lines(app, "#start-meaning")) == busy
         await pilot.press("i")

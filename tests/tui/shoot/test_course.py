@@ -72,7 +72,7 @@ def waiting_rig() -> FakeRig:
     return rig
 
 
-WAITING = "◔ Space takes now, esc takes it back; waiting for the rig: cam01 is aligning"
+WAITING = "◔ Space takes now, esc cancels; waiting for the rig: cam01 is aligning"
 
 
 async def test_space_while_a_camera_settles_takes_as_soon_as_all_are_ready(tmp_path: Path) -> None:
@@ -176,7 +176,7 @@ async def test_a_leader_elsewhere_has_the_session(tmp_path: Path) -> None:
         await pilot.press("space")
         await studio.settle(pilot)
         text = studio.view.take_panel.plain
-        assert "saved where the leader runs:\n/home/ada/sessions/burst-001\n16 of 16 images" in text
+        assert "saved on the leader's machine:\n/home/ada/sessions/burst-001\n16 of 16 images" in text
         assert "cam01    ██████████ 8/8 ✔" in text
         assert not studio.view.stage.is_sheet
 
@@ -210,7 +210,7 @@ async def test_a_take_that_cannot_be_read_says_why(tmp_path: Path) -> None:
         await studio.enter(pilot)
         await pilot.press("space")
         await studio.settle(pilot)
-        assert "✖ it cannot be looked at" in studio.view.take_panel.plain
+        assert "✖ the take cannot be shown" in studio.view.take_panel.plain
 
 
 async def test_bursts_ahead_are_cancelled_by_a_key(tmp_path: Path) -> None:
@@ -245,7 +245,7 @@ async def test_a_burst_that_is_being_saved_is_cancelled_too_and_a_refusal_is_tol
         await pilot.press("x")
         await studio.settle(pilot)
         await studio.settle(pilot)
-        assert "no burst lies ahead" in str(studio.app.screen.query_one(Toast).render())
+        assert "no burst is scheduled" in str(studio.app.screen.query_one(Toast).render())
         await pilot.press("space")
         await studio.settle(pilot)
         await pilot.press("x")
@@ -288,7 +288,7 @@ async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
         )
         rig.tell()
         await studio.settle(pilot)
-        assert "80 frames, 2 on their way; Space ends it" in line_of(studio)
+        assert "80 frames, 2 in transit; Space stops" in line_of(studio)
         await pilot.press("space")
         await studio.settle(pilot)
         assert ("order", EndBurst(burst=4)) in rig.asked
@@ -332,4 +332,4 @@ async def test_a_take_whose_leader_is_lost_goes_on_when_it_is_back(tmp_path: Pat
         rig.burst_status = done
         rig.tell()
         await until(pilot, lambda: studio.view.takes[0].status.done)
-        assert "saved where the leader runs:\n/elsewhere/burst-001" in studio.view.take_panel.plain
+        assert "saved on the leader's machine:\n/elsewhere/burst-001" in studio.view.take_panel.plain

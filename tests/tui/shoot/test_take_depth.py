@@ -21,7 +21,8 @@ how = Path(__file__).with_name("how")
 while how.read_text() == "wait":
     time.sleep(0.01)
 if how.read_text() == "refuse":
-    sys.exit("child: error: no valid calibration of this rig is known")
+    print("child: error: no valid calibration of this rig is known", file=sys.stderr)
+    sys.exit(3)
 out = Path(words[words.index("--out") + 1])
 (out / "depth").mkdir(parents=True)
 cv2.imwrite(str(out / "depth" / "cam01.png"), np.full((48, 64, 3), 90, np.uint8))
@@ -79,9 +80,13 @@ async def test_a_rig_without_a_calibration_gets_a_line_and_no_alarm(studio: Stud
     (tmp_path / "how").write_text("refuse")
     async with studio.app.run_test(size=(120, 50)) as pilot:
         await studio.enter(pilot)
-        await pilot.press("space")
-        await until(pilot, lambda: "no depth: no calibration" in studio.view.take_panel.plain)
+        said = "depth not applicable: no valid calibration"
+        for number in (1, 2):
+            await pilot.press("space")
+            await until(pilot, partial(has_takes, studio, number))
+            await until(pilot, lambda: said in studio.view.take_panel.plain)
         assert not toasts(studio.app)
+        assert [job.state for job in studio.app.runs.all] == [RunState.NOT_APPLICABLE], "once, not for each"
 
 
 async def test_of_takes_that_follow_quickly_the_last_is_not_kept_waiting(
@@ -98,6 +103,10 @@ async def test_of_takes_that_follow_quickly_the_last_is_not_kept_waiting(
         assert second.state is RunState.CANCELLED
         (tmp_path / "how").write_text("")
         await until(pilot, lambda: newest.state is RunState.DONE)
+
+
+def has_takes(studio: Studio, number: int) -> bool:
+    return len(studio.view.takes) == number and studio.view.takes[-1].sheet is not None
 
 
 def has_runs(studio: Studio, number: int) -> bool:
@@ -128,6 +137,6 @@ async def test_a_machine_that_has_not_the_power_makes_none_by_itself_and_says_so
         await until(pilot, lambda: not any(one.group == "jobs" for one in studio.app.workers))
         studio.app.runs.all.append(before)
         await pilot.press("space")
-        said = "of what moves measured" if made else "no depth by itself"
+        said = "of what moves measured" if made else "no automatic depth"
         await until(pilot, lambda: said in studio.view.take_panel.plain)
         assert len(studio.app.runs.all) == 1 + made

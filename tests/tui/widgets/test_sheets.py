@@ -190,7 +190,7 @@ async def test_one_picture_is_looked_at_and_left_where_the_user_went(tmp_path: P
     ("key", "places"),
     [
         ("b", [("cam01", 1), ("cam02", 1), ("cam01", 1)]),
-        ("i", [("cam01", 1), ("cam01", 2), ("cam01", 1)]),
+        ("t", [("cam01", 1), ("cam01", 2), ("cam01", 1)]),
         (
             "w",
             [

@@ -237,20 +237,31 @@ def choose_stereo_pair(views: Mapping[str, View], points: Mapping[str, Features]
     rectified are left out.
     """
     why = (
-        f"no two cameras have {MIN_MATCHES} points in common that stand still: they look from too far apart,"
-        " or what stands still has no texture"
+        f"no two cameras have {MIN_MATCHES} points at rest in common: their views are too different, or the "
+        "static scene has no texture"
     )
     best, choice = -np.inf, PairChoice(None, why)
     left_out = {}
+    max_misfits = 0
     for a, b in combinations((name for name in points if name in views), 2):
         try:
             canvas_bounds(views[a], views[b])
         except ValueError as error:
             left_out[f"{a},{b}"] = str(error)
             continue
-        scored = _stereo_score(views[a], views[b], points[a], points[b])
-        if scored is not None and scored[0] > best:
-            best, choice = scored[0], PairChoice((a, b), scored[1])
+        at_a, at_b = match_features(points[a], points[b])
+        fits = _near_epipolar_lines(views[a], views[b], at_a, at_b)
+        if fits.sum() >= MIN_MATCHES:
+            score, text = _stereo_score(views[a], views[b], at_a[fits], at_b[fits])
+            if score > best:
+                best, choice = score, PairChoice((a, b), text)
+        elif choice.cameras is None and len(fits) >= max(MIN_MATCHES, max_misfits):
+            max_misfits = len(fits)
+            text = (
+                f"{a} and {b} have {len(fits)} points at rest in common, but only {fits.sum()} within "
+                f"{EPIPOLAR_PX:g} pixels of their epipolar lines: the calibration does not fit the pictures"
+            )
+            choice = PairChoice(None, text)
     if choice.cameras is None and left_out:
         choice = PairChoice(None, f"{choice.why}; {describe_left_out(left_out)}")
     return replace(choice, left_out=left_out)
@@ -263,19 +274,19 @@ def describe_left_out(left_out: Mapping[str, str]) -> str:
     return "; ".join(listed + more)
 
 
-def _stereo_score(a: View, b: View, points_a: Features, points_b: Features) -> tuple[float, str] | None:
-    at_a, at_b = match_features(points_a, points_b)
-    if len(at_a) < MIN_MATCHES:
-        return None
-    rays_a, rays_b = a.rays(at_a), b.rays(at_b)
+def _near_epipolar_lines(a: View, b: View, at_a: Array, at_b: Array) -> Array:
+    """Return which matches (n, 2) px are within `EPIPOLAR_PX` of their epipolar lines in the second view."""
     rotation, translation = other_from_reference(a, b)
-    normals = np.cross(translation, rays_a @ rotation.T)
-    off = np.abs((rays_b * normals).sum(1)) / np.maximum(np.linalg.norm(normals[:, :2], axis=1), 1e-12)
-    inliers = off * b.focal < EPIPOLAR_PX
-    if inliers.sum() < MIN_MATCHES:
-        return None
-    parallax = float(np.median(angles_deg(rays_a[inliers] @ rotation.T, rays_b[inliers])))
-    shared = len(grid_cells(at_a[inliers], a.width, a.height)) / CELLS
+    rays = b.rays(at_b)
+    normals = np.cross(translation, a.rays(at_a) @ rotation.T)
+    off = np.abs((rays * normals).sum(1)) / np.maximum(np.linalg.norm(normals[:, :2], axis=1), 1e-12)
+    return np.asarray(off * b.focal < EPIPOLAR_PX)
+
+
+def _stereo_score(a: View, b: View, at_a: Array, at_b: Array) -> tuple[float, str]:
+    rotation = other_from_reference(a, b)[0]
+    parallax = float(np.median(angles_deg(a.rays(at_a) @ rotation.T, b.rays(at_b))))
+    shared = len(grid_cells(at_a, a.width, a.height)) / CELLS
     ahead = abs(float(a.axis @ (b.centre - a.centre))) / float(np.linalg.norm(b.centre - a.centre))
     angle = angle_deg(a.axis, b.axis)
     score = shared * (1 - np.exp(-parallax / 1.5)) * np.exp(-((parallax / BEST_PARALLAX_DEG) ** 2))

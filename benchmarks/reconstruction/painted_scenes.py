@@ -210,6 +210,18 @@ def room(seed: int, movers: int = 3, size_m: float = 0.7, speed_m_s: float = 1.5
     return Stage(boards, texels_per_m=110.0)
 
 
+def panning(seed: int) -> Stage:
+    """Return boards at rest and in motion before a rig that pans and tilts on its stand."""
+    still = room(seed)
+    rates, phases = np.random.default_rng(seed).uniform([2, 2, 1], [5, 5, 2]), seed * np.arange(1.0, 4.0)
+
+    def path(time_s: float) -> tuple[Array, Array]:
+        angles = np.array([0.05, 0.09, 0.01]) * np.sin(rates * time_s + phases)
+        return np.asarray(cv2.Rodrigues(angles)[0]), np.zeros(3)
+
+    return replace(still, rig_path=path)
+
+
 def throw(seed: int, radius_m: float = 0.07) -> Stage:
     """Return a ball thrown in front of a wall with boards."""
     rng = np.random.default_rng(seed)

@@ -5,13 +5,14 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 
 import cv2
+import msgspec
 import numpy as np
 
 from benchmarks.reconstruction import painted_scenes
 from benchmarks.reconstruction.painted_scenes import HEIGHT, WIDTH, Stage
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.manifest import BurstRecord, CameraRecord
+from capture_app.session.format.manifest import CALIBRATION, BurstRecord, CameraRecord
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
@@ -33,6 +34,8 @@ class Take:
     jitter_ms: float = 0.0
     geometry_px: float = 0.0
     """Error of its calibration: the median distance from epipolar lines."""
+    fault: str = ""
+    """One of `FAULTS`, which alone is wrong in the calibration; empty = a little of each."""
     frames: int = 14
     start: int = 0
     """The first frame of a real recording."""
@@ -41,7 +44,7 @@ class Take:
     def name(self) -> str:
         """Folder name of its session."""
         told = f"{self.kind}-{self.seed}-{self.late_ms:g}-{self.jitter_ms:g}-{self.geometry_px:g}"
-        return f"{told}-{self.start}-{self.frames}".replace(" ", "_").replace(".", "p")
+        return f"{told}-{self.start}-{self.frames}{self.fault}".replace(" ", "_").replace(".", "p")
 
     @property
     def truly_synchronized(self) -> bool:
@@ -55,6 +58,16 @@ class Take:
 
 
 BALL = "real ball"
+BALL_SIZE, BALL_DEPTHS = (640, 480), (100.0, 600.0)
+"""Its images, px, and the depths in them, inches."""
+ROLLING = "rolling shutter"
+FAULTS = ("focal length", "principal point", "rotation", "moved camera", "lens", ROLLING)
+SIZES_PX = (0.1, 0.5, 1.5, 4.0, 8.0, 15.0)
+JITTERS_MS = (2.0, 3.5, 6.0, 10.0, 15.0)
+STRIPS = 10
+"""Parts of a rolling image that are painted one after the other."""
+READOUT_MS_PER_PX = 2.0
+"""Readout of the right camera alone, unknown to the calibration, by the take's size of the fault."""
 STAGES: dict[str, Callable[[int], tuple[Stage, dict[str, View]]]] = {
     "street": lambda seed: (painted_scenes.street(seed), painted_scenes.pair(0.5)),
     "slow street": lambda seed: (painted_scenes.street(seed, speed_m_s=3.0), painted_scenes.pair(0.4)),
@@ -69,6 +82,7 @@ STAGES: dict[str, Callable[[int], tuple[Stage, dict[str, View]]]] = {
         painted_scenes.room(seed, movers=1, size_m=0.25, speed_m_s=2.0), painted_scenes.pair(0.4)
     ),
     "thrown ball": lambda seed: (painted_scenes.throw(seed), painted_scenes.pair(0.5)),
+    "panning": lambda seed: (painted_scenes.panning(seed), painted_scenes.pair(0.4)),
 }  # fmt: skip
 
 
@@ -87,12 +101,23 @@ def takes(seeds: int) -> Iterator[Take]:
         yield Take("boards", seed, frames=5)
         yield Take("street", seed, frames=5, geometry_px=0.3)
         yield Take("thrown ball", seed, frames=8)
+        for jitter_ms in JITTERS_MS:
+            yield Take(("boards", "large mover", "thrown ball")[seed % 3], seed, jitter_ms=jitter_ms)
+        for number, fault in enumerate(FAULTS):
+            for part, kind in enumerate(("boards", "thrown ball")):
+                place = seed + number + 3 * part
+                late_ms = (0.0, 0.0, 12.0, -6.0)[place % 4]
+                size = SIZES_PX[place % len(SIZES_PX)]
+                yield Take(kind, seed, late_ms=late_ms, geometry_px=size, fault=fault)
 
 
 def real_takes(every: int) -> Iterator[Take]:
     """Yield the ball in all images, cut at starts `every` frames apart, and with one camera a frame late."""
     yield Take(BALL, 0, frames=35)
     yield Take(BALL, 0, frames=34, late_ms=1e3 / 60)
+    for fault in FAULTS[:-1]:
+        for size in SIZES_PX[1::2]:
+            yield Take(BALL, 0, frames=35, geometry_px=size, fault=fault)
     for frames in (28, 24, 16):
         for start in range(0, 36 - frames, every):
             yield Take(BALL, 0, frames=frames, start=start)
@@ -118,9 +143,17 @@ def _paint(take: Take, cache: Path) -> Session:
     for k in range(take.frames):
         for name, view in views.items():
             off_ms = 0.0 if name == "left" else take.late_ms + take.jitter_ms * rng.uniform(-2, 2)
-            image = stage.look(view, begin_s + (k * PERIOD_MS + off_ms) / 1e3, rng)
+            rolling = take.fault == ROLLING and name == "right"
+            strips = STRIPS if rolling else 1
+            parts = []
+            for part in range(strips):
+                row_ms = ((part + 0.5) / strips - 0.5) * READOUT_MS_PER_PX * take.geometry_px
+                seen = stage.look(view, begin_s + (k * PERIOD_MS + off_ms + row_ms * rolling) / 1e3, rng)
+                parts.append(seen[part * HEIGHT // strips : (part + 1) * HEIGHT // strips])
+            image = np.concatenate(parts)
             _add(writer, name, k, image)
-    wrong = views | {"right": _wrong(stage, views, take.geometry_px, rng)}
+    near, far = (3.0, 30.0) if stage.rig_path else (2.5, 6.0)
+    wrong = views | {"right": _wrong((views["left"], views["right"]), (near, far), take, rng)}
     calibration = {name: view.to_calibration() for name, view in wrong.items()}
     writer.set_calibration(Calibration(cameras=calibration, source="painted"))
     facts = make_facts(width=WIDTH, height=HEIGHT, period_ns=round(PERIOD_MS * 1e6))
@@ -135,17 +168,26 @@ def _add(writer: SessionWriter, name: str, k: int, image: Array) -> None:
     writer.add_image(data, camera=name, instant=k, leader_ns=at_ns, suffix=".png")
 
 
-def _wrong(stage: Stage, views: dict[str, View], median_px: float, rng: np.random.Generator) -> View:
-    """Return the right view, rotated and with a changed lens, so that points have this epipolar error."""
-    left, right = views["left"], views["right"]
-    if not median_px:
+def _wrong(
+    views: tuple[View, View], depths: tuple[float, float], take: Take, rng: np.random.Generator
+) -> View:
+    """Return the second view with the take's fault, so that points have its median epipolar error."""
+    left, right = views
+    if not take.geometry_px or take.fault == ROLLING:
         return right
-    depth = rng.uniform(3, 30, 500) if stage.rig_path else rng.uniform(2.5, 6, 500)
-    at = np.column_stack([rng.uniform(0, WIDTH, 500), rng.uniform(0, HEIGHT, 500)])
-    points = left.unproject(at, depth)
+    depth = rng.uniform(*depths, 500)
+    at = np.column_stack([rng.uniform(0, left.width, 500), rng.uniform(0, left.height, 500)])
+    points = left.unproject(at, depth) @ left.rotation
+    points -= left.rotation.T @ left.translation
     there = right.project(points @ right.rotation.T + right.translation)
     turn, focal, bent = rng.normal(0, [1e-3, 4e-4, 1e-3]), rng.normal(0, 1.5e-3), rng.normal(0, 4e-3)
-    middle = rng.normal(0, 0.3)
+    middle, moved = rng.normal(0, 0.3), rng.normal(0, 1, 3) * (take.fault == "moved camera")
+    mixed = not take.fault
+    turn *= mixed or take.fault == "rotation"
+    focal *= mixed or take.fault == "focal length"
+    middle *= mixed or take.fault == "principal point"
+    bent *= mixed or take.fault == "lens"
+    apart = float(np.linalg.norm(right.centre - left.centre))
 
     def view(size: float) -> View:
         rotation = cv2.Rodrigues(size * turn)[0] @ right.rotation
@@ -153,17 +195,17 @@ def _wrong(stage: Stage, views: dict[str, View], median_px: float, rng: np.rando
         matrix[0, 0] *= 1 + size * focal
         matrix[1, 1] *= 1 + size * focal
         matrix[1, 2] += size * middle
-        distortion = np.array([size * bent, 0, 0, 0, 0])
-        translation = -rotation @ right.centre
+        distortion = right.distortion + np.array([size * bent, 0, 0, 0, 0])
+        translation = -rotation @ (right.centre + 1e-3 * size * apart * moved)
         return replace(
             right, matrix=matrix, distortion=distortion, rotation=rotation, translation=translation
         )
 
     whole = 1.0
     found = view(whole)
-    for _ in range(4):
+    for _ in range(6):
         size = float(np.median(np.abs(epipolar_errors_px(left, found, at, there))))
-        whole *= median_px / size
+        whole *= take.geometry_px / max(size, 1e-3)
         found = view(whole)
     return found
 
@@ -183,4 +225,12 @@ def _import_ball(take: Take, cache: Path, folder: Path) -> Session:
             if not link.exists():
                 link.symlink_to(other)
     options = ImportOptions(fps=60, calibration=(str(folder / "calibration"),), unit="in")
-    return import_recording([str(source)], cache, take.name, options)
+    session = import_recording([str(source)], cache, take.name, options)
+    if take.geometry_px:
+        own = session.calibration()
+        assert own is not None
+        left, right = (View.from_calibration(own.cameras[n], *BALL_SIZE) for n in ("L", "R"))
+        found = _wrong((left, right), BALL_DEPTHS, take, np.random.default_rng(take.seed))
+        spoilt = msgspec.structs.replace(own, cameras={**own.cameras, "R": found.to_calibration()})
+        (session.folder / CALIBRATION).write_bytes(msgspec.json.encode(spoilt))
+    return session

@@ -142,16 +142,23 @@ def _sure_matches(
     views: Mapping[str, View], pair: tuple[str, str], features: Mapping[str, Features]
 ) -> tuple[Array, Array]:
     """Return the matches that fit one epipolar geometry, independent of the calibration."""
-    a, b = (views[name] for name in pair)
     at_a, at_b = match_features(features[pair[0]], features[pair[1]])
+    sure = consistent_matches((views[pair[0]], views[pair[1]]), at_a, at_b)
+    return (at_a[:0], at_b[:0]) if sure is None else (at_a[sure], at_b[sure])
+
+
+def consistent_matches(views: tuple[View, View], at_a: Array, at_b: Array) -> Array | None:
+    """Return which matches (n, 2) px fit one epipolar geometry, independent of the views' poses (bool).
+
+    None if there are too few, or if most of them fit none.
+    """
     if len(at_a) < MIN_MATCHES:
-        return at_a[:0], at_b[:0]
-    flat_a, flat_b = (view.rays(at)[:, :2] * view.focal for view, at in ((a, at_a), (b, at_b)))
+        return None
+    flat_a, flat_b = (view.rays(at)[:, :2] * view.focal for view, at in zip(views, (at_a, at_b), strict=True))
     matrix, inliers = cv2.findFundamentalMat(flat_a, flat_b, cv2.USAC_MAGSAC, RANSAC_PX, 0.999, 5000)
     if matrix is None or inliers is None or inliers.mean() < MIN_INLIER_FRACTION:
-        return at_a[:0], at_b[:0]
-    sure = inliers.ravel().astype(bool)
-    return at_a[sure], at_b[sure]
+        return None
+    return np.asarray(inliers.ravel().astype(bool))
 
 
 def _triples(matches: Mapping[tuple[str, str], tuple[Array, Array]]) -> dict[tuple[str, ...], Array]:
@@ -272,11 +279,11 @@ def plainly_fits(views: Views, features: Mapping[str, Features]) -> bool:
     return asked == views.keys() and not _odd(views, groups, _mixed_up_px(views))
 
 
-def find_mixups(views: Views, features: Mapping[str, Features]) -> list[str]:
+def find_mixups(views: Views, features: Mapping[str, Features]) -> list[tuple[str, str]]:
     """Describe upside-down images and exchanged cameras, or that the calibration is another rig's.
 
     Each step assumes the fault whose correction removes most inconsistencies. These faults are reported only
-    if together they remove all of them.
+    if together they remove all of them. Each is named with the camera at fault; "" if it is not one alone.
     """
     groups = _shared_points(views, features)
     limit = _mixed_up_px(views)
@@ -286,7 +293,7 @@ def find_mixups(views: Views, features: Mapping[str, Features]) -> list[str]:
         names = sorted({name for group in left for name in group})
         changes = [({name: upside_down(now[name])}, _turned(name, views)) for name in names]
         for a, b in combinations(names if len(names) <= MAX_SUSPECTS else (), 2):
-            changes.append(({a: now[b], b: now[a]}, f"the calibrations of {a} and {b} are exchanged"))
+            changes.append(({a: now[b], b: now[a]}, ("", f"the calibrations of {a} and {b} are exchanged")))
         tried = [_odd(now | changed, groups, limit) for changed, _ in changes]
         best = min(range(len(tried)), key=lambda k: len(tried[k]))
         if len(tried[best]) >= len(left):
@@ -300,10 +307,11 @@ def find_mixups(views: Views, features: Mapping[str, Features]) -> list[str]:
     odd = _odd(views, groups, max(_refused_px(views), min_error * max(view.width for view in views.values())))
     if len(odd) <= min_fraction * len(groups):
         return []
-    return [
+    text = (
         f"it does not fit the pictures: {len(odd)} of {len(groups)} groups of neighbouring cameras "
         "contradict each other (is it another rig's, or were its cameras moved?)"
-    ]
+    )
+    return [("", text)]
 
 
 def _mixed_up_px(views: Views) -> float:
@@ -316,10 +324,11 @@ def _odd(views: Views, groups: Groups, limit: float) -> list[tuple[str, ...]]:
     return [names for names, at in groups.items() if _measured(views, names, at).deviation > limit]
 
 
-def _turned(name: str, views: Views) -> str:
+def _turned(name: str, views: Views) -> tuple[str, str]:
     # With two cameras it cannot be decided which one is wrong.
-    who = " or ".join(views) if len(views) == 2 else name
-    return f"the pictures of {who} are upside down against the calibration"
+    pair = len(views) == 2
+    who = " or ".join(views) if pair else name
+    return "" if pair else name, f"the pictures of {who} are upside down against the calibration"
 
 
 def upside_down(view: View) -> View:

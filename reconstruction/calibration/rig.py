@@ -209,17 +209,21 @@ class Rig:
 
 
 def calibrated_views(dataset: Dataset, calibration: Calibration) -> dict[str, View]:
-    """Return the views of the session's calibrated cameras, at the size of their images.
+    """Return the views of the session's plausibly calibrated cameras, at the size of their images.
 
     Raises:
-        BadInputError: the calibration is for images of another shape or for other cameras, or is implausible.
+        BadInputError: the calibration is of other cameras, or faults leave fewer than two views.
     """
     views, faults = sound_views(dataset, calibration)
-    refuse_faults(dataset, faults)
+    refuse_faults(dataset, views, faults)
     return views
 
 
-def sound_views(dataset: Dataset, calibration: Calibration) -> tuple[dict[str, View], list[str]]:
+Fault = tuple[str, str]
+"""A camera that can be left out, or "" for a fault of the whole rig; and what is wrong."""
+
+
+def sound_views(dataset: Dataset, calibration: Calibration) -> tuple[dict[str, View], list[Fault]]:
     """Return the cameras whose calibration is plausible for their images, and the faults of the others.
 
     Raises:
@@ -237,43 +241,43 @@ def sound_views(dataset: Dataset, calibration: Calibration) -> tuple[dict[str, V
             continue
         width, height = dataset.size_on_disk(name)
         if why := impossible(known):
-            faults.append(f"the calibration of camera {name} cannot be right: {why}")
+            faults.append((name, f"the calibration of camera {name} cannot be right: {why}"))
         elif abs(known.width / known.height - width / height) > 0.01 * width / height:
-            faults.append(
-                f"camera {name} is calibrated for {known.width}x{known.height}, "
-                f"but its images are {width}x{height}"
-            )
+            sizes = f"{known.width}x{known.height}, but its images are {width}x{height}"
+            faults.append((name, f"camera {name} is calibrated for {sizes}"))
         else:
             views[name] = View.from_calibration(known, *dataset.size(name))
-    twins, misplaced = _misplaced(views, calibration.unit)
+    misplaced = _misplaced(views, calibration.unit)
+    twins = {name for name, _ in misplaced}
     return {name: view for name, view in views.items() if name not in twins}, faults + misplaced
 
 
-def _misplaced(views: Mapping[str, View], unit: str) -> tuple[set[str], list[str]]:
-    """Return cameras that have the same pose as another, and the faults of all poses."""
+def _misplaced(views: Mapping[str, View], unit: str) -> list[Fault]:
+    """Return the faults of the poses: cameras that have an earlier camera's pose, and a wrong unit."""
     size = max((float(np.linalg.norm(view.centre)) for view in views.values()), default=0.0)
-    twins: set[str] = set()
-    faults, nearest = [], dict.fromkeys(views, np.inf)
+    faults: list[Fault] = []
+    nearest = dict.fromkeys(views, np.inf)
     for (a, one), (b, other) in combinations(views.items(), 2):
         apart = float(np.linalg.norm(one.centre - other.centre))
         turned = float(np.abs(one.rotation - other.rotation).max())
         if apart <= SAME_FRACTION * size and turned <= SAME_FRACTION:
-            twins |= {a, b}
-            faults.append(f"{a} and {b} have one pose, as if they were one camera")
+            faults.append((b, f"{a} and {b} have one pose, as if they were one camera"))
         elif apart > 0:
             nearest |= {a: min(nearest[a], apart), b: min(nearest[b], apart)}
     known = [apart for apart in nearest.values() if np.isfinite(apart)]
     spacing = float(np.median(known)) if known else 1.0
     min_spacing, max_spacing = NEIGHBOURS_M
     if unit == "m" and not min_spacing <= spacing <= max_spacing:
-        faults.append(f"neighbouring cameras stand {spacing:.3g} m apart: its unit is not the metre")
-    return twins, faults
+        faults.append(("", f"neighbouring cameras stand {spacing:.3g} m apart: its unit is not the metre"))
+    return faults
 
 
-def refuse_faults(dataset: Dataset, faults: Sequence[str]) -> None:
-    """Raise BadInputError with all faults of a calibration, if it has any."""
-    if faults:
+def refuse_faults(dataset: Dataset, views: Container[str], faults: Sequence[Fault]) -> None:
+    """Raise BadInputError with all faults, if the whole rig has one or fewer than two cameras are left."""
+    left = [name for name in dataset.cameras if name in views]
+    if faults and (len(left) < 2 or not all(name for name, _ in faults)):
         found = f"the calibration of {dataset.name} has {len(faults)} faults: " if len(faults) > 1 else ""
         raise BadInputError(
-            found + "; ".join(faults), hint="calibrate the rig again, or correct calibration.json"
+            found + "; ".join(text for _, text in faults),
+            hint="calibrate the rig again, or correct calibration.json",
         )

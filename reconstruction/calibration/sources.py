@@ -24,7 +24,7 @@ from reconstruction.calibration.boards import (
 )
 from reconstruction.calibration.consistency import MAX_AXIS_ANGLE_DEG, RigCheck, check_rig
 from reconstruction.calibration.quality import SharedPoints
-from reconstruction.calibration.rig import Rig, calibrated_views
+from reconstruction.calibration.rig import Rig, calibrated_views, refuse_faults, sound_views
 from reconstruction.calibration.stored import camera_modes, find_calibration
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.geometry import View, angle_deg
@@ -127,7 +127,9 @@ def from_elsewhere(dataset: Dataset, source: CalibrationSource | Path) -> Candid
     else:
         found = read_calibration(dataset, Path(source))
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-        rig, views = Rig(dataset, Path(scratch)), calibrated_views(dataset, found)
+        rig, (views, faults) = Rig(dataset, Path(scratch)), sound_views(dataset, found)
+        # A calibration that is judged, and may be stored, must have no fault at all.
+        refuse_faults(dataset, (), faults)
         check = check_rig(views, rig.middle_features)
         return Candidate(found, _still_points(rig, views), check=check)
 

@@ -137,6 +137,8 @@ def _read(path: Path) -> StoredCalibration | None:
 def choose_calibration(dataset: Dataset) -> None:
     """Check a session's own calibration against its images, or adopt its rig's stored one and say so.
 
+    Single cameras whose calibration cannot be right are left out, by name, if two or more others remain.
+
     Imported recordings do not identify a rig and adopt none.
 
     Raises:
@@ -147,7 +149,13 @@ def choose_calibration(dataset: Dataset) -> None:
         views, faults = sound_views(dataset, own)
         if not plainly_fits(views, _middle_features(dataset, views, *GLANCE)):
             faults += find_mixups(views, _middle_features(dataset, views))
-        refuse_faults(dataset, faults)
+        bad = {name for name, _ in faults}
+        good = {name: own.cameras[name] for name in views if name not in bad}
+        refuse_faults(dataset, good, faults)
+        if faults:
+            dataset.adopt_calibration(msgspec.structs.replace(own, cameras=good))
+            left_out = [f"{name} is left out: {text}" for name, text in dict(reversed(faults)).items()]
+            talk("\n".join(reversed(left_out)))
         return
     if dataset.session.manifest.origin == "imported":
         return

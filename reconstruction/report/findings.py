@@ -42,6 +42,14 @@ def timing_sentences(timing: Timing) -> str:
 
 def _offset_sentences(timing: Timing, by: str) -> str:
     found, late_ms = "These cameras were not synchronized:", timing.late_ms
+    if timing.jitter_ms is not None:
+        shift = (
+            f" {timing.option} pairs the pictures that belong together on average." if timing.option else ""
+        )
+        return (
+            f"{found} {timing.reason} against {timing.reference}'s ({by}; 95 %), {offset_text(timing)} on "
+            f"average.{shift} Other pairs of pictures stay apart; it takes synchronized cameras."
+        )
     if late_ms is None:
         return (
             f"{found} most of what moves is lost, and the rest is found {timing.out_of_place_px:.0f} pixels "

@@ -4,11 +4,12 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 import msgspec
+import numpy as np
 from msgspec import Struct
 
 from capture_app.common.instants import is_same_instant
 from reconstruction.scores.study_result import StudyResult
-from reconstruction.time_offsets.crossings import MIN_INSTANTS, InstantOffset, OffsetFit
+from reconstruction.time_offsets.crossings import MIN_INSTANTS, InstantOffset, OffsetFit, steps_ratio
 
 SIGMAS = 2.0
 """Standard deviations in the reported error (95 %)."""
@@ -16,10 +17,11 @@ ODD_SIGMAS = 3.0
 """Standard deviations from which an offset is claimed, or a single instant disagrees with the take."""
 SURE_FRAMES = 0.1
 """Error, in frames, above which a measurement certifies nothing."""
-ODD_FRAMES, ODD_MS = 0.25, 4.0
-"""An instant closer to the others than the smaller of these does not disagree with them."""
-ODD_FRACTION = 0.2
-"""Fraction of disagreeing instants above which a take has no single time offset."""
+MIN_JITTER = 3.0
+"""Minimum ratio of the instants' scatter to their errors from which single images are called offset."""
+MIN_JITTER_INSTANTS = 5
+INDEPENDENT = 1.2
+"""Minimum von Neumann ratio of jitter; with less the offsets drift, as with a wrong calibration."""
 LOST_FRACTION = 0.5
 """Most of what moves is lost if less of it is found than this fraction of what stands still."""
 AGREED_FRACTION = 0.75
@@ -47,7 +49,11 @@ class Timing(Struct, frozen=True, kw_only=True):
     `reason` then says why motion did not determine it.
     """
     offset: bool = False
-    """Whether the offset is certainly not zero."""
+    """Whether the offset is certainly not zero, or single images certainly have offsets of their own."""
+    jitter_ms: float | None = None
+    """Standard deviation of the images' own offsets, if it is certainly not zero."""
+    misfit_px: float | None = None
+    """Median epipolar error of points at rest, if the calibration does not fit the images."""
     same_frame_ms: float | None = None
     """Upper bound of the offset of images that are of the same frame; None if this is unknown.
 
@@ -86,47 +92,72 @@ def judge_timing(
 ) -> Timing:
     """Judge a measured time offset.
 
-    `apart_ms` is the delay of the second camera's images by their timestamps. `spacing_ms` is
-    the frame period. Images are called synchronized only if the error is small, contains zero, and the single
-    instants agree.
+    `apart_ms` is the delay of the second camera's images by their timestamps. `spacing_ms` is the
+    frame period. Images are called synchronized only if the error is small and contains zero, and no image
+    pair is off by more than that.
     """
     reference, other = cameras
-    moving, fit = moving_cameras or {}, fit.later(apart_ms)
-    if fit.offset_ms is None or fit.sd_ms is None:
-        return Timing(
-            reference=reference, other=other, reason=fit.reason, instants=fit.instants, moving_cameras=moving
-        )
-    late, sd, instants = fit.offset_ms, fit.sd_ms, fit.instants
-    odd = [
-        one.instant
-        for one in instants
-        if abs(one.late_ms - late) > max(ODD_SIGMAS * one.sd_ms, min(ODD_FRAMES * spacing_ms, ODD_MS))
-    ]
-    agree = len(odd) <= ODD_FRACTION * len(instants)
-    offset = abs(late) > ODD_SIGMAS * sd
-    reason = ""
-    if SIGMAS * sd > SURE_FRAMES * spacing_ms:
-        reason = "the error of the measured offset is more than a tenth of a frame"
-    elif not agree:
-        reason = f"{len(odd)} of {len(instants)} instants disagree with the others"
-    elif not offset and abs(late) > SIGMAS * sd:
-        reason = "the measured offset is neither clearly zero nor clearly different from zero"
-    frames = round(late / spacing_ms)
-    # The frame needs far less evidence: only its neighbours must be excluded.
-    same = not offset and agree and is_same_instant(abs(late) + ODD_SIGMAS * sd, spacing_ms)
-    return Timing(
+    fit = fit.later(apart_ms)
+    unknown = Timing(
         reference=reference,
         other=other,
-        synchronized=not offset and not reason,
+        reason=fit.reason,
+        misfit_px=fit.misfit_px,
+        instants=fit.instants,
+        moving_cameras=moving_cameras or {},
+    )
+    if fit.offset_ms is None or fit.sd_ms is None:
+        return unknown
+    late, sd, instants = fit.offset_ms, fit.sd_ms, fit.instants
+    limit_ms = SURE_FRAMES * spacing_ms
+    odd = sum(abs(one.late_ms - late) > max(ODD_SIGMAS * one.sd_ms, limit_ms) for one in instants)
+    jitter_ms, drifts = _scatter(instants, limit_ms)
+    offset = abs(late) > ODD_SIGMAS * sd
+    reason = ""
+    if jitter_ms is not None:
+        reason = f"{other}'s frames wander by ± {SIGMAS * jitter_ms:.1f} ms"
+    elif drifts:
+        low, high = (end(one.late_ms for one in instants) for end in (min, max))
+        reason = (
+            f"the offset drifts between {low:+.1f} and {high:+.1f} ms, which a wrong calibration causes: "
+            "check it with a board"
+        )
+    elif SIGMAS * sd > limit_ms:
+        reason = "the error of the measured offset is more than a tenth of a frame"
+    elif odd:
+        reason = f"{odd} of {len(instants)} instants disagree with the others"
+    elif not offset and abs(late) > SIGMAS * sd:
+        reason = "the measured offset is neither clearly zero nor clearly different from zero"
+    # The frame needs far less evidence: only its neighbours must be excluded.
+    same = is_same_instant(abs(late) + ODD_SIGMAS * sd, spacing_ms) and all(
+        abs(one.late_ms) - ODD_SIGMAS * one.sd_ms < spacing_ms / 2 for one in instants
+    )
+    denied = offset or jitter_ms is not None
+    return msgspec.structs.replace(
+        unknown,
+        synchronized=not denied and not reason,
         late_ms=late,
         uncertainty_ms=SIGMAS * sd,
-        offset=offset,
-        same_frame_ms=abs(late) + SIGMAS * sd if same else None,
+        offset=denied,
+        jitter_ms=jitter_ms,
+        same_frame_ms=abs(late) + SIGMAS * sd if same and not denied else None,
         reason=reason,
-        shift_ms=round(late - apart_ms, 2) if offset and frames else None,
-        instants=instants,
-        moving_cameras=moving,
+        shift_ms=round(late - apart_ms, 2) if offset and round(late / spacing_ms) else None,
     )
+
+
+def _scatter(instants: Sequence[InstantOffset], limit_ms: float) -> tuple[float | None, bool]:
+    """Return the jitter (standard deviation, ms) or None, and whether the offsets drift over the take."""
+    late_ms = np.array([one.late_ms for one in instants])
+    if len(late_ms) < MIN_JITTER_INSTANTS:
+        return None, False
+    error_ms = float(np.median([one.sd_ms for one in instants]))
+    scatter_ms = 1.4826 * float(np.median(np.abs(late_ms - np.median(late_ms))))
+    if scatter_ms < max(MIN_JITTER * error_ms, limit_ms / 2):
+        return None, False
+    if steps_ratio(late_ms) < INDEPENDENT:
+        return None, True
+    return float(np.sqrt(scatter_ms**2 - error_ms**2)), False
 
 
 def without_common_times(timing: Timing, problem: str) -> Timing:
@@ -148,6 +179,8 @@ def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float
     inconclusive.
     """
     peak_ms = max(sorted(set(peaks_ms)), key=peaks_ms.count, default=0.0)
+    if timing.misfit_px is not None:
+        return timing
     if len(peaks_ms) < MIN_INSTANTS or peaks_ms.count(peak_ms) < AGREED_FRACTION * len(peaks_ms):
         return timing
     known = timing.late_ms is not None and timing.uncertainty_ms is not None
@@ -178,7 +211,14 @@ def with_depth(timing: Timing, depth: StudyResult[Any]) -> Timing:
     """
     moving, still = found_shares(depth)
     rows, control = depth.value("mover_epipolar_px"), depth.value("static_epipolar_px")
-    if timing.offset or moving is None or still is None or rows is None or control is None:
+    if (
+        timing.offset
+        or timing.misfit_px is not None
+        or moving is None
+        or still is None
+        or rows is None
+        or control is None
+    ):
         return timing
     if moving >= LOST_FRACTION * still or rows <= max(ROW_MISMATCH_PX, ROW_MISMATCH_RATIO * control):
         return timing

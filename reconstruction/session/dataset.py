@@ -209,11 +209,11 @@ class Dataset:
         return facts.width, facts.height
 
     def calibration(self) -> Calibration | None:
-        """Return the session's own calibration, else the one it has adopted."""
-        return self.session.calibration() or self._adopted
+        """Return the calibration that it has adopted, else the session's own."""
+        return self._adopted or self.session.calibration()
 
     def adopt_calibration(self, calibration: Calibration) -> None:
-        """Use a calibration from elsewhere if the session has none; nothing is written."""
+        """Use this calibration instead of the session's own, if it has one; nothing is written."""
         self._adopted = calibration
 
     def ground_truth(self, camera: str, instant: int) -> tuple[Array, Array] | None:

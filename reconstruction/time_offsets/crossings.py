@@ -12,6 +12,7 @@ from typing import Self
 import numpy as np
 from msgspec import Struct, structs
 
+from reconstruction.calibration.consistency import consistent_matches
 from reconstruction.common.geometry import Array, View
 from reconstruction.time_offsets.pair_geometry import (
     TERMS,
@@ -30,7 +31,12 @@ BIN_MS = 0.25
 NEAR_PX = 4.0
 """Matches farther than this from the offset with the most votes are outliers."""
 MAX_STILL_RESIDUAL_PX = 6.0
-"""Matches of static points farther than this from their epipolar lines are outliers."""
+"""Matches of static points farther than this from their epipolar lines are outliers, if they are too few to
+fit an epipolar geometry of their own."""
+MAX_AT_REST_PX = 3.0
+"""Median epipolar error of static points above which a calibration does not fit the images."""
+TYPICAL_AT_REST_PX = 0.6
+"""Median epipolar error of static points with a calibration as good as the terms of its errors assume."""
 MIN_VOTES = 6.0
 """Minimum number of crossings that must agree."""
 DISTINCT = 1.6
@@ -145,12 +151,14 @@ StillErrors = tuple[Array, Array]
 
 
 def still_errors(views: tuple[View, View], at_a: Array, at_b: Array) -> StillErrors:
-    """Return the epipolar errors of static matches (n, 2) px, without outliers."""
+    """Return the epipolar errors of static matches (n, 2) px that fit one geometry, not only the views'."""
     errors = epipolar_errors_px(*views, at_a, at_b) if len(at_a) else np.zeros(0)
-    near = np.abs(errors) < MAX_STILL_RESIDUAL_PX
-    if not near.any():
+    good = consistent_matches(views, at_a, at_b)
+    if good is None:
+        good = np.abs(errors) < MAX_STILL_RESIDUAL_PX
+    if not good.any():
         return np.zeros(0), np.zeros((0, TERMS))
-    return errors[near], geometry_terms(*views, at_a[near], at_b[near])
+    return errors[good], geometry_terms(*views, at_a[good], at_b[good])
 
 
 class InstantOffset(Struct, frozen=True):
@@ -175,6 +183,8 @@ class OffsetFit:
     instants: tuple[InstantOffset, ...] = ()
     votes: float = 0.0
     """Approximate number of crossings that agree."""
+    misfit_px: float | None = None
+    """Median epipolar error of static points, if it is too large for the calibration to be used."""
 
     def later(self, by_ms: float) -> "OffsetFit":
         """Return the fit with the second camera's offset increased by `by_ms`."""
@@ -189,6 +199,13 @@ def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> Of
     A calibration error moves crossings by a distance, and so by a time that depends on how fast a point
     crosses its line. The error bar includes any part of the offset that such an error could explain.
     """
+    at_rest_px = float(np.median(np.abs(still[0]))) if len(still[0]) else 0.0
+    if at_rest_px > MAX_AT_REST_PX:
+        return OffsetFit(
+            reason=f"the calibration does not fit the pictures: {len(still[0])} points at rest are "
+            f"{at_rest_px:.1f} pixels off their epipolar lines",
+            misfit_px=at_rest_px,
+        )
     found = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > MIN_ACROSS_PX)
     if found.counts.sum() < MIN_VOTES:
         return OffsetFit(
@@ -201,14 +218,37 @@ def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> Of
         return OffsetFit(reason="the moving points do not agree on one offset")
     misses = (seen.offset_ms - peak) * seen.across_px_per_ms
     near = (np.abs(misses) < NEAR_PX) & (np.abs(seen.offset_ms - peak) < period_ms)
-    fit = _Fit(found.only(near), still, np.array([peak, *at_rest.geometry]))
+    at_rest.values[0] = peak
+    fit = _Fit(found.only(near), still, at_rest)
     instants = _by_instant(fit, period_ms)
     if len(instants) < MIN_INSTANTS:
         return OffsetFit(
             reason=f"only {len(instants)} instants have enough motion; {MIN_INSTANTS} are needed",
             instants=instants,
         )
-    return OffsetFit(float(fit.values[0]), float(np.hypot(fit.sd_ms, SYSTEMATIC_MS)), "", instants, votes)
+    sd_ms = max(fit.sd_ms, _drift_sd_ms(instants))
+    return OffsetFit(float(fit.values[0]), float(np.hypot(sd_ms, SYSTEMATIC_MS)), "", instants, votes)
+
+
+def _drift_sd_ms(instants: tuple[InstantOffset, ...]) -> float:
+    """Return the standard deviation of the mean of instants whose offsets change smoothly over the take.
+
+    A time offset is one number, so such a drift is an error of the geometry. Neighbouring instants share it:
+    the effective number of instants is that of an autoregressive process (Wilks 2011, section 5.2.4).
+    """
+    late_ms = np.array([one.late_ms for one in instants])
+    middle = float(np.median(late_ms))
+    typical = max(_robust_sd(late_ms - middle, 0.0), float(np.median([one.sd_ms for one in instants])))
+    late_ms = np.clip(late_ms, middle - 4 * typical, middle + 4 * typical)
+    ratio = steps_ratio(late_ms)
+    effective = len(late_ms) * ratio / (4 - ratio) if ratio < 2 else len(late_ms)
+    return float(late_ms.std(ddof=1) / np.sqrt(max(1.0, effective)))
+
+
+def steps_ratio(values: Array) -> float:
+    """Return von Neumann's ratio of the mean squared step to the variance: 2 if independent, 0 in a drift."""
+    variance = float(values.var(ddof=1))
+    return float(np.mean(np.diff(values) ** 2)) / variance if variance > 0 else 2.0
 
 
 def _best_offset(found: Crossings, period_ms: float) -> tuple[float, float, float]:
@@ -231,7 +271,7 @@ class _Fit:
     has a zero-mean prior of one standard deviation.
     """
 
-    def __init__(self, moving: Crossings, still: StillErrors, start: Array | None = None) -> None:
+    def __init__(self, moving: Crossings, still: StillErrors, at_rest: "_Fit | None" = None) -> None:
         self.moving = moving
         count = len(moving.counts)
         still_px, still_geometry = still
@@ -242,14 +282,20 @@ class _Fit:
             ]
         )
         seen = np.concatenate([moving.offset_ms * moving.across_px_per_ms, still_px])
-        prior = np.diag([0.0 if count else 1.0, *np.ones(TERMS)])
+        # A calibration that is worse at rest has larger errors elsewhere too.
+        typical_px = float(np.median(np.abs(still_px))) if len(still_px) else 0.0
+        prior_sd = max(1.0, typical_px / TYPICAL_AT_REST_PX)
+        prior = np.diag([0.0 if count else 1.0, *np.full(TERMS, prior_sd**-2)])
         # Maximum total weight of each group, px^-2: more points do not reduce a shared error.
         shared_px2 = SHARED_PX**2 + INSTANT_PX**2 / max(1, len(np.unique(moving.instant)))
+        if at_rest is not None:
+            # Static points match to MATCH_PX; the geometry's terms do not explain larger residuals.
+            shared_px2 += max(0.0, at_rest.rest_px**2 - MATCH_PX**2)
         max_weights = (
             _parts(moving.geometry, moving.instant) / shared_px2,
             _parts(still_geometry, np.zeros(len(seen) - count)) / SHARED_PX**2,
         )
-        self.values = np.zeros(1 + TERMS) if start is None else start
+        self.values: Array = np.zeros(1 + TERMS) if at_rest is None else at_rest.values
         match_px = 2.0
         for step in range(ROUNDS):
             miss = seen - rows @ self.values
@@ -266,12 +312,18 @@ class _Fit:
             normal = rows.T @ (weights[:, None] * rows) + prior
             self.values = np.linalg.solve(normal, rows.T @ (weights * seen))
         self.match_px = match_px
+        self.rest_px: float = rest_px if len(still_px) else 0.0
         self._rows, self._weights, self._miss, self._normal = rows, weights, miss, normal
 
     @property
     def geometry(self) -> Array:
         """Errors of the geometry (TERMS,), each in standard deviations of its term in `geometry_terms`."""
         return self.values[1:]
+
+    def geometry_sd_ms(self, moving: Crossings, weights: Array) -> float:
+        """Return the standard deviation of crossings' weighted mean that the geometry's error leaves."""
+        mean = weights @ (moving.geometry / moving.across_px_per_ms[:, None]) / weights.sum()
+        return float(np.sqrt(mean @ np.linalg.inv(self._normal)[1:, 1:] @ mean))
 
     @property
     def sd_ms(self) -> float:
@@ -317,7 +369,8 @@ def _by_instant(fit: _Fit, period_ms: float) -> tuple[InstantOffset, ...]:
         sd = max(1.25 / np.sqrt(weights.sum()), 1.25 * scatter / np.sqrt(its.counts.sum()))
         sd = float(np.hypot(sd, left))
         if sd < SHARP_FRAMES * period_ms:
-            instants.append(InstantOffset(int(instant), middle, sd, int(its.counts.sum())))
+            whole = float(np.hypot(sd, fit.geometry_sd_ms(its, weights)))
+            instants.append(InstantOffset(int(instant), middle, whole, int(its.counts.sum())))
     return tuple(instants)
 
 

@@ -2,11 +2,12 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array, View
-from reconstruction.pairs import choose_panorama_pair, choose_stereo_pair, detect_features
+from reconstruction.pairs import Features, choose_panorama_pair, choose_stereo_pair, detect_features
 from reconstruction.panorama.composition import Projection
 from reconstruction.panorama.overlap import known, measure_misalignment, overlap_of
 from reconstruction.panorama.stitcher import PanoramaStitcher
@@ -114,3 +115,20 @@ def test_no_pair_is_made_up(scene: Scene) -> None:
     assert panorama.cameras is None
     assert "same" in panorama.why
     assert choose_stereo_pair({}, points).cameras is None
+
+
+def test_a_calibration_that_rejects_what_cameras_share_is_the_reason() -> None:
+    rng = np.random.default_rng(0)
+    points = rng.uniform((-1, -1, 3), (1, 1, 6), (139, 3))
+    descriptors = rng.normal(0, 1, (139, 128)).astype(np.float32)
+    seen = {
+        name: Features(view.project(points @ view.rotation.T + view.translation), descriptors, np.ones(139))
+        for name, view in VIEWS.items()
+    }
+    pair = {name: VIEWS[name] for name in ("left", "right")}
+    assert choose_stereo_pair(pair, seen).cameras is not None
+    tilted = pair["right"].rotation @ cv2.Rodrigues(np.array([0.06, 0.0, 0.0]))[0]
+    wrong = choose_stereo_pair(pair | {"right": replace(pair["right"], rotation=tilted)}, seen)
+    assert wrong.cameras is None
+    assert "left and right have 139 points at rest in common" in wrong.why
+    assert "the calibration does not fit the pictures" in wrong.why

@@ -63,6 +63,24 @@ def test_a_calibration_that_is_off_is_no_lateness() -> None:
     assert unknown.sd_ms > 1.3 * known.sd_ms
 
 
+def test_a_calibration_that_does_not_fit_what_is_at_rest_measures_nothing() -> None:
+    found = fit_offset(crossings(5.0, shift_px=12.8), still(12.8, 139), PERIOD_MS)
+    assert found.offset_ms is None
+    assert found.misfit_px == pytest.approx(12.8, abs=0.2)
+    assert "139 points at rest are 12.8 pixels off their epipolar lines" in found.reason
+
+
+def test_a_calibration_that_is_worse_at_rest_gives_a_larger_error() -> None:
+    """At rest the residuals vary over the picture as no smooth error of a calibration does."""
+    one_way = crossings(0.0, wrong=0, seed=1, speeds=(0.9, 1.1))
+    good, geometry = still(0.0)
+    bad = np.where(np.arange(len(good)) % 2, 2.0, -2.0) + good
+    small, large = (fit_offset(one_way, (off, geometry), PERIOD_MS).sd_ms for off in (good, bad))
+    assert small is not None
+    assert large is not None
+    assert large > 1.5 * small
+
+
 @pytest.mark.parametrize("seed", range(8))
 def test_what_an_error_of_the_geometry_can_explain_is_not_claimed(seed: int) -> None:
     """All moves at one speed but for what the place in the picture explains."""

@@ -112,7 +112,7 @@ def judge_timing(
     limit_ms = SURE_FRAMES * spacing_ms
     odd = sum(abs(one.late_ms - late) > max(ODD_SIGMAS * one.sd_ms, limit_ms) for one in instants)
     jitter_ms, drifts = _scatter(instants, limit_ms)
-    offset = abs(late) > ODD_SIGMAS * sd
+    offset = abs(late) > ODD_SIGMAS * sd and not drifts
     reason = ""
     if jitter_ms is not None:
         reason = f"{other}'s frames wander by ± {SIGMAS * jitter_ms:.1f} ms"

@@ -33,7 +33,7 @@ NEAR_PX = 4.0
 MAX_STILL_RESIDUAL_PX = 6.0
 """Matches of static points farther than this from their epipolar lines are outliers, if they are too few to
 fit an epipolar geometry of their own."""
-MAX_AT_REST_PX = 3.0
+MAX_AT_REST_PX = 2.0
 """Median epipolar error of static points above which a calibration does not fit the images."""
 TYPICAL_AT_REST_PX = 0.6
 """Median epipolar error of static points with a calibration as good as the terms of its errors assume."""

@@ -90,7 +90,7 @@ def test_frames_that_wander_about_zero_are_not_synchronized() -> None:
 def test_offsets_that_drift_over_the_take_are_the_geometrys() -> None:
     drift = [-1.4, -4, -9, -14, -19, -24, -20, -16, -11, -6.2]
     instants = tuple(InstantOffset(k, ms, 1.0, 20) for k, ms in enumerate(drift))
-    found = judge_timing(PAIR, OffsetFit(-8.1, 5.0, "", instants), 0.0, 16.7)
+    found = judge_timing(PAIR, OffsetFit(-8.1, 0.95, "", instants), 0.0, 16.7)
     assert not found.synchronized
     assert not found.offset
     assert "drifts between -24.0 and -1.4 ms, which a wrong calibration causes" in timing_sentences(found)

@@ -27,13 +27,17 @@ from argparse import Namespace
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
-from typing import Any
+from typing import Any, get_args
 
+from msgspec import inspect
+
+from benchmarks.endurance.field_attacks import attacks, example
 from benchmarks.endurance.hostile_messages import INSIDER, hostile_datagram, hostile_frame
 from benchmarks.endurance.paired import PairedThief, paired_machine
 from benchmarks.endurance.soak import Soak, Watched, camera_command, listening, start, wait_until_ready
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from capture_app.common.address import Address, parse_address
+from capture_app.common.errors import NetworkError
 from capture_app.net.channel import connect
 from capture_app.protocol import messages as wire
 from capture_app.rig.link import ask_status
@@ -78,6 +82,23 @@ async def flood(
                     break
     sock.close()
     return min(number + 1, datagrams)
+
+
+async def attack_each_field(leader: Address, machine: Trust) -> int:
+    """Send each message with each of its fields changed, as a paired machine does; return their number."""
+    sent = 0
+    for kind in get_args(wire.ToLeader):
+        info = inspect.type_info(kind)
+        for _, plain in attacks(info, example(info)):
+            # A stream of its own for each: the leader closes it at the first message that it cannot read.
+            with suppress(OSError, OverflowError, TypeError, NetworkError):
+                async with (
+                    asyncio.timeout(10.0),
+                    await connect(leader, wire.FromLeader, trust=machine) as channel,
+                ):
+                    await channel.send(plain)
+                    sent += 1
+    return sent
 
 
 async def pester(places: list[Address], frames: int, until_s: float, rng: random.Random) -> int:
@@ -159,12 +180,14 @@ async def attack(options: Namespace, folder: Path) -> dict[str, Any]:
         talk(f"attacking {', '.join(map(str, places))}")
         held = await hold([run.leader, relay], options.connections)
         burst = (await ask_status(run.leader)).burst
-        thief = PairedThief(run.leader, paired_machine(folder / "thief"))
+        trust = paired_machine(folder / "thief")
+        thief = PairedThief(run.leader, trust)
         loop, full = asyncio.get_running_loop(), dropped_datagrams()
         attack_s = loop.time()
         until_s = attack_s + options.seconds
         looking = asyncio.create_task(thief.look())
-        _, datagrams, frames = await asyncio.gather(
+        fields, _, datagrams, frames = await asyncio.gather(
+            attack_each_field(run.leader, trust),
             thief.attack(options.names, (1, 0 if burst is None else burst.burst)),
             flood(places, options.datagrams, until_s, rng, await keys_of([run.leader, relay])),
             pester([run.leader, relay], options.frames, until_s, rng),
@@ -189,6 +212,7 @@ async def attack(options: Namespace, folder: Path) -> dict[str, Any]:
         "datagrams": datagrams,
         "datagrams_at_full_buffers": full,
         "frames": frames,
+        "messages_with_one_field_changed": fields,
         "connections": len(held),
         "seconds_to_a_whole_burst": seconds,
         "bursts_until_then": tries,

@@ -177,8 +177,8 @@ class Preview(Message, frozen=True, kw_only=True, tag="preview", omit_defaults=T
     width: Pixels
     """Width in pixels, as the height."""
     height: Pixels
-    jpeg: bytes = b""
-    """JPEG data, sent as the payload instead of in the message."""
+    jpeg: Annotated[bytes, Meta(max_length=0)] = b""
+    """JPEG data; it is sent as the payload, and the message itself has none."""
 
 
 class NodeDetail(Message, frozen=True, kw_only=True, tag="detail"):

@@ -8,7 +8,9 @@ from typing import Any
 
 import msgspec
 import pytest
+from msgspec import inspect
 
+from benchmarks.endurance.field_attacks import attacks, example
 from capture_app.common.camera_facts import EXACT_STAMPS, CameraControls, Control
 from capture_app.common.errors import NetworkError
 from capture_app.common.pairing_codes import Role
@@ -27,6 +29,7 @@ from capture_app.trust.trust import Trust
 from tests.facts import make_facts
 from tests.waiting import until
 
+from .joining import joined
 from .sealed_nodes import SealedNode, introduced, sealed_node
 
 SHA = "0" * 64
@@ -123,6 +126,31 @@ async def test_no_message_of_who_may_not_send_it_changes_anything(
             assert state(leader, trust, tmp_path / "sessions") == before, message
         assert refused >= 40, "those that are not are broken off"
         await until(lambda: node.time.is_member)
+
+
+async def test_a_camera_with_any_field_changed_harms_nobody(
+    tmp_path: Path, leader: LeaderNode, trust: Trust
+) -> None:
+    """On the stream of its own node: each is refused, and the stream and the others go on."""
+    machine, sent = introduced(tmp_path, trust, "machine"), 0
+    async with (
+        joined(leader.own_address, ("cam1", 1), trust=machine),
+        await connect(leader.own_address, FromLeader, trust=machine) as channel,
+    ):
+        await until(lambda: bool(leader.status().nodes))
+        opened = wire.NodeStream(camera="cam1", instance=1)
+        await channel.send(opened)
+        assert isinstance(await channel.receive_header(), wire.ReportAck)
+        for kind in (wire.CameraReport, wire.ImageUpload, wire.SpoolSpace):
+            info = inspect.type_info(kind)
+            for path, plain in attacks(info, example(info)):
+                await channel.send(plain)
+                said = await channel.receive_header()
+                assert isinstance(said, wire.Refusal | wire.ReportAck), (kind, path, said)
+                sent += 1
+        assert isinstance(await answer(leader, trust, wire.StatusRequest()), wire.StatusAnswer)
+        assert len(leader.log.after(0)) < 100
+    assert sent > 2000
 
 
 async def test_an_operator_speaks_for_no_camera_and_no_relay(

@@ -1,17 +1,18 @@
 """The calibration of a rig, `calibration.json`: intrinsics and `cam_from_rig` of each camera."""
 
 import math
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Annotated
 
-from msgspec import Struct
+from msgspec import Meta, Struct
 
+from capture_app.common.bounds import Pixels, Real
 from capture_app.common.errors import BadInputError
 
 if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-Vector3 = tuple[float, float, float]
+Vector3 = tuple[Real, Real, Real]
 Matrix3 = tuple[Vector3, Vector3, Vector3]
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
@@ -25,15 +26,15 @@ class CameraCalibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields
     x right, y down, z forward.
     """
 
-    width: int
-    height: int
-    fx: float
-    fy: float
-    cx: float
-    cy: float
+    width: Pixels
+    height: Pixels
+    fx: Real
+    fy: Real
+    cx: Real
+    cy: Real
     rotation: Matrix3
     translation: Vector3
-    distortion: tuple[float, ...] = (0.0, 0.0, 0.0, 0.0, 0.0)
+    distortion: Annotated[tuple[Real, ...], Meta(max_length=20)] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
     def matrix(self, width: int, height: int) -> "NDArray[np.float64]":
         """The camera matrix, 3 x 3, for pictures of width x height px, which may be others than its own."""

@@ -17,7 +17,7 @@ from typing import Annotated, Any
 import msgspec
 from msgspec import UNSET, Meta, Struct, UnsetType
 
-from capture_app.common.bounds import Count, Positive, Ppm, Real, Sentence, TimeNs
+from capture_app.common.bounds import Count, FilePath, Positive, Ppm, Real, Sentence, TimeNs
 from capture_app.common.camera_facts import CameraFacts, Control, unshared_uncertainties_ns
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import Name, check_name
@@ -136,7 +136,7 @@ class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     camera: Name
     instant: Count
-    path: str
+    path: FilePath
     leader_ns: TimeNs
     bytes: Positive
     sha256: Sha256
@@ -171,7 +171,7 @@ class FrameRecord(ImageRecord, frozen=True, kw_only=True, omit_defaults=True):
     offset: Count
     """Where its first byte is in the video."""
     camera: Name = ""
-    path: str = ""
+    path: FilePath = ""
     instant: Count = NO_INSTANT
     true_ns: TimeNs | None = None
     """True start of the first row's exposure, of a simulated frame, in the host's clock."""
@@ -184,7 +184,7 @@ class VideoRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     """
 
     camera: Name
-    path: str
+    path: FilePath
     frames: Count
     bytes: Count
 

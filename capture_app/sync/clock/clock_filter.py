@@ -4,6 +4,7 @@ from dataclasses import dataclass
 from heapq import nsmallest
 from math import hypot, sqrt
 
+from capture_app.common.bounds import Real
 from capture_app.sync.clock.answer_groups import HALF_NS, AnswerGroups, Bound
 from capture_app.sync.clock.likely_line import (
     ASYMMETRY,
@@ -64,11 +65,11 @@ class ClockSample:
 class PathAsymmetry:
     """Path asymmetry of a link, measured from images; in ns."""
 
-    late_ns: float
+    late_ns: Real
     """Correction to the leader's offset: half of the return path's excess delay."""
-    uncertainty_ns: float
+    uncertainty_ns: Real
     """95 % uncertainty of `late_ns`."""
-    round_trip_ns: float
+    round_trip_ns: Real
     """Minimum round-trip delay when this was measured; any change since may be in one direction only."""
 
     def sigma(self, gap: float) -> float | None:

@@ -114,7 +114,7 @@ class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
     """Instance of the leader, or of the relay."""
     anchor_leader_ns: TimeNs
     """An instant of the rig's grid, which has one each `period_ns`."""
-    period_ns: int
+    period_ns: Positive
     align_row: Annotated[float, Meta(ge=0.0, le=1.0)] | None = None
     """Row aligned by its mid-exposure, as a fraction of the height; None: the first row's start."""
     common_instant_leader_ns: TimeNs | None = None

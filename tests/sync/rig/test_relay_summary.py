@@ -28,10 +28,10 @@ from tests.facts import make_facts
 CAMERA = make_facts()
 REPORT = Report(state=NodeState.READY)
 S = 1_000_000_000
+RATE = -999_999.9
 LONGEST = structs.replace(
     Report(state=NodeState.READY, message="\U0001f4f7" * MAX_TEXT),
-    **dict.fromkeys(Report.__struct_fields__[2:], 10**18),
-    **dict.fromkeys(("skew_ppm", "drift_ppm", "slewing_ppm"), -1e6 + 0.1),
+    **{field: RATE if field.endswith("ppm") else 10**18 for field in Report.__struct_fields__[2:]},
 )
 """Takes the most bytes."""
 

@@ -54,7 +54,7 @@ floats = st.none() | st.floats(-1e6, 1e6)
 reports = st.builds(
     Report, state=st.sampled_from(NodeState), message=text, offset_ns=st.none() | times, skew_ppm=floats
 )
-config = st.builds(RigConfigMessage, leader=u32, anchor_leader_ns=times, period_ns=i64)
+config = st.builds(RigConfigMessage, leader=u32, anchor_leader_ns=times, period_ns=positive)
 others = st.lists(st.integers(0, 2**32 - 1), max_size=MAX_OTHERS).map(tuple)
 control: st.SearchStrategy[ControlMessage] = st.one_of(
     st.builds(Welcome, u32, u32, ports, config),

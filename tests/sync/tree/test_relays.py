@@ -33,9 +33,10 @@ def test_a_burst_reaches_cameras_below_relays_of_relays_in_the_roots_time() -> N
         "lower": "upper",
         "far": "lower",
     }
-    bounds = [views[name].report.hard_bound_ns or 0 for name in ("upper", "lower", "far")]
-    assert bounds == sorted(bounds), "each clock on the way adds its own error"
-    assert bounds[0] > 0
+    upper_ns, lower_ns, far_ns = (views[name].report.hard_bound_ns or 0 for name in ("upper", "lower", "far"))
+    assert 0 < upper_ns < min(lower_ns, far_ns), "each clock on the path adds its own error"
+    # A bound grows by 1 ms a second until the next sample, and the two reports are of different moments.
+    assert far_ns > lower_ns - 1_000_000
     assert rig.tree.root.poll_interval_ns == 0
 
 

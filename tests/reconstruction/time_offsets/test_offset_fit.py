@@ -74,7 +74,7 @@ def test_a_calibration_that_is_worse_at_rest_gives_a_larger_error() -> None:
     """At rest the residuals vary over the picture as no smooth error of a calibration does."""
     one_way = crossings(0.0, wrong=0, seed=1, speeds=(0.9, 1.1))
     good, geometry = still(0.0)
-    bad = np.where(np.arange(len(good)) % 2, 2.0, -2.0) + good
+    bad = np.where(np.arange(len(good)) % 2, 1.6, -1.6) + good
     small, large = (fit_offset(one_way, (off, geometry), PERIOD_MS).sd_ms for off in (good, bad))
     assert small is not None
     assert large is not None

@@ -124,7 +124,8 @@ class StandInPhone:
                 )
 
     async def _update_exposure(self, **answer: Any) -> None:
-        exposure = {"control": "exposure", "unit": "µs", "value": self.exposure_us, "least": 100, "most": 2e9}
+        limits = {"minimum": 100, "maximum": 2e9}
+        exposure = {"control": "exposure", "unit": "µs", "value": self.exposure_us, **limits}
         await self.say(type="controls", controls=[{**exposure, "can_be_automatic": True}], **answer)
 
     async def _ping(self) -> None:

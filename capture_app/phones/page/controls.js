@@ -22,7 +22,7 @@ function controlStates(track) {
       control, unit, value: typeof now[key] === "number" ? told(now[key]) : null,
       automatic: now[mode] !== "manual" && modes.includes("continuous"), can_be_automatic: modes.includes("continuous"),
     };
-    return [modes.includes("manual") ? {...state, least: ends[0], most: ends[1]} : state];
+    return [modes.includes("manual") ? {...state, minimum: ends[0], maximum: ends[1]} : state];
   });
 }
 

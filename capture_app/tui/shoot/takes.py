@@ -179,4 +179,4 @@ def _in_short(take: Take, now_s: float) -> Content:
 
 def _short_verdict(verdict: Verdict) -> Content:
     sign = GRADES[verdict.grade]
-    return Content.assemble((f"{sign}  ", sign.style), verdict.spread)
+    return Content.assemble((f"{sign} ", sign.style), verdict.spread)

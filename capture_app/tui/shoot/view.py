@@ -372,6 +372,8 @@ class ShootView(ModeView):
         return Content.styled(printable(advice), "$foreground-muted")
 
     def _want_previews(self) -> None:
+        if not self.is_attached:  # a take may end while the screen closes
+            return
         self.stage.want_previews(self.screen.is_active)
 
     on_mode_hidden = _want_previews

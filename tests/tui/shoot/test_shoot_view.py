@@ -34,7 +34,7 @@ async def test_space_takes_as_planned_and_the_sheet_is_there_at_once(tmp_path: P
         assert sheet.sheet.session.folder == tmp_path / "burst-001"
         assert sheet.cursor == (0, 4), "the instant of the key"
         text = studio.view.take_panel.plain
-        assert "burst-001\n● excellent  20 µs ±18 µs" in text
+        assert "burst-001\n● excellent 20 µs ±18 µs" in text
         await pilot.press("y")
         await studio.settle(pilot)
         why = str(studio.app.screen.query_one("BoxDialog Static", Static).content)

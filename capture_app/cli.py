@@ -30,6 +30,7 @@ COMMANDS = {
     "leader": "Run a leader: nodes join it, and it takes and saves bursts.",
     "node": "Run one camera and join a leader.",
     "phones": "Use phones as cameras: they scan a QR code.",
+    "monitor": "Show live pictures and the take button on phones and tablets.",
     "relay": "Connect nodes that cannot reach the leader themselves.",
     "doctor": "Check this machine for problems, and show remedies.",
     "trust": "List, pair and remove trusted machines.",

@@ -149,6 +149,30 @@ clock_option = click.option(
 )
 
 
+def page_options(default_port: int) -> Callable[[F], F]:
+    """Make the options --host, --port and --certificate of a page for phones."""
+    host = click.option(
+        "--host",
+        default="0.0.0.0",  # noqa: S104 - phones are other machines
+        help="Address that the page listens on.",
+    )
+    port = click.option(
+        "--port",
+        type=click.IntRange(0, 65535),
+        show_default=f"{default_port}, or a free one",
+        metavar="PORT",
+        help="TCP port of the page; 0 chooses a free one.",
+    )
+    certificate = click.option(
+        "--certificate",
+        type=click.Path(path_type=Path, dir_okay=False, exists=True),
+        metavar="FILE",
+        show_default="a self-signed one, about which browsers warn once",
+        help="PEM file with a certificate for this machine's name, and its key.",
+    )
+    return lambda command: host(port(certificate(command)))
+
+
 def rpicam_options(command: F) -> F:
     """Give a command the options --rpicam-sync and --rpicam-shutter-us."""
     shutter = click.option(

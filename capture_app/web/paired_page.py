@@ -91,8 +91,10 @@ class Door:
         try:
             yield
         finally:
-            await end(*tasks, *self._greeting)
-            listening.close()
+            try:
+                await end(*tasks, *self._greeting)
+            finally:
+                listening.close()
 
     async def _accept(self, server: web.Server, listening: socket.socket, tls: ssl.SSLContext | None) -> None:
         listening.setblocking(False)

@@ -1,10 +1,14 @@
 """Shareable pictures of a take: its contact sheet, and a wiggle animation through its cameras."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
+from pathlib import Path
 from typing import TYPE_CHECKING
+
+import msgspec
 
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.common.text import count, duration
+from capture_app.session.format.manifest import inside
 from capture_app.session.reading.take_sheet import TakeSheet
 
 if TYPE_CHECKING:
@@ -20,17 +24,21 @@ MAX_PIXELS = 100_000_000
 
 
 def contact_sheet(
-    sheet: TakeSheet, width: int, progress: Callable[[int, int], None] = lambda done, total: None
+    sheet: TakeSheet,
+    width: int,
+    progress: Callable[[int, int], None] = lambda done, total: None,
+    instants: Sequence[int] | None = None,
 ) -> "Picture":
     """Draw a contact sheet: a column per camera, a row per instant, each image `width` px wide; returns BGR.
 
-    Raises BadInputError if the sheet would exceed 100 megapixels.
+    `instants` are the rows; None: all. Raises BadInputError if the sheet would exceed 100 megapixels.
     """
     import cv2
     import numpy as np
 
     height = round(width * sheet.aspect)
-    across, down = len(sheet.cameras), sheet.instants
+    instants = range(sheet.instants) if instants is None else instants
+    across, down = len(sheet.cameras), len(instants)
     size = HEAD + down * (height + GAP), GUTTER + across * (width + GAP)
     if size[0] * size[1] > MAX_PIXELS:
         raise BadInputError(
@@ -41,18 +49,18 @@ def contact_sheet(
     whole[:] = GROUND
     for x, camera in enumerate(sheet.cameras):
         _write(whole, camera, (GUTTER + x * (width + GAP), 18), INK, room=width)
-    for y in range(down):
+    for y, instant in enumerate(instants):
         top = HEAD + y * (height + GAP)
-        since = duration(sheet.since_start_ns(y), signed=True) if y else "first"
+        since = duration(sheet.since_start_ns(instant), signed=True) if instant else "first"
         _write(whole, since, (6, top + 16), INK, room=GUTTER - 8)
-        _write(whole, duration(sheet.spread_ns(y)), (6, top + 34), MUTED, room=GUTTER - 8)
+        _write(whole, duration(sheet.spread_ns(instant)), (6, top + 34), MUTED, room=GUTTER - 8)
         for x, camera in enumerate(sheet.cameras):
             left = GUTTER + x * (width + GAP)
-            image = sheet.load(camera, y, width)
+            image = sheet.load(camera, instant, width)
             if image is not None:
                 scaled = fit(image, width, height)
                 whole[top : top + scaled.shape[0], left : left + scaled.shape[1]] = scaled
-            note = sheet.note(camera, y) or ("" if image is not None else "cannot be read")
+            note = sheet.note(camera, instant) or ("" if image is not None else "cannot be read")
             if note:
                 cv2.rectangle(whole, (left, top), (left + width - 1, top + height - 1), WARNING, 1)
                 _write(whole, note, (left + 4, top + height - 6), WARNING, room=width - 8)
@@ -105,6 +113,16 @@ def encode_animation(frames: "list[Picture]", suffix: str, step_ms: int, rest_ms
     if not made:
         raise NotAvailableError(f"this OpenCV cannot write {suffix}", hint="install opencv-python-headless 5")
     return bytes(data.tobytes())
+
+
+def depth_picture(result: Path) -> bytes:
+    """Return the depth image of the reference camera, from a result's `multiview.json`.
+
+    Raises OSError, LookupError, ValueError, TypeError or BadInputError for a result that has none.
+    """
+    found = msgspec.json.decode(result.read_bytes())
+    views = {view["camera"]: view["picture"] for view in found["views"]}
+    return inside(result.parent, views[found["reference"]]).read_bytes()
 
 
 def fit(image: "Picture", width: int, height: int) -> "Picture":

@@ -148,7 +148,7 @@ async def _invite_phones(source: RigLink, screen: GuideScreen) -> None:
         try:
             invited = await source.ask(InvitePhone(), PhoneInvited)
             if invited.url != shown:
-                _show_steps(screen, invited, came=bool(shown))
+                show_steps(screen, invited, _PHONE_STEPS, came=bool(shown))
                 shown = invited.url
         except SimulshotError as error:
             shown = ""
@@ -156,20 +156,26 @@ async def _invite_phones(source: RigLink, screen: GuideScreen) -> None:
         await asyncio.sleep(LOOK_EVERY_S)
 
 
-def _show_steps(screen: GuideScreen, invited: PhoneInvited, *, came: bool) -> None:
-    begin = ("The last code was used or has expired. For the next phone:", "$success")
+_PHONE_STEPS = (
+    "1  Scan the code with the phone, and open the page.",
+    "2  The browser warns once that it does not know this machine: choose Advanced, then continue.",
+    "3  Start the camera and allow access. Place the phone and plug it in.",
+)
+
+
+def show_steps(screen: GuideScreen, invited: PhoneInvited, steps: tuple[str, ...], *, came: bool) -> None:
+    """Show a page's code and the steps; `came`: the code before it was used or has expired."""
+    begin = ("The last code was used or has expired. For the next device:", "$success")
     screen.show(
         invited.url,
         *([begin] if came else []),
-        ("1  Scan the code with the phone, and open the page.", ""),
-        ("2  The browser warns once that it does not know this machine: choose Advanced, then continue.", ""),
-        ("3  Start the camera and allow access. Place the phone and plug it in.", ""),
+        *((step, "") for step in steps),
         ("", ""),
         (invited.url, "bold $secondary"),
         ("", ""),
         (
-            "Each code admits one phone and expires after ten minutes. On an untrusted network, compare the "
-            "certificate's SHA-256 in the phone's browser with:",
+            "Each code admits one device and expires after ten minutes. On an untrusted network, compare the "
+            "certificate's SHA-256 in its browser with:",
             "$foreground-muted",
         ),
         (invited.fingerprint, "$foreground-muted"),

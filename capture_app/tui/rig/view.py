@@ -22,6 +22,7 @@ from capture_app.rig.process import start_rig
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import Answer, Question
 from capture_app.tui.rig.camera_list import CameraList
+from capture_app.tui.rig.monitor_screen import MonitorServer
 from capture_app.tui.rig.panel_screen import panel_screen
 from capture_app.tui.rig.start import StartPanel
 from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, showing_errors
@@ -83,6 +84,14 @@ class RigView(ModeView):
         Binding(
             "h", "phones", "Phones", show=False, id="rig.phones", tooltip="phones as cameras, by a QR code"
         ),
+        Binding(
+            "g",
+            "monitor",
+            "Monitor",
+            show=False,
+            id="rig.monitor",
+            tooltip="cameras and button on a phone",
+        ),
         Binding("i", "invite", "Invite", show=False, id="rig.invite", tooltip="a code for another machine"),
         Binding("escape", "back", "Back", id="rig.back"),
     ]
@@ -99,6 +108,7 @@ class RigView(ModeView):
     ) -> None:
         """`local`: the leader is on this machine and can run its cameras; `samples`: as in `StartPanel`."""
         self._source, self._sessions, self._local = source, sessions, local
+        self._monitor = MonitorServer(source, local=local)
         self._record = record
         self._advice = Lines(id="advice")
         self._cameras = CameraList(source, record)
@@ -216,7 +226,7 @@ class RigView(ModeView):
         """Return whether an action is available, given the visible panel and the focus."""
         if action == "remove":
             return self._cameras.has_focus
-        if action in ("add", "log", "panel", "phones", "invite"):
+        if action in ("add", "log", "panel", "phones", "monitor", "invite"):
             return self._cameras.display
         if action == "start":
             return bool(self._record.lost) and self._local
@@ -257,6 +267,10 @@ class RigView(ModeView):
     def action_panel(self) -> None:
         """Show how to check the rig with a panel."""
         self.app.push_screen(panel_screen())
+
+    def action_monitor(self) -> None:
+        """Show how a phone or tablet becomes a monitor."""
+        self.app.push_screen(self._monitor.guide())
 
     def action_phones(self) -> None:
         """Show how phones become cameras."""

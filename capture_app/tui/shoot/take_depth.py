@@ -3,14 +3,12 @@
 import os
 from collections.abc import Iterator
 from functools import lru_cache
-from pathlib import Path
 
-import msgspec
 from textual.content import Content
 
 from capture_app.common.errors import SimulshotError
 from capture_app.common.text import UNREADABLE, printable
-from capture_app.session.format.manifest import inside
+from capture_app.session.reading.sheet_pictures import depth_picture
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.jobs.run import MOMENT, Run, RunState, progress_words
 from capture_app.tui.jobs.runs import Runs
@@ -68,13 +66,9 @@ def picture(runs: Runs | None, sheet: TakeSheet | None) -> Source | None:
     """Return the depth image of the middle camera, or None."""
     run = run_of(runs, sheet)
     try:
-        return None if run is None or run.result is None else _middle_picture(run.result)
-    except (*UNREADABLE, SimulshotError, OSError, LookupError, StopIteration, TypeError):
+        return None if run is None or run.result is None else _depth_picture(run.result)
+    except (*UNREADABLE, SimulshotError, OSError, LookupError, TypeError):
         return None
 
 
-@lru_cache(maxsize=1)
-def _middle_picture(result: Path) -> bytes:
-    found = msgspec.json.decode(result.read_bytes())
-    view = next(view for view in found["views"] if view["camera"] == found["reference"])
-    return inside(result.parent, view["picture"]).read_bytes()
+_depth_picture = lru_cache(maxsize=1)(depth_picture)

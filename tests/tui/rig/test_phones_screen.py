@@ -18,7 +18,7 @@ async def test_the_code_and_the_steps_fit_and_the_next_phone_gets_another() -> N
         assert "https://192.168.1.20:47011/#" in words
         assert "A7:A7" in words
         rig.phones_come += 1
-        await until(pilot, lambda: "For the next phone" in text(app, "#phones-words"))
+        await until(pilot, lambda: "For the next device" in text(app, "#phones-words"))
         assert lines(app, "#phones-code") != code
         await pilot.press("escape")
         await until(pilot, lambda: app.screen.id != "phones-guide")

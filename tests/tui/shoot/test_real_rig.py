@@ -1,21 +1,14 @@
 """The key on the screen, the session on the disk: a leader and simulated cameras over loopback."""
 
-import asyncio
 import contextlib
-from collections.abc import AsyncIterator
 from dataclasses import replace
 from functools import partial
 from pathlib import Path
 
 import pytest
 
-from capture_app.cameras.specs import open_camera
 from capture_app.common.clock import HostClock
 from capture_app.common.node_state import NodeState
-from capture_app.node.camera.camera_node import CameraNode
-from capture_app.node.camera.supervisor import NodeOptions
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
 from capture_app.rig.link import RigLink
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
@@ -23,35 +16,11 @@ from capture_app.tui.app import SimulshotApp
 from capture_app.tui.settings import Settings
 from capture_app.tui.shoot.takes import Take
 from capture_app.tui.shoot.view import ShootView
+from tests.cheap_rig import rig_of
 from tests.waiting import SLOW_PATIENCE_S, until
 
 BEFORE, FRAMES = 3, 5
 TAKES = 4
-
-
-@contextlib.asynccontextmanager
-async def rig_of(cameras: int, sessions: Path) -> AsyncIterator[LeaderNode]:
-    """A leader and so many cheap cameras, in this process."""
-    async with await LeaderNode.start(LeaderOptions(sessions=sessions, host="127.0.0.1", port=0)) as leader:
-        nodes = [
-            CameraNode(
-                NodeOptions(
-                    name=name,
-                    open_camera=partial(
-                        open_camera, "sim:perfect,scale=0.1,drops=0", clock=HostClock(), name=name
-                    ),
-                    leaders=(leader.own_address,),
-                )
-            )
-            for name in (f"cam{number:02d}" for number in range(cameras))
-        ]
-        running = [asyncio.ensure_future(node.run()) for node in nodes]
-        try:
-            yield leader
-        finally:
-            for task in running:
-                task.cancel()
-            await asyncio.gather(*running, return_exceptions=True)
 
 
 async def take_until_whole(app: SimulshotApp, view: ShootView) -> Take:

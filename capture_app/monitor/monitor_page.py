@@ -1,0 +1,141 @@
+"""Server of the monitor's page: messages and pictures of the feed to each monitor, and its orders."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from pathlib import Path
+
+import msgspec
+from aiohttp import WSMsgType
+from msgspec import Struct
+
+from capture_app.common.errors import SimulshotError
+from capture_app.common.tasks import end
+from capture_app.monitor.feed import MonitorFeed
+from capture_app.rig.link import RigLink
+from capture_app.rig.taking import TakePlan
+from capture_app.web.admission import Admission
+from capture_app.web.listening import ListeningPage
+from capture_app.web.paired_page import PageLink, PairedPage
+
+
+class Seen(Struct, frozen=True, tag_field="type", tag="seen"):
+    """Acknowledgement of a picture: the next one of the same key may be sent."""
+
+    picture: str
+
+
+class Look(Struct, frozen=True, tag_field="type", tag="look"):
+    """Look at a camera closely; empty: at none."""
+
+    camera: str = ""
+
+
+class Open(Struct, frozen=True, tag_field="type", tag="open"):
+    """Show a picture of the last take, by its key; empty: none."""
+
+    picture: str = ""
+
+
+class Take(Struct, frozen=True, tag_field="type", tag="take"):
+    """Take pictures."""
+
+    plan: TakePlan
+
+
+class Stop(Struct, frozen=True, tag_field="type", tag="stop"):
+    """Stop the take that has not begun, or the recording."""
+
+
+_DECODER = msgspec.json.Decoder(Seen | Look | Open | Take | Stop)
+
+
+class MonitorPage(PairedPage):
+    """Serves the page; any number of monitors share one feed."""
+
+    def __init__(self, admission: Admission, feed: MonitorFeed) -> None:
+        super().__init__(admission, Path(__file__).parent / "page")
+        self._feed = feed
+
+    async def serve_link(self, link: PageLink) -> None:
+        """Send the feed to a monitor and obey its orders until its page closes the link."""
+        async with self._feed.reader() as changed:
+            monitor = _Monitor(link, self._feed, changed)
+            sending = asyncio.create_task(monitor.send())
+            try:
+                async for message in link.socket:
+                    if message.type is not WSMsgType.TEXT:
+                        raise ValueError("a monitor sends text only")
+                    try:
+                        await monitor.obey(_DECODER.decode(message.data))
+                    except SimulshotError as error:
+                        refusal = {"type": "refused", "words": str(error)}
+                        await link.send(msgspec.json.encode(refusal).decode())
+            finally:
+                await end(sending, *monitor.looking)
+
+
+class _Monitor:
+    """One page: what it was sent, and the pictures that it has not acknowledged."""
+
+    def __init__(self, link: PageLink, feed: MonitorFeed, changed: asyncio.Event) -> None:
+        self._link, self._feed, self._changed = link, feed, changed
+        self._texts: dict[str, str] = {}
+        self._pictures: dict[str, bytes] = {}
+        self._unacknowledged: set[str] = set()
+        self._open = ""
+        self.looking: set[asyncio.Task[None]] = set()
+        """Task that requests larger pictures of one camera, if any."""
+
+    async def send(self) -> None:
+        """Send what changes, forever: of each camera the newest picture, once the last was acknowledged."""
+        while True:
+            await self._changed.wait()
+            self._changed.clear()
+            for kind, text in tuple(self._feed.texts.items()):
+                if self._texts.get(kind) != text:
+                    self._texts[kind] = text
+                    await self._link.send(text)
+            for key in tuple(self._feed.pictures):
+                await self._send_picture(key)
+
+    async def _send_picture(self, key: str) -> None:
+        picture = self._feed.pictures.get(key)
+        if picture is None or picture is self._pictures.get(key) or key in self._unacknowledged:
+            return
+        if key.startswith("live/") or key == self._open:
+            self._pictures[key] = picture
+            self._unacknowledged.add(key)
+            name = key.encode()
+            await self._link.send(bytes([len(name)]) + name + picture)
+
+    async def obey(self, order: Seen | Look | Open | Take | Stop) -> None:
+        """Carry out an order. Raises SimulshotError."""
+        match order:
+            case Seen(picture=key):
+                self._unacknowledged.discard(key)
+                self._changed.set()
+            case Look(camera=camera):
+                await end(*self.looking)
+                self.looking = {asyncio.create_task(self._feed.look_closely(camera))} if camera else set()
+            case Open(picture=key):
+                self._open = key
+                self._pictures.pop(key, None)
+                self._feed.request_picture(key)
+                self._changed.set()
+            case Take(plan=plan):
+                self._feed.take(plan)
+            case Stop():
+                await self._feed.stop()
+
+
+@contextlib.asynccontextmanager
+async def serving_monitor(link: RigLink, page: ListeningPage, *, is_local: bool) -> AsyncIterator[None]:
+    """Serve the monitors of a rig while the block runs; `is_local`: it saves sessions on this machine."""
+    feed = MonitorFeed(link, is_local=is_local)
+    following = asyncio.create_task(feed.run())
+    try:
+        async with MonitorPage(page.admission, feed).serving(page.socket, page.tls, page.names):
+            yield
+    finally:
+        await end(following)

@@ -1,0 +1,39 @@
+"""A leader and cheap simulated cameras over loopback, in this process."""
+
+import asyncio
+import contextlib
+from collections.abc import AsyncIterator
+from functools import partial
+from pathlib import Path
+
+from capture_app.cameras.specs import open_camera
+from capture_app.common.clock import HostClock
+from capture_app.node.camera.camera_node import CameraNode
+from capture_app.node.camera.supervisor import NodeOptions
+from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.options import LeaderOptions
+
+
+@contextlib.asynccontextmanager
+async def rig_of(cameras: int, sessions: Path) -> AsyncIterator[LeaderNode]:
+    """A leader and so many cheap cameras, in this process."""
+    async with await LeaderNode.start(LeaderOptions(sessions=sessions, host="127.0.0.1", port=0)) as leader:
+        nodes = [
+            CameraNode(
+                NodeOptions(
+                    name=name,
+                    open_camera=partial(
+                        open_camera, "sim:perfect,scale=0.1,drops=0", clock=HostClock(), name=name
+                    ),
+                    leaders=(leader.own_address,),
+                )
+            )
+            for name in (f"cam{number:02d}" for number in range(cameras))
+        ]
+        running = [asyncio.ensure_future(node.run()) for node in nodes]
+        try:
+            yield leader
+        finally:
+            for task in running:
+                task.cancel()
+            await asyncio.gather(*running, return_exceptions=True)

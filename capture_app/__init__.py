@@ -12,7 +12,7 @@ _PUBLIC = {
     "Rig": "rig.rig",
     "SimulshotError": "common.errors",
     "TakePlan": "rig.taking",
-    "open_session": "session.reading.opened",
+    "open_session": "session.reading.array_access",
 }
 __all__ = list(_PUBLIC)
 

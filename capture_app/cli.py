@@ -12,7 +12,7 @@ import click
 from click.core import ParameterSource
 
 from capture_app import __version__
-from capture_app.commands.options import (
+from capture_app.commands.shared_options import (
     ADDRESS,
     attached_sessions_option,
     cameras_option,
@@ -156,7 +156,7 @@ def app(
             "the screen needs a terminal", hint="use `capture-app leader`, or see capture-app --help"
         )
     talk("Starting the screen, and a rig in the background if none is running …")
-    from capture_app.commands.joining import make_known
+    from capture_app.commands.leader_choice import make_known
     from capture_app.rig.process import attach
     from capture_app.tui.app import run_screen
 

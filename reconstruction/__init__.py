@@ -6,7 +6,7 @@ What Python code calls is here, and loaded when it is first named: docs/python.m
 import importlib
 from typing import Any
 
-_PUBLIC = {"Condition": "session.conditions", "open_session": "opened"}
+_PUBLIC = {"Condition": "session.conditions", "open_session": "reconstructed_session"}
 __all__ = list(_PUBLIC)
 
 

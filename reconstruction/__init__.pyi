@@ -1,2 +1,2 @@
-from reconstruction.opened import open_session as open_session
+from reconstruction.reconstructed_session import open_session as open_session
 from reconstruction.session.conditions import Condition as Condition

@@ -10,8 +10,8 @@ from capture_app.cameras.specs import open_camera
 from capture_app.common.clock import HostClock
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.supervisor import NodeOptions
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 
 
 @contextlib.asynccontextmanager

@@ -20,17 +20,17 @@ from benchmarks.report import new_parser, print_report, print_table, talk
 from benchmarks.simulated.clock_tree import Tree, TreeSpec
 from benchmarks.simulated.ranked_leaders import Machine, add_leaders
 from capture_app.common.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
-from capture_app.sync.engine import Address
+from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.failover import LeaderChoice
-from capture_app.sync.rig.leader import LeaderConfig
-from capture_app.sync.rig.orders import BurstOrder
+from capture_app.sync.rig.leader_engine import LeaderConfig
 from capture_app.sync.rig.time_client import TimeClient
+from capture_app.sync.sync_engine import Address
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, Progress, SteadySchedule, TreeSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.tree.member import TreeMember
-from capture_app.sync.tree.relay import OF_CAMERAS, Relay
-from capture_app.sync.wire.messages import Trigger, TriggerAck
+from capture_app.sync.tree.relay_engine import OF_CAMERAS, Relay
+from capture_app.sync.wire.datagrams import Trigger, TriggerAck
 
 S = 1_000_000_000
 MEMBERS = 1000

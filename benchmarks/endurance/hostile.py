@@ -40,8 +40,8 @@ from capture_app.common.address import Address, parse_address
 from capture_app.common.errors import NetworkError
 from capture_app.net.channel import connect
 from capture_app.protocol import messages as wire
-from capture_app.rig.link import ask_status
-from capture_app.trust.keys import LeaderKeys
+from capture_app.rig.rig_link import ask_status
+from capture_app.trust.datagram_keys import LeaderKeys
 from capture_app.trust.trust import Trust
 
 BURST_S = 10.0

@@ -13,7 +13,7 @@ from capture_app.protocol import messages as wire
 from capture_app.protocol import orders
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
-from capture_app.sync.wire import messages
+from capture_app.sync.wire import datagrams
 from capture_app.sync.wire.codec import encode
 
 NASTY: tuple[Any, ...] = (
@@ -29,23 +29,23 @@ FACTS = CameraFacts(
     phase_control=PhaseControl.INJECTION,
     timestamp_source=TimestampSource.START_OF_EXPOSURE,
 )
-CONFIG = messages.RigConfigMessage(
+CONFIG = datagrams.RigConfigMessage(
     leader=1, anchor_leader_ns=0, period_ns=60_000_000_000, poll_interval_ns=60_000_000_000
 )
-INSIDER = messages.Hello("insider", 3, FACTS)
+INSIDER = datagrams.Hello("insider", 3, FACTS)
 DATAGRAMS: tuple[Any, ...] = (
     INSIDER,
-    messages.Hello("stranger", 1, FACTS),
-    messages.Hello("cam1", 2, FACTS),
-    messages.Heartbeat(1, messages.Report(state=NodeState.READY, frame_leader_ns=5)),
-    messages.MemberReports(((1, messages.Report(state=NodeState.LOST)),)),
-    messages.TriggerAck(1, 2, 3, "no", (4, 5)),
-    messages.Goodbye(1),
-    messages.Welcome(1, 1, 47010, CONFIG),
-    messages.HeartbeatAck(1, CONFIG),
-    messages.Trigger(1, 1, 1, 0, 1, 1, others=(4, 5)),
-    messages.UnknownMember(1),
-    messages.JoinRefusal(1, "no"),
+    datagrams.Hello("stranger", 1, FACTS),
+    datagrams.Hello("cam1", 2, FACTS),
+    datagrams.Heartbeat(1, datagrams.Report(state=NodeState.READY, frame_leader_ns=5)),
+    datagrams.MemberReports(((1, datagrams.Report(state=NodeState.LOST)),)),
+    datagrams.TriggerAck(1, 2, 3, "no", (4, 5)),
+    datagrams.Goodbye(1),
+    datagrams.Welcome(1, 1, 47010, CONFIG),
+    datagrams.HeartbeatAck(1, CONFIG),
+    datagrams.Trigger(1, 1, 1, 0, 1, 1, others=(4, 5)),
+    datagrams.UnknownMember(1),
+    datagrams.JoinRefusal(1, "no"),
 )
 RECORD = CameraRecord(name="cam1", facts=FACTS)
 FRAMES: tuple[Any, ...] = (
@@ -94,7 +94,7 @@ def hostile_datagram(rng: random.Random) -> bytes:
         return rng.randbytes(rng.randrange(1_400))
     if kind == 1:
         return struct.pack(">2sBB", b"sS", 1, rng.randrange(4)) + rng.randbytes(rng.choice([0, 32, 31]))
-    head = encode(messages.Goodbye(1))[:4]
+    head = encode(datagrams.Goodbye(1))[:4]
     plain = mutated(msgspec.to_builtins(rng.choice(DATAGRAMS)), rng)
     with suppress(OverflowError, TypeError):
         return damaged(head + msgspec.msgpack.encode(plain), rng)

@@ -17,11 +17,11 @@ from capture_app.net.channel import Channel, connect
 from capture_app.net.udp import client_socket
 from capture_app.protocol import messages as wire
 from capture_app.protocol.status import Preview
-from capture_app.rig.link import ask_status
+from capture_app.rig.rig_link import ask_status
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.messages import Hello, TimeRequest, Welcome
-from capture_app.trust.keys import LeaderKeys
+from capture_app.sync.wire.datagrams import Hello, TimeRequest, Welcome
+from capture_app.trust.datagram_keys import LeaderKeys
 from capture_app.trust.trust import Trust
 
 OTHERS = ("cam1", "cam2")

@@ -31,7 +31,7 @@ from capture_app.common.child import Child
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.protocol.messages import BurstRequest
-from capture_app.rig.link import ask_burst, ask_status
+from capture_app.rig.rig_link import ask_burst, ask_status
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 

@@ -28,12 +28,12 @@ from capture_app.common.child import Child
 from capture_app.common.clock import seeded_clock
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.standby import lead_by_rank
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import BurstRequest
-from capture_app.rig.link import ask_burst, ask_status
+from capture_app.rig.rig_link import ask_burst, ask_status
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 

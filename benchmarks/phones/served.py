@@ -15,9 +15,9 @@ from pathlib import Path
 
 from capture_app.common.address import parse_address
 from capture_app.console.terminal import log_line
-from capture_app.phones.camera import PhoneNodes
 from capture_app.phones.gateway import PhoneGateway
 from capture_app.phones.phone import Phone
+from capture_app.phones.phone_camera import PhoneNodes
 from capture_app.web.admission import Admission
 from capture_app.web.certificate import own_certificate
 

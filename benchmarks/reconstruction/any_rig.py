@@ -22,7 +22,7 @@ from benchmarks.reconstruction.rendered_rigs import AIM, AROUND_M, RIGS, SIZE_M,
 from benchmarks.report import new_parser, print_rows, talk
 from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import Array
-from reconstruction.depth.colmap import fuse_depth_maps, read_fused_cloud, write_workspace
+from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.depth.view_choice import choose_source_views, seen_points, smallest_group

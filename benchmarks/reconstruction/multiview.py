@@ -32,16 +32,16 @@ from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Render
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth import sweep_matcher
-from reconstruction.depth.colmap import fuse_depth_maps, write_workspace
+from reconstruction.depth.colmap_workspace import fuse_depth_maps, write_workspace
 from reconstruction.depth.compiled import CPU, CompiledEngine
-from reconstruction.depth.engine import SweepEngine
 from reconstruction.depth.gpu import GpuEngine, find_engine
 from reconstruction.depth.rough_scene import find_rough_scene
+from reconstruction.depth.sweep_engine import SweepEngine
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views, smallest_group
 from reconstruction.multiview.input_images import undistort_image
 from reconstruction.scores.truth import depth_shares, right_depth
-from reconstruction.session.motion import MARGIN_PX, dilate
+from reconstruction.session.moving_pixels import MARGIN_PX, dilate
 from reconstruction.stereo.matching import match_rectified
 from reconstruction.stereo.stereo_pair import rectify
 

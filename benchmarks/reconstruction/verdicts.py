@@ -15,7 +15,7 @@ from typing import Any
 
 from benchmarks.reconstruction.verdict_takes import Take, real_takes, session_of, takes
 from benchmarks.report import new_parser, print_rows, talk
-from reconstruction.compare.tolerance import ToleranceOptions, measure_tolerance
+from reconstruction.compare.tolerance_study import ToleranceOptions, measure_tolerance
 from reconstruction.scores.timing import Timing
 
 SAME_FRAMES = 0.1

@@ -32,7 +32,7 @@ import numpy as np
 from benchmarks.report import Report, new_parser, print_report, print_table, talk
 from capture_app.common.address import Address
 from capture_app.common.errors import SimulshotError
-from capture_app.rig.link import ask_status
+from capture_app.rig.rig_link import ask_status
 from capture_app.session.format.manifest import JOURNAL
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify

@@ -16,11 +16,11 @@ from benchmarks.simulated.changing_clocks import WanderingClock, draw_wandering_
 from benchmarks.simulated.virtual_rig import Timer, VirtualTime
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.simulation.links import Channel, Link
-from capture_app.sync.engine import Address, Engine
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
+from capture_app.sync.sync_engine import Address, Engine
 from capture_app.sync.tree.member import TreeMember
-from capture_app.sync.tree.relay import Relay
+from capture_app.sync.tree.relay_engine import Relay
 
 _S = 1_000_000_000
 PERIOD_NS = 33_333_333

@@ -6,8 +6,8 @@ from dataclasses import dataclass, field
 
 from benchmarks.simulated.changing_clocks import WanderingClock
 from benchmarks.simulated.clock_tree import Tree
-from capture_app.sync.engine import Address
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
+from capture_app.sync.sync_engine import Address
 from capture_app.sync.tree.succession import Succession
 from capture_app.sync.wire.codec import FromClient, decode
 

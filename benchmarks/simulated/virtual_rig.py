@@ -17,11 +17,11 @@ from capture_app.simulation.profiles import SensorProfile, facts_of
 from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.estimator import FrameStamp
+from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.events import ClientEvent, LeaderEvent
 from capture_app.sync.rig.frame_selection import Burst, FramesSelected
-from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.orders import BurstOrder
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, SteadySchedule
 from capture_app.sync.wire.camera_commands import CameraCommand, InjectFrame, RestartStream, SetFrameDuration

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from capture_app.commands.options import leader_option
+from capture_app.commands.shared_options import leader_option
 from capture_app.commands.take import ready_options, require_whole, take
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError, NotApplicableError
@@ -112,7 +112,7 @@ def calibrate_time(
 
 def _take(leader: Address, seconds: float, todo: str, ready: Mapping[str, Any]) -> Path:
     """Take the pictures once the rig is ready, and return their session's folder."""
-    from capture_app.rig.link import RigLink
+    from capture_app.rig.rig_link import RigLink
     from capture_app.rig.taking import TakePlan
 
     talk(f"taking pictures for {seconds:g} s: {todo}")

@@ -9,7 +9,7 @@ import click
 import msgspec
 
 from capture_app.commands.camera_measurements import calibrate_time, characterize
-from capture_app.commands.options import ANY_PATH, leader_option
+from capture_app.commands.shared_options import ANY_PATH, leader_option
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import Control, ControlValue, describe
 from capture_app.common.errors import BadInputError
@@ -20,7 +20,7 @@ from capture_app.session.files.durable import write_atomic
 
 if TYPE_CHECKING:
     from capture_app.protocol.status import NodeDetail
-    from capture_app.rig.link import CamerasControls
+    from capture_app.rig.rig_link import CamerasControls
 
 Profile = dict[str, dict[Control, ControlValue]]
 """Target values of each camera's controls, by camera name."""
@@ -35,7 +35,7 @@ NAMES = tuple(str(control) for control in Control)
 @json_option
 def controls(save: Path | None, leader: Address, as_json: bool) -> None:
     """Show exposure, gain, white balance and focus of all cameras of a rig."""
-    from capture_app.rig.link import read_all
+    from capture_app.rig.rig_link import read_all
 
     found = asyncio.run(read_all(leader))
     if save is not None:
@@ -73,7 +73,7 @@ def set_command(
     CONTROL is exposure (in µs), gain, white-balance (in K) or focus. VALUE is a number in the camera's unit,
     as shown by `cameras controls`; auto lets the camera choose; hold freezes the chosen value.
     """
-    from capture_app.rig.link import set_cameras
+    from capture_app.rig.rig_link import set_cameras
 
     if bool(values) == (profile is not None):
         raise click.UsageError("give CONTROL=VALUE, or --profile FILE")
@@ -104,7 +104,7 @@ def match(camera: str, only: tuple[str, ...], leader: Address, as_json: bool) ->
 
     Values that a camera does not support are reported with the reason.
     """
-    from capture_app.rig.link import match_cameras
+    from capture_app.rig.rig_link import match_cameras
 
     chosen = [Control(name) for name in only] or list(Control)
     found = asyncio.run(match_cameras(leader, camera, chosen))
@@ -220,7 +220,7 @@ def add(
     """
     from capture_app.common.passwords import reveal_password
     from capture_app.protocol.orders import AddCamera, AddSimulated
-    from capture_app.rig.link import give_order
+    from capture_app.rig.rig_link import give_order
 
     if (spec is None) == (simulated is None):
         raise click.UsageError("give a camera's SPEC, as listed by capture-app cameras, or --simulated N")
@@ -240,7 +240,7 @@ def add(
 def remove(name: str, leader: Address, as_json: bool) -> None:
     """Stop the camera NAME of the leader's machine, disconnect a phone, or remove a lost camera."""
     from capture_app.protocol.orders import RemoveCamera
-    from capture_app.rig.link import give_order
+    from capture_app.rig.rig_link import give_order
 
     asyncio.run(give_order(leader, RemoveCamera(name=name)))
     answer(as_json, {"removed": name}, said=f"removed {name}")
@@ -257,7 +257,7 @@ def show(name: str, leader: Address, as_json: bool) -> None:
     """
     from capture_app.protocol.orders import DetailRequest
     from capture_app.protocol.status import NodeDetail
-    from capture_app.rig.link import ask_leader
+    from capture_app.rig.rig_link import ask_leader
 
     detail = asyncio.run(ask_leader(leader, DetailRequest(camera=name), NodeDetail))
     answer(as_json, detail, [table((name, ""), _facts(detail)), *(line.text for line in detail.log[-20:])])

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.board.options import board_options
-from capture_app.commands.options import leader_option, run_until_stopped
+from capture_app.board.board_options import board_options
+from capture_app.commands.shared_options import leader_option, run_until_stopped
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError
 from capture_app.console.terminal import FiniteRange, json_option, print_json_line, print_line, talk
@@ -73,7 +73,7 @@ async def _count(
 ) -> "BoardCoverage":
     from capture_app.board.coverage import CoverageCount, PreviewCount
     from capture_app.protocol.status import Preview
-    from capture_app.rig.link import LinkLost, RigLink, ask_status
+    from capture_app.rig.rig_link import LinkLost, RigLink, ask_status
     from capture_app.session.reading.decoding import decode_preview
 
     nodes = (await ask_status(leader)).nodes

@@ -10,7 +10,7 @@ import click
 import msgspec
 from msgspec import Struct
 
-from capture_app.commands.options import FOLDER, run_until_stopped
+from capture_app.commands.shared_options import FOLDER, run_until_stopped
 from capture_app.common.child import Child, Talk
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.text import UNREADABLE, ProgressStep
@@ -121,8 +121,8 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
     """Start a rig of simulated cameras, take one burst when all are ready, and return its session."""
     from capture_app.protocol.orders import AddSimulated
     from capture_app.rig import taking
-    from capture_app.rig.link import give_order
     from capture_app.rig.rig import AsyncRig
+    from capture_app.rig.rig_link import give_order
     from capture_app.session.reading.reader import Session
 
     plan = taking.TakePlan(frames=FRAMES, wait_ready_s=READY_TIMEOUT_S, nodes=cameras)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 import click
 import msgspec
 
-from capture_app.commands.options import ADDRESS, ANY_PATH, open_option, spool_option
+from capture_app.commands.shared_options import ADDRESS, ANY_PATH, open_option, spool_option
 from capture_app.common.address import Address
 from capture_app.common.errors import SimulshotError
 from capture_app.common.text import UNREADABLE, count, pretty_json

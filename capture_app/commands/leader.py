@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.joining import inviting_phones, joining_command
-from capture_app.commands.options import (
+from capture_app.commands.leader_choice import inviting_phones, joining_command
+from capture_app.commands.shared_options import (
     ADDRESS,
     ANY_PATH,
     host_option,
@@ -29,7 +29,7 @@ from capture_app.console.terminal import FiniteRange, json_option, log_line, pri
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.node.leader.leader import LeaderNode
+    from capture_app.node.leader.leader_node import LeaderNode
 
 APP_NOTE = (
     "ANDROID APP: phones with libsoftwaresync or RecSync join by UDP 8244 and 9428 in a WiFi whose hotspot is"
@@ -132,7 +132,7 @@ def leader(
     """
     from capture_app.interop.app_phones import AppPhones
     from capture_app.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
-    from capture_app.node.leader.options import LeaderOptions
+    from capture_app.node.leader.leader_options import LeaderOptions
     from capture_app.node.leader.standby import lead_by_rank
     from capture_app.protocol.log import Log
 
@@ -179,8 +179,8 @@ async def _run_leader(
 ) -> None:
     from capture_app.protocol.orders import AddCamera, InvitePhone, PhoneInvited
     from capture_app.rig.doctor import warnings_for_leader
-    from capture_app.rig.link import ask_leader
     from capture_app.rig.process import recorded_rig
+    from capture_app.rig.rig_link import ask_leader
 
     host, sessions = node.options.host, node.options.sessions
     with contextlib.ExitStack() as record:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import ADDRESS, FOLDER, run_until_stopped
+from capture_app.commands.shared_options import ADDRESS, FOLDER, run_until_stopped
 from capture_app.common.address import DEFAULT_PORT, Address
 from capture_app.common.errors import BadInputError
 from capture_app.common.optional_packages import load_optional

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from capture_app.commands.joining import inviting_phones
-from capture_app.commands.options import leader_option, page_options, run_until_stopped
+from capture_app.commands.leader_choice import inviting_phones
+from capture_app.commands.shared_options import leader_option, page_options, run_until_stopped
 from capture_app.common.address import Address
 from capture_app.console.terminal import json_option
 from capture_app.console.usage import examples
@@ -29,8 +29,8 @@ def monitor(leader: Address, host: str, port: int | None, certificate: Path | No
 
 async def _run(leader: Address, host: str, port: int | None, certificate: Path | None, as_json: bool) -> None:
     from capture_app.monitor.monitor_page import serving_monitor
-    from capture_app.rig.link import RigLink, ask_status
     from capture_app.rig.process import attach
+    from capture_app.rig.rig_link import RigLink, ask_status
     from capture_app.web.admission import Admission
     from capture_app.web.listening import ListeningPage
 

@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 import click
 from click.core import ParameterSource
 
-from capture_app.commands.joining import leaders_to_join, pairing_options
-from capture_app.commands.options import (
+from capture_app.commands.leader_choice import leaders_to_join, pairing_options
+from capture_app.commands.shared_options import (
     clock_option,
     leaders_option,
     name_option,

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from capture_app.commands.options import ANY_PATH, FOLDER, run_until_stopped
+from capture_app.commands.shared_options import ANY_PATH, FOLDER, run_until_stopped
 from capture_app.common.errors import SimulshotError
 from capture_app.common.text import count, duration, pretty_json
 from capture_app.console.terminal import (

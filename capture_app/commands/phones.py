@@ -7,8 +7,8 @@ from pathlib import Path
 
 import click
 
-from capture_app.commands.joining import inviting_phones, leaders_to_join, pairing_options
-from capture_app.commands.options import (
+from capture_app.commands.leader_choice import inviting_phones, leaders_to_join, pairing_options
+from capture_app.commands.shared_options import (
     leaders_option,
     open_option,
     page_options,
@@ -74,8 +74,8 @@ async def _run(
     spool: Path,
     as_json: bool,
 ) -> None:
-    from capture_app.phones.camera import PhoneNodes
     from capture_app.phones.gateway import PhoneGateway
+    from capture_app.phones.phone_camera import PhoneNodes
     from capture_app.web.admission import Admission
     from capture_app.web.listening import ListeningPage
 

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import leader_option
+from capture_app.commands.shared_options import leader_option
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError, NetworkError, SimulshotError
 from capture_app.console.terminal import FiniteRange, answer, json_option
@@ -56,7 +56,7 @@ def preview(camera: str, out: Path | None, width: int, wait_s: float, leader: Ad
 
 async def _next_preview(leader: Address, camera: str, width: int, wait_s: float) -> "Preview":
     from capture_app.protocol.status import Preview
-    from capture_app.rig.link import LinkLost, RigLink, ask_status
+    from capture_app.rig.rig_link import LinkLost, RigLink, ask_status
 
     known = [node.name for node in (await ask_status(leader)).nodes]
     if camera not in known:

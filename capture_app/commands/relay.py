@@ -5,8 +5,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.joining import make_known, pairing_options
-from capture_app.commands.options import (
+from capture_app.commands.leader_choice import make_known, pairing_options
+from capture_app.commands.shared_options import (
     ADDRESS,
     clock_option,
     host_option,
@@ -23,7 +23,7 @@ from capture_app.console.terminal import json_option, log_line, print_json_line,
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.node.relay import RelayOptions
+    from capture_app.node.relay_node import RelayOptions
 
 
 @click.command(epilog=examples("capture-app relay 192.168.1.20 --name gate"))
@@ -55,7 +55,7 @@ def relay(
     leader. `status` and `burst` accept its address, too. If no leader answers, it keeps time by itself
     (holdover).
     """
-    from capture_app.node.relay import RelayOptions
+    from capture_app.node.relay_node import RelayOptions
     from capture_app.protocol.log import Log
 
     make_known(parents, pin, code)
@@ -72,7 +72,7 @@ def relay(
 
 
 async def _run_relay(options: "RelayOptions", as_json: bool) -> None:
-    from capture_app.node.relay import RelayNode
+    from capture_app.node.relay_node import RelayNode
 
     async with (
         await RelayNode.start(options) as node,

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import click
 
-from capture_app.commands.options import (
+from capture_app.commands.shared_options import (
     cameras_option,
     host_option,
     leader_option,
@@ -66,7 +66,7 @@ def stop(leader: Address, as_json: bool) -> None:
     Images received so far are saved.
     """
     from capture_app.protocol.orders import StopRig
-    from capture_app.rig.link import give_order
+    from capture_app.rig.rig_link import give_order
 
     asyncio.run(give_order(leader, StopRig()))
     answer(as_json, {"stopped": str(leader)}, said=f"{leader} stops")

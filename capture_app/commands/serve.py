@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import ADDRESS, attached_sessions_option, run_until_stopped
+from capture_app.commands.shared_options import ADDRESS, attached_sessions_option, run_until_stopped
 from capture_app.common.address import LOOPBACK_HOSTS, Address, listen_tcp
 from capture_app.console.terminal import answer, json_option, talk
 from capture_app.console.usage import examples

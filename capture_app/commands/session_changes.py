@@ -7,8 +7,8 @@ from typing import TYPE_CHECKING
 
 import click
 
-from capture_app.commands.options import ADDRESS, ANY_PATH
 from capture_app.commands.session_text import format_date
+from capture_app.commands.shared_options import ADDRESS, ANY_PATH
 from capture_app.common.address import DEFAULT_PORT, Address
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.common.text import count

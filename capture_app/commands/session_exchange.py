@@ -8,8 +8,8 @@ from typing import Any
 
 import click
 
-from capture_app.commands.options import ANY_PATH, restrict_file_access
 from capture_app.commands.session_text import session_lines
+from capture_app.commands.shared_options import ANY_PATH, restrict_file_access
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import name_like
 from capture_app.common.optional_packages import RECONSTRUCTION

@@ -5,7 +5,6 @@ from typing import Any
 
 import click
 
-from capture_app.commands.options import ANY_PATH
 from capture_app.commands.session_changes import (
     empty,
     list_trash,
@@ -19,6 +18,7 @@ from capture_app.commands.session_changes import (
 )
 from capture_app.commands.session_exchange import export, import_command
 from capture_app.commands.session_text import list_entry, list_lines, session_lines
+from capture_app.commands.shared_options import ANY_PATH
 from capture_app.common.errors import BadInputError, IncompleteError, SimulshotError
 from capture_app.console.terminal import answer, json_option, print_json, print_line, talk
 from capture_app.console.usage import examples

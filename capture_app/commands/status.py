@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import click
 from msgspec import to_builtins
 
-from capture_app.commands.options import leader_option, run_until_stopped
+from capture_app.commands.shared_options import leader_option, run_until_stopped
 from capture_app.common.address import Address
 from capture_app.common.text import clock_offset, count
 from capture_app.console.terminal import answer, json_option, print_json_line, print_line, table, talk
@@ -35,7 +35,7 @@ def status(leader: Address, watch: bool, as_json: bool) -> None:
     With --watch each event follows in a line; with --json as an object, with a new status after each change,
     at most ten a second.
     """
-    from capture_app.rig.link import ask_status
+    from capture_app.rig.rig_link import ask_status
 
     rig = asyncio.run(ask_status(leader))
     if as_json and watch:
@@ -48,7 +48,7 @@ def status(leader: Address, watch: bool, as_json: bool) -> None:
 
 async def _watch(leader: Address, rig: "RigStatus", as_json: bool) -> None:
     from capture_app.protocol.status import LogLine, RigStatus
-    from capture_app.rig.link import LinkLost, RigLink
+    from capture_app.rig.rig_link import LinkLost, RigLink
 
     began_ns, advice = time.time_ns(), rig.advice
     async for update in RigLink(leader).updates():

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import click
 from msgspec.structs import asdict
 
-from capture_app.commands.options import leader_option
+from capture_app.commands.shared_options import leader_option
 from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError, NoCameraHereError
 from capture_app.common.tasks import end
@@ -20,7 +20,7 @@ from capture_app.console.terminal import FiniteRange, answer, json_option, print
 from capture_app.console.usage import examples
 
 if TYPE_CHECKING:
-    from capture_app.rig.link import RigLink
+    from capture_app.rig.rig_link import RigLink
     from capture_app.rig.taking import Failed, Progress, Saved, TakeEvent, TakePlan, Taking
     from capture_app.session.reading.verdict import Verdict
 
@@ -275,7 +275,7 @@ def burst(
     A burst of more than two seconds is saved while it is taken, without replacing dropped frames. With
     --repeat each path is printed when its burst is saved; with --json all at the end.
     """
-    from capture_app.rig.link import RigLink
+    from capture_app.rig.rig_link import RigLink
     from capture_app.rig.taking import TakePlan
 
     if cancel is not None:
@@ -298,7 +298,7 @@ def burst(
 
 def _cancel(leader: Address, number: int, as_json: bool) -> None:
     from capture_app.protocol.orders import CancelBurst
-    from capture_app.rig.link import give_order
+    from capture_app.rig.rig_link import give_order
 
     asyncio.run(give_order(leader, CancelBurst(burst=number)))
     result = f"burst {number} is cancelled; images received so far are saved"
@@ -365,7 +365,7 @@ def record(
 
     Frames are saved as they arrive, each with its own time; dropped frames are counted.
     """
-    from capture_app.rig.link import RigLink
+    from capture_app.rig.rig_link import RigLink
     from capture_app.rig.taking import Progress, TakePlan
 
     if stop:
@@ -387,7 +387,7 @@ def record(
 
 def _stop(leader: Address, as_json: bool) -> None:
     from capture_app.protocol.orders import EndBurst
-    from capture_app.rig.link import give_order
+    from capture_app.rig.rig_link import give_order
 
     asyncio.run(give_order(leader, EndBurst()))
     answer(as_json, {"stopped": True}, said="the recording ends")

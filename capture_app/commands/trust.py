@@ -6,14 +6,14 @@ from datetime import UTC, datetime
 
 import click
 
-from capture_app.commands.joining import (
+from capture_app.commands.leader_choice import (
     PIN,
     ask_and_pair,
     code_option,
     joining_command,
     pair_with,
 )
-from capture_app.commands.options import ADDRESS, leader_option
+from capture_app.commands.shared_options import ADDRESS, leader_option
 from capture_app.common.address import Address
 from capture_app.common.pairing_codes import Role, show_code
 from capture_app.console.terminal import answer, json_option, table
@@ -99,8 +99,8 @@ def remove(machine: str, as_json: bool) -> None:
 @json_option
 def invite(role: Role, qr: bool, leader: Address, as_json: bool) -> None:
     """Show a code that pairs one machine with a running leader."""
-    from capture_app.protocol.pairing import Invite, Invited
-    from capture_app.rig.link import ask_leader, ask_status
+    from capture_app.protocol.pairing_messages import Invite, Invited
+    from capture_app.rig.rig_link import ask_leader, ask_status
 
     role = Role(role)
     if role is Role.LEADER:

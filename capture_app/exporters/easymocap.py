@@ -2,9 +2,9 @@
 
 from pathlib import Path
 
+from capture_app.session.exporting.csv_tables import renaming_notes, write_cameras, yaml_names
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import VIDEOS, Exporter
-from capture_app.session.exporting.tables import renaming_notes, write_cameras, yaml_names
 from capture_app.session.exporting.videos import write_paired_videos
 
 

@@ -5,15 +5,15 @@ from pathlib import Path
 import msgspec
 import numpy as np
 
-from capture_app.session.exporting.exported_burst import ExportedBurst
-from capture_app.session.exporting.exporter import Exporter, ImageOptions
-from capture_app.session.exporting.files import place, suffix_for, write_mask
-from capture_app.session.exporting.lens import distortion_of, matrix_of, redrawing
-from capture_app.session.exporting.tables import (
+from capture_app.session.exporting.csv_tables import (
     renaming_notes,
     write_cameras,
     yaml_names,
 )
+from capture_app.session.exporting.exported_burst import ExportedBurst
+from capture_app.session.exporting.exporter import Exporter, ImageOptions
+from capture_app.session.exporting.files import place, suffix_for, write_mask
+from capture_app.session.exporting.lens import distortion_of, matrix_of, redrawing
 from capture_app.session.exporting.videos import spacing_notes
 from capture_app.session.format.calibration import CameraCalibration
 

@@ -4,10 +4,10 @@ from pathlib import Path
 
 import msgspec
 
+from capture_app.session.exporting.csv_tables import camera_tables, paired_names, renaming_notes
 from capture_app.session.exporting.exported_burst import ExportedBurst, Redraw
 from capture_app.session.exporting.exporter import VIDEOS, Exporter
 from capture_app.session.exporting.lens import redrawing, without_k3
-from capture_app.session.exporting.tables import camera_tables, paired_names, renaming_notes
 from capture_app.session.exporting.videos import write_paired_videos
 
 _EXACT_PX = 0.01

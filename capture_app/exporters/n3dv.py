@@ -9,6 +9,7 @@ import msgspec
 import numpy as np
 
 from capture_app.common.errors import BadInputError
+from capture_app.session.exporting.csv_tables import renaming_notes
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import VIDEOS, Exporter, ExportOptions, Option, Points
 from capture_app.session.exporting.lens import (
@@ -22,7 +23,6 @@ from capture_app.session.exporting.lens import (
     translation_of,
 )
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply, write_ply
-from capture_app.session.exporting.tables import renaming_notes
 from capture_app.session.exporting.videos import at_instants, spacing_notes, write_camera
 from capture_app.session.format.calibration import CameraCalibration
 

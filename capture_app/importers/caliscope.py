@@ -10,7 +10,7 @@ from pathlib import Path
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_text
 from capture_app.session.importing.importer import Importer, open_sources
-from capture_app.session.importing.sources import Layout, videos_in
+from capture_app.session.importing.recording_sources import Layout, videos_in
 from capture_app.session.importing.views import View, Views, numbers, rotation_of
 
 _TABLE, _ARRAY, _RECORDINGS = "timestamps.csv", "camera_array.toml", "recordings"

@@ -14,7 +14,7 @@ import numpy as np
 from capture_app.common.errors import BadInputError
 from capture_app.session.importing.importer import Importer, open_sources
 from capture_app.session.importing.opencv_storage import read_storage
-from capture_app.session.importing.sources import Layout
+from capture_app.session.importing.recording_sources import Layout
 from capture_app.session.importing.views import View, Views, numbers, rotation_of
 
 INTRINSICS, EXTRINSICS = "intri.yml", "extri.yml"

@@ -24,7 +24,7 @@ from capture_app.session.importing.frame_matching import (
     periods_of,
 )
 from capture_app.session.importing.importer import Importer, open_sources
-from capture_app.session.importing.sources import Layout, videos_in
+from capture_app.session.importing.recording_sources import Layout, videos_in
 
 _VIDEOS = ("synchronized_videos", "videos/synchronized", "SyncedVideos")
 _NAME = re.compile(r".+\.id-([^.]+)\.idx-(\d+)")

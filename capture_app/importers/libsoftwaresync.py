@@ -12,7 +12,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_text
 from capture_app.session.importing.frame_matching import TimedFrame
 from capture_app.session.importing.importer import Importer
-from capture_app.session.importing.sources import Images, upright
+from capture_app.session.importing.recording_sources import Images, upright
 from capture_app.session.reading.decoding import encode_image
 
 _METADATA = "sync_metadata_"

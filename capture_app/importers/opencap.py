@@ -16,7 +16,7 @@ from typing import Any
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import natural_order
 from capture_app.session.importing.importer import Importer, open_sources
-from capture_app.session.importing.sources import Layout, videos_in
+from capture_app.session.importing.recording_sources import Layout, videos_in
 from capture_app.session.importing.views import View, Views, numbers
 
 _MEDIA, _SYNCHRONIZED = "InputMedia", "_sync"

@@ -16,7 +16,7 @@ from capture_app.session.files.untrusted_files import read_text
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.frame_matching import TimedFrame, check_order
 from capture_app.session.importing.importer import Importer
-from capture_app.session.importing.sources import Source, Video
+from capture_app.session.importing.recording_sources import Source, Video
 
 _VIDEOS, _HEADING = "VID", "timestamp"
 

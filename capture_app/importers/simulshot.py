@@ -29,7 +29,7 @@ from capture_app.session.format.manifest import (
 from capture_app.session.importing.bags import MCAP, attachments, read_bag
 from capture_app.session.importing.frame_matching import Instant, TimedFrame, Timeline
 from capture_app.session.importing.importer import Importer
-from capture_app.session.importing.sources import VIDEO_SUFFIXES, Images, Layout, Source, Video
+from capture_app.session.importing.recording_sources import VIDEO_SUFFIXES, Images, Layout, Source, Video
 from capture_app.session.importing.views import View, Views, pinhole, read_json
 
 Place = tuple[str, int]

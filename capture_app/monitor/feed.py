@@ -20,7 +20,7 @@ from capture_app.common.text import UNREADABLE
 from capture_app.common.timeouts import READY_TIMEOUT_S
 from capture_app.protocol.orders import EndBurst
 from capture_app.protocol.status import BurstStatus, Preview, RigStatus
-from capture_app.rig.link import LinkLost, RigLink
+from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.rig.taking import Begun, Countdown, Failed, Moved, TakeEvent, TakePlan, Taking, Waiting
 from capture_app.session.library.changes import results_folder
 from capture_app.session.reading.decoding import encode_image

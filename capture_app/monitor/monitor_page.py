@@ -12,7 +12,7 @@ from msgspec import Struct
 from capture_app.common.errors import SimulshotError
 from capture_app.common.tasks import end
 from capture_app.monitor.feed import MonitorFeed
-from capture_app.rig.link import RigLink
+from capture_app.rig.rig_link import RigLink
 from capture_app.rig.taking import TakePlan
 from capture_app.web.admission import Admission
 from capture_app.web.listening import ListeningPage

@@ -24,7 +24,7 @@ from capture_app.common.pairing_codes import Role
 from capture_app.common.tasks import end
 from capture_app.common.text import printable
 from capture_app.net.reachability import find_obstacle, first_to_answer
-from capture_app.protocol.pairing import FoundLeader
+from capture_app.protocol.pairing_messages import FoundLeader
 from capture_app.sync.wire.codec import VERSION
 from capture_app.trust.trust import Trust
 

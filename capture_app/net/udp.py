@@ -15,8 +15,8 @@ from collections.abc import Callable, Iterable
 from capture_app.common.address import Address
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import NetworkError
-from capture_app.sync.engine import Engine
 from capture_app.sync.rig.time_client import TimeClient
+from capture_app.sync.sync_engine import Engine
 
 # Linux's number, which the socket module lacks; the timestamp is a timespec of CLOCK_REALTIME.
 SO_TIMESTAMPNS = 35

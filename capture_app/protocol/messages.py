@@ -21,11 +21,11 @@ from capture_app.common.errors import SimulshotError
 from capture_app.common.names import Name
 from capture_app.protocol.message import Message
 from capture_app.protocol.orders import FromOperator, FromViewfinder, ToOperator, ToViewfinder
-from capture_app.protocol.pairing import FromUnknown, Invite, Invited, SpeaksFor, ToUnknown
+from capture_app.protocol.pairing_messages import FromUnknown, Invite, Invited, SpeaksFor, ToUnknown
 from capture_app.protocol.status import BurstStatus, RigStatus
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import ImageRecord, Sha256
-from capture_app.trust.keys import Grant
+from capture_app.trust.datagram_keys import Grant
 from capture_app.trust.known_machines import KnownMachine
 
 LONGEST_S = 31 * 86_400.0

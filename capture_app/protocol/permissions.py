@@ -2,13 +2,13 @@
 
 from capture_app.common.errors import UnknownMachineError
 from capture_app.common.pairing_codes import Role
-from capture_app.protocol import messages, orders, pairing, status
+from capture_app.protocol import messages, orders, pairing_messages, status
 from capture_app.protocol.message import Message
 from capture_app.trust.trust import Peer
 
 SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
     # Any machine, paired or not: pair by a code or a pin.
-    None: (pairing.EnrolRequest, pairing.PairingMessage, pairing.PairingProof),
+    None: (pairing_messages.EnrolRequest, pairing_messages.PairingMessage, pairing_messages.PairingProof),
     # A camera: a key for its datagrams, its own streams, reports, images and previews. Its name is checked
     # where it joins and where it opens a stream.
     Role.CAMERA: (
@@ -24,7 +24,7 @@ SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
         status.NodeDetail,
     ),
     # A relay: the messages of cameras and operators below it, on their behalf, but for `DIRECT_ONLY`.
-    Role.RELAY: (pairing.SpeaksFor,),
+    Role.RELAY: (pairing_messages.SpeaksFor,),
     # An operator: view the rig, take bursts, change nodes and settings, invite further machines.
     Role.OPERATOR: (
         messages.StatusRequest,
@@ -43,15 +43,15 @@ SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
         orders.InvitePhone,
         orders.ExposeAppPhones,
         orders.StopRig,
-        pairing.Invite,
+        pairing_messages.Invite,
     ),
 }
 """Messages to a leader or a relay, by the role required of the sender; None: no role."""
 
 DIRECT_ONLY: tuple[type[Message], ...] = (
     messages.KeyRequest,
-    pairing.SpeaksFor,
-    pairing.Invite,
+    pairing_messages.SpeaksFor,
+    pairing_messages.Invite,
     orders.InvitePhone,
     orders.StopRig,
 )

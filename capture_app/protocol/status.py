@@ -11,7 +11,7 @@ from capture_app.common.names import Name
 from capture_app.common.node_state import WITHOUT_CAMERA
 from capture_app.protocol.message import Message
 from capture_app.session.format.manifest import SkippedInstant
-from capture_app.sync.wire.messages import Report
+from capture_app.sync.wire.datagrams import Report
 
 MAX_DETAILS = 1000
 """Maximum length of each list of a node's details."""

@@ -12,7 +12,7 @@ from capture_app.common.child import Child
 from capture_app.common.errors import NotApplicableError
 from capture_app.common.text import UNREADABLE
 from capture_app.protocol.orders import SaveStamp, StampSaved
-from capture_app.rig.link import ask_leader
+from capture_app.rig.rig_link import ask_leader
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.stamp_words import UNMEASURED

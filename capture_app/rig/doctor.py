@@ -22,9 +22,9 @@ from capture_app.net.discovery import LeaderBrowser, announced_hosts
 from capture_app.net.firewall import MDNS_PORT, Firewall, active_firewalls
 from capture_app.net.reachability import find_obstacle
 from capture_app.net.wifi import power_saving, power_saving_remedy, saves_power, wifi_interfaces
-from capture_app.protocol.pairing import FoundLeader
+from capture_app.protocol.pairing_messages import FoundLeader
 from capture_app.rig.cameras import list_cameras
-from capture_app.rig.link import ask_status
+from capture_app.rig.rig_link import ask_status
 from capture_app.session.files.disk import disk_error, free_bytes
 from capture_app.sync.rig.status_text import slewing
 from capture_app.sync.wire.codec import VERSION

@@ -22,7 +22,7 @@ from capture_app.simulation.links import Link, ReplayedDelay
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import Joined, LeaderNotice
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.poll_schedule import POLL_INTERVAL_NS, SteadySchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper

@@ -8,8 +8,8 @@ from capture_app.common.errors import UnknownMachineError
 from capture_app.common.pairing_codes import Role
 from capture_app.net.discovery import search_leaders
 from capture_app.net.reachability import find_obstacle
-from capture_app.node import pairing
-from capture_app.protocol.pairing import FoundLeader
+from capture_app.node import enrolment
+from capture_app.protocol.pairing_messages import FoundLeader
 from capture_app.rig.process import list_rigs
 from capture_app.trust.trust import Trust
 
@@ -56,14 +56,14 @@ async def needs_pairing(leader: Address) -> bool:
     trust = own_machine()
     if await find_obstacle(leader, trust=Trust.open()) is not None:
         return False
-    if await pairing.is_known(leader, trust):
+    if await enrolment.is_known(leader, trust):
         return False
     try:
         # This machine's pin may have been added at the leader.
-        await pairing.ask_to_enrol(leader, trust)
+        await enrolment.ask_to_enrol(leader, trust)
     except UnknownMachineError:
         return True
-    return not await pairing.is_known(leader, trust)
+    return not await enrolment.is_known(leader, trust)
 
 
 async def pair(leader: Address, code: str) -> tuple[Role, ...]:
@@ -71,4 +71,4 @@ async def pair(leader: Address, code: str) -> tuple[Role, ...]:
 
     Raises UnknownMachineError for a wrong code or where pairing is skipped, NetworkError, DiskError.
     """
-    return await pairing.pair(leader, code, own_machine())
+    return await enrolment.pair(leader, code, own_machine())

@@ -23,7 +23,7 @@ from capture_app.common.interfaces import own_hosts
 from capture_app.common.passwords import reveal_password
 from capture_app.common.timeouts import RIG_START_TIMEOUT_S
 from capture_app.protocol.orders import AddCamera
-from capture_app.rig.link import ask_status, give_order
+from capture_app.rig.rig_link import ask_status, give_order
 from capture_app.session.files.durable import write_atomic
 from capture_app.trust.trust import Trust
 

@@ -10,8 +10,8 @@ from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, NetworkError, SimulshotError
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.intake import DiskThreads
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.log import Log
 from capture_app.session.format.burst_plan import PLAN
 from capture_app.session.format.manifest import IMAGES, JOURNAL, MANIFEST, RIG

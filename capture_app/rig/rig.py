@@ -17,10 +17,10 @@ from capture_app.common.node_state import NodeState
 from capture_app.common.timeouts import READY_TIMEOUT_S, RIG_STOP_TIMEOUT_S
 from capture_app.protocol.orders import AddSimulated, StopRig
 from capture_app.protocol.status import RigStatus
-from capture_app.rig.link import RigLink, ask_status, give_order, present_cameras
 from capture_app.rig.process import start_rig
+from capture_app.rig.rig_link import RigLink, ask_status, give_order, present_cameras
 from capture_app.rig.taking import Saved, TakePlan, Taking
-from capture_app.session.reading.opened import OpenSession
+from capture_app.session.reading.array_access import OpenSession
 
 T = TypeVar("T")
 LOOK_EVERY_S = 0.2

@@ -25,14 +25,14 @@ from capture_app.common.tasks import end
 from capture_app.protocol.messages import LONGEST_S, BurstRequest
 from capture_app.protocol.orders import CancelBurst, EndBurst
 from capture_app.protocol.status import BurstStatus, RigStatus
-from capture_app.rig.link import RigLink
+from capture_app.rig.rig_link import RigLink
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import Verdict, judge
 
 if TYPE_CHECKING:
     from capture_app.protocol.status import Preview
-    from capture_app.session.reading.opened import OpenSession
+    from capture_app.session.reading.array_access import OpenSession
 
 DAY_S = 86_400.0
 MAX_FRAMES = 100_000
@@ -148,7 +148,7 @@ class Saved(TakeEvent, frozen=True):
 
     def open(self) -> "OpenSession":
         """Open the session. Raises NotAvailableError where it is on another machine."""
-        from capture_app.session.reading.opened import OpenSession
+        from capture_app.session.reading.array_access import OpenSession
 
         session = local_session(self.status)
         if session is None:
@@ -296,7 +296,7 @@ class Taking:
                     due_s = max(now(), begun_s + (plan.every_s or 0.0))
 
     async def _next_motion(self, region: tuple[float, float, float, float]) -> "Preview":
-        from capture_app.rig.motion import MotionWatch, watch_motion  # heavy: it decodes images
+        from capture_app.rig.motion_watch import MotionWatch, watch_motion  # heavy: it decodes images
 
         async with aclosing(watch_motion(self._link.another(), MotionWatch(region))) as moving:
             return await anext(moving)

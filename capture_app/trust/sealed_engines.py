@@ -6,9 +6,9 @@ sealed just before it leaves, so that only its own seal delays it between its ti
 
 from collections.abc import Iterable, Iterator
 
-from capture_app.sync.engine import Engine
-from capture_app.sync.rig.leader import Leader
-from capture_app.sync.tree.relay import Relay
+from capture_app.sync.rig.leader_engine import Leader
+from capture_app.sync.sync_engine import Engine
+from capture_app.sync.tree.relay_engine import Relay
 from capture_app.sync.wire.codec import (
     WireError,
     decode,
@@ -17,9 +17,9 @@ from capture_app.sync.wire.codec import (
     is_version_question,
     version_answer,
 )
-from capture_app.sync.wire.messages import Hello, JoinRefusal
+from capture_app.sync.wire.datagrams import Hello, JoinRefusal
 from capture_app.sync.wire.principal import Principal
-from capture_app.trust.keys import Address, ClientKeys, LeaderKeys
+from capture_app.trust.datagram_keys import Address, ClientKeys, LeaderKeys
 from capture_app.trust.sealing import Refusals, Refused, SealError, unknown_key, unknown_key_of
 
 Sealed = Iterator[tuple[bytes, Address]]

@@ -22,20 +22,20 @@ from capture_app.common.text import count, printable
 from capture_app.common.timeouts import SCREEN_STOP_TIMEOUT_S
 from capture_app.protocol.orders import StopRig
 from capture_app.protocol.status import LogLine, RigStatus
-from capture_app.rig.link import LinkLost, RigLink
 from capture_app.rig.process import AttachedRig
+from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.tui.jobs.jobs_view import JobsView
 from capture_app.tui.jobs.run import MOMENT, Run, RunState
 from capture_app.tui.jobs.runs import Runs
-from capture_app.tui.keys import HelpScreen, keys_file_text, unknown_names
+from capture_app.tui.key_bindings import HelpScreen, keys_file_text, unknown_names
 from capture_app.tui.library.session_rows import find_samples
 from capture_app.tui.library.sessions_view import SessionsView
 from capture_app.tui.mode import ModeScreen, ModeView
 from capture_app.tui.question import Answer, Question
-from capture_app.tui.rig.view import RigView
+from capture_app.tui.rig.rig_view import RigView
 from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, SessionsRequested
-from capture_app.tui.settings import KEYS_FILE, Settings
-from capture_app.tui.shoot.view import ShootView
+from capture_app.tui.screen_settings import KEYS_FILE, Settings
+from capture_app.tui.shoot.shoot_view import ShootView
 from capture_app.tui.themes import DARK, PLAIN, THEMES
 from capture_app.tui.widgets.header import MODES
 from capture_app.tui.widgets.picture import SharpTerminal, find_sharp_terminal

@@ -8,7 +8,7 @@ from textual.containers import Vertical
 from textual.screen import Screen
 
 from capture_app.protocol.status import RigStatus
-from capture_app.rig.link import LinkLost
+from capture_app.rig.rig_link import LinkLost
 from capture_app.tui.rig_record import RecordChanged, RigRecord
 from capture_app.tui.widgets.footer import KeyFooter
 from capture_app.tui.widgets.header import Header

@@ -16,7 +16,7 @@ from textual.widget import Widget
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.protocol.status import LogLine, RigStatus
-from capture_app.rig.link import LinkLost, Update
+from capture_app.rig.rig_link import LinkLost, Update
 
 MAX_LOG_LINES = 500
 PHASE_HISTORY_S = 35.0

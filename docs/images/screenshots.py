@@ -14,11 +14,11 @@ from tempfile import TemporaryDirectory
 from capture_app.common.node_state import NodeState
 from capture_app.console.terminal import talk
 from capture_app.protocol.orders import StopRig
-from capture_app.rig.link import RigLink, ask_status
 from capture_app.rig.process import start_rig
+from capture_app.rig.rig_link import RigLink, ask_status
 from capture_app.tui.app import SimulshotApp
-from capture_app.tui.settings import Settings
-from capture_app.tui.shoot.view import ShootView
+from capture_app.tui.screen_settings import Settings
+from capture_app.tui.shoot.shoot_view import ShootView
 
 WIDE, SMALL = (120, 34), (80, 24)
 CAMERAS = 5

@@ -16,13 +16,13 @@ from screen_drawing import draw_screen
 
 from capture_app.common.node_state import NodeState
 from capture_app.console.terminal import talk
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.orders import AddSimulated
-from capture_app.rig.link import RigLink
+from capture_app.rig.rig_link import RigLink
 from capture_app.tui.app import SimulshotApp
-from capture_app.tui.settings import Settings
-from capture_app.tui.shoot.view import ShootView
+from capture_app.tui.screen_settings import Settings
+from capture_app.tui.shoot.shoot_view import ShootView
 
 OUT = Path(__file__).with_name("take.webp")
 SIZE = COLUMNS, ROWS = 100, 32

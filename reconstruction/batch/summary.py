@@ -16,7 +16,7 @@ from capture_app.common.text import count, pretty_json
 from capture_app.session.files.durable import write_atomic
 from reconstruction.batch.rows import BatchResult, Group, Row
 from reconstruction.batch.units import RESULT
-from reconstruction.report import tables as report
+from reconstruction.report import report_tables as report
 from reconstruction.report import wording
 from reconstruction.report.embedding import embed_image
 from reconstruction.report.page import Section, render_page

@@ -17,8 +17,8 @@ from capture_app.common.text import pretty_json
 from capture_app.console.terminal import talk
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
+from reconstruction.calibration.calibrated_rig import Rig, calibrated_views, refuse_faults, sound_views
 from reconstruction.calibration.consistency import RigCheck, check_rig, find_mixups, plainly_fits
-from reconstruction.calibration.rig import Rig, calibrated_views, refuse_faults, sound_views
 from reconstruction.pairs import Features, detect_features
 from reconstruction.session.dataset import Dataset
 

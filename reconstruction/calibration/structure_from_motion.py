@@ -20,7 +20,7 @@ from reconstruction.common.image_files import write_image
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import ForeignError, load_pycolmap
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.motion import SceneMotion
+from reconstruction.session.moving_pixels import SceneMotion
 
 FILM_DIAGONAL_MM = 43.27
 """Diagonal of the 36 x 24 mm format to which equivalent focal lengths refer (CIPA DC-008)."""

@@ -16,7 +16,7 @@ from capture_app.board.boards import MIN_CORNERS
 from capture_app.board.detector import Board, Corners
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from reconstruction.calibration.boards import BoardCorners, corners_by_moment
+from reconstruction.calibration.board_calibration import BoardCorners, corners_by_moment
 from reconstruction.calibration.consistency import reprojection_errors, triangulate
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.pairs import size_above_features

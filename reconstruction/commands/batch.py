@@ -8,7 +8,7 @@ import click
 from capture_app.common.errors import ExitCode, SimulshotError
 from capture_app.console.terminal import answer, json_option
 from capture_app.console.usage import examples
-from reconstruction.commands.options import (
+from reconstruction.commands.command_options import (
     CONDITION,
     CONDITION_HELP,
     matcher_option,
@@ -84,9 +84,9 @@ def batch(
     Results already in --out are reused: repeat the command after an interruption, or with more sessions,
     instants or conditions.
     """
-    from reconstruction.batch.command import batch as run
-    from reconstruction.batch.command import exit_code
-    from reconstruction.batch.plan import BatchOptions
+    from reconstruction.batch.batch_plan import BatchOptions
+    from reconstruction.batch.batch_run import batch as run
+    from reconstruction.batch.batch_run import exit_code
     from reconstruction.batch.workers import Workers
 
     result = run(sessions, out, BatchOptions(**options), Workers(cluster, jobs, settings))

@@ -4,8 +4,8 @@ from pathlib import Path
 
 import click
 
+from capture_app.board.board_options import board_options
 from capture_app.board.boards import CharucoBoard, Checkerboard
-from capture_app.board.options import board_options
 from capture_app.common.errors import SimulshotError
 from capture_app.console.terminal import answer, json_option
 from capture_app.console.usage import examples

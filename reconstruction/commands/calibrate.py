@@ -7,14 +7,14 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from capture_app.board.options import board_options
+from capture_app.board.board_options import board_options
 from capture_app.console.terminal import FiniteRange, answer, json_option, table
 from capture_app.console.usage import examples
-from reconstruction.commands.options import checksums_option, memory_option, session_argument
+from reconstruction.commands.command_options import checksums_option, memory_option, session_argument
 
 if TYPE_CHECKING:
     from capture_app.board.coverage import BoardCoverage
-    from reconstruction.calibration.command import CalibrateResult
+    from reconstruction.calibration.calibration_run import CalibrateResult
 
 Mark = tuple[str, tuple[tuple[float, float], tuple[float, float]]]
 
@@ -129,9 +129,9 @@ def calibrate(
 
     docs/calibration.md shows all steps, beginning with the board to print (reconstruct board).
     """
-    from reconstruction.calibration.command import CalibrateOptions, cover
-    from reconstruction.calibration.command import calibrate as run
-    from reconstruction.calibration.sources import CalibrationSource
+    from reconstruction.calibration.calibration_run import CalibrateOptions, cover
+    from reconstruction.calibration.calibration_run import calibrate as run
+    from reconstruction.calibration.calibration_sources import CalibrationSource
 
     if bool(marks) != (distance_m is not None or vertical):
         raise click.UsageError("--mark needs --distance-m or --vertical, and both need --mark")

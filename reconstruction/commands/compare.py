@@ -8,7 +8,7 @@ import click
 from capture_app.common.plugins import plugin_names
 from capture_app.console.terminal import FiniteRange, answer, json_option
 from capture_app.console.usage import examples
-from reconstruction.commands import options
+from reconstruction.commands import command_options
 from reconstruction.session.conditions import DEFAULT_OFFSET_MS, MAX_OFFSET_MS, SYNCED, Condition
 
 
@@ -35,7 +35,7 @@ class _CompareCommand(click.Command):
             show_default="all",
             help="Make only this study and the studies it needs. Repeat for several.",
         )
-        own = [one for study in installed_studies() for one in options.study_options(study.Options)]
+        own = [one for study in installed_studies() for one in command_options.study_options(study.Options)]
         params = super().get_params(ctx)
         out = [one.name for one in params].index("out")
         return [*params[:out], chosen, *own, *params[out:]]
@@ -45,7 +45,7 @@ class _CompareCommand(click.Command):
     cls=_CompareCommand,
     epilog=examples("reconstruct compare sessions/burst-001 --offset-ms 66 --out compare"),
 )
-@options.session_argument
+@command_options.session_argument
 @click.option(
     "--offset-ms",
     type=FiniteRange(min=0, min_open=True, max=MAX_OFFSET_MS),
@@ -53,16 +53,16 @@ class _CompareCommand(click.Command):
     default=DEFAULT_OFFSET_MS,
     help="Delay of the second camera of a pair, rounded to whole frames.",
 )
-@options.max_instants_option
-@options.time_shift_option
+@command_options.max_instants_option
+@command_options.time_shift_option
 @click.option(
     "--condition",
     "conditions",
-    type=options.CONDITION,
+    type=command_options.CONDITION,
     metavar="CONDITION",
     multiple=True,
     callback=_refuse_synced,
-    help=f"Also compare with this condition. Repeat for several. {options.OFFSETS_HELP}",
+    help=f"Also compare with this condition. Repeat for several. {command_options.OFFSETS_HELP}",
 )
 @click.option(
     "--against",
@@ -70,9 +70,9 @@ class _CompareCommand(click.Command):
     metavar="SESSION",
     help="Also compare with another session of the same cameras, such as one without synchronization.",
 )
-@options.out_option
-@options.memory_option
-@options.checksums_option
+@command_options.out_option
+@command_options.memory_option
+@command_options.checksums_option
 @json_option
 def compare(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
     """Compare synchronized images of SESSION with images taken at different times.

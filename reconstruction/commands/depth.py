@@ -8,7 +8,7 @@ import click
 from capture_app.common.text import count
 from capture_app.console.terminal import Progress, answer, json_option, talk
 from capture_app.console.usage import examples
-from reconstruction.commands import options
+from reconstruction.commands import command_options
 from reconstruction.session.conditions import SYNCED, Condition
 
 if TYPE_CHECKING:
@@ -16,8 +16,8 @@ if TYPE_CHECKING:
 
 
 @click.command(epilog=examples("reconstruct stereo sessions/burst-001 --pair cam00,cam01 --out depth"))
-@options.session_argument
-@options.instant_option
+@command_options.session_argument
+@command_options.instant_option
 @click.option(
     "--other-instant",
     type=click.IntRange(min=0),
@@ -25,17 +25,17 @@ if TYPE_CHECKING:
     show_default="the same",
     help="Take the second camera's image from this instant.",
 )
-@options.pair_option("--pair", use="the depth map")
-@options.time_shift_option
-@options.out_option
-@options.memory_option
-@options.checksums_option
+@command_options.pair_option("--pair", use="the depth map")
+@command_options.time_shift_option
+@command_options.out_option
+@command_options.memory_option
+@command_options.checksums_option
 @json_option
 def stereo(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
     """Compute a depth map from two cameras of SESSION, with its confidence and a picture."""
     from reconstruction.pairs import describe_left_out
-    from reconstruction.stereo.command import StereoOptions
-    from reconstruction.stereo.command import stereo as run
+    from reconstruction.stereo.stereo_run import StereoOptions
+    from reconstruction.stereo.stereo_run import stereo as run
 
     result = run(session, out, StereoOptions(**chosen))
     for camera, why in result.left_out.items():
@@ -53,7 +53,7 @@ def stereo(session: Path, out: Path, as_json: bool, **chosen: Any) -> None:
 
 def _parse_all_or_some(text: str) -> tuple[int, ...]:
     """Parse `all`, returned as None, or a list of instants."""
-    return () if text.strip() == "all" else options.parse_instants(text)
+    return () if text.strip() == "all" else command_options.parse_instants(text)
 
 
 @click.command(
@@ -63,8 +63,8 @@ def _parse_all_or_some(text: str) -> tuple[int, ...]:
         "reconstruct multiview sessions/burst-001 --instants all --out clouds",
     )
 )
-@options.session_argument
-@options.instant_option
+@command_options.session_argument
+@command_options.instant_option
 @click.option(
     "--instants",
     type=_parse_all_or_some,
@@ -73,12 +73,12 @@ def _parse_all_or_some(text: str) -> tuple[int, ...]:
 )
 @click.option(
     "--condition",
-    type=options.CONDITION,
+    type=command_options.CONDITION,
     metavar="CONDITION",
     default=SYNCED,
-    help=options.CONDITION_HELP,
+    help=command_options.CONDITION_HELP,
 )
-@options.matcher_option
+@command_options.matcher_option
 @click.option(
     "--mesh/--no-mesh",
     default=None,
@@ -93,10 +93,10 @@ def _parse_all_or_some(text: str) -> tuple[int, ...]:
 @click.option("--depth", is_flag=True, help="With --instants, also save the depth maps.")
 @click.option("--whole", is_flag=True, help="With --instants, match the still scene again at every instant.")
 @click.option("--rrd", is_flag=True, help="With --instants, also write a recording for Rerun.")
-@options.time_shift_option
-@options.out_option
-@options.memory_option
-@options.checksums_option
+@command_options.time_shift_option
+@command_options.out_option
+@command_options.memory_option
+@command_options.checksums_option
 @json_option
 @click.pass_context
 def multiview(

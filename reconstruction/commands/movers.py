@@ -6,7 +6,12 @@ import click
 
 from capture_app.console.terminal import answer, json_option
 from capture_app.console.usage import examples
-from reconstruction.commands.options import checksums_option, memory_option, out_option, session_argument
+from reconstruction.commands.command_options import (
+    checksums_option,
+    memory_option,
+    out_option,
+    session_argument,
+)
 
 
 @click.command(epilog=examples("reconstruct movers sessions/burst-001 --out masks"))
@@ -21,7 +26,7 @@ def movers(session: Path, out: Path, as_json: bool) -> None:
     Motion is found by comparing a still camera's pictures of several instants; masks are a few pixels wider.
     """
     from reconstruction.session.dataset import Dataset
-    from reconstruction.session.motion import SceneMotion, write_masks
+    from reconstruction.session.moving_pixels import SceneMotion, write_masks
 
     result = write_masks(SceneMotion(Dataset.open(session), step=1), out)
     moving = (

@@ -8,7 +8,7 @@ import click
 from capture_app.common.text import count
 from capture_app.console.terminal import FiniteRange, answer, json_option
 from capture_app.console.usage import examples
-from reconstruction.commands.options import (
+from reconstruction.commands.command_options import (
     checksums_option,
     instant_option,
     memory_option,
@@ -47,8 +47,8 @@ def panorama(sources: tuple[Path, ...], out: Path, as_json: bool, **options: Any
 
     Lists the images that were left out and why, and marks ghosting in the panorama.
     """
-    from reconstruction.panorama.command import PanoramaOptions
-    from reconstruction.panorama.command import panorama as run
+    from reconstruction.panorama.panorama_run import PanoramaOptions
+    from reconstruction.panorama.panorama_run import panorama as run
 
     result = run(sources, out, PanoramaOptions(**options))
     made = result.synced

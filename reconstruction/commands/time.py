@@ -8,7 +8,7 @@ import click
 
 from capture_app.console.terminal import answer, json_option
 from capture_app.console.usage import examples
-from reconstruction.commands.options import checksums_option, memory_option, session_argument
+from reconstruction.commands.command_options import checksums_option, memory_option, session_argument
 
 if TYPE_CHECKING:
     from reconstruction.time_offsets.session_offsets import TimeResult

@@ -8,7 +8,7 @@ import click
 
 from capture_app.console.terminal import FiniteRange, answer, json_option
 from capture_app.console.usage import examples
-from reconstruction.commands.options import (
+from reconstruction.commands.command_options import (
     checksums_option,
     max_instants_option,
     memory_option,
@@ -45,8 +45,8 @@ if TYPE_CHECKING:
 @json_option
 def tolerance(session: Path, out: Path | None, as_json: bool, **options: Any) -> None:
     """Measure the delay of one camera at which the motion in SESSION spoils the depth."""
-    from reconstruction.compare.tolerance import ToleranceOptions
-    from reconstruction.compare.tolerance import measure_tolerance as run
+    from reconstruction.compare.tolerance_study import ToleranceOptions
+    from reconstruction.compare.tolerance_study import measure_tolerance as run
 
     result = run(session, out, ToleranceOptions(**options))
     report = [] if out is None else [f"report: {out / result.report}"]

@@ -12,14 +12,14 @@ import msgspec
 
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress
-from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
 from reconstruction.compare.study import TIMING, ConditionStudy, Context, Known, PairStudy, Study
 from reconstruction.compare.timing_study import TimingStudy
-from reconstruction.compare.tolerance import measure_curve, whole_frame_offsets
+from reconstruction.compare.tolerance_study import measure_curve, whole_frame_offsets
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
 from reconstruction.report.study_report import GROUP, study_reports
@@ -32,7 +32,7 @@ from reconstruction.session.conditions import (
     nearest_frame_offset,
 )
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.instants import fixed_offsets_ms
+from reconstruction.session.instant_choice import fixed_offsets_ms
 from reconstruction.session.picture_checksums import picture_checks
 
 TOLERANCE_INSTANTS = 6

@@ -11,7 +11,7 @@ import msgspec
 from capture_app.common.errors import NotAvailableError
 from capture_app.common.optional_packages import require_reconstruction
 from capture_app.console.terminal import Progress
-from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
 from reconstruction.common.native_libraries import ForeignError, opencv_calls
@@ -22,7 +22,7 @@ from reconstruction.scores.study_result import Measure, Picture, StudyResult
 from reconstruction.scores.tally import CONDITIONS
 from reconstruction.scores.timing import RigTiming, Timing
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition, FrameOffset
-from reconstruction.session.instants import choose_moving_instants, pair_instants
+from reconstruction.session.instant_choice import choose_moving_instants, pair_instants
 
 SYNCHRONIZED, ALL_APART = Condition(SYNCED), Condition(DISTINCT)
 TIMING = "timing"

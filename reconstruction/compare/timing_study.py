@@ -4,7 +4,7 @@ from itertools import pairwise
 
 import numpy as np
 
-from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.scores.timing import RigTiming, Timing, judge_timing, without_common_times
 from reconstruction.time_offsets.crossings import OffsetFit
 from reconstruction.time_offsets.pair_offset import ImageTimes, PairOffsets

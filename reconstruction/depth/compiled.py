@@ -11,7 +11,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.compiling import LIBRARY
 from reconstruction.depth.cost_volume import BETTER_OF_TWO
-from reconstruction.depth.engine import Agreement, SweepEngine
+from reconstruction.depth.sweep_engine import Agreement, SweepEngine
 
 LANES = 16
 """Columns that `planes` processes at once, and reads beyond the border."""

@@ -8,8 +8,8 @@ import numpy as np
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.compiled import CPU
-from reconstruction.depth.engine import Agreement, SweepEngine
 from reconstruction.depth.plane_sweep import Surface
+from reconstruction.depth.sweep_engine import Agreement, SweepEngine
 
 TYPICAL_WIDTH = 640
 SUPPORT_FRACTION = 0.7

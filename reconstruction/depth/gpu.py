@@ -20,7 +20,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.compiled import CPU
 from reconstruction.depth.cost_volume import BETTER_OF_TWO, WORST_COST
-from reconstruction.depth.engine import SweepEngine
+from reconstruction.depth.sweep_engine import SweepEngine
 
 KERNELS = Path(__file__).with_name("kernels.cu")
 TILE, DEPTHS = (32, 8), 16

@@ -10,7 +10,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView, box_filter
 from reconstruction.depth.compiled import CPU
 from reconstruction.depth.cost_volume import WORST_COST
-from reconstruction.depth.engine import SweepEngine
+from reconstruction.depth.sweep_engine import SweepEngine
 
 DIRECTIONS = ((1, 0), (-1, 0), (0, 1), (0, -1))
 MIN_GAIN = 0.02

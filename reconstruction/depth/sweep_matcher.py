@@ -14,7 +14,6 @@ from reconstruction.common.worker_pool import worker_count, worker_pool
 from reconstruction.depth.blank_walls import fit_blank_walls
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.compiled import CPU
-from reconstruction.depth.engine import SweepEngine
 from reconstruction.depth.geometric_consistency import (
     consistent_and_visible_views,
     consistent_pixels,
@@ -28,6 +27,7 @@ from reconstruction.depth.plane_sweep import (
     sweep_view,
 )
 from reconstruction.depth.still_scene import WHOLE, StillScene, boxes_around, renewed
+from reconstruction.depth.sweep_engine import SweepEngine
 
 MAX_VOTERS = 8
 """Maximum number of other views that vote: the sources first, then the sources' sources."""

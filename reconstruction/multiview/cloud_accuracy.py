@@ -11,7 +11,7 @@ import numpy as np
 from capture_app.common.errors import NotAvailableError
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
-from reconstruction.depth.colmap import read_fused_cloud
+from reconstruction.depth.colmap_workspace import read_fused_cloud
 from reconstruction.depth.visibility import project_points
 from reconstruction.multiview.input_images import InputImage, undistorted_truth
 from reconstruction.multiview.result import CloudScore

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from capture_app.common.errors import BadInputError, NotApplicableError
-from reconstruction.calibration.rig import calibrated_views
+from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.brightness import noise_level
 from reconstruction.common.geometry import Array, View
@@ -14,7 +14,7 @@ from reconstruction.common.memory import memory_budget
 from reconstruction.common.worker_pool import SWEEP_BYTES, worker_count
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.motion import SceneMotion
+from reconstruction.session.moving_pixels import SceneMotion
 
 MIN_CONTRAST = 2.0
 """Standard deviation of grey levels (of 255) below which an image is empty."""

@@ -11,7 +11,7 @@ from capture_app.common.errors import BadInputError, NotAvailableError
 from reconstruction.common.brightness import match_brightness
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
-from reconstruction.depth.colmap import fuse_depth_maps, read_fused_cloud, write_workspace
+from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
 from reconstruction.depth.compiled import CPU
 from reconstruction.depth.geometric_consistency import count_coinciding_views
 from reconstruction.depth.plane_sweep import Surface

@@ -22,7 +22,7 @@ from reconstruction.common.image_files import write_image
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.depth.calibrated_image import CalibratedImage
-from reconstruction.depth.colmap import fuse_depth_maps, write_workspace
+from reconstruction.depth.colmap_workspace import fuse_depth_maps, write_workspace
 from reconstruction.depth.mesh import build_mesh
 from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
 from reconstruction.depth.still_scene import StillScene
@@ -48,7 +48,7 @@ from reconstruction.multiview.moment import FILES, measured_fraction, write_mome
 from reconstruction.multiview.result import MultiviewResult, ViewResult
 from reconstruction.scores.truth import DepthShares, depth_shares
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.motion import SceneMotion
+from reconstruction.session.moving_pixels import SceneMotion
 from reconstruction.session.picture_checksums import picture_checks
 
 RESULT = "multiview.json"

@@ -18,7 +18,7 @@ from reconstruction.multiview.instant_depth import InstantDepth
 from reconstruction.multiview.undistorted_session import UndistortedSession
 from reconstruction.scores.tally import Measurements, measure_depth
 from reconstruction.scores.truth import fill_from_nearest, median_still_depth, true_depth_in_unit
-from reconstruction.session.motion import dilate
+from reconstruction.session.moving_pixels import dilate
 
 CONTROL_MARGIN_PX = 4
 """Distance from a moving object below which pixels are left out of the control."""

@@ -7,11 +7,17 @@ from pathlib import Path
 
 from capture_app.console.terminal import Progress
 from reconstruction.common.geometry import Array, View
-from reconstruction.depth.colmap import CudaGpu, find_gpu, read_maps, run_patch_match, write_workspace
+from reconstruction.depth.colmap_workspace import (
+    CudaGpu,
+    find_gpu,
+    read_maps,
+    run_patch_match,
+    write_workspace,
+)
 from reconstruction.depth.compiled import CPU
-from reconstruction.depth.engine import SweepEngine
 from reconstruction.depth.gpu import find_engine
 from reconstruction.depth.still_scene import StillScene
+from reconstruction.depth.sweep_engine import SweepEngine
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.multiview.input_images import InputImage
 

@@ -6,14 +6,14 @@ import numpy as np
 
 from capture_app.session.exporting.point_cloud import PointCloud, write_ply
 from reconstruction.common.geometry import Array
-from reconstruction.depth.colmap import read_fused_cloud
+from reconstruction.depth.colmap_workspace import read_fused_cloud
 from reconstruction.multiview.input_images import InputImage, find_moving
 from reconstruction.multiview.result import MultiviewResult
 from reconstruction.report.embedding import view_clouds
 from reconstruction.report.page import REPORT, Section, render_page, write_page
 from reconstruction.report.wording import percentage
 from reconstruction.scores.study_result import InstantClouds
-from reconstruction.session.motion import SceneMotion
+from reconstruction.session.moving_pixels import SceneMotion
 
 POINTS = "points.ply"
 FILES = (POINTS, REPORT)

@@ -41,7 +41,7 @@ from reconstruction.multiview.matcher import ChosenMatcher, choose_matcher
 from reconstruction.multiview.result import SequenceInstant, SequenceResult
 from reconstruction.session.conditions import Condition
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.motion import SceneMotion, write_masks
+from reconstruction.session.moving_pixels import SceneMotion, write_masks
 from reconstruction.session.picture_checksums import picture_checks
 
 RECORDING = "sequence.rrd"

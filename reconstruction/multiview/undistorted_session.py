@@ -13,7 +13,7 @@ from reconstruction.multiview.input_images import (
     undistort_nearest,
 )
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.motion import SceneMotion, dilate
+from reconstruction.session.moving_pixels import SceneMotion, dilate
 
 CACHED_IMAGES = 32
 

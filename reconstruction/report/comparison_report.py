@@ -15,8 +15,8 @@ from reconstruction.report.findings import (
     name_conditions,
 )
 from reconstruction.report.page import Section, as_template, render_page, write_page
+from reconstruction.report.report_tables import conditions_table, instants_table, study_table, timing_table
 from reconstruction.report.study_report import reported, study_reports
-from reconstruction.report.tables import conditions_table, instants_table, study_table, timing_table
 from reconstruction.report.tolerance_report import tolerance_heading, tolerance_view
 from reconstruction.scores.comparison_results import CompareResult, ReportWords, TextTable
 from reconstruction.scores.study_result import Picture, StudyResult

@@ -6,6 +6,7 @@ from reconstruction.report import wording
 from reconstruction.report.charts import tolerance_chart
 from reconstruction.report.findings import instant_offset_text, motion_sentence, timing_sentences
 from reconstruction.report.page import Section, render_page, write_page
+from reconstruction.report.report_tables import Cell, Column, Row, Table, interval_cell
 from reconstruction.report.study_report import (
     COVERAGE,
     EPIPOLAR,
@@ -14,7 +15,6 @@ from reconstruction.report.study_report import (
     StudyText,
     study_reports,
 )
-from reconstruction.report.tables import Cell, Column, Row, Table, interval_cell
 from reconstruction.scores.comparison_results import DelayFacts, OffsetTolerance
 from reconstruction.scores.study_result import StudyResult
 

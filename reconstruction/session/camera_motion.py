@@ -9,7 +9,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.point_tracking import track_there_and_back
 from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.motion import SHAKE_PX
+from reconstruction.session.moving_pixels import SHAKE_PX
 
 GRID = (8, 6)
 """Cells across and down; each counts once, so that a highly textured object does not dominate."""

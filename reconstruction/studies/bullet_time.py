@@ -21,7 +21,7 @@ from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.timing import RigTiming, Timing, are_together
 from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.motion import SceneMotion
+from reconstruction.session.moving_pixels import SceneMotion
 
 MAX_CAMERAS = 20
 PANEL_PX, MANY = 400, 8

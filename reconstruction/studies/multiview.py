@@ -12,7 +12,7 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.exporting.point_cloud import PointCloud, write_ply
-from reconstruction.commands.options import MATCHER, flag
+from reconstruction.commands.command_options import MATCHER, flag
 from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import library_versions
@@ -33,7 +33,7 @@ from reconstruction.scores.study_result import InstantClouds, Picture, StudyResu
 from reconstruction.scores.tally import Tally
 from reconstruction.scores.truth import TOLERANCE_TEXT, right_depth
 from reconstruction.session.conditions import Condition
-from reconstruction.session.instants import (
+from reconstruction.session.instant_choice import (
     ShownInstant,
     choose_moving_instants,
     complete_instants,

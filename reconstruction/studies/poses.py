@@ -10,7 +10,7 @@ from typing import Annotated, Any, ClassVar
 import msgspec
 import numpy as np
 
-from reconstruction.commands.options import flag
+from reconstruction.commands.command_options import flag
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import library_versions, load_pycolmap
@@ -24,7 +24,7 @@ from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.tally import Measurements, Tally
 from reconstruction.session.conditions import Condition, evenly_spaced
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.instants import ShownInstant, complete_instants, relative_offsets_ms
+from reconstruction.session.instant_choice import ShownInstant, complete_instants, relative_offsets_ms
 
 TOLERANCE_DEG = 2.0
 HARMED = 0.1

@@ -9,7 +9,7 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from reconstruction.commands.options import pair_flag
+from reconstruction.commands.command_options import pair_flag
 from reconstruction.common.drawing import (
     EMPTY,
     box_around,

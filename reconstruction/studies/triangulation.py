@@ -9,7 +9,7 @@ from typing import Any, Self
 import msgspec
 import numpy as np
 
-from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import foreign_calls, library_versions, load_pycolmap
 from reconstruction.compare.study import ALL_APART, ConditionStudy, Context
@@ -20,13 +20,13 @@ from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.tally import Measurements, Tally
 from reconstruction.scores.truth import right_depth
 from reconstruction.session.conditions import Condition
-from reconstruction.session.instants import (
+from reconstruction.session.instant_choice import (
     ShownInstant,
     choose_moving_instants,
     complete_instants,
     relative_offsets_ms,
 )
-from reconstruction.session.motion import dilate
+from reconstruction.session.moving_pixels import dilate
 
 MAX_ERROR_PX = 2.0
 """Maximum match and reprojection error, in the image that features are detected in.

@@ -9,7 +9,7 @@ import numpy as np
 from capture_app.console.terminal import Progress
 from capture_app.session.alignment.clock_line import chain_cameras, fit_clock_line
 from capture_app.session.format.common_times import CameraTimes
-from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.crossings import SYSTEMATIC_MS, OffsetFit

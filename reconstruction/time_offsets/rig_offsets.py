@@ -7,7 +7,7 @@ import numpy as np
 
 from capture_app.console.terminal import Progress
 from capture_app.session.format.common_times import REFERENCE
-from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import angle_deg
 from reconstruction.time_offsets.camera_time import CameraTime
 from reconstruction.time_offsets.crossings import OffsetFit

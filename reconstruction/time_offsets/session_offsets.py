@@ -10,7 +10,7 @@ from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.console.terminal import Progress
 from capture_app.session.format.common_times import REFERENCE, CameraTimes
 from capture_app.session.importing.realigning import realign_session
-from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.camera_time import CameraTime

@@ -9,11 +9,11 @@ from typing import NoReturn
 import pytest
 
 from capture_app.cameras.frames import PixelFormat
-from capture_app.cameras.v4l2 import driver
 from capture_app.cameras.v4l2 import kernel as v4l2
-from capture_app.cameras.v4l2.driver import list_cameras, open_camera, open_video_node
+from capture_app.cameras.v4l2 import v4l2_driver
 from capture_app.cameras.v4l2.driver_errors import driver_error
 from capture_app.cameras.v4l2.modes import Mode, check_capture, choose_mode, configure, parse_options
+from capture_app.cameras.v4l2.v4l2_driver import list_cameras, open_camera, open_video_node
 from capture_app.common.clock import HostClock
 from capture_app.common.errors import BadInputError, CameraError
 from tests.cameras.fake_device import MJPG, FickleDevice, rates
@@ -142,7 +142,7 @@ def test_a_camera_that_may_not_be_opened_is_listed_with_the_reason(
 
     for name in ("video10", "video2", "videox"):
         Path(tmp_path, name).touch()
-    monkeypatch.setattr(driver, "open_video_node", denied)
+    monkeypatch.setattr(v4l2_driver, "open_video_node", denied)
     found = list_cameras(tmp_path)
     assert [Path(listing.spec).name for listing in found] == ["video2", "video10"]
     assert all("group `video`" in listing.detail and not listing.usable for listing in found)
@@ -150,7 +150,7 @@ def test_a_camera_that_may_not_be_opened_is_listed_with_the_reason(
 
 def test_a_camera_is_listed_with_its_modes(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     Path(tmp_path, "video0").touch()
-    monkeypatch.setattr(driver, "open_video_node", lambda _path: FickleDevice(MJPG, 30))
+    monkeypatch.setattr(v4l2_driver, "open_video_node", lambda _path: FickleDevice(MJPG, 30))
     (found,) = list_cameras(tmp_path)
     assert (found.spec, found.model) == (f"v4l2:{tmp_path}/video0", "Fake camera")
     assert (found.detail, found.usable) == ("MJPG 640x480 at 30, 15 fps", True)
@@ -169,9 +169,9 @@ def test_a_camera_that_wakes_up_is_tried_again(
             raise answers.pop()
         return webcam
 
-    monkeypatch.setattr(driver, "VideoDevice", device)
-    monkeypatch.setattr(driver, "VIDEO4LINUX_MAJOR", os.major(Path("/dev/null").stat().st_rdev))
-    monkeypatch.setattr(driver, "WAKING_PAUSE_S", 0.0)
+    monkeypatch.setattr(v4l2_driver, "VideoDevice", device)
+    monkeypatch.setattr(v4l2_driver, "VIDEO4LINUX_MAJOR", os.major(Path("/dev/null").stat().st_rdev))
+    monkeypatch.setattr(v4l2_driver, "WAKING_PAUSE_S", 0.0)
     if opens:
         assert open_video_node("/dev/null") is webcam
     else:

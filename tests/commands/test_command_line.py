@@ -13,12 +13,12 @@ import pytest
 from click.testing import CliRunner
 
 from capture_app.cli import COMMANDS, run
-from capture_app.commands.joining import choose_leader, find_leader, leaders_to_join
+from capture_app.commands.leader_choice import choose_leader, find_leader, leaders_to_join
 from capture_app.commands.node import node
 from capture_app.common.address import Address
 from capture_app.common.errors import ExitCode, NetworkError
 from capture_app.net.server import bind_port
-from capture_app.protocol.pairing import FoundLeader
+from capture_app.protocol.pairing_messages import FoundLeader
 from capture_app.rig.process import recorded_rig
 from capture_app.sync.wire.codec import version_answer
 
@@ -180,7 +180,7 @@ def test_a_node_without_an_address_joins_the_rig_of_its_machine(
 
 
 def test_a_node_joins_all_leaders_of_the_rig_that_it_finds(monkeypatch: pytest.MonkeyPatch) -> None:
-    joining = sys.modules["capture_app.commands.joining"]
+    joining = sys.modules["capture_app.commands.leader_choice"]
     first, second = Address("10.0.0.1", 47010), Address("10.0.0.2", 47010)
     found = FoundLeader("hall-47010", (second,), among=(first, second))
     introduced: list[Address] = []

@@ -11,8 +11,8 @@ import pytest
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
 from capture_app.common.pairing_codes import Role
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.trust.trust import OPEN_VARIABLE, Trust
 
 Machine = Callable[..., tuple[int, str, str]]

@@ -18,7 +18,7 @@ ROOT = Path(__file__).resolve().parents[1]
 TIMEOUT_S = 60.0
 TALKER = """
 import asyncio, logging, sys, click
-from capture_app.commands.options import run_until_stopped
+from capture_app.commands.shared_options import run_until_stopped
 from capture_app.console.terminal import log_line, print_json_line, run_command_line
 from capture_app.console.usage import add_verbosity
 

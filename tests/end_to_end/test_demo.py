@@ -18,9 +18,9 @@ from .conftest import TIMEOUT_S
 PARENT = """
 import asyncio, signal
 from pathlib import Path
-from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.local_nodes import LocalNodes
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.orders import AddSimulated
 
 async def main():

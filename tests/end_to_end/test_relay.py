@@ -10,7 +10,7 @@ from capture_app.common.address import parse_address
 from capture_app.common.errors import ExitCode
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.status import BurstStatus, NodeStatus
-from capture_app.rig.link import ask_burst, ask_status
+from capture_app.rig.rig_link import ask_burst, ask_status
 from capture_app.session.format.manifest import JOURNAL
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify

@@ -12,8 +12,8 @@ import pytest
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, NetworkError
 from capture_app.protocol.orders import StopRig
-from capture_app.rig.link import ask_status, give_order
 from capture_app.rig.process import attach, list_rigs, start_rig
+from capture_app.rig.rig_link import ask_status, give_order
 from tests.waiting import until
 
 from .conftest import Start

@@ -11,7 +11,7 @@ from capture_app.common.address import parse_address
 from capture_app.common.errors import ExitCode, SimulshotError
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.status import BurstStatus
-from capture_app.rig.link import ask_burst
+from capture_app.rig.rig_link import ask_burst
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.end_to_end.rig import join

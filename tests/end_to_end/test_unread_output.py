@@ -11,7 +11,7 @@ import pytest
 
 from capture_app.common.address import Address
 from capture_app.protocol.messages import BurstRequest
-from capture_app.rig.link import ask_burst
+from capture_app.rig.rig_link import ask_burst
 
 ROOT = Path(__file__).resolve().parents[2]
 BURSTS = 200

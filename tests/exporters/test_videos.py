@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from capture_app.exporters.caliscope import camera_numbers
-from capture_app.session.exporting.tables import paired_names
+from capture_app.session.exporting.csv_tables import paired_names
 from capture_app.session.format.export_record import FRAMES
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording

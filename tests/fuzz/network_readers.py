@@ -16,13 +16,13 @@ from capture_app.interop.app_protocol import TIME_PORT, Method, encode_call
 from capture_app.net.channel import Channel
 from capture_app.phones import wire
 from capture_app.phones.phone import Phone
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.wire.codec import WireError, decode, encode
-from capture_app.trust.keys import LeaderKeys
-from capture_app.trust.pairing import Invitations
+from capture_app.trust.datagram_keys import LeaderKeys
 from capture_app.trust.sealed_engines import SealedLeader
 from capture_app.trust.sealing import SealError
+from capture_app.trust.spake2_exchange import Invitations
 from tests.fuzz.folders import Reader
 
 

@@ -11,8 +11,8 @@ import pytest
 from capture_app.common.clock import HostClock, SimulatedClock
 from capture_app.interop.rpicam import PACKET, RpicamSync
 from capture_app.node.leader.followers import SharedGrid
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.log import Log
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_grid import FrameGrid

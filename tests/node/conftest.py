@@ -5,8 +5,8 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.trust.trust import Trust
 
 

@@ -11,7 +11,7 @@ from capture_app.net.channel import connect
 from capture_app.net.udp import client_socket
 from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest
 from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.messages import (
+from capture_app.sync.wire.datagrams import (
     ControlMessage,
     Heartbeat,
     Hello,
@@ -22,7 +22,7 @@ from capture_app.sync.wire.messages import (
     TriggerAck,
     Welcome,
 )
-from capture_app.trust.keys import LeaderKeys
+from capture_app.trust.datagram_keys import LeaderKeys
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts
 from tests.waiting import time_limit

@@ -13,10 +13,10 @@ from capture_app.common.address import Address
 from capture_app.common.clock import HostClock
 from capture_app.common.pairing_codes import Role
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
-from capture_app.node.keys import KeyRequester
+from capture_app.node.key_requests import KeyRequester
 from capture_app.protocol.messages import KeyRequest
-from capture_app.sync.engine import Engine
 from capture_app.sync.rig.time_client import TimeClient
+from capture_app.sync.sync_engine import Engine
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.tree.member import TreeMember
 from capture_app.trust.sealed_engines import SealedClient

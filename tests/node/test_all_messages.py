@@ -15,10 +15,10 @@ from capture_app.common.camera_facts import EXACT_STAMPS, CameraControls, Contro
 from capture_app.common.errors import NetworkError
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import connect
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol import messages as wire
-from capture_app.protocol import orders, pairing
+from capture_app.protocol import orders, pairing_messages
 from capture_app.protocol.messages import FromLeader, ToLeader
 from capture_app.protocol.permissions import SENDERS
 from capture_app.protocol.status import NodeDetail, Preview
@@ -68,11 +68,11 @@ def every_message(node: SealedNode) -> list[Any]:
         orders.StampSaved(camera="cam", is_stored=True),
         Preview(camera="cam", leader_ns=0, width=1, height=1),
         NodeDetail(camera="cam"),
-        pairing.EnrolRequest(certificate=b"none"),
-        pairing.PairingMessage(certificate=b"none", name="x", spake2_message=b""),
-        pairing.PairingProof(proof=b""),
-        pairing.Invite(role=Role.OPERATOR),
-        pairing.SpeaksFor(pin="x", name="x", roles=(Role.OPERATOR,)),
+        pairing_messages.EnrolRequest(certificate=b"none"),
+        pairing_messages.PairingMessage(certificate=b"none", name="x", spake2_message=b""),
+        pairing_messages.PairingProof(proof=b""),
+        pairing_messages.Invite(role=Role.OPERATOR),
+        pairing_messages.SpeaksFor(pin="x", name="x", roles=(Role.OPERATOR,)),
     ]
     assert {type(message) for message in messages} == set(typing.get_args(ToLeader))
     return messages

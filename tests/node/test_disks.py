@@ -16,8 +16,8 @@ from capture_app.common.errors import DiskError, SimulshotError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.camera.burst_upload import Spool
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import (
     BurstRequest,
     FromLeader,

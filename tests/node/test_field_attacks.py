@@ -16,7 +16,7 @@ from capture_app.phones import wire as page
 from capture_app.protocol.messages import ToLeader
 from capture_app.protocol.orders import ToViewfinder
 from capture_app.sync.wire.codec import WireError, decode, encode
-from capture_app.sync.wire.messages import ControlMessage, Goodbye
+from capture_app.sync.wire.datagrams import ControlMessage, Goodbye
 
 MAX_NUMBER, MAX_LETTERS, MAX_ENTRIES = 2**62, 10_000, 2_000
 

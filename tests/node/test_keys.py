@@ -9,14 +9,14 @@ from capture_app.common.errors import DiskError
 from capture_app.common.node_state import NodeState
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import connect
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.pairing import Enrolment
-from capture_app.node.relay import RelayNode, RelayOptions
+from capture_app.node.enrolment import Enrolment
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
+from capture_app.node.relay_node import RelayNode, RelayOptions
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest, Refusal
 from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.messages import Goodbye, Hello, JoinRefusal
+from capture_app.sync.wire.datagrams import Goodbye, Hello, JoinRefusal
 from capture_app.trust.trust import Peer, Trust
 from tests.facts import make_facts
 from tests.waiting import until

@@ -14,16 +14,16 @@ from capture_app.common.node_state import NodeState
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import MAX_HEADER_BYTES, connect
 from capture_app.net.server import MAX_STREAMS_PER_MACHINE
-from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.snapshots import MAX_PER_PAGE
 from capture_app.protocol import messages as wire
 from capture_app.protocol import orders
 from capture_app.protocol.messages import BurstRequest, FromLeader, NodeStream, SpoolSpace, StatusAnswer
-from capture_app.rig.link import ask_status
-from capture_app.sync.rig.orders import BurstOrder
+from capture_app.rig.rig_link import ask_status
+from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.roster import MAX_CAMERAS_PER_MACHINE
 from capture_app.sync.wire.codec import encode
-from capture_app.sync.wire.messages import Heartbeat, Hello, Report
+from capture_app.sync.wire.datagrams import Heartbeat, Hello, Report
 from capture_app.sync.wire.principal import Principal
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts

@@ -13,13 +13,13 @@ from capture_app.common.errors import NetworkError
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import connect
 from capture_app.node.burst import camera_delivery
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.relay import RelayNode, RelayOptions
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
+from capture_app.node.relay_node import RelayNode, RelayOptions
 from capture_app.protocol import messages as wire
 from capture_app.protocol.messages import FromLeader, Refusal
-from capture_app.sync.rig.orders import BurstOrder
-from capture_app.sync.wire.messages import JoinRefusal
+from capture_app.sync.rig.burst_orders import BurstOrder
+from capture_app.sync.wire.datagrams import JoinRefusal
 from capture_app.trust.trust import Trust
 from tests.node.joining import joined
 from tests.node.sealed_nodes import introduced

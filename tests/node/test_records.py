@@ -6,7 +6,7 @@ from capture_app.node.camera.camera_node import camera_record
 from capture_app.session.format.manifest import ClockRecord
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.frame_selection import FramesSelected
-from capture_app.sync.wire.messages import Trigger
+from capture_app.sync.wire.datagrams import Trigger
 from tests.facts import make_facts
 
 OWN = TimeMap(

@@ -16,8 +16,8 @@ from capture_app.common.errors import IncompleteError
 from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.viewfinder import small_jpeg
 from capture_app.node.leader import viewfinders
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import FromLeader, NodeStream
 from capture_app.protocol.orders import (
     CameraHealth,
@@ -26,7 +26,7 @@ from capture_app.protocol.orders import (
     PreviewSeen,
 )
 from capture_app.protocol.status import NodeDetail, Preview
-from capture_app.rig.link import RigLink, Update
+from capture_app.rig.rig_link import RigLink, Update
 from tests.node.camera.controlled_camera import ControlledCamera, ShownNode
 from tests.node.joining import joined
 from tests.waiting import time_limit

@@ -15,8 +15,8 @@ from capture_app.protocol.messages import FromLeader, KeyRequest, NodeStream, Re
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ImageRecord, image_path
 from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.messages import Hello, JoinRefusal, TimeRequest, Welcome
-from capture_app.trust.keys import LeaderKeys
+from capture_app.sync.wire.datagrams import Hello, JoinRefusal, TimeRequest, Welcome
+from capture_app.trust.datagram_keys import LeaderKeys
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts
 

@@ -10,10 +10,10 @@ from pathlib import Path
 from typing import Any
 
 from capture_app.common.node_state import NodeState
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
-from capture_app.phones.camera import PhoneNodes
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.phones.gateway import PhoneGateway
+from capture_app.phones.phone_camera import PhoneNodes
 from capture_app.protocol.messages import BurstRequest
 from capture_app.session.reading.reader import Session
 from capture_app.web.admission import Admission

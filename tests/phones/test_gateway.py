@@ -15,7 +15,7 @@ from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.phones.gateway import REPLACED
 from capture_app.protocol.orders import RemoveCamera
-from capture_app.rig.link import ask_controls, give_order
+from capture_app.rig.rig_link import ask_controls, give_order
 from capture_app.session.reading.verify import verify
 from capture_app.web import paired_page
 from capture_app.web.paired_page import MAX_GREETED, MAX_UNKNOWN

@@ -11,7 +11,7 @@ import pytest
 
 from capture_app.common.camera_facts import Control
 from capture_app.common.node_state import NodeState
-from capture_app.rig.link import ask_controls
+from capture_app.rig.rig_link import ask_controls
 from capture_app.session.reading.verify import verify
 from tests.browser import CHROMIUM, Browser
 from tests.phones.places import Place, burst, measured, serving

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import View
 from reconstruction.compare.timing_study import TimingStudy
 from reconstruction.session.camera_motion import measure_camera_motion

@@ -4,8 +4,8 @@ from dataclasses import replace
 from pathlib import Path
 
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.instants import choose_moving_instants
-from reconstruction.session.motion import SceneMotion
+from reconstruction.session.instant_choice import choose_moving_instants
+from reconstruction.session.moving_pixels import SceneMotion
 from tests.reconstruction.conftest import VIEWS, Scene, write_session
 
 PAIR = ("left", "right")

@@ -14,8 +14,8 @@ import pytest
 from capture_app.common.errors import BadInputError, NotApplicableError, NotAvailableError, SimulshotError
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import run
-from reconstruction.depth import colmap
-from reconstruction.depth.colmap import (
+from reconstruction.depth import colmap_workspace
+from reconstruction.depth.colmap_workspace import (
     ENVIRONMENT,
     PROGRAM,
     find_gpu,
@@ -283,4 +283,4 @@ def test_patchmatch_runs_on_the_gpu_when_asked_for_and_auto_is_the_sweep(
 
 def test_the_cuda_module_is_never_imported_here() -> None:
     assert "pycolmap" in PROGRAM
-    assert not hasattr(colmap, "pycolmap")
+    assert not hasattr(colmap_workspace, "pycolmap")

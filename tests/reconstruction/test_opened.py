@@ -12,7 +12,7 @@ import pytest
 from capture_app.common.errors import BadInputError
 from capture_app.console.terminal import talk
 from capture_app.console.usage import silence
-from capture_app.session.reading.opened import open_session as open_for_pictures
+from capture_app.session.reading.array_access import open_session as open_for_pictures
 from reconstruction import open_session
 from reconstruction.common.memory import limited_memory, memory_budget
 from reconstruction.common.worker_pool import worker_pool

@@ -7,7 +7,7 @@ from typing import Any
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.batch.plan import BatchOptions, compute_depth, plan
+from reconstruction.batch.batch_plan import BatchOptions, compute_depth, plan
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, write_session
 

@@ -24,7 +24,7 @@ from capture_app.rig.link_measurement import (
     synchronize,
 )
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 
 MS = 1_000_000
 AHEAD_NS = 5_000 * MS

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from capture_app.rig.motion import LEARN, WHOLE, MotionWatch
+from capture_app.rig.motion_watch import LEARN, WHOLE, MotionWatch
 
 HEIGHT, WIDTH = 90, 160
 

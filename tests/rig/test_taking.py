@@ -32,11 +32,11 @@ from capture_app.common.errors import (
 )
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.supervisor import NodeOptions
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.orders import CancelBurst
-from capture_app.rig.link import RigLink
+from capture_app.rig.rig_link import RigLink
 from capture_app.rig.taking import (
     Begun,
     Countdown,

@@ -9,7 +9,7 @@ from benchmarks.simulated.virtual_rig import Timer, VirtualTime
 from capture_app.common.node_state import NodeState
 from capture_app.simulation.links import DelayLaw, Direction, Link
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.rig.time_client import TimeClient, TimeClientEvent
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget

@@ -3,7 +3,7 @@
 import random
 
 from capture_app.sync.wire.principal import Principal
-from capture_app.trust.keys import MAX_KEYS_PER_MACHINE, ClientKeys, LeaderKeys
+from capture_app.trust.datagram_keys import MAX_KEYS_PER_MACHINE, ClientKeys, LeaderKeys
 
 
 def test_a_machine_takes_no_room_of_others_by_asking_for_keys() -> None:

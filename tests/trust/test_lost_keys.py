@@ -1,7 +1,7 @@
 """Keys of a sealed rig that are lost, taken away and asked for again."""
 
 from capture_app.sync.wire.codec import VERSION, answered_version, version_question
-from capture_app.trust.keys import Address
+from capture_app.trust.datagram_keys import Address
 from capture_app.trust.sealing import unknown_key
 from tests.trust.sealed_pair import LEADER, SealedRig, running
 

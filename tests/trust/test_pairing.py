@@ -4,7 +4,7 @@ import pytest
 
 from capture_app.common.errors import BadInputError, UnknownMachineError
 from capture_app.common.pairing_codes import Role, parse_code
-from capture_app.trust.pairing import GOOD_FOR_S, TRIES, Candidate, Invitations
+from capture_app.trust.spake2_exchange import GOOD_FOR_S, TRIES, Candidate, Invitations
 
 NODE, LEADER, OTHER = "node-pin", "leader-pin", "other-pin"
 

@@ -8,10 +8,10 @@ import pytest
 from msgspec import structs
 
 from capture_app.common.node_state import NodeState
+from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.events import BurstAnswered, ForeignTrigger
-from capture_app.sync.rig.orders import BurstOrder
 from capture_app.sync.wire.codec import FromClient, Message, decode, encode
-from capture_app.sync.wire.messages import (
+from capture_app.sync.wire.datagrams import (
     Goodbye,
     Heartbeat,
     HeartbeatAck,
@@ -29,7 +29,7 @@ from capture_app.sync.wire.messages import (
     Welcome,
 )
 from capture_app.sync.wire.principal import Principal
-from capture_app.trust.keys import Address
+from capture_app.trust.datagram_keys import Address
 from capture_app.trust.sealing import HEAD_BYTES, SEAL_BYTES, Refusals, Refused
 from tests.facts import make_facts
 from tests.trust.sealed_pair import LEADER, SealedRig, running

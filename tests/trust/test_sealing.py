@@ -7,7 +7,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.sync.wire.codec import MAX_DATAGRAM, WireError, decode, encode
-from capture_app.sync.wire.messages import TimeRequest
+from capture_app.sync.wire.datagrams import TimeRequest
 from capture_app.trust.sealing import (
     KEY_BYTES,
     OVERHEAD_BYTES,

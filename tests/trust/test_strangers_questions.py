@@ -2,7 +2,7 @@
 
 import random
 
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.wire.codec import (
     TOKEN_BYTES,
     VERSION,
@@ -11,8 +11,8 @@ from capture_app.sync.wire.codec import (
     encode,
     version_question,
 )
-from capture_app.sync.wire.messages import Hello, JoinRefusal
-from capture_app.trust.keys import ClientKeys
+from capture_app.sync.wire.datagrams import Hello, JoinRefusal
+from capture_app.trust.datagram_keys import ClientKeys
 from capture_app.trust.sealed_engines import SealedLeader
 from tests.facts import make_facts
 

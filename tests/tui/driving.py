@@ -10,7 +10,7 @@ from textual.widgets._toast import Toast
 
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.rig_record import RigRecord
-from capture_app.tui.settings import Settings
+from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines
 from tests.tui.fake_rig import FakeRig
 from tests.waiting import TIMEOUT_S, looked_at, time_limit

@@ -16,7 +16,7 @@ from capture_app.common.node_state import NodeState
 from capture_app.protocol import orders
 from capture_app.protocol.message import Message
 from capture_app.protocol.messages import BurstRequest
-from capture_app.protocol.pairing import Invited
+from capture_app.protocol.pairing_messages import Invited
 from capture_app.protocol.status import (
     BurstStatus,
     CameraTransfer,
@@ -26,8 +26,8 @@ from capture_app.protocol.status import (
     Preview,
     RigStatus,
 )
-from capture_app.rig.link import A, CamerasControls, LinkLost, RigLink, Update
-from capture_app.rig.motion import LEARN
+from capture_app.rig.motion_watch import LEARN
+from capture_app.rig.rig_link import A, CamerasControls, LinkLost, RigLink, Update
 from tests.facts import make_facts
 
 PERIOD_NS = 33_333_000

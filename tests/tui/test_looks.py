@@ -9,11 +9,11 @@ from typing import Any
 
 import pytest
 
-from capture_app.cameras.v4l2 import driver
+from capture_app.cameras.v4l2 import v4l2_driver
 from capture_app.common.node_state import NodeState
 from capture_app.protocol.status import LogLine, NodeDetail
 from capture_app.tui.rig_record import RigRecord
-from capture_app.tui.settings import Settings
+from capture_app.tui.screen_settings import Settings
 from tests.tui.driving import make_app, settle
 from tests.tui.fake_rig import UNIX_NS, FakeRig, make_node
 
@@ -117,7 +117,7 @@ def test_a_screen_looks_as_it_did(
 def test_the_start_looks_as_it_did(
     snap_compare: Any, monkeypatch: pytest.MonkeyPatch, tmp_path: Path, size: tuple[int, int], theme: str
 ) -> None:
-    monkeypatch.setattr(driver, "list_cameras", list)
+    monkeypatch.setattr(v4l2_driver, "list_cameras", list)
     app = make_app(FakeRig(0), settings=Settings(choices={"theme": theme}), sessions=tmp_path)
 
     async def before(pilot: Any) -> None:

@@ -7,7 +7,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.question import Question
 from capture_app.tui.rig_record import ActionFailed
-from capture_app.tui.settings import Settings
+from capture_app.tui.screen_settings import Settings
 from tests.tui.driving import make_app, settle, text, toasts
 from tests.tui.fake_rig import FakeRig
 

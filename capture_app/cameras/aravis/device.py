@@ -6,7 +6,7 @@ from typing import Any
 
 from msgspec.structs import replace
 
-from capture_app.cameras.aravis.library import camera_errors, load_aravis
+from capture_app.cameras.aravis.aravis_library import camera_errors, load_aravis
 from capture_app.cameras.aravis.machine_device import USABLE_FORMATS, DeviceFrame
 from capture_app.cameras.specs import CameraRequest
 from capture_app.common.camera_facts import (

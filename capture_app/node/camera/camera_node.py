@@ -25,7 +25,7 @@ from capture_app.node.camera.supervisor import CameraStream, CameraSupervisor, N
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.join_watch import JoinWatch
-from capture_app.node.keys import KeyRequester
+from capture_app.node.key_requests import KeyRequester
 from capture_app.protocol.messages import MAX_EVENTS, CameraReport, EventValue, KeyRequest
 from capture_app.protocol.orders import SaveStamp
 from capture_app.protocol.status import NodeDetail

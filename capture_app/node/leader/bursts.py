@@ -24,7 +24,7 @@ from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.burst.plans import default_spare
 from capture_app.node.burst.resumed_bursts import ResumedBursts
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.readiness import (
     check_room,
     degraded_nodes,
@@ -34,10 +34,10 @@ from capture_app.node.leader.readiness import (
 from capture_app.protocol.messages import BurstRequest, CameraReport, ReportAck, SpoolSpace
 from capture_app.protocol.status import BurstAhead, BurstStatus
 from capture_app.session.writing.session_writer import SessionWriter
+from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.frame_selection import MAX_STREAMED_FRAMES, MAX_STREAMED_NS, Burst
-from capture_app.sync.rig.leader import Leader
-from capture_app.sync.rig.orders import BurstOrder
+from capture_app.sync.rig.leader_engine import Leader
 
 LONG_NS = 2_000_000_000
 END_LEAD_NS = 300_000_000

@@ -16,7 +16,7 @@ from capture_app.protocol.messages import SpoolSpace
 from capture_app.protocol.status import REPORT_LOST_NS
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
 from capture_app.session.reading.stamp_words import unmeasured_stamps
-from capture_app.sync.rig.leader import Leader
+from capture_app.sync.rig.leader_engine import Leader
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.timekeeping.rates import LEADER, HostOffRate, RateVote
 

@@ -20,18 +20,18 @@ from capture_app.common.timeouts import DEPARTURE_TIMEOUT_S, UNDECIDED_S
 from capture_app.net.channel import Channel, UnreadableMessageError
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.enrolment import Asked, Enrolment, is_node
 from capture_app.node.leader.bursts import ActiveBursts
+from capture_app.node.leader.camera_settings import RigSettings
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.local_nodes import LocalNodes
-from capture_app.node.leader.options import LeaderOptions
-from capture_app.node.leader.settings import RigSettings
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState, Watcher
-from capture_app.node.pairing import Asked, Enrolment, is_node
 from capture_app.protocol import messages, orders
 from capture_app.protocol.permissions import check_allowed
 from capture_app.protocol.status import NodeDetail
 from capture_app.sync.rig.events import NodeChanged
-from capture_app.sync.rig.leader import Leader
+from capture_app.sync.rig.leader_engine import Leader
 
 WorkingOn = dict[tuple[int, int, str], BurstSession]
 """Session that a stream delivers images of, by the leader's run, the burst's number and the camera."""

@@ -14,7 +14,7 @@ from capture_app.protocol.messages import SpoolSpace
 from capture_app.protocol.orders import CameraHealth
 from capture_app.protocol.status import NodeStatus
 from capture_app.sync.rig.roster import Member, relays_above
-from capture_app.sync.wire.messages import Report
+from capture_app.sync.wire.datagrams import Report
 
 MAX_PER_PAGE = 250
 

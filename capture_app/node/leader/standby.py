@@ -17,9 +17,9 @@ from capture_app.common.tasks import end
 from capture_app.common.text import duration
 from capture_app.net.server import bind_port
 from capture_app.net.udp import Pump, client_socket
-from capture_app.node.keys import KeyRequester
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.key_requests import KeyRequester
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import KeyRequest
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.tree.succession import Succession

@@ -11,8 +11,8 @@ from capture_app.common.errors import DiskError
 from capture_app.common.tasks import first_of
 from capture_app.net.channel import Channel
 from capture_app.node.leader.bursts import ActiveBursts
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.local_nodes import LocalNodes
-from capture_app.node.leader.options import LeaderOptions
 from capture_app.node.leader.readiness import review_rates, rig_advice
 from capture_app.node.leader.snapshots import node_statuses, page_of
 from capture_app.node.leader.viewfinders import Viewfinders
@@ -21,7 +21,7 @@ from capture_app.protocol.messages import StatusAnswer, ToLeader
 from capture_app.protocol.orders import LogAnswer, PreviewRequest, PreviewSeen
 from capture_app.protocol.status import Preview, RigStatus
 from capture_app.session.files.disk import free_bytes
-from capture_app.sync.rig.leader import Leader
+from capture_app.sync.rig.leader_engine import Leader
 from capture_app.sync.timekeeping.rates import HostOffRate, RateVote
 
 LOOK_EVERY_NS = 10_000_000_000

@@ -11,6 +11,7 @@ import msgspec
 
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.optional_packages import load_optional
+from capture_app.session.exporting.csv_tables import write_frames
 from capture_app.session.exporting.exported_burst import ExportedBurst, Progress
 from capture_app.session.exporting.exporter import (
     Exporter,
@@ -19,7 +20,6 @@ from capture_app.session.exporting.exporter import (
     load_exporters,
     own_options,
 )
-from capture_app.session.exporting.tables import write_frames
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.files.untrusted_files import encode_checked, indented
 from capture_app.session.format.calibration import METRES, Calibration, check_lens

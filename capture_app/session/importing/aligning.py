@@ -14,7 +14,7 @@ from capture_app.session.alignment.gopro import match_gps_clocks, read_gps_clock
 from capture_app.session.alignment.tracks import match_sounds, match_timecodes, read_sound, read_timecode
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times
-from capture_app.session.importing.sources import Source, Video
+from capture_app.session.importing.recording_sources import Source, Video
 
 AlignBy = Literal["auto", "none", "flash", "gopro", "sound", "timecode"]
 """Method that aligns a recording without common times.

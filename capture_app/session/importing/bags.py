@@ -22,7 +22,7 @@ from capture_app.common.optional_packages import load_optional
 from capture_app.session.files.untrusted_files import open_regular
 from capture_app.session.format.message_types import ROS_BAGS, foxglove_message, ros_messages
 from capture_app.session.importing.frame_matching import TimedFrame
-from capture_app.session.importing.sources import Source
+from capture_app.session.importing.recording_sources import Source
 from capture_app.session.importing.views import View, Views, view_at
 from capture_app.session.reading.decoding import encode_image, image_size
 

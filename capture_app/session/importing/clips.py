@@ -20,7 +20,7 @@ from capture_app.common.text import count
 from capture_app.session.alignment.tracks import read_container
 from capture_app.session.importing.embedded_times import has_video_times
 from capture_app.session.importing.importer import load_importers
-from capture_app.session.importing.sources import images_in, videos_in
+from capture_app.session.importing.recording_sources import images_in, videos_in
 
 _DEPTH = 4
 """Maximum folder depth on a camera's card, such as CAMERA/DCIM/100GOPRO."""

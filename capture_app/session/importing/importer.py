@@ -17,7 +17,7 @@ from capture_app.common.names import check_name, is_name, natural_order
 from capture_app.common.plugins import load_plugins
 from capture_app.common.text import count
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
-from capture_app.session.importing.sources import (
+from capture_app.session.importing.recording_sources import (
     ARCHIVE_SUFFIXES,
     Layout,
     Source,

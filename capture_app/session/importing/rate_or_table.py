@@ -20,7 +20,7 @@ from capture_app.session.importing.frame_matching import (
     middle,
     timeline_by_times,
 )
-from capture_app.session.importing.sources import Source
+from capture_app.session.importing.recording_sources import Source
 
 _CAMERA = ("camera", "cam_id", "cam", "port", "camera_id")
 _FRAME = ("frame", "frame_index", "frame_number")

@@ -31,7 +31,7 @@ from capture_app.session.importing.importer import (
     recordings_in,
     split_name,
 )
-from capture_app.session.importing.sources import Layout, Source
+from capture_app.session.importing.recording_sources import Layout, Source
 from capture_app.session.importing.time_source import clock_state, make_timeline
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter

@@ -14,7 +14,7 @@ from capture_app.session.importing.embedded_times import (
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.rate_or_table import timeline_by_rate, timeline_by_table, times_by_rate
-from capture_app.session.importing.sources import FOLDER, Images, Source, Video
+from capture_app.session.importing.recording_sources import FOLDER, Images, Source, Video
 
 ASSUMED_FPS = 30.0
 """Assumed rate of images that are matched by their numbers, frames/s."""

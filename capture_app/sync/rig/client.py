@@ -19,6 +19,7 @@ from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimate
 from capture_app.sync.rig import status_text
+from capture_app.sync.rig.burst_orders import CANCELLED
 from capture_app.sync.rig.events import (
     AlignmentFailed,
     BurstCancelled,
@@ -36,12 +37,11 @@ from capture_app.sync.rig.frame_selection import (
     RingBuffer,
     is_possible_burst,
 )
-from capture_app.sync.rig.orders import CANCELLED
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, SteadySchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.camera_commands import CameraCommand
-from capture_app.sync.wire.messages import HeartbeatAck, Report, Trigger, TriggerAck
+from capture_app.sync.wire.datagrams import HeartbeatAck, Report, Trigger, TriggerAck
 
 F = TypeVar("F")
 

@@ -3,12 +3,12 @@
 from typing import Any
 
 from capture_app.common.node_state import NodeState
-from capture_app.sync.engine import Address
 from capture_app.sync.rig.client import Client
 from capture_app.sync.rig.time_client import HELLOS, TimeClient
+from capture_app.sync.sync_engine import Address
 from capture_app.sync.timekeeping.poll_schedule import NEVER_NS
 from capture_app.sync.wire.codec import Message, encode
-from capture_app.sync.wire.messages import PROBE_NUMBER, Heartbeat, Report, UnknownMember
+from capture_app.sync.wire.datagrams import PROBE_NUMBER, Heartbeat, Report, UnknownMember
 
 PROBE_EVERY_NS = 15_000_000_000
 MIN_ANSWERS, MAX_ANSWERS = 4, 64

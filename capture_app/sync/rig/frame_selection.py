@@ -13,7 +13,7 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import PhaseEstimate, PhaseEstimator, StampError
 from capture_app.sync.phase.frame_grid import FrameGrid
-from capture_app.sync.wire.messages import RigConfigMessage, Trigger
+from capture_app.sync.wire.datagrams import RigConfigMessage, Trigger
 
 F = TypeVar("F")
 

@@ -13,7 +13,7 @@ from capture_app.common.node_state import CLOCK_ONLY
 from capture_app.sync.rig.roster import MAX_CLIENTS, Member
 from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS, NEVER_NS
 from capture_app.sync.wire.codec import WireError, encode
-from capture_app.sync.wire.messages import (
+from capture_app.sync.wire.datagrams import (
     MAX_OTHERS,
     MAX_REPORTS,
     ControlMessage,

@@ -9,7 +9,7 @@ from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_phase_choice import GridPhaseChoice
 from capture_app.sync.phase.period_choice import can_hold, choose_period
 from capture_app.sync.rig.roster import Member
-from capture_app.sync.wire.messages import RigConfigMessage, UpstreamMap
+from capture_app.sync.wire.datagrams import RigConfigMessage, UpstreamMap
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

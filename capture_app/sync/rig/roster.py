@@ -12,10 +12,10 @@ from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.names import is_name
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.timeouts import CLIENT_SILENT_NS, FORGET_LOST_NS
-from capture_app.sync.engine import Address
 from capture_app.sync.phase.grid_phase_choice import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeChanged
-from capture_app.sync.wire.messages import (
+from capture_app.sync.sync_engine import Address
+from capture_app.sync.wire.datagrams import (
     MAX_DEPTH,
     MAX_PERIOD_NS,
     MIN_PERIOD_NS,

@@ -21,7 +21,7 @@ from capture_app.sync.wire.codec import (
     encode,
     version_mismatch,
 )
-from capture_app.sync.wire.messages import (
+from capture_app.sync.wire.datagrams import (
     CLOCK,
     MAX_DEPTH,
     ControlMessage,

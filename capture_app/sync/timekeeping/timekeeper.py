@@ -21,7 +21,7 @@ from capture_app.sync.timekeeping.poll_schedule import (
 )
 from capture_app.sync.timekeeping.rates import RateWatch
 from capture_app.sync.wire.codec import request_at, request_before_t0
-from capture_app.sync.wire.messages import Report, RigConfigMessage, TimeReply
+from capture_app.sync.wire.datagrams import Report, RigConfigMessage, TimeReply
 
 OUTSTANDING = 512
 STEP_REPORT_INTERVAL_NS = 10_000_000_000

@@ -6,13 +6,13 @@ from collections import deque
 from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.timeouts import LEADER_SILENT_NS
 from capture_app.sync.clock.clock_filter import ClockFilter
-from capture_app.sync.engine import Address
 from capture_app.sync.rig.failover import LeaderChoice, answers_probe
 from capture_app.sync.rig.time_client import TimeClient
+from capture_app.sync.sync_engine import Address
 from capture_app.sync.timekeeping.poll_schedule import TreeSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import Message, WireError, encode
-from capture_app.sync.wire.messages import CLOCK, ControlMessage, Goodbye, Welcome
+from capture_app.sync.wire.datagrams import CLOCK, ControlMessage, Goodbye, Welcome
 
 WINDOW_NS, LONGEST_NS = 60_000_000_000, 300_000_000_000
 """Window of its clock filter: longer than a camera's, as its requests are rarer."""

@@ -12,10 +12,10 @@ from msgspec.structs import replace
 
 from capture_app.common.node_state import RELAY
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.engine import Address
 from capture_app.sync.phase.frame_grid import FrameGrid
+from capture_app.sync.sync_engine import Address
 from capture_app.sync.tree.member import TreeMember
-from capture_app.sync.wire.messages import CLOCK, UpstreamMap
+from capture_app.sync.wire.datagrams import CLOCK, UpstreamMap
 
 HEARTBEAT_EVERY_NS, SILENT_NS = 100_000_000, 600_000_000
 """Heartbeat interval and timeout: six missed heartbeats, shorter than its nodes' own timeout."""

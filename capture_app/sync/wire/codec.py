@@ -19,7 +19,7 @@ import msgspec
 from msgspec.structs import replace
 
 from capture_app.common.text import REPLACEMENT, UNREADABLE
-from capture_app.sync.wire.messages import (
+from capture_app.sync.wire.datagrams import (
     ControlMessage,
     Goodbye,
     Heartbeat,

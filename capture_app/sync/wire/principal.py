@@ -2,7 +2,7 @@
 
 from dataclasses import dataclass
 
-from capture_app.sync.wire.messages import Hello
+from capture_app.sync.wire.datagrams import Hello
 
 
 @dataclass(frozen=True, slots=True)

@@ -33,11 +33,11 @@ from capture_app.tui.library.forms import (
     typed_path,
 )
 from capture_app.tui.library.session_rows import ORDERS, Entry, Order, SessionRows, arrange
-from capture_app.tui.library.take import TakePane
+from capture_app.tui.library.take_pane import TakePane
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import explain_verdict
 from capture_app.tui.rig_record import ActionFailed, RecordChanged, showing_errors
-from capture_app.tui.settings import Settings
+from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines
 
 T = TypeVar("T")

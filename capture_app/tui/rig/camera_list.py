@@ -15,7 +15,7 @@ from capture_app.common.camera_facts import SIMULATED
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.text import NO_VALUE, count, duration, printable
 from capture_app.protocol.status import NodeStatus, in_tree_order
-from capture_app.rig.link import RigLink
+from capture_app.rig.rig_link import RigLink
 from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.rig_record import RigRecord, phases_at
 from capture_app.tui.signs import SIGNS, cameras_of

@@ -16,7 +16,7 @@ from capture_app.common.node_state import WITHOUT_CAMERA
 from capture_app.common.text import NO_VALUE, clock_offset, count, duration, printable
 from capture_app.protocol.orders import DetailRequest
 from capture_app.protocol.status import NodeDetail, NodeStatus, Preview
-from capture_app.rig.link import RigLink
+from capture_app.rig.rig_link import RigLink
 from capture_app.session.reading.stamp_words import describe_stamp
 from capture_app.tui.question import Dialog
 from capture_app.tui.rig_record import RecordChanged, RigRecord, showing_errors

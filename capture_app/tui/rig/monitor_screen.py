@@ -8,8 +8,8 @@ from textual.app import App
 
 from capture_app.common.errors import SimulshotError
 from capture_app.monitor import DEFAULT_PORT
-from capture_app.rig.link import RigLink
-from capture_app.tui.rig.joining import LOOK_EVERY_S, GuideScreen, show_steps
+from capture_app.rig.rig_link import RigLink
+from capture_app.tui.rig.join_screen import LOOK_EVERY_S, GuideScreen, show_steps
 
 if TYPE_CHECKING:
     from capture_app.web.listening import ListeningPage

@@ -6,7 +6,7 @@ from contextlib import AsyncExitStack
 from capture_app.common.address import Address, listen_tcp, reachable_host
 from capture_app.common.errors import SimulshotError
 from capture_app.panel.screen import DEFAULT_PORT, served_page
-from capture_app.tui.rig.joining import GuideScreen
+from capture_app.tui.rig.join_screen import GuideScreen
 
 ALL = "0.0.0.0"  # noqa: S104 - a phone is another machine
 _LIMITS = (

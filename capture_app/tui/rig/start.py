@@ -19,14 +19,14 @@ from capture_app.common.camera_facts import CameraListing
 from capture_app.common.text import count, printable
 from capture_app.protocol.orders import VIEWS, AddCamera, AddSimulated, Order
 from capture_app.rig.cameras import list_cameras
-from capture_app.rig.link import RigLink
-from capture_app.tui.rig.joining import (
+from capture_app.rig.rig_link import RigLink
+from capture_app.tui.rig.join_screen import (
     InviteScreen,
     joining_line,
     phones_screen,
 )
 from capture_app.tui.rig_record import SessionsRequested, showing_errors
-from capture_app.tui.settings import Settings
+from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines
 
 SCENES = {scene: len(views) for scene, views in VIEWS.items()}

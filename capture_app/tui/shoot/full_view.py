@@ -13,7 +13,7 @@ from textual.content import Content
 
 from capture_app.common.text import duration, printable
 from capture_app.protocol.status import NodeStatus, Preview
-from capture_app.rig.link import RigLink
+from capture_app.rig.rig_link import RigLink
 from capture_app.session.reading.decoding import decode_preview
 from capture_app.tui.rig_record import RecordChanged, RigRecord
 from capture_app.tui.signs import SIGNS, cameras_of

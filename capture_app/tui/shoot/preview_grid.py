@@ -10,7 +10,7 @@ from textual.content import Content
 
 from capture_app.common.text import printable
 from capture_app.protocol.status import NodeStatus, Preview, RigStatus
-from capture_app.rig.link import RigLink
+from capture_app.rig.rig_link import RigLink
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.shoot.full_view import FullView
 from capture_app.tui.signs import SIGNS, cameras_of

@@ -5,7 +5,7 @@ from textual.content import Content
 from textual.widgets import ContentSwitcher, Digits
 
 from capture_app.common.text import printable
-from capture_app.rig.link import RigLink
+from capture_app.rig.rig_link import RigLink
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.shoot.preview_grid import PreviewGrid

@@ -12,9 +12,9 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.cameras.libcamera.camera import LibcameraCamera
-from capture_app.cameras.libcamera.library import Library
-from capture_app.cameras.libcamera.stream import StampClock
+from capture_app.cameras.libcamera.libcamera_camera import LibcameraCamera
+from capture_app.cameras.libcamera.libcamera_library import Library
+from capture_app.cameras.libcamera.libcamera_stream import StampClock
 from capture_app.cameras.specs import CameraRequest
 from capture_app.common.node_state import NodeState
 from capture_app.net.udp import Pump
@@ -22,10 +22,10 @@ from capture_app.node.camera.supervisor import CameraStream, CameraSupervisor, N
 from capture_app.protocol.log import Log
 from capture_app.simulation.links import Link
 from capture_app.sync.rig.client import Client, ClientConfig
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from tests.cameras.libcamera.double import libcamera_double
 from tests.cameras.libcamera.double_camera import Camera, Sensor
-from tests.simulation.camera.stepped import LoopClock, true_now_ns
+from tests.simulation.simulated_camera.stepped import LoopClock, true_now_ns
 
 
 class Inline(Executor):

@@ -9,16 +9,16 @@ import pytest
 
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.libcamera.configuration import parse_options
-from capture_app.cameras.libcamera.driver import listings
-from capture_app.cameras.libcamera.library import Library
-from capture_app.cameras.libcamera.stream import StampClock
+from capture_app.cameras.libcamera.libcamera_driver import listings
+from capture_app.cameras.libcamera.libcamera_library import Library
+from capture_app.cameras.libcamera.libcamera_stream import StampClock
 from capture_app.common.camera_facts import MICROSECONDS, Control, PhaseControl, StampSource
 from capture_app.common.errors import BadInputError, CameraError, NotAvailableError
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream, SetFrameDuration
 from tests.cameras.libcamera.double import libcamera_double
 from tests.cameras.libcamera.double_camera import IDS, Sensor
 from tests.cameras.libcamera.rig import open_double
-from tests.simulation.camera.stepped import in_stepped_time, true_now_ns
+from tests.simulation.simulated_camera.stepped import in_stepped_time, true_now_ns
 
 ROW_NS = 18_904
 PI = Sensor()

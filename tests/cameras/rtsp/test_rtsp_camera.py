@@ -12,7 +12,7 @@ from urllib.parse import unquote, urlsplit
 import pytest
 
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.cameras.rtsp.camera import RtspCamera
+from capture_app.cameras.rtsp.rtsp_camera import RtspCamera
 from capture_app.cameras.specs import open_camera, parse_spec
 from capture_app.common.camera_facts import PhaseControl, StampSource
 from capture_app.common.clock import HostClock

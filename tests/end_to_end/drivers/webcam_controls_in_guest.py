@@ -12,7 +12,7 @@ from typing import Any, cast
 import msgspec
 
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.cameras.v4l2.driver import open_camera
+from capture_app.cameras.v4l2.v4l2_driver import open_camera
 from capture_app.common.camera_facts import Control
 from capture_app.common.clock import HostClock
 from capture_app.node.camera.supervisor import CameraSupervisor, ControlKeeper

@@ -8,8 +8,8 @@ import pytest
 
 from capture_app.common.node_state import NodeState
 from capture_app.protocol.orders import StopRig
-from capture_app.rig.link import ask_status, give_order
 from capture_app.rig.process import list_rigs
+from capture_app.rig.rig_link import ask_status, give_order
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 

@@ -29,7 +29,7 @@ from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.frame_selection import DROPPED, FramesSelected, Gap, SelectedFrame
-from capture_app.sync.wire.messages import Trigger
+from capture_app.sync.wire.datagrams import Trigger
 from tests.facts import make_facts
 from tests.net.echoes import serving
 

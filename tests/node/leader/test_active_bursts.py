@@ -17,12 +17,12 @@ from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.plans import default_spare
 from capture_app.node.leader.bursts import MAX_BURSTS_AHEAD, ActiveBursts
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.session.reading.reader import Session
-from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.orders import BurstOrder
+from capture_app.sync.rig.burst_orders import BurstOrder
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.wire.codec import decode
-from capture_app.sync.wire.messages import Hello, TimeRequest, Trigger
+from capture_app.sync.wire.datagrams import Hello, TimeRequest, Trigger
 from capture_app.trust.trust import Trust
 from tests.node.bursts import CAMERA, IMAGE, LEADER, pieces, receive_image, report, upload
 

@@ -9,7 +9,7 @@ from capture_app.common.node_state import NodeState
 from capture_app.common.text import duration
 from capture_app.node.leader.readiness import rig_advice
 from capture_app.sync.rig.roster import Member
-from capture_app.sync.wire.messages import Report
+from capture_app.sync.wire.datagrams import Report
 from tests.facts import make_facts
 
 LEADER = "10.0.0.1:47010"

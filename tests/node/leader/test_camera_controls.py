@@ -10,9 +10,9 @@ from msgspec.structs import replace
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import TIMES, CameraControls, Control
 from capture_app.common.errors import BadInputError, IncompleteError
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
-from capture_app.rig.link import ask_controls, match_cameras, read_all, set_cameras
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
+from capture_app.rig.rig_link import ask_controls, match_cameras, read_all, set_cameras
 from tests.node.camera.controlled_camera import EXPOSURE, GAIN, ControlledCamera, ShownNode
 from tests.node.joining import joined
 from tests.waiting import until

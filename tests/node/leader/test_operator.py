@@ -11,9 +11,9 @@ import pytest
 
 from capture_app.common.address import Address
 from capture_app.common.errors import BadInputError, NetworkError, NotAvailableError
-from capture_app.node.leader.leader import LeaderNode
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.local_nodes import LocalNodes
-from capture_app.node.leader.options import LeaderOptions
 from capture_app.protocol import log as log_module
 from capture_app.protocol.log import MAX_LINES_A_NODE, Log
 from capture_app.protocol.orders import (
@@ -24,7 +24,7 @@ from capture_app.protocol.orders import (
     StopRig,
 )
 from capture_app.protocol.status import BurstStatus, LogLine, RigStatus
-from capture_app.rig.link import LinkLost, RigLink, Update, ask_status, give_order
+from capture_app.rig.rig_link import LinkLost, RigLink, Update, ask_status, give_order
 from capture_app.sync.rig.events import BurstAnswered, NodeChanged
 from capture_app.sync.timekeeping.rates import HostOffRate
 

@@ -10,9 +10,9 @@ from capture_app.common.clock import HostClock
 from capture_app.common.errors import IncompleteError
 from capture_app.common.node_state import NodeState
 from capture_app.node.leader.readiness import degraded_nodes, reasons_until_ready, why_not_ready
-from capture_app.sync.rig.leader import Leader
+from capture_app.sync.rig.leader_engine import Leader
 from capture_app.sync.rig.roster import Member
-from capture_app.sync.wire.messages import Report
+from capture_app.sync.wire.datagrams import Report
 from tests.facts import make_facts
 
 DEGRADED = "clock error ≤ 1.7 ms, target 100 µs: bursty link; nearer the access point"

@@ -8,7 +8,7 @@ from capture_app.node.leader.snapshots import node_statuses, present_cameras
 from capture_app.protocol.messages import SpoolSpace
 from capture_app.protocol.status import NodeStatus, in_tree_order
 from capture_app.sync.rig.roster import Member
-from capture_app.sync.wire.messages import Report
+from capture_app.sync.wire.datagrams import Report
 from tests.facts import make_facts
 
 CAMERA = make_facts()

@@ -15,8 +15,8 @@ from capture_app.net.channel import Channel, connect
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.resumed_bursts import ResumedBursts
 from capture_app.node.camera.burst_upload import REPORT, Spool
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import (
     BurstRequest,
     CameraReport,
@@ -30,7 +30,7 @@ from capture_app.protocol.messages import (
     SpoolSpace,
     ToLeader,
 )
-from capture_app.protocol.pairing import EnrolRequest, PairingMessage, PairingProof
+from capture_app.protocol.pairing_messages import EnrolRequest, PairingMessage, PairingProof
 from capture_app.session.format.journal import record_of_line
 from capture_app.session.format.manifest import JOURNAL, ImageRecord, MissingImage
 from capture_app.session.reading.reader import Session

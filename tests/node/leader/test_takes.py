@@ -14,12 +14,12 @@ from capture_app.common.node_state import NodeState
 from capture_app.node.camera.camera_node import CameraNode
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.node.camera.supervisor import NodeOptions
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.orders import SaveStamp, StampSaved
 from capture_app.protocol.status import BurstStatus
-from capture_app.rig.link import RigLink, ask_leader
+from capture_app.rig.rig_link import RigLink, ask_leader
 from capture_app.session.format.manifest import ClockRecord, Manifest
 from capture_app.session.reading.reader import Session
 from capture_app.sync.clock.clock_filter import PathAsymmetry

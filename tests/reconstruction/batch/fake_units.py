@@ -58,8 +58,8 @@ def _log(line: str) -> None:
 
 def main() -> None:
     """Run a batch of the units, or of real ones where a third argument asks for it."""
-    from reconstruction.batch.command import batch
-    from reconstruction.batch.plan import DEPTH_TASK, BatchOptions
+    from reconstruction.batch.batch_plan import DEPTH_TASK, BatchOptions
+    from reconstruction.batch.batch_run import batch
     from reconstruction.batch.workers import Workers
 
     out, session, *real = sys.argv[1:]

@@ -19,8 +19,8 @@ from distributed import LocalCluster
 
 from capture_app.common.errors import BadInputError, DiskFullError, ExitCode, NotAvailableError
 from capture_app.session.reading.reader import Session
-from reconstruction.batch.command import batch, exit_code
-from reconstruction.batch.plan import DEPTH_TASK, BatchOptions, plan
+from reconstruction.batch.batch_plan import DEPTH_TASK, BatchOptions, plan
+from reconstruction.batch.batch_run import batch, exit_code
 from reconstruction.batch.rows import Row
 from reconstruction.batch.summary import depth_sheets
 from reconstruction.batch.units import run_unit

@@ -7,7 +7,7 @@ import numpy as np
 import pytest
 
 from capture_app.board.boards import DEFAULT_BOARD
-from reconstruction.calibration.boards import Sightings, adjust_bundle
+from reconstruction.calibration.board_calibration import Sightings, adjust_bundle
 from reconstruction.common.geometry import View, other_from_reference
 from tests.reconstruction.conftest import HEIGHT, WIDTH, make_view
 

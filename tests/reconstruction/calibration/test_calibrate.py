@@ -16,7 +16,7 @@ from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
-from reconstruction.calibration.boards import detect_board
+from reconstruction.calibration.board_calibration import detect_board
 from reconstruction.calibration.quality import CalibrationQuality, refuse_bad_calibration
 from reconstruction.common.geometry import View, other_from_reference
 from reconstruction.session.dataset import Dataset

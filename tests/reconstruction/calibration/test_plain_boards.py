@@ -15,8 +15,8 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
-from reconstruction.calibration.boards import detect_board
-from reconstruction.calibration.rig import calibrated_views
+from reconstruction.calibration.board_calibration import detect_board
+from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.calibration.world import in_world, world_of_board, world_of_marks
 from reconstruction.common.geometry import Array, View
 from reconstruction.session.dataset import Dataset

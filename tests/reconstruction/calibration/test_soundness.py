@@ -7,7 +7,7 @@ import msgspec
 import numpy as np
 import pytest
 
-from reconstruction.calibration.rig import impossible
+from reconstruction.calibration.calibrated_rig import impossible
 from tests.reconstruction.conftest import make_view
 
 TURNED = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])

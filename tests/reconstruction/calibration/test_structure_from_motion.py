@@ -11,11 +11,11 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from reconstruction.calibration.rig import calibrated_views
+from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.calibration.structure_from_motion import calibrate_from_images, focal_errors
 from reconstruction.common.geometry import View, angle_deg, other_from_reference
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.motion import SceneMotion
+from reconstruction.session.moving_pixels import SceneMotion
 from tests.reconstruction.conftest import VIEWS, Board, Scene, jump, make_view, texture, write_session
 
 

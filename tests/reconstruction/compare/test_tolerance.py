@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.compare.tolerance import is_decreasing, tolerable_offset_ms
+from reconstruction.compare.tolerance_study import is_decreasing, tolerable_offset_ms
 from reconstruction.report.tolerance_report import write_tolerance_report
 from reconstruction.scores.comparison_results import OffsetTolerance
 from reconstruction.scores.study_result import Interval, Measure, StudyResult

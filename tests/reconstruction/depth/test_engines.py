@@ -17,15 +17,15 @@ from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.compiled import CPU, CompiledEngine, load_engine
 from reconstruction.depth.compiling import compile_kernels
 from reconstruction.depth.cost_volume import BETTER_OF_TWO, cost_volume
-from reconstruction.depth.engine import (
+from reconstruction.depth.gpu import GpuEngine, GpuVolume, find_engine, use_gpu
+from reconstruction.depth.plane_sweep import SweepOptions, sweep_view
+from reconstruction.depth.rough_scene import find_rough_scene
+from reconstruction.depth.sweep_engine import (
     Agreement,
     SweepEngine,
     aggregate_costs,
     cheapest_depths,
 )
-from reconstruction.depth.gpu import GpuEngine, GpuVolume, find_engine, use_gpu
-from reconstruction.depth.plane_sweep import SweepOptions, sweep_view
-from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_matcher import match_all_views
 from tests.reconstruction.depth.cuda_stand_in import COMPILER, StandIn
 from tests.reconstruction.depth.small_views import PLACES, choose_by_depth, photo_of, view_at

@@ -21,7 +21,6 @@ from reconstruction.depth.blank_walls import (
 )
 from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, SourceView
 from reconstruction.depth.compiled import CPU
-from reconstruction.depth.engine import Agreement, SweepEngine
 from reconstruction.depth.mesh import draw_clouds, up_direction
 from reconstruction.depth.plane_fitting import fit_planes, surface_normals
 from reconstruction.depth.plane_sweep import (
@@ -35,6 +34,7 @@ from reconstruction.depth.plane_sweep import (
     plan_first_sweep,
 )
 from reconstruction.depth.rough_scene import find_rough_scene
+from reconstruction.depth.sweep_engine import Agreement, SweepEngine
 from reconstruction.depth.sweep_matcher import propose_inverse_depth
 from reconstruction.depth.view_choice import BEST_ANGLES_DEG, MAX_ANGLE_DEG, angle_fitness, seen_points
 from reconstruction.depth.visibility import project_points

@@ -7,9 +7,9 @@ import pytest
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.cost_volume import combine_likeness
-from reconstruction.depth.engine import aggregate_costs, cheapest_depths
 from reconstruction.depth.plane_fitting import fit_planes, surface_normals
 from reconstruction.depth.plane_sweep import move_edges
+from reconstruction.depth.sweep_engine import aggregate_costs, cheapest_depths
 from tests.reconstruction.depth.small_views import FOCAL, HEIGHT, PAINT, WIDTH, photo_of, view_at
 
 

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import View
-from reconstruction.depth.colmap import fuse_depth_maps, read_fused_cloud, write_workspace
+from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
 from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.depth.visibility import find_denied
 from tests.reconstruction.depth.small_views import HEIGHT, MATRIX, WIDTH, view_at

@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from reconstruction.session.motion import detect_moving, median_background
+from reconstruction.session.moving_pixels import detect_moving, median_background
 from tests.reconstruction.conftest import Scene, make_view, texture
 
 

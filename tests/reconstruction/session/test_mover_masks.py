@@ -10,7 +10,7 @@ import pytest
 from capture_app.common.errors import ExitCode
 from reconstruction.cli import run
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.motion import dilate
+from reconstruction.session.moving_pixels import dilate
 
 JUMPER = Path(__file__).parents[3] / "sample_sessions" / "jumper"
 

@@ -10,7 +10,7 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.rig import calibrated_views
+from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.common.image_files import image_size, read_image
 from reconstruction.common.memory import ByteCache, limited_memory
 from reconstruction.session.dataset import Dataset

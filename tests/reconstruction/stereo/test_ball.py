@@ -16,7 +16,7 @@ import pytest
 
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
-from reconstruction.calibration.rig import calibrated_views
+from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.cli import run
 from reconstruction.common.geometry import Array
 from reconstruction.session.dataset import Dataset

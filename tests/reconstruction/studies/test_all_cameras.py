@@ -10,9 +10,9 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.compare.study import Context
-from reconstruction.depth.colmap import ENVIRONMENT
+from reconstruction.depth.colmap_workspace import ENVIRONMENT
 from reconstruction.multiview.cloud_accuracy import (
     PointIndex,
     points_on_masks,

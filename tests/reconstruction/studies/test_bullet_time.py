@@ -9,10 +9,10 @@ import numpy as np
 import pytest
 
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.rig import calibrated_views
+from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.common.geometry import View
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.motion import SceneMotion
+from reconstruction.session.moving_pixels import SceneMotion
 from reconstruction.studies.bullet_time import (
     order_by_place,
     project_point,

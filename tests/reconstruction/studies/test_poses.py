@@ -11,7 +11,7 @@ import pytest
 
 from capture_app.common.errors import NotAvailableError
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import View
 from reconstruction.compare.study import Context
 from reconstruction.scores.study_result import StudyResult

@@ -11,7 +11,7 @@ from capture_app.common.errors import NotAvailableError
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.compare.study import Context, Known
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.session.conditions import SYNCED, Condition, nearest_frame_offset

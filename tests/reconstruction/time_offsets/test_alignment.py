@@ -11,7 +11,7 @@ from capture_app.session.importing.realigning import realign_session
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
 from capture_app.session.reading.verify import verify
-from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.compare.timing_study import TimingStudy
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import Reconstruct, Scene, make_view

@@ -8,7 +8,7 @@ import pytest
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
-from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.compare.timing_study import TimingStudy
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.pair_offset import PairOffsets

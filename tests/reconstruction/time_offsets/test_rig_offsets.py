@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from reconstruction.calibration.rig import Rig
+from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.compare.timing_study import TimingStudy
 from reconstruction.scores.timing import are_apart, are_together
 from reconstruction.session.dataset import Dataset

@@ -7,8 +7,8 @@ import pytest
 from capture_app.common.address import Address
 from capture_app.net.firewall import Firewall, active_firewalls
 from capture_app.net.wifi import parse_power_save, wifi_interfaces
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.rig import doctor
 from capture_app.trust.trust import Trust
 from tests.net.ports import closed_port

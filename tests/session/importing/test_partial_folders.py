@@ -9,7 +9,7 @@ import pytest
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
 from capture_app.session.importing.clips import find_shoots
-from capture_app.session.importing.sources import Video
+from capture_app.session.importing.recording_sources import Video
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.session.conftest import jpeg

@@ -14,7 +14,7 @@ from capture_app.session.importing.rate_or_table import (
     timeline_by_rate,
     timeline_by_table,
 )
-from capture_app.session.importing.sources import Source
+from capture_app.session.importing.recording_sources import Source
 
 
 class Numbers(Source):

@@ -10,7 +10,7 @@ from capture_app.common.camera_facts import PhaseControl
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.phase.actuators import Move
 from capture_app.sync.phase.injection import FrameDurationActuator
-from capture_app.sync.wire.messages import CLOCK
+from capture_app.sync.wire.datagrams import CLOCK
 
 ROW = 20_000
 PERIOD = 1667 * ROW

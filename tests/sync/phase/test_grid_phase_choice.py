@@ -13,7 +13,7 @@ from capture_app.sync.phase.grid_phase_choice import (
     WeightedDrift,
     best_shift,
 )
-from capture_app.sync.rig.orders import instant_of_min_scatter, peak_to_peak_ns
+from capture_app.sync.rig.burst_orders import instant_of_min_scatter, peak_to_peak_ns
 
 PERIOD = 33_000_000
 MS = 1_000_000

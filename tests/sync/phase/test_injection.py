@@ -13,7 +13,7 @@ from benchmarks.simulated.aligner_bench import Bench
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.sync.phase.actuators import InjectionProfile, Move
 from capture_app.sync.phase.injection import InjectionActuator
-from capture_app.sync.wire.messages import CLOCK
+from capture_app.sync.wire.datagrams import CLOCK
 
 PERIOD_NS = 33_333_000
 ROW_NS = 10_840

@@ -6,9 +6,9 @@ from hypothesis import strategies as st
 
 from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.common.node_state import NodeState
-from capture_app.sync.engine import Address
+from capture_app.sync.sync_engine import Address
 from capture_app.sync.wire.codec import Message
-from capture_app.sync.wire.messages import (
+from capture_app.sync.wire.datagrams import (
     Goodbye,
     Heartbeat,
     HeartbeatAck,

@@ -7,10 +7,10 @@ from msgspec.structs import replace
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.common.node_state import NodeState
 from capture_app.interop.app_protocol import GOAL_PHASE_NS, PERIOD_NS
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.messages import Heartbeat, Hello, Report, Welcome
+from capture_app.sync.wire.datagrams import Heartbeat, Hello, Report, Welcome
 from tests.facts import make_facts
 
 S = 1_000_000_000

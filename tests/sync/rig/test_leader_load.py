@@ -2,10 +2,10 @@
 
 import random
 
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.wire.codec import decode, encode, request_at, request_before_t0
-from capture_app.sync.wire.messages import CLOCK, Hello, Welcome
+from capture_app.sync.wire.datagrams import CLOCK, Hello, Welcome
 
 MS, S = 1_000_000, 1_000_000_000
 CLIENTS = 100

@@ -13,7 +13,7 @@ from capture_app.simulation.links import Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.timekeeping.clock_events import ClockSynced
 from capture_app.sync.timekeeping.poll_schedule import FIRST_SAMPLES
-from capture_app.sync.wire.messages import Report
+from capture_app.sync.wire.datagrams import Report
 from tests.sync.rig.rigs import LAN, MS, S
 
 BURSTY = WirelessLink(

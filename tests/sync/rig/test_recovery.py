@@ -17,15 +17,15 @@ from hypothesis.stateful import (
 from msgspec import structs
 
 from capture_app.common.node_state import NodeState
-from capture_app.sync.engine import Address
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.rig.time_client import MAX_EVENTS
+from capture_app.sync.sync_engine import Address
 from capture_app.sync.timekeeping.timekeeper import OUTSTANDING
 from capture_app.sync.tree.member import TreeMember
-from capture_app.sync.tree.relay import OF_CAMERAS, Relay
+from capture_app.sync.tree.relay_engine import OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import Message, encode
-from capture_app.sync.wire.messages import HeartbeatAck, TimeReply, Trigger, UnknownMember, UpstreamMap
+from capture_app.sync.wire.datagrams import HeartbeatAck, TimeReply, Trigger, UnknownMember, UpstreamMap
 from tests.sync.rig.forged_messages import (
     HONEST,
     INSTANCE,

@@ -15,7 +15,7 @@ from capture_app.sync.rig.relay_summary import (
 )
 from capture_app.sync.rig.roster import Member, Roster
 from capture_app.sync.wire.codec import MAX_DATAGRAM, decode, encode
-from capture_app.sync.wire.messages import (
+from capture_app.sync.wire.datagrams import (
     Goodbye,
     Heartbeat,
     Hello,

@@ -18,7 +18,7 @@ from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.rig.events import BurstAnswered, LeaderNotice, NodeChanged
 from capture_app.sync.rig.frame_selection import Burst
 from capture_app.sync.wire.codec import encode
-from capture_app.sync.wire.messages import (
+from capture_app.sync.wire.datagrams import (
     Goodbye,
     HeartbeatAck,
     Hello,

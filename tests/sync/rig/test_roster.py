@@ -8,12 +8,12 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.node_state import NodeState
 from capture_app.common.timeouts import FORGET_LOST_NS
 from capture_app.sync.rig import roster
+from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.events import NodeChanged
-from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.orders import BurstOrder
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.messages import Goodbye, Heartbeat, HeartbeatAck, Hello, Report, Welcome
+from capture_app.sync.wire.datagrams import Goodbye, Heartbeat, HeartbeatAck, Hello, Report, Welcome
 from tests.facts import make_facts
 
 S = 1_000_000_000

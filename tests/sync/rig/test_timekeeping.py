@@ -10,7 +10,7 @@ from capture_app.common.node_state import NodeState
 from capture_app.common.timeouts import LEADER_SILENT_NS
 from capture_app.sync.clock.clock_filter import ClockSample
 from capture_app.sync.rig.events import Joined, LeaderNotice
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import NO_ANSWER, TimeClient
 from capture_app.sync.timekeeping.clock_events import ClockSynced
 from capture_app.sync.timekeeping.poll_schedule import (
@@ -23,7 +23,7 @@ from capture_app.sync.timekeeping.poll_schedule import (
 )
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.codec import decode
-from capture_app.sync.wire.messages import RigConfigMessage, TimeReply, TimeRequest
+from capture_app.sync.wire.datagrams import RigConfigMessage, TimeReply, TimeRequest
 
 S = 1_000_000_000
 DELAY_NS = 1_000_000

@@ -10,17 +10,17 @@ from msgspec import structs
 from benchmarks.simulated.changing_clocks import WanderingClock
 from benchmarks.simulated.clock_tree import ROOT, Tree, TreeSpec
 from capture_app.common.node_state import NodeState
-from capture_app.sync.engine import Address
 from capture_app.sync.phase.estimator import FrameStamp
+from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.events import BurstAnswered, LeaderEvent
 from capture_app.sync.rig.failover import PROBE_EVERY_NS, Failover
 from capture_app.sync.rig.frame_selection import Burst, FramesSelected
-from capture_app.sync.rig.leader import Leader, LeaderConfig
-from capture_app.sync.rig.orders import BurstOrder
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.roster import Member
+from capture_app.sync.sync_engine import Address
 from capture_app.sync.tree.member import TreeMember
-from capture_app.sync.tree.relay import OF_CAMERAS, Relay
+from capture_app.sync.tree.relay_engine import OF_CAMERAS, Relay
 from capture_app.sync.wire.codec import decode
 from tests.facts import make_facts
 

@@ -11,7 +11,7 @@ from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.events import BurstAnswered, LeaderNotice, NodeChanged
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.wire.codec import decode
-from capture_app.sync.wire.messages import Hello
+from capture_app.sync.wire.datagrams import Hello
 from tests.sync.rig.rigs import checked_error_ns
 from tests.sync.tree.relay_rig import CAMERA, Camera, RelayRig, S, camera_below_a_relay
 

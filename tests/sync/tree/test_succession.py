@@ -7,13 +7,13 @@ import pytest
 
 from benchmarks.simulated.clock_tree import Tree, TreeSpec
 from benchmarks.simulated.ranked_leaders import Machine, add_leaders
-from capture_app.sync.engine import Address
+from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.frame_selection import Burst
-from capture_app.sync.rig.leader import LeaderConfig
-from capture_app.sync.rig.orders import BurstOrder
+from capture_app.sync.rig.leader_engine import LeaderConfig
+from capture_app.sync.sync_engine import Address
 from capture_app.sync.tree.member import TreeMember
-from capture_app.sync.tree.relay import OF_CAMERAS, Relay
+from capture_app.sync.tree.relay_engine import OF_CAMERAS, Relay
 from tests.sync.tree.relay_rig import CAMERA, Camera
 
 S = 1_000_000_000

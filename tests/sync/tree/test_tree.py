@@ -15,18 +15,18 @@ from benchmarks.simulated.clock_tree import ROOT, RelayOutage, Tree, TreeSpec, m
 from capture_app.common.node_state import NodeState
 from capture_app.common.timeouts import CLIENT_SILENT_NS, FORGET_LOST_NS
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.engine import Address
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import MIN_ANSWERS, PROBE_EVERY_NS, LeaderChoice
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.roster import van_der_corput
 from capture_app.sync.rig.time_client import HELLOS, TimeClient
+from capture_app.sync.sync_engine import Address
 from capture_app.sync.timekeeping.poll_schedule import Progress, TreeSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.tree.member import TreeMember
-from capture_app.sync.tree.relay import Relay
+from capture_app.sync.tree.relay_engine import Relay
 from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.messages import (
+from capture_app.sync.wire.datagrams import (
     MAX_DEPTH,
     Hello,
     RigConfigMessage,

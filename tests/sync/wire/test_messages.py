@@ -12,7 +12,7 @@ from capture_app.common.bounds import CENTURY_NS
 from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.common.node_state import NodeState
 from capture_app.sync.wire.codec import MAGIC, MAX_DATAGRAM, VERSION, Message, WireError, decode, encode
-from capture_app.sync.wire.messages import (
+from capture_app.sync.wire.datagrams import (
     MAX_OTHERS,
     ControlMessage,
     Goodbye,

@@ -7,11 +7,11 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.sync.rig.events import LeaderNotice
-from capture_app.sync.rig.leader import Leader, LeaderConfig
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.tree.member import TreeMember
-from capture_app.sync.tree.relay import Relay
+from capture_app.sync.tree.relay_engine import Relay
 from capture_app.sync.wire.codec import (
     TOKEN_BYTES,
     VERSION,
@@ -23,7 +23,7 @@ from capture_app.sync.wire.codec import (
     version_mismatch,
     version_question,
 )
-from capture_app.sync.wire.messages import Goodbye
+from capture_app.sync.wire.datagrams import Goodbye
 
 TOKEN = bytes(range(TOKEN_BYTES))
 NODE, PARENT = ("10.0.0.2", 5), ("10.0.0.1", 47010)

@@ -20,7 +20,7 @@ from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.library.sessions_view import LOOK_AGAIN_S
 from capture_app.tui.rig_record import SessionsRequested
-from capture_app.tui.settings import Settings
+from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.contact_sheet import ContactSheet
 from capture_app.tui.widgets.look import LookScreen
 from tests.tui.driving import settle, toasts, until

@@ -8,7 +8,7 @@ import pytest
 from capture_app.tui import app
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.library.sessions_view import SessionsView
-from capture_app.tui.settings import Settings
+from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.contact_sheet import ContactSheet
 from tests.tui.driving import make_app, settle, until
 from tests.tui.fake_rig import FakeRig

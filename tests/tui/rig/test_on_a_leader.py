@@ -2,12 +2,12 @@
 
 from pathlib import Path
 
-from capture_app.node.leader.leader import LeaderNode
-from capture_app.node.leader.options import LeaderOptions
-from capture_app.rig.link import RigLink
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
+from capture_app.rig.rig_link import RigLink
 from capture_app.tui.app import SimulshotApp
 from capture_app.tui.rig.camera_screen import CameraScreen
-from capture_app.tui.settings import Settings
+from capture_app.tui.screen_settings import Settings
 from tests.tui.driving import text
 from tests.waiting import until
 

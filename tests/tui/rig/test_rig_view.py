@@ -9,10 +9,10 @@ from capture_app.common.camera_facts import SIMULATED
 from capture_app.common.errors import BadInputError
 from capture_app.common.node_state import NodeState
 from capture_app.protocol.orders import AddSimulated, RemoveCamera
-from capture_app.protocol.pairing import Invite
+from capture_app.protocol.pairing_messages import Invite
 from capture_app.tui.rig.camera_list import CameraList
-from capture_app.tui.rig.joining import large
-from capture_app.tui.rig.view import LogPane
+from capture_app.tui.rig.join_screen import large
+from capture_app.tui.rig.rig_view import LogPane
 from capture_app.tui.rig_record import RigRecord
 from tests.facts import make_facts
 from tests.tui.driving import lines, make_app, settle, text, toasts
@@ -212,7 +212,7 @@ async def test_a_leader_of_this_machine_that_is_gone_is_started_again_by_a_key(
         started.append(how)
         await answers.wait()
 
-    monkeypatch.setattr("capture_app.tui.rig.view.start_rig", start)
+    monkeypatch.setattr("capture_app.tui.rig.rig_view.start_rig", start)
     rig = FakeRig(cameras)
     app = make_app(rig, sessions=tmp_path)
     async with app.run_test(size=(80, 24)) as pilot:
@@ -240,7 +240,7 @@ async def test_simulated_cameras_come_back_with_a_restarted_leader(
     async def start(**_: object) -> None:
         pass
 
-    monkeypatch.setattr("capture_app.tui.rig.view.start_rig", start)
+    monkeypatch.setattr("capture_app.tui.rig.rig_view.start_rig", start)
     rig = FakeRig(0)
     facts = make_facts(kind=SIMULATED)
     rig.nodes = tuple(make_node(name, camera=facts, on_leader=True) for name in ("cam00", "cam01"))

@@ -5,15 +5,15 @@ from pathlib import Path
 import pytest
 from textual.widgets import OptionList
 
-from capture_app.cameras.v4l2 import driver
+from capture_app.cameras.v4l2 import v4l2_driver
 from capture_app.common.camera_facts import CameraListing
 from capture_app.common.errors import CameraError, UnknownMachineError
 from capture_app.protocol.orders import AddCamera, AddSimulated
-from capture_app.protocol.pairing import Invite
+from capture_app.protocol.pairing_messages import Invite
 from capture_app.tui.app import SimulshotApp
-from capture_app.tui.rig.joining import joining_line, qr_lines
+from capture_app.tui.rig.join_screen import joining_line, qr_lines
 from capture_app.tui.rig.start import StartPanel
-from capture_app.tui.settings import Settings
+from capture_app.tui.screen_settings import Settings
 from tests.tui.driving import lines, make_app, settle, text, toasts
 from tests.tui.fake_rig import FakeRig
 
@@ -25,7 +25,7 @@ BUSY = CameraListing("v4l2:/dev/video2", "v4l2", "Other", "in use", usable=False
 def cameras(monkeypatch: pytest.MonkeyPatch) -> list[CameraListing]:
     """The cameras of this machine."""
     found: list[CameraListing] = []
-    monkeypatch.setattr(driver, "list_cameras", lambda: found)
+    monkeypatch.setattr(v4l2_driver, "list_cameras", lambda: found)
     return found
 
 

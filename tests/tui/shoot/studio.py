@@ -7,8 +7,8 @@ from pathlib import Path
 from textual.pilot import Pilot
 
 from capture_app.protocol.messages import BurstRequest
-from capture_app.tui.settings import Settings
-from capture_app.tui.shoot.view import ShootView
+from capture_app.tui.screen_settings import Settings
+from capture_app.tui.shoot.shoot_view import ShootView
 from tests.tui.driving import make_app
 from tests.tui.fake_rig import FakeRig, make_node
 from tests.tui.takes import make_take

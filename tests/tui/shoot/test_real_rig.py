@@ -9,13 +9,13 @@ import pytest
 
 from capture_app.common.clock import HostClock
 from capture_app.common.node_state import NodeState
-from capture_app.rig.link import RigLink
+from capture_app.rig.rig_link import RigLink
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.tui.app import SimulshotApp
-from capture_app.tui.settings import Settings
+from capture_app.tui.screen_settings import Settings
+from capture_app.tui.shoot.shoot_view import ShootView
 from capture_app.tui.shoot.takes import Take
-from capture_app.tui.shoot.view import ShootView
 from tests.cheap_rig import rig_of
 from tests.waiting import SLOW_PATIENCE_S, until
 

@@ -11,7 +11,7 @@ from capture_app.protocol.messages import BurstRequest
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.library.trash import trashed_sessions
 from capture_app.tui.question import Question
-from capture_app.tui.settings import Settings
+from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.look import LookScreen
 from tests.tui.driving import screen_of, until
 from tests.tui.shoot.studio import Studio, ready_rig, saves_into

@@ -7,8 +7,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from capture_app.rig.taking import TakePlan
-from capture_app.tui.settings import Settings
-from capture_app.tui.shoot.plan import MAX_BEFORE, MAX_FRAMES, TakeMode, TakeSettings, stepped
+from capture_app.tui.screen_settings import Settings
+from capture_app.tui.shoot.shoot_plan import MAX_BEFORE, MAX_FRAMES, TakeMode, TakeSettings, stepped
 
 
 @given(st.integers(-5, 500), st.integers(-5, 500), st.integers(-9, 9), st.integers(-9, 9))

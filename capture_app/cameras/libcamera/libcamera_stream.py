@@ -1,0 +1,195 @@
+"""Requests of one libcamera camera: filled, passed on, and queued again with new settings.
+
+Timestamps are converted to the host's monotonic clock. libcamera documents CLOCK_BOOTTIME; stamps by the
+kernel's V4L2 are in CLOCK_MONOTONIC. The two differ only by the time that the machine has slept.
+"""
+
+import mmap
+import threading
+import time
+from collections import deque
+from collections.abc import Callable
+from dataclasses import dataclass
+from typing import Any
+
+from capture_app.cameras.base import wait_for_start
+from capture_app.cameras.frames import JpegPicture, PixelFormat, PixelPicture, picture_from_buffer
+from capture_app.cameras.libcamera.controls import KnownControls
+from capture_app.cameras.libcamera.libcamera_library import Library
+
+_NOISE_NS = 1_000_000
+"""Two consecutive clock readings differ by less than this; a sleep lasts longer."""
+_FOREIGN_NS = 60_000_000_000
+"""A stamp this far from now is in neither clock."""
+_METADATA = (
+    "SensorTimestamp",
+    "FrameDuration",
+    "ExposureTime",
+    "AnalogueGain",
+    "ColourGains",
+    "ColourTemperature",
+    "LensPosition",
+)
+
+
+class StampClock:
+    """Converts timestamps to the monotonic clock."""
+
+    _asleep_ns = 0
+
+    def now_ns(self) -> int:
+        """Return the monotonic clock's time."""
+        return time.monotonic_ns()
+
+    def boot_ns(self) -> int:
+        """Return the time of the clock that keeps running while the machine sleeps."""
+        return time.clock_gettime_ns(time.CLOCK_BOOTTIME)
+
+    def monotonic_of(self, stamp_ns: int) -> int | None:
+        """Return the monotonic time in ns of a stamp that just arrived; None if it is in another clock."""
+        now_ns = self.now_ns()
+        asleep_ns = self.boot_ns() - now_ns
+        if abs(asleep_ns - self._asleep_ns) > _NOISE_NS:
+            self._asleep_ns = asleep_ns
+        by_boot_ns = stamp_ns - self._asleep_ns
+        nearest_ns = min(stamp_ns, by_boot_ns, key=lambda ns: abs(now_ns - ns))
+        return nearest_ns if abs(now_ns - nearest_ns) < _FOREIGN_NS else None
+
+
+@dataclass(frozen=True, slots=True)
+class FinishedFrame:
+    """Frame and metadata of a finished request."""
+
+    sequence: int
+    stamp_ns: int | None
+    """In the monotonic clock; None for a stamp in no clock of this machine."""
+    metadata: dict[str, Any]
+    """The library's metadata by control name; durations and exposures in us."""
+    picture: JpegPicture | PixelPicture | None
+    """None if it is damaged."""
+
+
+class RequestStream:
+    """Requests of a configured camera. `start`, `start_again_at`, `stop` and `release` block."""
+
+    def __init__(
+        self,
+        library: Library,
+        camera: Any,
+        stream: Any,
+        layout: PixelFormat,
+        controls: KnownControls,
+        *,
+        period_us: int,
+        clock: StampClock,
+        on_event: Callable[[FinishedFrame | RuntimeError], None],
+    ) -> None:
+        """Allocate its buffers; `on_event` is called with each frame, or with the error that ends the stream.
+
+        It is called on the loop that the library listens on.
+
+        Raises RuntimeError from the library, OSError.
+        """
+        self._library, self._camera, self._clock = library, camera, clock
+        self._on_event = on_event
+        self._controls, self._layout = controls, layout
+        self._allocator = library.module.FrameBufferAllocator(camera)
+        self._allocator.allocate(stream)
+        self._requests: list[Any] = []
+        self._buffer_of: dict[int, Any] = {}
+        lengths: dict[int, int] = {}
+        for buffer in self._allocator.buffers(stream):
+            for plane in buffer.planes:
+                lengths[plane.fd] = max(lengths.get(plane.fd, 0), plane.offset + plane.length)
+            request = library.new_request(camera, self._finish)
+            request.add_buffer(stream, buffer)
+            self._requests.append(request)
+            self._buffer_of[request.cookie] = buffer
+        self._memory = {
+            fd: mmap.mmap(fd, length, mmap.MAP_SHARED, mmap.PROT_READ) for fd, length in lengths.items()
+        }
+        self.settings: dict[str, Any] = {}
+        """Settings in effect, by the library's control names."""
+        self._new_settings: dict[str, Any] = {}
+        self.asked_us: deque[int] = deque()
+        """Requested durations in us, each for one coming frame."""
+        self.period_us = period_us
+        """Duration in us of frames without a requested one."""
+        self.running = False
+        """Whether frames are passed on."""
+
+    @property
+    def queued(self) -> int:
+        """Number of frames already queued, which new settings cannot affect."""
+        return len(self._requests)
+
+    def keep(self, settings: dict[str, Any], *, forget: tuple[str, ...] = ()) -> None:
+        """Apply settings from the next request on, and after restarts; drop those in `forget`."""
+        for pending in (self.settings, self._new_settings):
+            for name in forget:
+                pending.pop(name, None)
+            pending |= settings
+
+    def start(self) -> None:
+        """Start the stream. Raises RuntimeError from the library."""
+        self.asked_us.clear()
+        self._new_settings = {}
+        self._camera.start(self._controls.of(self.settings | self._duration()))
+        for request in self._requests:
+            self._camera.queue_request(request)
+
+    def start_again_at(self, start_ns: int, period_ns: int, closing: threading.Event) -> None:
+        """Start at `start_ns` of the monotonic clock, or whole periods after it; not at all once closing."""
+        for request in self._requests:
+            request.reuse()
+        if wait_for_start(start_ns, period_ns, closing, self._clock.now_ns):
+            self.start()
+
+    def stop(self) -> None:
+        """Stop the stream and discard unfinished requests. Raises RuntimeError from the library."""
+        self._camera.stop()
+
+    def release(self) -> None:
+        """Release the buffers and the camera, which must be stopped."""
+        self._library.forget(self._requests)
+        self._requests, self._buffer_of, self._allocator = [], {}, None
+        for memory in self._memory.values():
+            memory.close()
+        self._camera.release()
+
+    def _duration(self) -> dict[str, Any]:
+        duration_us = self.asked_us.popleft() if self.asked_us else self.period_us
+        return {"FrameDurationLimits": (duration_us, duration_us)}
+
+    def _finish(self, request: Any) -> None:
+        if not self.running or request.status != self._library.module.Request.Status.Complete:
+            return
+        buffer = self._buffer_of[request.cookie]
+        metadata = {
+            control.name: value for control, value in request.metadata.items() if control.name in _METADATA
+        }
+        sound = buffer.metadata.status == self._library.module.FrameMetadata.Status.Success
+        frame = FinishedFrame(
+            sequence=buffer.metadata.sequence,
+            stamp_ns=self._clock.monotonic_of(metadata.get("SensorTimestamp", buffer.metadata.timestamp)),
+            metadata=metadata,
+            picture=self._picture(buffer) if sound else None,
+        )
+        request.reuse()
+        settings, self._new_settings = self._new_settings, {}
+        for control, value in self._controls.of(settings | self._duration()).items():
+            request.set_control(control, value)
+        try:
+            self._camera.queue_request(request)
+        except RuntimeError as error:
+            self._on_event(error)
+            return
+        self._on_event(frame)
+
+    def _picture(self, buffer: Any) -> JpegPicture | PixelPicture | None:
+        """Return the image in a finished buffer; None if it is damaged."""
+        filled = zip(buffer.planes, buffer.metadata.planes, strict=True)
+        data = b"".join(
+            self._memory[plane.fd][plane.offset : plane.offset + used.bytes_used] for plane, used in filled
+        )
+        return picture_from_buffer(data, self._layout)

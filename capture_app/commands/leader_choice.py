@@ -1,0 +1,199 @@
+"""Selection of the leader that a machine joins, and pairing of the two; phones use a page."""
+
+import asyncio
+import contextlib
+import sys
+from collections.abc import AsyncGenerator, Awaitable, Callable, Sequence
+from typing import TYPE_CHECKING, Any, TypeVar
+
+import click
+
+from capture_app.commands.shared_options import run_until_stopped
+from capture_app.common.address import Address
+from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
+from capture_app.common.pairing_codes import Role, parse_code, parse_pin, show_code
+from capture_app.console.terminal import ParsedType, log_line, print_json_line, talk
+
+if TYPE_CHECKING:
+    from capture_app.protocol.orders import PhoneInvited
+    from capture_app.protocol.pairing_messages import FoundLeader
+
+F = TypeVar("F", bound=Callable[..., Any])
+
+LOOK_EVERY_S = 0.5
+"""Interval between checks for a new phone invitation, s."""
+
+
+CODE, PIN = ParsedType("code", parse_code), ParsedType("pin", parse_pin)
+code_option = click.option(
+    "--code",
+    type=CODE,
+    metavar="CODE",
+    show_default="asked for at the terminal if needed",
+    help="One-time pairing code; on the leader's machine, capture-app trust invite shows one.",
+)
+_pin_option = click.option(
+    "--pin",
+    type=PIN,
+    metavar="PIN",
+    help="Pin of the leader's machine; no other leader is followed. capture-app trust list shows it there.",
+)
+
+
+def pairing_options(command: F) -> F:
+    """Give a command that joins a leader the options --pin and --code."""
+    return code_option(_pin_option(command))
+
+
+def make_known(leaders: Sequence[Address], pin: str | None, code: str | None) -> None:
+    """Make this machine and its leaders known to each other, as far as they answer and a person helps.
+
+    A leader that does not answer yet is waited for by the node itself, which then says what to do.
+    Raises UnknownMachineError where `code` is not the code.
+    """
+    from capture_app.rig import membership
+
+    if membership.is_pairing_skipped():
+        return
+    if pin is not None:
+        membership.own_machine().known.add(pin, Role.LEADER)
+    if code is None and not sys.stdin.isatty():
+        # Without a terminal the node requests to join by itself and prints the instructions.
+        return
+    for leader in leaders:
+        try:
+            if asyncio.run(membership.needs_pairing(leader)):
+                _introduce(leader, code)
+                code = None
+        except UnknownMachineError:
+            raise
+        except NetworkError:
+            continue
+
+
+def _introduce(leader: Address, code: str | None) -> None:
+    """Make this machine known by the code, which is good once, or by one that a person is asked for."""
+    if code is not None:
+        pair_with(leader, code)
+    elif sys.stdin.isatty():
+        talk(f"This machine is not paired with the leader at {leader}.")
+        talk("On the leader's machine, capture-app trust invite or i in the terminal UI shows a code.")
+        ask_and_pair(leader)
+
+
+def pair_with(leader: Address, code: str) -> tuple[Role, ...]:
+    """Make this machine known to a leader by a code, say so, and return what it may do there."""
+    from capture_app.rig.membership import pair
+
+    roles = asyncio.run(pair(leader, code))
+    log_line(f"paired with the leader at {leader} as {' and '.join(roles)}")
+    return roles
+
+
+def ask_and_pair(leader: Address) -> tuple[Role, ...]:
+    """Ask for codes at the terminal until one is right, and return what this machine may do there."""
+    while True:
+        code = click.prompt("Pairing code, 8 digits", type=CODE, err=True)
+        try:
+            return pair_with(leader, code)
+        except UnknownMachineError as error:
+            talk(str(error))
+
+
+def joining_command(leader: str, role: Role, code: str) -> str:
+    """Return the line that is typed on the machine that shall join."""
+    if role is Role.CAMERA:
+        return f'capture-app node --leader {leader} --camera SPEC --code "{show_code(code)}"'
+    if role is Role.RELAY:
+        return f'capture-app relay {leader} --code "{show_code(code)}"'
+    return f'capture-app trust pair {leader} --code "{show_code(code)}"'
+
+
+@contextlib.asynccontextmanager
+async def inviting_phones(
+    ask: Callable[[], Awaitable["PhoneInvited"]], as_json: bool
+) -> AsyncGenerator[None, None]:
+    """Show the invitation of the next phone, and each new one, until the block ends.
+
+    Raises what `ask` raises at first; later it is asked again.
+    """
+    shown = await ask()
+    _show_phone_code(shown, as_json)
+
+    async def keep_showing() -> None:
+        nonlocal shown
+        while True:
+            await asyncio.sleep(LOOK_EVERY_S)
+            with contextlib.suppress(SimulshotError):
+                if (asked := await ask()).url != shown.url:
+                    shown = asked
+                    _show_phone_code(shown, as_json)
+
+    showing = asyncio.create_task(keep_showing())
+    try:
+        yield
+    finally:
+        showing.cancel()
+        with contextlib.suppress(asyncio.CancelledError):
+            await showing
+
+
+def _show_phone_code(invited: "PhoneInvited", as_json: bool) -> None:
+    """Show a phone's page, at a terminal as a QR code too."""
+    if as_json:
+        result = {"url": invited.url, "fingerprint": invited.fingerprint, "good_for_s": invited.good_for_s}
+        print_json_line({"event": "invitation", **result})
+        return
+    if sys.stderr.isatty():
+        import segno
+
+        segno.make(invited.url, error="l", boost_error=False, micro=False).terminal(sys.stderr, compact=True)
+    minutes = max(1, invited.good_for_s // 60)
+    talk(f"open this page on one phone within {minutes} minutes: {invited.url}")
+    talk("its browser warns once of the certificate; on an untrusted network compare its SHA-256 there:")
+    talk(f"  {invited.fingerprint}")
+
+
+def leaders_to_join(named: tuple[Address, ...], pin: str | None, code: str | None) -> tuple[Address, ...]:
+    """Return the named leaders, or the leaders of the rig found in the network; pair with them.
+
+    Raises what `find_leader` and `make_known` raise.
+    """
+    if named:
+        make_known(named, pin, code)
+        return named
+    found = find_leader()
+    make_known(found.addresses[:1], pin, code)
+    return found.among or found.addresses[:1]
+
+
+def find_leader() -> "FoundLeader":
+    """Wait until a leader of this machine or its network answers; ask at the terminal which of several.
+
+    Raises NetworkError if there are several and no terminal to ask at.
+    """
+    log_line("looking for a leader in this network")
+    from capture_app.rig.membership import find_leaders
+
+    leader = choose_leader(run_until_stopped(find_leaders(log_line)), can_ask=sys.stdin.isatty())
+    log_line(f"found a leader at {leader.addresses[0]} ({leader.name})")
+    return leader
+
+
+def choose_leader(found: "Sequence[FoundLeader]", *, can_ask: bool) -> "FoundLeader":
+    """Return the leader that was found; of several the one that the user names.
+
+    Raises NetworkError if there are several and no terminal to ask at.
+    """
+    if len(found) == 1:
+        return found[0]
+    if not can_ask:
+        names = ", ".join(f"{one.addresses[0]} ({one.name})" for one in found)
+        raise NetworkError(
+            f"several leaders are in this network: {names}", hint="choose one with --leader HOST:PORT"
+        )
+    for number, one in enumerate(found, 1):
+        talk(f"{number}  {one.addresses[0]}  {one.name}{'' if one.is_known else '  (not paired)'}")
+    which = click.IntRange(1, len(found))
+    chosen: int = click.prompt("Several leaders are here. Which", type=which, default=1, err=True)
+    return found[chosen - 1]

@@ -1,0 +1,29 @@
+"""ROS bags, and .mcap files of ROS or Foxglove messages: each topic of images is a camera."""
+
+from pathlib import Path
+
+from capture_app.session.importing.bags import is_bag, read_bag
+from capture_app.session.importing.frame_matching import timeline_by_times
+from capture_app.session.importing.importer import Importer
+from capture_app.session.importing.recording_sources import Layout
+
+
+def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
+    """Open the cameras of a recording of messages, timed by its own stamps."""
+    if not is_bag(path):
+        return None
+    bag = read_bag(path)
+    return Layout(
+        program=bag.sources[0].kind,
+        path=path,
+        sources=tuple(bag.sources),
+        timeline=timeline_by_times(str(path), bag.times),
+        views=bag.views,
+    )
+
+
+IMPORTER = Importer(
+    program="ROS, Foxglove",
+    help="a rosbag2 folder, a ROS 1 .bag, an .mcap of ROS's or Foxglove's messages",
+    open_recording=open_recording,
+)

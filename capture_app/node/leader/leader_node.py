@@ -1,0 +1,154 @@
+"""The leader of a rig: its engine on a socket, the server for images, and the sessions it saves."""
+
+import random
+import secrets
+from collections.abc import Sequence
+from contextlib import AbstractAsyncContextManager
+from socket import socket
+from typing import Self
+
+from capture_app.common.address import Address, own_machine_address, reachable_host
+from capture_app.common.errors import SimulshotError
+from capture_app.net.discovery import announced
+from capture_app.net.server import TransferServer, bind_port
+from capture_app.net.udp import Pump
+from capture_app.node.enrolment import Enrolment
+from capture_app.node.leader.bursts import ActiveBursts
+from capture_app.node.leader.followers import SharedGrid
+from capture_app.node.leader.leader_options import LeaderOptions
+from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.node.leader.service import LeaderService
+from capture_app.node.leader.viewfinders import Viewfinders
+from capture_app.node.leader.watchers import RigState
+from capture_app.protocol.messages import ToLeader
+from capture_app.protocol.status import RigStatus
+from capture_app.sync.rig.events import BurstAnswered
+from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
+from capture_app.sync.rig.rig_config import RigConfig
+from capture_app.trust.camera_names import CameraNames
+from capture_app.trust.sealed_engines import SealedLeader
+
+
+class LeaderNode:
+    """A running leader: `async with await LeaderNode.start(options)` serves until the block ends."""
+
+    def __init__(
+        self, options: LeaderOptions, engine: Leader, bound: socket, names: CameraNames | None
+    ) -> None:
+        """Assemble the parts for a bound port; call `start` instead."""
+        self.options = options
+        port = engine.config.transfer_port
+        self.own_address = own_machine_address(options.host, bound.family, port)
+        """Address for processes of this machine."""
+        self.address = Address(reachable_host(options.host, bound.family), port)
+        """Address for other machines."""
+        self.log = options.log
+        self.engine, self._clock, self._names = engine, options.clock, names
+        self._sealed = sealed = None if options.trust.is_open else SealedLeader(engine)
+        self.enrolment = Enrolment(options.trust, self.log, sealed)
+        self._pump = Pump(sealed or engine, options.clock, self._drain)
+        self.bursts = ActiveBursts(options, engine, self._pump)
+        self._local: LocalNodes | None = None
+        if options.spool is not None:
+            self._local = LocalNodes(
+                self.own_address, options.spool, self.log, self.address.host, options.trust
+            )
+        viewfinders = Viewfinders()
+        self._rig = RigState(self.address, options, engine, self.bursts, viewfinders, self._local)
+        self.service = LeaderService(
+            options, engine, self._pump, self._rig, self.bursts, self._local, viewfinders, self.enrolment
+        )
+        self._server = TransferServer(ToLeader, self.service.serve, trust=options.trust)
+
+    @classmethod
+    async def start(cls, options: LeaderOptions) -> Self:
+        """Bind and serve.
+
+        Raises NetworkError where the port is in use or the host is not this machine's, DiskError or
+        BadInputError where this machine's key is not available.
+        """
+        options.trust.server_context()
+        names = None if options.trust.folder is None else CameraNames(options.trust.folder)
+        datagrams, listening = bind_port(options.host, options.port, or_free=options.or_free_port)
+        continued = options.continued
+        config = LeaderConfig(
+            instance=secrets.randbits(32),
+            transfer_port=listening.getsockname()[1],
+            rig=RigConfig(
+                period_ns=options.period_ns,
+                align_row=options.align_row,
+                max_delay_ns=options.max_delay_ns,
+                grid_phase_ns=options.grid_phase_ns,
+            ),
+            continues=None if continued is None else continued.upstream_map,
+            grid=None if continued is None else continued.grid,
+        )
+        rng, owners = random.Random(secrets.randbits(64)), None if names is None else names.owners
+        leader = cls(options, Leader(config, rng, owners=owners), listening, names)
+        try:
+            for follower in options.followers:
+                follower.start(options.clock, options.log, leader.shared_grid)
+            await leader._server.start(listening)
+        except BaseException:
+            await leader.stop()
+            datagrams.close()
+            listening.close()
+            raise
+        leader._pump.start(datagrams)
+        return leader
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.stop()
+
+    async def stop(self) -> None:
+        """Sign off from all nodes, end this machine's nodes and close the port.
+
+        Bursts in progress are saved with the images received so far.
+        """
+        if self._local is not None:
+            await self._local.close()
+        for follower in self.options.followers:
+            await follower.close()
+        self.engine.leave()
+        self._pump.turn()
+        self._pump.close()
+        await self._server.stop()
+        await self.bursts.close()
+
+    @property
+    def instance(self) -> int:
+        """Id of this run of the leader, which distinguishes it from the next one."""
+        return self.engine.config.instance
+
+    def announced(self, among: Sequence[Address] = ()) -> AbstractAsyncContextManager[None]:
+        """Announce this leader on the network while the block runs; `among` are all leaders of its rig."""
+        host, trust = self.options.host, self.options.trust
+        return announced(host, self.address.port, "leader", trust=trust, among=among)
+
+    def status(self) -> RigStatus:
+        """Return the current status of the whole rig."""
+        return self._rig.status()
+
+    def shared_grid(self) -> SharedGrid | None:
+        """Return the grid of instants, None before the first camera."""
+        return None if self.engine.grid is None else SharedGrid(self.engine.grid)
+
+    def _drain(self) -> None:
+        now_ns = self._clock.now_ns()
+        self.enrolment.look(now_ns)
+        while (event := self.engine.next_event()) is not None:
+            if isinstance(event, BurstAnswered):
+                self.bursts.note_answer(event)
+            else:
+                self.service.note_change(event)
+                if event.change in ("joined", "returned", "forgotten") and self._names is not None:
+                    try:
+                        self._names.keep()
+                    except SimulshotError as error:
+                        self.log.say_of_disk(None, str(error))
+            self.log.note(event)
+        for change in self._rig.look_at_rates(now_ns):
+            self.log.note(change)

@@ -1,0 +1,270 @@
+"""A relay: leads its own nodes in its leader's time, and forwards between both sides."""
+
+import asyncio
+import random
+import secrets
+from contextlib import AbstractAsyncContextManager
+from dataclasses import dataclass
+from socket import socket
+from typing import Any, Self
+
+from capture_app.common.address import ANY_HOST, Address, reachable_host, resolve
+from capture_app.common.clock import HostRate
+from capture_app.common.errors import (
+    BadInputError,
+    DiskError,
+    NetworkError,
+    TryAgainError,
+    UnknownMachineError,
+)
+from capture_app.common.interfaces import own_hosts
+from capture_app.common.tasks import end
+from capture_app.common.text import duration
+from capture_app.common.timeouts import UPSTREAM_TIMEOUT_S
+from capture_app.net.channel import Channel, connect
+from capture_app.net.discovery import announced
+from capture_app.net.server import TransferServer, bind_port
+from capture_app.net.udp import Pump
+from capture_app.node.enrolment import Asked, Enrolment, is_node, speaks_for
+from capture_app.node.join_watch import JoinWatch
+from capture_app.node.key_requests import KeyRequester
+from capture_app.node.leader.followers import SharedGrid
+from capture_app.node.leader.leader_options import PortOptions
+from capture_app.node.leader.readiness import rig_advice
+from capture_app.node.leader.snapshots import node_statuses, page_of
+from capture_app.protocol.log import follower_line
+from capture_app.protocol.messages import (
+    FromLeader,
+    KeyRequest,
+    NodeStream,
+    Refusal,
+    StatusAnswer,
+    StatusRequest,
+    ToLeader,
+)
+from capture_app.protocol.permissions import check_allowed
+from capture_app.protocol.status import RigStatus
+from capture_app.sync.rig.events import Joined, LeaderNotice
+from capture_app.sync.rig.leader_engine import LeaderConfig
+from capture_app.sync.rig.time_client import TimeClientEvent
+from capture_app.sync.tree.member import TreeMember
+from capture_app.sync.tree.relay_engine import OF_CAMERAS, Relay
+from capture_app.trust.sealed_engines import SealedRelay
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class RelayOptions(PortOptions):
+    """Options of a relay."""
+
+    name: str
+    parents: tuple[Address, ...]
+    """Leaders or relays of one rig, tried in turn, best first."""
+
+
+class RelayNode:
+    """A running relay: `async with await RelayNode.start(options)` serves until the block ends.
+
+    Streams of its nodes are forwarded to the leader byte by byte, through any number of relays. An image is
+    safe when the root says so. A stream that breaks off is resumed between the node and the root.
+    """
+
+    def __init__(self, options: RelayOptions, engine: Relay, bound: socket) -> None:
+        """Assemble the parts for a bound port; call `start` instead."""
+        self.options, self._engine, self._clock = options, engine, options.clock
+        port = engine.leader.config.transfer_port
+        self.address = Address(reachable_host(options.host, bound.family), port)
+        # The relay cannot know which of its networks its nodes are on.
+        hosts = own_hosts(bound.family) if options.host in ANY_HOST else []
+        self.also = tuple(Address(other, port) for other in hosts if other != self.address.host)
+        """Further addresses of this machine at which nodes may join."""
+        self._sealed = None if options.trust.is_open else SealedRelay(engine)
+        self._enrolment = Enrolment(options.trust, options.log, self._sealed)
+        self._server = TransferServer(ToLeader, self._serve, trust=options.trust)
+        self._pump = Pump(self._sealed or engine, options.clock, self._drain)
+        request = KeyRequest(name=options.name, instance=self.instance, is_relay=True)
+        keys = None if self._sealed is None else self._sealed.parent_keys
+        self._requester = KeyRequester(keys, request, engine.member.time, options.trust, self._pump)
+        self._upstream: Address | None = None
+        self._upstream_channels: set[Channel[Any]] = set()
+        self._lost_ns: int | None = None
+        self._host_rate = HostRate()
+        self._is_leaving = False
+        self._tasks: list[asyncio.Task[None]] = []
+
+    @classmethod
+    async def start(cls, options: RelayOptions) -> Self:
+        """Bind, and join the parents.
+
+        Raises NetworkError where the port is in use, or a parent's host has no address or none reachable from
+        the host to listen on; DiskError or BadInputError where this machine's key is not available.
+        """
+        options.trust.server_context()
+        found = [await resolve(parent) for parent in options.parents]
+        datagrams, listening = bind_port(options.host, options.port)
+        try:
+            if any(family != datagrams.family for family, _ in found):
+                address = Address(options.host, options.port)
+                raise NetworkError(
+                    f"{address} and a leader's address mix IPv4 and IPv6",
+                    hint="listen on an address of the leader's kind with --host",
+                )
+            peers = tuple((peer.host, peer.port) for _, peer in found)
+            instance = secrets.randbits(32)
+            rng = random.Random(secrets.randbits(64))
+            engine = Relay(
+                TreeMember(options.name, instance, peers, rng, OF_CAMERAS),
+                LeaderConfig(
+                    instance,
+                    transfer_port=listening.getsockname()[1],
+                ),
+                rng,
+            )
+            relay = cls(options, engine, listening)
+            await relay._server.start(listening)
+            for follower in options.followers:
+                follower.start(options.clock, options.log, relay.shared_grid)
+        except BaseException:
+            datagrams.close()
+            listening.close()
+            raise
+        relay._pump.start(datagrams)
+        watch = JoinWatch(options.parents, options.log)
+        relay._tasks.append(asyncio.create_task(watch.run(engine.member.time)))
+        relay._tasks.append(asyncio.create_task(relay._requester.run()))
+        return relay
+
+    def announced(self) -> AbstractAsyncContextManager[None]:
+        """Announce this relay on the network while the block runs."""
+        options = self.options
+        return announced(options.host, self.address.port, "relay", name=options.name, trust=options.trust)
+
+    async def __aenter__(self) -> Self:
+        return self
+
+    async def __aexit__(self, *_: object) -> None:
+        await self.stop()
+
+    async def stop(self) -> None:
+        """Sign off from the leader, send the nodes on to others, and close the port."""
+        await end(*self._tasks)
+        for follower in self.options.followers:
+            await follower.close()
+        self._is_leaving = True
+        self._engine.leave()
+        self._pump.turn()
+        self._pump.close()
+        await self._server.stop()
+
+    @property
+    def instance(self) -> int:
+        """Id of this run of the relay, which distinguishes it from the next one."""
+        return self._engine.leader.config.instance
+
+    def status(self, after: str | None = None) -> RigStatus:
+        """Return the relay's own status: its nodes or a page of them, and the state of its time."""
+        now_ns = self._clock.now_ns()
+        member, leader = self._engine.member, self._engine.leader
+        time_map, nodes = member.time.time_map, leader.roster.by_name()
+        message = self._holdover_message(now_ns)
+        page, further, words = page_of(nodes, after)
+        return RigStatus(
+            leader=str(self.address),
+            is_open=self.options.trust.is_open,
+            relay=self.options.name,
+            message="; ".join(filter(None, (message, words))),
+            further=further,
+            advice=message or rig_advice(nodes, str(self.address), now_ns),
+            now_ns=now_ns if time_map is None else time_map.leader_from_local(now_ns),
+            period_ns=None if leader.grid is None else leader.grid.period_ns,
+            nodes=node_statuses(page, nodes, now_ns=now_ns),
+        )
+
+    def shared_grid(self) -> SharedGrid | None:
+        """Return the root's grid, with this relay's map to the root's time."""
+        grid, time_map = self._engine.leader.grid, self._engine.member.time.time_map
+        return None if grid is None or time_map is None else SharedGrid(grid, time_map)
+
+    # Streams
+
+    async def _serve(self, below: Channel[ToLeader]) -> None:
+        while (message := await below.receive_header()) is not None:
+            try:
+                check_allowed(below.who, message)
+                match message:
+                    case _ if isinstance(message, Asked):
+                        await self._enrolment.answer(below, message)
+                    case NodeStream() if not is_node(
+                        below.who, self._engine.leader.roster.members.get(message.camera), message.instance
+                    ):
+                        raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
+                    case _:
+                        if await self._pass_on(below, message):
+                            return
+            except (UnknownMachineError, BadInputError, DiskError) as error:
+                await below.send(Refusal.of_error(error))
+            if below.who.is_unknown:
+                return
+
+    async def _pass_on(self, below: Channel[ToLeader], message: ToLeader) -> bool:
+        """Forward a stream to the leader until it ends, from this message on; False without a leader."""
+        try:
+            if self._upstream is None:
+                raise NetworkError(self._holdover_message(self._clock.now_ns()))
+            above = await connect(
+                self._upstream, FromLeader, timeout_s=UPSTREAM_TIMEOUT_S, trust=self.options.trust
+            )
+        except NetworkError as error:
+            # A status is available without a leader; everything else has to wait.
+            if isinstance(message, StatusRequest):
+                await below.send(StatusAnswer(rig=self.status(message.after)))
+            else:
+                await below.send(Refusal.of_error(error))
+            return False
+        self._upstream_channels.add(above)
+        try:
+            async with above:
+                if (introduction := speaks_for(below.who, message)) is not None:
+                    await above.send(introduction)
+                await above.send(message, b"".join([chunk async for chunk in below.payload()]))
+                await below.relay(above)
+        finally:
+            self._upstream_channels.discard(above)
+        return True
+
+    # Events
+
+    def _drain(self) -> None:
+        rate = self._engine.member.time.timekeeper.rate
+        rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
+        now_ns = self._clock.now_ns()
+        self._enrolment.look(now_ns)
+        self._requester.look()
+        while (event := self._engine.next_event()) is not None and not self._is_leaving:
+            if isinstance(event, Joined):
+                self._change_upstream(Address(self._engine.member.parent[0], event.transfer_port))
+            elif isinstance(event, LeaderNotice) and event.what == "lost":
+                self._change_upstream(None)
+            if not isinstance(event, TimeClientEvent):
+                self.options.log.note(event)
+            elif line := follower_line(event, Address(*self._engine.member.parent)):
+                self.options.log.say(line)
+
+    def _change_upstream(self, upstream: Address | None) -> None:
+        """Switch to another parent, or none: abort the streams to the previous one, for nodes to resume."""
+        self._upstream = upstream
+        self._lost_ns = self._clock.now_ns() if upstream is None else None
+        for above in self._upstream_channels:
+            above.abort()
+
+    def _holdover_message(self, now_ns: int) -> str:
+        """Return the relay's state without a leader, as a sentence; empty while it has one."""
+        if self._engine.member.time.is_member:
+            return ""
+        time_map = self._engine.member.time.time_map
+        if time_map is None or self._lost_ns is None:
+            return f"relay {self.options.name} has not found a leader yet"
+        seconds = (now_ns - self._lost_ns) / 1e9
+        return (
+            f"relay {self.options.name} lost its leader {seconds:.0f} s ago and is in holdover, accurate to"
+            f" {duration(time_map.uncertainty_at(now_ns))}"
+        )

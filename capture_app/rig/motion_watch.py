@@ -1,0 +1,73 @@
+"""Motion detection in cameras' previews: a trigger that needs no operator."""
+
+from collections.abc import AsyncGenerator
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+
+from capture_app.protocol.status import Preview
+from capture_app.rig.rig_link import RigLink
+from capture_app.session.reading.decoding import decode_preview
+
+WIDTH_PX, FPS = 160, 10.0
+BASELINE_RATE = 0.1
+"""Minimum weight of a new image in the background model, which absorbs a lasting change after some images."""
+LEARN = 8
+"""Number of images of a camera before motion is reported."""
+MIN_LEVELS, CLEAR = 10.0, 6.0
+"""Minimum change of a pixel, in grey levels and in multiples of its typical difference."""
+Region = tuple[float, float, float, float]
+WHOLE: Region = (0.0, 0.0, 1.0, 1.0)
+"""Left, top, right and bottom, as fractions of the image."""
+
+
+@dataclass(slots=True)
+class _View:
+    mean: NDArray[np.float32]
+    deviation: NDArray[np.float32]
+    seen: int = 1
+
+
+@dataclass(slots=True)
+class MotionWatch:
+    """Background model of each camera's region; motion changes at least `min_fraction` of its pixels."""
+
+    region: Region = WHOLE
+    min_fraction: float = 0.005
+    _views: dict[str, _View] = field(default_factory=dict)
+
+    def moved(self, camera: str, grey: NDArray[np.uint8]) -> bool:
+        """Return whether a camera's next image (H x W) shows motion; global light changes do not count."""
+        left, top, right, bottom = self.region
+        height, width = grey.shape
+        rows = slice(int(top * height), max(int(top * height) + 1, round(bottom * height)))
+        columns = slice(int(left * width), max(int(left * width) + 1, round(right * width)))
+        picture = grey[rows, columns].astype(np.float32)
+        view = self._views.get(camera)
+        if view is None or view.mean.shape != picture.shape:
+            self._views[camera] = _View(picture, np.zeros_like(picture))
+            return False
+        brighter = np.median((picture + 1) / (view.mean + 1))
+        difference = np.abs(picture - brighter * view.mean)
+        changed = float((difference > np.maximum(MIN_LEVELS, CLEAR * view.deviation)).mean())
+        weight = max(BASELINE_RATE, 1 / (view.seen + 1))
+        view.mean += weight * (picture - view.mean)
+        view.deviation += weight * (np.minimum(difference, MIN_LEVELS) - view.deviation)
+        view.seen += 1
+        return view.seen > LEARN and changed > self.min_fraction
+
+    def forget(self) -> None:
+        """Restart the background models, as after a burst."""
+        self._views.clear()
+
+
+async def watch_motion(link: RigLink, watch: MotionWatch) -> AsyncGenerator[Preview, None]:
+    """Yield each preview that shows motion, forever; no previews arrive while a burst is sent."""
+    await link.want_previews(cameras=None, width=WIDTH_PX, fps=FPS)
+    async for update in link.updates():
+        if not isinstance(update, Preview):
+            continue
+        pixels = decode_preview(update.jpeg)
+        if pixels is not None and watch.moved(update.camera, pixels.mean(2).astype(np.uint8)):
+            yield update

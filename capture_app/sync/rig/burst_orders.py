@@ -1,0 +1,229 @@
+"""Bursts that a leader orders, with triggers that are repeated until they are acknowledged or expire."""
+
+from collections.abc import Collection, Sequence
+from dataclasses import dataclass, replace
+
+from capture_app.common.camera_facts import PhaseControl
+from capture_app.common.errors import BadInputError, NoCameraHereError
+from capture_app.common.timeouts import TRIGGER_GIVE_UP_NS
+from capture_app.sync.phase.frame_grid import FrameGrid
+from capture_app.sync.phase.grid_phase_choice import CameraPhase
+from capture_app.sync.phase.period_choice import MAX_DRIFT_PPM
+from capture_app.sync.rig.events import BurstAnswered
+from capture_app.sync.rig.frame_selection import (
+    MAX_BURST_NS,
+    MAX_FRAMES,
+    MAX_STREAMED_FRAMES,
+    MAX_STREAMED_NS,
+    Burst,
+    burst_instants,
+    is_possible_burst,
+)
+from capture_app.sync.rig.roster import Member, Roster, camera_phases
+from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS
+from capture_app.sync.wire.datagrams import Trigger, TriggerAck
+
+MAX_CANDIDATES = 200
+TRIGGER_LEAD_NS = 500_000_000
+"""Delay before a burst that is requested for now begins, so that every client receives its trigger first."""
+TRIGGER_AGAIN_NS = 50_000_000
+AFTER_BURST_NS = 1_000_000_000
+"""Time after a burst's last instant in which the grid must not move: clients still select frames."""
+MAX_LEAD_NS = 24 * 3_600_000_000_000
+"""Maximum time between the order of a burst and its start, in the future or the past."""
+NO_ANSWER = "it does not answer"
+CANCELLED = "it was cancelled"
+"""Client's answer to a trigger that cancels a burst."""
+
+
+def peak_to_peak_ns(grid: FrameGrid, phases: Sequence[CameraPhase], at_leader_ns: int) -> float:
+    """Return the predicted peak-to-peak time difference, in ns, of the frames nearest to a leader time."""
+    errors = []
+    for phase in phases:
+        # A stream that is held by its frames' durations does not drift.
+        ppm = 0.0 if phase.phase_control == PhaseControl.FRAME_DURATION else phase.drift_ppm
+        if phase.frame_leader_ns is not None and abs(ppm) < MAX_DRIFT_PPM:
+            drifted_ns = ppm * 1e-6 * (at_leader_ns - phase.frame_leader_ns)
+            errors.append(grid.phase_error(phase.frame_leader_ns) + drifted_ns)
+    return max(errors) - min(errors) if errors else 0.0
+
+
+def instant_of_min_scatter(
+    grid: FrameGrid, phases: Sequence[CameraPhase], from_leader_ns: int, within_ns: int
+) -> int:
+    """Return the grid instant with the smallest predicted `peak_to_peak_ns`.
+
+    The search begins at a leader time and covers `within_ns`. The earliest wins a tie. At most
+    MAX_CANDIDATES evenly spaced instants are evaluated.
+    """
+    first, last = grid.index_of(from_leader_ns), grid.index_of(from_leader_ns + max(0, within_ns))
+    step = max(1, -(-(last - first) // MAX_CANDIDATES))
+    instants = [grid.instant(index) for index in range(first, last + 1, step)]
+    return min(instants, key=lambda instant_ns: peak_to_peak_ns(grid, phases, instant_ns))
+
+
+@dataclass(frozen=True, slots=True, kw_only=True)
+class BurstOrder:
+    """Request for a burst on the rig's grid."""
+
+    frames: int
+    spacing: int = 1
+    """Number of periods between two instants."""
+    spare: int = 0
+    """Maximum number of extra instants that replace dropped frames; ignored for a streamed burst."""
+    at_leader_ns: int | None = None
+    """Start time, possibly in the past within the reach of the ring buffers; None: as soon as all can know of
+    it."""
+    number: int | None = None
+    """Number of a new burst; None: the next number."""
+    streamed: bool = False
+    """Whether frames are sent as they arrive, instead of after the last one."""
+    video: bool = False
+    """Whether the frames become a video per camera."""
+    without: Collection[str] = ()
+    """Names of cameras that take no part."""
+
+
+@dataclass(slots=True)
+class _OpenBurst:
+    """Trigger of a burst, and the members that have not answered it yet, by their numbers."""
+
+    trigger: Trigger
+    members: dict[int, Member]
+    give_up_ns: int
+    cancels: bool
+    """Whether the trigger cancels the burst."""
+    again: bool
+    """Whether the clients already have the burst, and the trigger only ends it earlier."""
+    due_ns: int = AT_ONCE_NS
+    """Time at which the trigger is next sent to all of them."""
+
+
+class Orders:
+    """Triggers that are not answered yet; `now_ns` is leader time."""
+
+    def __init__(self, leader: int, roster: Roster) -> None:
+        """`leader` is the leader's instance number; `roster` holds the cameras that take bursts."""
+        self._leader, self._roster = leader, roster
+        self._open_bursts: dict[int, _OpenBurst] = {}
+        self._bursts = 0
+        self._busy_until_ns: dict[int, int] = {}
+
+    def check(self, grid: FrameGrid | None, order: BurstOrder) -> FrameGrid:
+        """Return the grid of a burst.
+
+        Raises BadInputError for an impossible burst, NoCameraHereError without a camera to take it.
+        """
+        if grid is None or not self._cameras(order):
+            raise NoCameraHereError("no camera is here")
+        if not is_possible_burst(order.frames, order.spacing * grid.period_ns, streamed=order.streamed):
+            max_frames, max_ns = MAX_FRAMES, MAX_BURST_NS
+            if order.streamed:
+                max_frames, max_ns = MAX_STREAMED_FRAMES, MAX_STREAMED_NS
+            raise BadInputError(
+                f"a burst of {order.frames} frames, every {order.spacing} periods, is not possible",
+                hint=f"1 to {max_frames} frames, spacing 1 or more, {max_ns // 10**9} s at most",
+            )
+        return grid
+
+    def place(self, grid: FrameGrid | None, now_ns: int, order: BurstOrder, max_delay_ns: int = 0) -> Burst:
+        """Order a burst of all cameras on the rig's grid.
+
+        A burst without a start time may be delayed by `max_delay_ns` to reach the best predicted alignment.
+        Raises as `check` does.
+        """
+        grid, cameras = self.check(grid, order), self._cameras(order)
+        asked_ns = now_ns + TRIGGER_LEAD_NS if order.at_leader_ns is None else order.at_leader_ns
+        first_ns = asked_ns
+        if abs(asked_ns - now_ns) > MAX_LEAD_NS:
+            raise BadInputError(
+                f"a burst at {asked_ns} ns of the leader's clock, which shows {now_ns}, is not possible",
+                hint=f"at most {MAX_LEAD_NS // 3_600_000_000_000} hours away; for later ones, start it then",
+            )
+        if max_delay_ns > 0 and order.at_leader_ns is None:
+            first_ns = instant_of_min_scatter(grid, camera_phases(cameras), first_ns, max_delay_ns)
+        step_ns, frames, spare = order.spacing * grid.period_ns, order.frames, 0
+        if not order.streamed:
+            spare = max(0, min(order.spare, MAX_FRAMES - frames, MAX_BURST_NS // step_ns + 1 - frames))
+        instants_ns = burst_instants(grid, first_ns, frames + spare, order.spacing)
+        number = self._bursts = self._bursts + 1 if order.number is None else order.number
+        names = tuple(member.name for member in cameras)
+        burst = Burst(
+            number, instants_ns, grid.period_ns, asked_ns, names, spare, order.streamed, order.video
+        )
+        self._open(burst, now_ns, step_ns, len(instants_ns))
+        return burst
+
+    def _cameras(self, order: BurstOrder) -> list[Member]:
+        return [member for member in self._roster.cameras() if member.name not in order.without]
+
+    def end(self, burst: Burst, frames: int, now_ns: int) -> Burst:
+        """End a streamed burst after that many frames, and return the shortened burst."""
+        step_ns = burst.instants_ns[1] - burst.instants_ns[0] if len(burst.instants_ns) > 1 else 1
+        ended = replace(burst, instants_ns=burst.instants_ns[:frames])
+        self._open(ended, now_ns, step_ns, len(ended.instants_ns), again=True)
+        return ended
+
+    def cancel(self, burst: Burst, now_ns: int) -> None:
+        """Cancel a burst at the cameras that were to take it."""
+        self._open(burst, now_ns, 0, 0)
+        del self._busy_until_ns[burst.number]
+
+    def _open(self, burst: Burst, now_ns: int, step_ns: int, count: int, *, again: bool = False) -> None:
+        """Start sending triggers to the burst's present cameras, in place of earlier ones."""
+        first_ns, number, clients = burst.instants_ns[0], burst.number, frozenset(burst.clients)
+        kind = (burst.spare, burst.streamed, burst.video) if count else (0, False, False)
+        trigger = Trigger(0, self._leader, number, first_ns, step_ns, count, *kind)
+        members = {member.number: member for member in self._roster.cameras() if member.name in clients}
+        self._open_bursts.pop(number, None)
+        if members:
+            give_up_ns = now_ns + TRIGGER_GIVE_UP_NS
+            self._open_bursts[number] = _OpenBurst(trigger, members, give_up_ns, not count, again)
+        self._busy_until_ns[burst.number] = max(now_ns, burst.instants_ns[-1]) + AFTER_BURST_NS
+
+    def is_busy(self, now_ns: int) -> bool:
+        """Whether a burst is under way or ordered."""
+        self._busy_until_ns = {burst: until for burst, until in self._busy_until_ns.items() if now_ns < until}
+        return bool(self._busy_until_ns)
+
+    def take_ack(self, member: Member, ack: TriggerAck) -> BurstAnswered | None:
+        """Record a member's answer; return None if it had already answered, or if the order has expired."""
+        burst = self._open_bursts.get(ack.burst)
+        if ack.leader != self._leader or burst is None or member.number not in burst.members:
+            return None
+        # After a cancellation, an answer to the original trigger may still arrive.
+        if burst.cancels and ack.refusal != CANCELLED:
+            return None
+        self._close(ack.burst, burst, member.number)
+        if burst.cancels or burst.again:
+            return None
+        return BurstAnswered(member.name, ack.burst, ack.refusal)
+
+    def expire(self, now_ns: int) -> list[BurstAnswered]:
+        """Drop and report the orders of members that are lost or exceed the answer timeout."""
+        refused = []
+        for number, burst in list(self._open_bursts.items()):
+            if now_ns < min(burst.due_ns, burst.give_up_ns):
+                continue
+            for client, member in list(burst.members.items()):
+                if member.lost or now_ns >= burst.give_up_ns:
+                    self._close(number, burst, client)
+                    if not burst.cancels and not burst.again:
+                        refused.append(BurstAnswered(member.name, number, member.lost or NO_ANSWER))
+        return refused
+
+    def triggers_due(self, now_ns: int) -> list[tuple[Collection[Member], Trigger]]:
+        """Return the triggers due now, first or repeated, without a client number, and their members."""
+        due = [burst for burst in self._open_bursts.values() if now_ns >= burst.due_ns]
+        for burst in due:
+            burst.due_ns = now_ns + TRIGGER_AGAIN_NS
+        return [(burst.members.values(), burst.trigger) for burst in due]
+
+    def next_timer(self) -> int | None:
+        """Leader time in ns at which the next trigger is due; None for never."""
+        return min((burst.due_ns for burst in self._open_bursts.values()), default=None)
+
+    def _close(self, number: int, burst: _OpenBurst, client: int) -> None:
+        del burst.members[client]
+        if not burst.members:
+            del self._open_bursts[number]

@@ -1,0 +1,182 @@
+"""Instructions for adding machines and phones: commands to type, and QR codes."""
+
+import asyncio
+import textwrap
+from collections import deque
+from collections.abc import Callable, Coroutine
+from functools import partial
+from typing import ClassVar
+
+import segno
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal
+from textual.content import Content
+from textual.renderables.digits import DIGITS, DIGITS3X3
+
+from capture_app.common.errors import SimulshotError
+from capture_app.common.pairing_codes import show_code
+from capture_app.common.text import printable
+from capture_app.protocol.orders import (
+    InvitePhone,
+    PhoneInvited,
+)
+from capture_app.protocol.pairing_messages import Invite, Invited
+from capture_app.protocol.status import LogLine
+from capture_app.rig.rig_link import RigLink
+from capture_app.tui.question import BoxDialog
+from capture_app.tui.rig_record import RecordChanged
+from capture_app.tui.widgets.lines import Lines, log_lines
+
+DEVICE = "v4l2:/dev/video0"
+QUIET = 2
+"""Light margin around the code, in modules; scanning from a screen needs only two."""
+_HALF = {(True, True): "█", (True, False): "▀", (False, True): "▄", (False, False): " "}
+LOOK_EVERY_S = 1.0
+MAX_LOG_LINES = 2
+
+
+def large(code: str) -> list[str]:
+    """Return a numeric code in digits three lines high."""
+    places = [DIGITS.index(letter) * 3 for letter in code]
+    return ["".join(DIGITS3X3[place + row] for place in places) for row in range(3)]
+
+
+def joining_line(leader: str) -> str:
+    """Return the command to run on a camera's machine."""
+    return f"capture-app node --leader {leader} --camera {DEVICE}"
+
+
+def qr_lines(text: str) -> list[Content]:
+    """Return a QR code in half blocks; the light modules are drawn, on a dark background."""
+    code = segno.make(text, error="l", boost_error=False, micro=False)
+    light = [[not module for module in row] for row in code.matrix_iter(border=QUIET)]
+    if len(light) % 2:
+        light.append([False] * len(light[0]))
+    return [
+        Content.styled("".join(_HALF[pair] for pair in zip(upper, lower, strict=True)), "#ffffff on #000000")
+        for upper, lower in zip(light[::2], light[1::2], strict=True)
+    ]
+
+
+class GuideScreen(BoxDialog[None]):
+    """Dialog with instructions, a QR code beside them, and log lines received since it opened."""
+
+    def __init__(
+        self,
+        name: str,
+        title: str,
+        width: int,
+        guide: "Callable[[GuideScreen], Coroutine[None, None, None]]",
+    ) -> None:
+        """`width`: cells for the text; `guide`: coroutine that shows it, run until the screen is closed."""
+        self._width, self._guide = width, guide
+        self.url = ""
+        """Content of the QR code."""
+        self._words = Lines(id=f"{name}-words", classes="words")
+        self._code = Lines(id=f"{name}-code", classes="code")
+        self._event_log, self._came = deque[LogLine](maxlen=MAX_LOG_LINES), Lines(id=f"{name}-news")
+        super().__init__(title, Horizontal(self._words, self._code), self._came, subtitle="esc closes")
+        self.id = f"{name}-guide"
+
+    def on_mount(self) -> None:
+        """Start the guide."""
+        self.run_worker(self._guide(self), exclusive=True, group="guide")
+
+    def on_record_changed(self, message: RecordChanged) -> None:
+        """Show new log lines."""
+        if isinstance(message.what, LogLine):
+            self._event_log.append(message.what)
+            self._came.show(log_lines(self._event_log, self._came.size.width))
+
+    def show(self, url: str, *paragraphs: tuple[str, str]) -> None:
+        """Show a QR code (empty: none) and paragraphs with their styles; numbered ones are indented."""
+        self.url = url
+        self._code.show(qr_lines(url) if url else [])
+        self._words.show(
+            [
+                Content.styled(line, style)
+                for text, style in paragraphs
+                for line in textwrap.wrap(
+                    printable(text), self._width, subsequent_indent="   " if text[:1].isdigit() else ""
+                )
+                or [""]
+            ]
+        )
+
+
+class InviteScreen(GuideScreen):
+    """Instructions for another machine: the command, also as a QR code, and the pairing code."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("i", "another", "Another code", id="invite.another"),
+    ]
+
+    def __init__(self, source: RigLink, leader: str) -> None:
+        super().__init__("invite", "Another machine", 36, partial(_invite, source, leader))
+
+    def action_another(self) -> None:
+        """Show another pairing code."""
+        self.on_mount()
+
+
+async def _invite(source: RigLink, leader: str, screen: GuideScreen) -> None:
+    command = joining_line(printable(leader))
+    line = ("On the camera's machine, type:", ""), (command, "bold $secondary"), ("", "")
+    try:
+        invited = await source.ask(Invite(), Invited)
+    except SimulshotError as error:
+        screen.show(command, *line, (str(error).capitalize(), "$warning"))
+        return
+    code = show_code(invited.code)
+    words = (
+        f"An unpaired machine asks for this pairing code: {code}. It pairs one machine and expires after "
+        f"{invited.good_for_s // 60} minutes. i shows another code; both stay valid."
+    )
+    number = [(row, "bold $success") for row in large(code)]
+    screen.show(command, *line, *number, (words, "$foreground-muted"))
+
+
+def phones_screen(source: RigLink) -> GuideScreen:
+    """Return the dialog with the next phone's QR code, renewed after each phone; the server keeps running."""
+    return GuideScreen("phones", "Phones as cameras", 36, partial(_invite_phones, source))
+
+
+async def _invite_phones(source: RigLink, screen: GuideScreen) -> None:
+    screen.show("", ("Preparing the page …", ""))
+    shown = ""
+    while True:
+        try:
+            invited = await source.ask(InvitePhone(), PhoneInvited)
+            if invited.url != shown:
+                show_steps(screen, invited, _PHONE_STEPS, came=bool(shown))
+                shown = invited.url
+        except SimulshotError as error:
+            shown = ""
+            screen.show("", (str(error), "$warning"))
+        await asyncio.sleep(LOOK_EVERY_S)
+
+
+_PHONE_STEPS = (
+    "1  Scan the code with the phone, and open the page.",
+    "2  The browser warns once that it does not know this machine: choose Advanced, then continue.",
+    "3  Start the camera and allow access. Place the phone and plug it in.",
+)
+
+
+def show_steps(screen: GuideScreen, invited: PhoneInvited, steps: tuple[str, ...], *, came: bool) -> None:
+    """Show a page's code and the steps; `came`: the code before it was used or has expired."""
+    begin = ("The last code was used or has expired. For the next device:", "$success")
+    screen.show(
+        invited.url,
+        *([begin] if came else []),
+        *((step, "") for step in steps),
+        ("", ""),
+        (invited.url, "bold $secondary"),
+        ("", ""),
+        (
+            "Each code admits one device and expires after ten minutes. On an untrusted network, compare the "
+            "certificate's SHA-256 in its browser with:",
+            "$foreground-muted",
+        ),
+        (invited.fingerprint, "$foreground-muted"),
+    )

@@ -1,0 +1,298 @@
+"""Mode Rig: the rig's readiness with advice, its cameras, and its log."""
+
+import re
+import textwrap
+from pathlib import Path
+from typing import ClassVar
+
+from textual import work
+from textual.binding import Binding, BindingType
+from textual.containers import VerticalScroll
+from textual.content import Content
+
+from capture_app.common.address import ANY_HOST, LOOPBACK_HOSTS, parse_address
+from capture_app.common.camera_facts import PHONE, SIMULATED
+from capture_app.common.errors import SimulshotError
+from capture_app.common.node_state import NodeState
+from capture_app.common.text import printable
+from capture_app.protocol.orders import AddSimulated, RemoveCamera
+from capture_app.protocol.status import LogLine, RigStatus
+from capture_app.rig.process import start_rig
+from capture_app.rig.rig_link import LinkLost, RigLink
+from capture_app.tui.mode import ModeView
+from capture_app.tui.question import Answer, Question
+from capture_app.tui.rig.camera_list import CameraList
+from capture_app.tui.rig.monitor_screen import MonitorServer
+from capture_app.tui.rig.panel_screen import panel_screen
+from capture_app.tui.rig.start import StartPanel
+from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, showing_errors
+from capture_app.tui.screen_settings import Settings
+from capture_app.tui.signs import MISSING, NO_LEADER, is_settled, rig_sign
+from capture_app.tui.widgets.lines import Lines, log_lines
+
+SCROLLBAR = 1
+ADVICE_LINES = 2
+_FIGURES = re.compile(r"[\d.,]+ ?[nµm]?s?")
+SMALL = 30
+"""Rows below which the log has two lines and no frame."""
+CALM_S, MAX_CALM_S = 0.8, 10.0
+"""Redraw interval of a synchronized rig in seconds: per camera, and maximum."""
+REDRAW_S = 0.5
+"""Redraw interval of changing numbers in seconds; a change of state is drawn at once."""
+
+
+class LogPane(VerticalScroll, can_focus=True):
+    """Log with the newest line at the bottom; follows it unless the user has scrolled back."""
+
+    def __init__(self, record: RigRecord) -> None:
+        self._record, self._lines = record, Lines()
+        super().__init__(self._lines, id="log")
+        self.border_title = "log"
+
+    def draw(self) -> None:
+        """Draw the log."""
+        following = self.scroll_y >= self.max_scroll_y
+        self._lines.show(log_lines(self._record.log, self.size.width - SCROLLBAR))
+        if following:
+            self.call_after_refresh(self.scroll_end, animate=False)
+
+    on_resize = draw
+
+
+class RigView(ModeView):
+    """View of all cameras, the rig's readiness, and its log."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("l", "start", "Restart leader", id="rig.start", tooltip="if it is lost"),
+        Binding(
+            "delete,backspace",
+            "remove",
+            "Remove",
+            id="rig.remove",
+            key_display="del",
+            tooltip="stop a camera, or remove a lost one",
+        ),
+        Binding("a", "add", "Add cameras", id="rig.add", tooltip="start or invite more cameras"),
+        Binding("n", "log", "Log", id="rig.log", tooltip="scroll through the log"),
+        Binding(
+            "p",
+            "panel",
+            "Panel",
+            id="rig.panel",
+            tooltip="check the synchronization with a clock that all cameras see",
+        ),
+        Binding(
+            "h", "phones", "Phones", show=False, id="rig.phones", tooltip="phones as cameras, by a QR code"
+        ),
+        Binding(
+            "g",
+            "monitor",
+            "Monitor",
+            show=False,
+            id="rig.monitor",
+            tooltip="cameras and button on a phone",
+        ),
+        Binding("i", "invite", "Invite", show=False, id="rig.invite", tooltip="a code for another machine"),
+        Binding("escape", "back", "Back", id="rig.back"),
+    ]
+
+    def __init__(
+        self,
+        source: RigLink,
+        record: RigRecord,
+        settings: Settings,
+        sessions: Path,
+        samples: Path | None,
+        *,
+        local: bool,
+    ) -> None:
+        """`local`: the leader is on this machine and can run its cameras; `samples`: as in `StartPanel`."""
+        self._source, self._sessions, self._local = source, sessions, local
+        self._monitor = MonitorServer(source, local=local)
+        self._record = record
+        self._advice = Lines(id="advice")
+        self._cameras = CameraList(source, record)
+        self._event_log = LogPane(record)
+        self._start = StartPanel(source, settings, sessions, samples, local=local)
+        self._adding: int | None = None
+        """Number of cameras when the user chose to add more; None otherwise."""
+        self._starting = ""
+        """Message about the leader being started."""
+        self._drawn: tuple[object, ...] = ()
+        self._next_draw_s = 0.0
+        super().__init__(self._advice, self._start, self._cameras, self._event_log)
+
+    def on_mount(self) -> None:
+        """Start the periodic redraws."""
+        self.set_interval(REDRAW_S, self._let_time_pass)
+
+    def focus_first(self) -> None:
+        """Focus the visible list."""
+        if self._start.display:
+            self._start.focus_first()
+        else:
+            self._cameras.focus()
+
+    def on_mode_shown(self) -> None:
+        """Draw what happened while hidden."""
+        super().on_mode_shown()
+        self._draw()
+        self._event_log.draw()
+
+    def on_resize(self) -> None:
+        """Divide the space again."""
+        self.call_after_refresh(self.on_mode_shown)
+
+    def on_record_changed(self, message: RecordChanged) -> None:
+        """Draw changes at once, unless only numbers differ."""
+        match message.what:
+            case LogLine():
+                self._event_log.draw()
+            case LinkLost():
+                self._drawn = ()
+                self._draw()
+                self.refresh_bindings()
+            case RigStatus() as status:
+                words = (status.advice, status.message, *(node.message for node in status.nodes))
+                seen = (
+                    *(_FIGURES.sub("", text) for text in words),
+                    *((node.name, is_settled(node) or node.state) for node in status.nodes),
+                )
+                if seen != self._drawn:
+                    self._drawn = seen
+                    self._draw()
+                    self.refresh_bindings()
+
+    def _let_time_pass(self) -> None:
+        """Redraw at intervals; less often if only small phase changes are left."""
+        status = self._record.status
+        if status is None or self._record.clock() < self._next_draw_s:
+            return
+        # Calm: all connected cameras are synchronized, and only their phases fluctuate.
+        is_calm = all(node.state is NodeState.LOST or is_settled(node) for node in status.nodes)
+        pause_s = min(max(CALM_S * len(status.nodes), REDRAW_S), MAX_CALM_S) if is_calm else 0.0
+        self._next_draw_s = self._record.clock() + pause_s
+        self._draw()
+
+    def _draw(self) -> None:
+        status = self._record.status
+        if status is None or not self.screen.is_current or self.size.height == 0:
+            return
+        self._choose_panel(status)
+        self._start.show_leader(status.leader)
+        advice = [] if self._start.display and not self._record.lost else self._advise(status)
+        self._advice.show(advice)
+        # The log always has a few lines, and more in a large window.
+        small = self.size.height < SMALL
+        self.set_class(small, "-small")
+        room = self.size.height - len(advice) - (3 if small else 8)
+        height = CameraList.rows_needed(len(status.nodes), room)
+        if self._cameras.styles.height is None or self._cameras.styles.height.value != height:
+            self._cameras.styles.height = height
+        self._cameras.draw(room)
+
+    def _advise(self, status: RigStatus) -> list[Content]:
+        if self._record.lost:
+            sign, words = NO_LEADER, self._starting or self._record.lost
+            if self._local and not self._starting:
+                words = f"press l to restart it. {words}"
+        else:
+            sign = rig_sign(status)
+            words = " ".join(filter(None, (status.message, status.advice))) or sign.word
+            if sign.glyph == MISSING:
+                words += "; del removes a lost camera"
+        lines = textwrap.wrap(f"{sign.glyph} {printable(words)}", self.size.width - 2, subsequent_indent="  ")
+        # A fixed number of lines, so that the content below does not jump.
+        more, lines = lines[ADVICE_LINES:], (lines + [""] * ADVICE_LINES)[:ADVICE_LINES]
+        if more:  # a truncated line shows that there is more
+            lines[-1] += f" {more[0].strip()}"
+        return [Content.styled(line, f"bold {sign.style}") for line in lines]
+
+    def _choose_panel(self, status: RigStatus) -> None:
+        """Show the start panel if there are no cameras, or while the user adds some."""
+        if self._adding is not None and len(status.nodes) > self._adding:
+            self._adding = None
+        starting = not status.nodes or self._adding is not None
+        if self._start.display != starting or self._cameras.display == starting:
+            self._start.display = starting
+            self._cameras.display = self._event_log.display = not starting
+            self.focus_first()
+            self.refresh_bindings()
+            self.call_after_refresh(self._draw)  # a widget has no size before it is displayed
+
+    # Actions
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Return whether an action is available, given the visible panel and the focus."""
+        if action == "remove":
+            return self._cameras.has_focus
+        if action in ("add", "log", "panel", "phones", "monitor", "invite"):
+            return self._cameras.display
+        if action == "start":
+            return bool(self._record.lost) and self._local
+        return self._adding is not None if action == "back" else True
+
+    def action_add(self) -> None:
+        """Show the start panel to add cameras."""
+        if self._record.status is not None:
+            self._adding = len(self._record.status.nodes)
+            self._start.say_busy("")
+            self._draw()
+
+    def action_back(self) -> None:
+        """Show the cameras again."""
+        self._adding = None
+        self._draw()
+
+    @work(exclusive=True, group="start")
+    async def action_start(self) -> None:
+        """Restart the local leader at its address, with its simulated cameras; running cameras reconnect."""
+        leader, status = self._source.leader, self._record.status
+        alone = status is not None and parse_address(status.leader).host in LOOPBACK_HOSTS
+        self._starting = f"starting a leader at {leader} …"
+        self._draw()
+        with showing_errors(self):
+            host = LOOPBACK_HOSTS[1] if alone else ANY_HOST[1]
+            await start_rig(sessions=self._sessions, host=host, port=leader.port)
+            nodes = status.nodes if status is not None else ()
+            simulated = sum(node.on_leader and node.camera.kind == SIMULATED for node in nodes)
+            if simulated:
+                await self._source.order(AddSimulated(cameras=simulated, scene=self._start.scene))
+        self._starting = ""
+
+    def action_log(self) -> None:
+        """Move the focus to the log for scrolling, or back."""
+        (self._cameras if self._event_log.has_focus else self._event_log).focus()
+
+    def action_panel(self) -> None:
+        """Show how to check the rig with a panel."""
+        self.app.push_screen(panel_screen())
+
+    def action_monitor(self) -> None:
+        """Show how a phone or tablet becomes a monitor."""
+        self.app.push_screen(self._monitor.guide())
+
+    def action_phones(self) -> None:
+        """Show how phones become cameras."""
+        self._start.action_phones()
+
+    def action_invite(self) -> None:
+        """Show how another machine joins."""
+        self._start.action_invite()
+
+    @work(group="orders")
+    async def action_remove(self) -> None:
+        """Remove the selected camera from the rig."""
+        node = self._cameras.chosen
+        if node is not None and node.state is not NodeState.LOST:
+            if not node.on_leader and node.camera.kind != PHONE:
+                words = f"{node.name} runs on another machine, {node.address}"
+                self.post_message(ActionFailed(SimulshotError(words, hint="stop it there with Ctrl-C")))
+                return
+            answers = [Answer("keep", "k", "Keep"), Answer("end", "e", "Stop and remove")]
+            question = Question(f"{node.name} is running. Stop it and remove it from the rig?", answers)
+            if await self.app.push_screen_wait(question) != "end":
+                return
+        if node is not None:
+            with showing_errors(self):
+                await self._source.order(RemoveCamera(name=node.name))

@@ -1,0 +1,306 @@
+"""Settings of the next take as a list; arrow keys select and change them."""
+
+from collections.abc import Callable, Sequence
+from dataclasses import asdict, dataclass, replace
+from typing import Any, ClassVar, Literal, Self, TypeVar, get_args
+
+from textual import events, work
+from textual.binding import Binding, BindingType
+from textual.content import Content
+
+from capture_app.common.names import is_name
+from capture_app.common.text import duration, printable
+from capture_app.rig.motion_watch import WHOLE, Region
+from capture_app.rig.taking import TakePlan
+from capture_app.tui.question import TextQuestion
+from capture_app.tui.screen_settings import Settings
+from capture_app.tui.widgets.lines import Lines
+
+V = TypeVar("V")
+MAX_BEFORE = 60
+"""Max frames before the key press: a node stores frames of 3 s, and the order needs time to reach it."""
+MAX_FRAMES = 300
+MAX_NOTE = 1000
+COUNTDOWNS_S = (0.0, 3.0, 5.0, 10.0, 20.0)
+INTERVALS_S = (2.0, 5.0, 10.0, 30.0, 60.0, 300.0)
+LENGTHS_S = (0.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)
+"""Durations of a recording; 0: until it is stopped."""
+TAKES = (2, 3, 5, 10, 20, 50, 100)
+REGIONS: dict[str, Region] = {
+    "whole picture": WHOLE,
+    "left half": (0.0, 0.0, 0.5, 1.0),
+    "right half": (0.5, 0.0, 1.0, 1.0),
+    "upper half": (0.0, 0.0, 1.0, 0.5),
+    "lower half": (0.0, 0.5, 1.0, 1.0),
+    "middle": (0.25, 0.25, 0.75, 0.75),
+}
+
+
+TakeMode = Literal["single", "interval", "sequence", "motion", "recording"]
+"""Effect of one key press.
+
+single      one take
+interval    a take at a fixed interval, until stopped or all are taken
+sequence    take after take, each as soon as the previous one is saved
+motion      a take whenever something moves, until stopped or all are taken
+recording   a video with every camera, until stopped
+"""
+MODES: tuple[TakeMode, ...] = get_args(TakeMode)
+_SERIES: tuple[TakeMode, ...] = ("interval", "sequence", "motion")
+_PICTURES: tuple[TakeMode, ...] = ("single", *_SERIES)
+LABEL = 10
+
+
+@dataclass(frozen=True, slots=True)
+class TakeSettings:
+    """Settings of the next take; times in seconds."""
+
+    frames: int = 8
+    """Frames per camera, including those before the key press."""
+    before: int = 3
+    mode: TakeMode = "single"
+    countdown_s: float = 0.0
+    every_s: float = 5.0
+    """Time between takes of an interval; minimum time for motion."""
+    region: str = next(iter(REGIONS))
+    """Region in which motion triggers a take, by its name in REGIONS."""
+    takes: int = 3
+    """Number of takes in a series."""
+    seconds: float = 0.0
+    """Duration of a recording; 0: until it is stopped."""
+    name: str = ""
+    note: str = ""
+
+    def __post_init__(self) -> None:
+        """Clamp the numbers to their limits."""
+        frames = min(max(self.frames, 1), MAX_FRAMES)
+        object.__setattr__(self, "frames", frames)
+        object.__setattr__(self, "before", min(max(self.before, 0), MAX_BEFORE, frames))
+
+    @classmethod
+    def recall(cls, settings: Settings) -> Self:
+        """Return the stored settings."""
+        stored = {name: settings.recall(f"shoot.{name}", value) for name, value in cls()._stored().items()}
+        stored["mode"] = stored["mode"] if stored["mode"] in MODES else "single"
+        stored["region"] = stored["region"] if stored["region"] in REGIONS else cls().region
+        stored["name"] = stored["name"] if is_name(stored["name"]) else ""
+        return cls(**stored)
+
+    def remember(self, settings: Settings) -> None:
+        """Store the settings for the next start, except the note, which belongs to one take."""
+        for name, value in self._stored().items():
+            settings.remember(f"shoot.{name}", value)
+
+    def _stored(self) -> dict[str, Any]:
+        return {name: value for name, value in asdict(self).items() if name != "note"}
+
+    @property
+    def after(self) -> int:
+        """Frames from the key press on."""
+        return self.frames - self.before
+
+    def with_before(self, before: int) -> Self:
+        """Return the settings with this many frames before the key press, and unchanged frames after it."""
+        before = min(max(before, 0), MAX_BEFORE)
+        return replace(self, frames=max(before + self.after, 1), before=before)
+
+    def with_after(self, after: int) -> Self:
+        """Return the settings with this many frames after the key press, and unchanged frames before it."""
+        return replace(self, frames=max(self.before + max(after, 0), 1))
+
+    def plan(self) -> TakePlan:
+        """Return the plan of a take with these settings."""
+        plan: dict[str, Any] = {"name": self.name, "note": self.note, "countdown_s": self.countdown_s}
+        if self.mode == "recording":
+            return TakePlan(video=True, seconds=self.seconds or None, **plan)
+        if self.mode in _SERIES:
+            plan["repeat"] = self.takes
+        if self.mode in ("interval", "motion"):
+            plan["every_s"] = self.every_s
+        if self.mode == "motion":
+            plan["on_motion"] = REGIONS[self.region]
+        return TakePlan(frames=self.frames, before=self.before, **plan)
+
+
+def stepped(values: tuple[float, ...], value: float, steps: int) -> float:
+    """Return the value `steps` after the nearest one in `values`, clamped at the ends."""
+    nearest = min(range(len(values)), key=lambda at: abs(values[at] - value))
+    return values[min(max(nearest + steps, 0), len(values) - 1)]
+
+
+@dataclass(frozen=True, slots=True)
+class _Row:
+    label: str
+    text: Callable[[TakeSettings, int | None], str]
+    change: Callable[[TakeSettings, int], TakeSettings] | None = None
+    """None for a line of text."""
+    modes: tuple[TakeMode, ...] = MODES
+
+
+def _frames(number: int, period_ns: int | None, sign: str) -> str:
+    return f"{number:<2} {sign}{duration(number * period_ns)}" if period_ns and number else str(number)
+
+
+def _next(values: Sequence[V], value: V, steps: int) -> V:
+    """Return the value `steps` after this one in `values`, cyclically."""
+    return values[(values.index(value) + steps) % len(values)]
+
+
+ROWS = (
+    _Row(
+        "before",
+        lambda p, ns: _frames(p.before, ns, "-"),
+        lambda p, by: p.with_before(p.before + by),
+        _PICTURES,
+    ),
+    _Row(
+        "after",
+        lambda p, ns: _frames(p.after, ns, "+"),
+        lambda p, by: p.with_after(p.after + by),
+        _PICTURES,
+    ),
+    _Row(
+        "length",
+        lambda p, _: f"{p.seconds:g} s" if p.seconds else "until Space",
+        lambda p, by: replace(p, seconds=stepped(LENGTHS_S, p.seconds, by)),
+        ("recording",),
+    ),
+    _Row(
+        "countdown",
+        lambda p, _: f"{p.countdown_s:g} s" if p.countdown_s else "none",
+        lambda p, by: replace(p, countdown_s=stepped(COUNTDOWNS_S, p.countdown_s, by)),
+    ),
+    _Row("mode", lambda p, _: p.mode, lambda p, by: replace(p, mode=_next(MODES, p.mode, by))),
+    _Row(
+        "every",
+        lambda p, _: f"{p.every_s:g} s",
+        lambda p, by: replace(p, every_s=stepped(INTERVALS_S, p.every_s, by)),
+        ("interval", "motion"),
+    ),
+    _Row(
+        "where",
+        lambda p, _: p.region,
+        lambda p, by: replace(p, region=_next(list(REGIONS), p.region, by)),
+        ("motion",),
+    ),
+    _Row(
+        "takes",
+        lambda p, _: str(p.takes),
+        lambda p, by: replace(p, takes=int(stepped(TAKES, p.takes, by))),
+        _SERIES,
+    ),
+    _Row("name", lambda p, _: p.name or ("recording" if p.mode == "recording" else "burst")),
+    _Row("notes", lambda p, _: p.note or "–"),
+)
+
+
+class PlanPanel(Lines, can_focus=True):
+    """List of the next take's settings, which the user can change."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("up", "choose(-1)", "Setting above", id="plan.up", show=False),
+        Binding("down", "choose(1)", "Setting below", id="plan.down", show=False),
+        Binding("left", "change(-1)", "Less", id="plan.less", show=False),
+        Binding("right", "change(1)", "More", id="plan.more", show=False),
+        Binding("enter", "edit", "Edit", id="plan.edit", show=False),
+    ]
+
+    def __init__(self, settings: Settings) -> None:
+        super().__init__(id="plan")
+        self.settings = TakeSettings.recall(settings)
+        self._store = settings
+        self.border_title = "Next take"
+        self._chosen = 0
+        self._period_ns: int | None = None
+
+    def on_mount(self) -> None:
+        """Show the stored settings."""
+        super().on_mount()
+        self._show()
+
+    def watch_has_focus(self, has_focus: bool) -> None:
+        """Mark or unmark the selected setting."""
+        super().watch_has_focus(has_focus)
+        self._show()
+
+    def on_click(self, event: events.Click) -> None:
+        """Select a setting; on the selected one, decrease it on the left half, increase it on the right."""
+        at = event.y - 1
+        if 0 <= at < len(self._rows()):
+            if at == self._chosen and self._rows()[at].change is None:
+                self.action_edit()
+            elif at == self._chosen:
+                self.action_change(1 if event.x > self.size.width // 2 else -1)
+            self._chosen = at
+            self._show()
+
+    def show_period(self, period_ns: int | None) -> None:
+        """Show the durations of the frame counts at this period."""
+        if period_ns != self._period_ns:
+            self._period_ns = period_ns
+            self._show()
+
+    def change(self, settings: TakeSettings) -> None:
+        """Use these settings from now on, and store them."""
+        if settings != self.settings:
+            self.settings = settings
+            self._chosen = min(self._chosen, len(self._rows()) - 1)
+            self._show()
+            settings.remember(self._store)
+
+    def action_choose(self, by: int) -> None:
+        """Select another setting."""
+        self._chosen = min(max(self._chosen + by, 0), len(self._rows()) - 1)
+        self._show()
+
+    def action_change(self, by: int) -> None:
+        """Change the selected setting."""
+        row = self._rows()[self._chosen]
+        if row.change is None:
+            self.action_edit()
+        else:
+            self.change(row.change(self.settings, by))
+
+    @work(group="asking")
+    async def action_edit(self, what: str = "") -> None:
+        """Edit the `name` or the `notes` of the following takes; by default, the selected one."""
+        what = what or self._rows()[self._chosen].label
+        if what == "name":
+            text = "Name of the following takes and of their folders. Default: burst."
+            question = TextQuestion(text, self.settings.name, check=_check_name, title="Name")
+        elif what == "notes":
+            text = "Note saved with each following take."
+            question = TextQuestion(
+                text,
+                self.settings.note,
+                check=lambda note: f"at most {MAX_NOTE} characters" if len(note) > MAX_NOTE else "",
+                title="Notes",
+            )
+        else:
+            return
+        if (typed := await self.app.push_screen_wait(question)) is not None:
+            words = typed.strip()
+            settings = self.settings
+            self.change(replace(settings, name=words) if what == "name" else replace(settings, note=words))
+
+    def _rows(self) -> tuple[_Row, ...]:
+        return tuple(row for row in ROWS if self.settings.mode in row.modes)
+
+    def _show(self) -> None:
+        lines = []
+        for at, row in enumerate(self._rows()):
+            value = printable(row.text(self.settings, self._period_ns))
+            here = at == self._chosen and self.has_focus
+            if here and row.change is not None:
+                value = f"‹ {value} ›"
+            elif here:
+                value = f"{value} …"
+            label = (f"{row.label:<{LABEL}}", "$foreground-muted")
+            lines.append(Content.assemble(label, (value, "bold $primary" if here else "$foreground")))
+        self.show(lines)
+
+
+def _check_name(name: str) -> str:
+    if not name.strip() or is_name(name.strip()):
+        return ""
+    return "Use up to 64 letters, digits, '_', '.' and '-', starting with a letter or a digit."

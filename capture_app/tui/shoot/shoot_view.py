@@ -1,0 +1,397 @@
+"""Mode Shoot: Space takes; live previews beside the plan, followed by the contact sheet of the take."""
+
+import asyncio
+from typing import ClassVar
+
+from msgspec.structs import replace
+from textual import work
+from textual.binding import Binding, BindingType
+from textual.containers import Horizontal, Vertical
+from textual.content import Content
+
+from capture_app.common.errors import SimulshotError
+from capture_app.common.node_state import NodeState
+from capture_app.common.text import clock_offset, count, printable
+from capture_app.common.timeouts import READY_TIMEOUT_S
+from capture_app.protocol.orders import CancelBurst, EndBurst, Order
+from capture_app.protocol.status import BurstStatus, NodeStatus, Preview, RigStatus
+from capture_app.rig.rig_link import RigLink
+from capture_app.rig.taking import (
+    Begun,
+    Countdown,
+    Failed,
+    Moved,
+    Progress,
+    TakeEvent,
+    TakePlan,
+    Taking,
+    Waiting,
+)
+from capture_app.session.library.trash import trash_session
+from capture_app.session.reading.take_sheet import TakeSheet
+from capture_app.tui.jobs.result_screen import open_report
+from capture_app.tui.jobs.runs import Runs
+from capture_app.tui.mode import ModeView
+from capture_app.tui.question import CANCEL, Answer, Question, explain_verdict
+from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, showing_errors
+from capture_app.tui.screen_settings import Settings
+from capture_app.tui.shoot import take_depth
+from capture_app.tui.shoot.shoot_plan import PlanPanel
+from capture_app.tui.shoot.stage import Stage
+from capture_app.tui.shoot.takes import (
+    Take,
+    TakePanel,
+    open_take,
+    progress_words,
+    verdict_line,
+)
+from capture_app.tui.signs import cameras_of, is_settled
+from capture_app.tui.widgets.lines import Lines
+
+MAX_ANSWERS = 9
+"""Maximum bursts offered for cancellation, one per digit key."""
+MAX_TAKES = 100
+NARROW = 110
+"""Columns below which a window is narrow; the plan then leaves more space to the pictures."""
+AGAIN = (Answer("keep", "k", "Keep, take again"), Answer("trash", "t", "Trash, take again"), CANCEL)
+
+
+class ShootView(ModeView):
+    """View that takes pictures and shows the results."""
+
+    BINDINGS: ClassVar[list[BindingType]] = [
+        Binding("space", "take", "Take", id="shoot.take"),
+        Binding("r", "retake", "Retake", id="shoot.retake", tooltip="repeat the newest take"),
+        Binding("v", "switch", "Live/sheet", id="shoot.switch", tooltip="live pictures or contact sheet"),
+        Binding("w", "wiggle", "Wiggle", id="shoot.wiggle", tooltip="back and forth through the cameras"),
+        Binding("d", "open_depth", "Depth", id="shoot.depth", tooltip="the newest take in 3D in the browser"),
+        Binding("y", "explain", "Why", id="shoot.why", tooltip="explains the verdict on the newest take"),
+        Binding("n", "edit('name')", "Name", id="shoot.name"),
+        Binding("t", "edit('notes')", "Notes", id="shoot.note"),
+        Binding("left_square_bracket", "frames(-1,0)", "Fewer before", id="shoot.before-less", show=False),
+        Binding("right_square_bracket", "frames(1,0)", "More before", id="shoot.before-more", show=False),
+        Binding("left_curly_bracket", "frames(0,-1)", "Fewer after", id="shoot.after-less", show=False),
+        Binding("right_curly_bracket", "frames(0,1)", "More after", id="shoot.after-more", show=False),
+        Binding("escape", "stop", "Stop, or back to live", id="shoot.stop", show=False),
+        Binding(
+            "x",
+            "cancel_burst",
+            "Cancel a burst",
+            id="shoot.cancel",
+            show=False,
+            tooltip="scheduled, or being saved",
+        ),
+    ]
+
+    def __init__(
+        self, rig: RigLink, record: RigRecord, settings: Settings, depth_runs: Runs | None = None
+    ) -> None:
+        """`depth_runs`: runs that compute each take's depth; None: no depth."""
+        self._rig, self._record = rig, record
+        self._depth_runs = depth_runs
+        self.takes: list[Take] = []
+        """Takes known to the screen, newest last."""
+        self._taking = Taking(rig, TakePlan())
+        """Newest takes ordered here; initially empty and never started."""
+        self._course = ""
+        """What these takes wait for, in words."""
+        self._failure = ""
+        """Reason why the last order failed."""
+        self.plan_panel = PlanPanel(settings)
+        self.take_panel = TakePanel()
+        self.stage = Stage(rig, record)
+        self._line = Lines(id="shoot-advice")
+        side = Vertical(self.plan_panel, self.take_panel, id="shoot-side")
+        super().__init__(Horizontal(side, self.stage), self._line, id="shoot")
+
+    def on_mount(self) -> None:
+        """Show the empty pane and start the updates of elapsed times."""
+        self.take_panel.show(())
+        self.watch(self.stage, "current", self._drive_stage, init=False)
+        self.set_interval(1.0, self._show_course)
+
+    def on_resize(self) -> None:
+        """Leave most of a small window to the pictures."""
+        self.set_class(self.size.width < NARROW, "narrow")
+        self._show_course()
+        self.call_after_refresh(self._want_previews)
+
+    def on_mode_shown(self) -> None:
+        """Focus, and request the previews again."""
+        super().on_mode_shown()
+        self._want_previews()
+
+    def focus_first(self) -> None:
+        """Focus the sheet or the plan, whichever the arrow keys should drive."""
+        (self.stage.sheet if self.stage.is_sheet else self.plan_panel).focus()
+
+    def on_record_changed(self, message: RecordChanged) -> None:
+        """Show cameras, previews, and takes ordered elsewhere."""
+        match message.what:
+            case Preview() as preview:
+                self.stage.grid.show_preview(preview)
+            case Runs():
+                self._show_course()
+                self.refresh_bindings()
+            case RigStatus() as status:
+                self.plan_panel.show_period(status.period_ns)
+                self.stage.grid.show_status(status)
+                if status.burst is not None and status.burst.name:
+                    self._note(status.burst)
+                self._show_course()
+                self.call_after_refresh(self._want_previews)
+
+    def _drive_stage(self) -> None:
+        """Adapt layout, focus and previews to the stage's content."""
+        self.set_class(self.stage.is_sheet, "sheet")
+        self._show_course()
+        if self.screen.is_active:
+            self.focus_first()
+        self._want_previews()
+
+    def action_take(self) -> None:
+        """Take as planned; take now if waiting for the rig; stop a series; stop a recording."""
+        newest = None if self._record.status is None else self._record.status.burst
+        if self._taking.is_waiting:
+            self._taking.take_now()
+        elif self._taking.is_open:
+            self.action_stop()
+        elif newest is not None and newest.recording and not newest.done:
+            self._order(EndBurst(burst=newest.burst))
+        else:
+            self._shoot(self.plan_panel.settings.plan())
+
+    def action_stop(self) -> None:
+        """Stop a countdown, a series or a wait; images already taken are saved."""
+        if self._taking.is_open:
+            self._taking.stop()
+            self._end_course()
+        else:
+            self.stage.show_live()
+
+    @work(group="asking")
+    async def action_retake(self) -> None:
+        """Repeat the last take, after asking whether to keep or trash it."""
+        last = next((take for take in reversed(self.takes) if take.plan is not None), None)
+        plan = (last and last.plan) or self.plan_panel.settings.plan()
+        if self._taking.is_open:
+            return
+        if last is None or last.sheet is None or last.trashed:
+            self._shoot(plan)
+            return
+        verdict = last.sheet.verdict
+        text = f"{last.sheet.session.name} is {verdict.headline}\nspread {verdict.spread}"
+        answer = await self.app.push_screen_wait(Question(text, AGAIN, title="Take again"))
+        if answer == "trash":
+            self._trash(last, last.sheet)
+        if answer is not None:
+            self._shoot(plan, retake_of=last.name)
+
+    def action_edit(self, what: str) -> None:
+        """Edit the name or the notes of the following takes."""
+        self.plan_panel.action_edit(what)
+
+    def action_frames(self, before: int, after: int) -> None:
+        """Change the number of frames before or after the key press."""
+        settings = self.plan_panel.settings.with_before(self.plan_panel.settings.before + before)
+        self.plan_panel.change(settings.with_after(settings.after + after))
+
+    def action_switch(self) -> None:
+        """Switch between the live previews and the last take."""
+        (self.stage.show_live if self.stage.is_sheet else self.stage.show_sheet)()
+
+    def action_wiggle(self) -> None:
+        """Wiggle through the cameras at the selected instant of the last take."""
+        self.stage.sheet.action_look("wiggle")
+
+    def check_action(self, action: str, parameters: tuple[object, ...]) -> bool | None:
+        """Offer only actions available for the newest take."""
+        if action == "explain":
+            return self._newest_sheet is not None
+        run = take_depth.run_of(self._depth_runs, self._newest_sheet) if action == "open_depth" else None
+        return action != "open_depth" or (run is not None and run.report is not None)
+
+    def action_explain(self) -> None:
+        """Explain the verdict on the newest take."""
+        if (sheet := self._newest_sheet) is not None:
+            self.app.push_screen(explain_verdict(sheet))
+
+    def action_open_depth(self) -> None:
+        """Open the interactive 3D page of the newest take's depth."""
+        run = take_depth.run_of(self._depth_runs, self._newest_sheet)
+        open_report(self, None if run is None else run.report)
+
+    @work(group="asking")
+    async def action_cancel_burst(self) -> None:
+        """Ask which burst to cancel, and cancel it."""
+        offers = {} if self._record.status is None else cancellable_bursts(self._record.status)
+        if not offers:
+            self.notify("no burst is scheduled or being saved")
+            return
+        answers = [
+            Answer(str(burst), str(key), words)
+            for key, (burst, words) in enumerate(list(offers.items())[:MAX_ANSWERS], 1)
+        ]
+        question = Question("Images received so far are saved.", [*answers, CANCEL], title="Cancel a burst")
+        answer = await self.app.push_screen_wait(question)
+        if answer is not None:
+            self._order(CancelBurst(burst=int(answer)))
+
+    @work(group="orders")
+    async def _order(self, order: Order) -> None:
+        with showing_errors(self):
+            await self._rig.order(order)
+
+    @work(group="shooting")
+    async def _shoot(self, plan: TakePlan, *, retake_of: str = "") -> None:
+        """Take once all settling cameras are ready, and show the progress until all is saved."""
+        status, ready = self._record.status, plan
+        if status is not None and any(map(is_settling, cameras_of(status))):
+            cameras = [node for node in cameras_of(status) if node.state is not NodeState.LOST]
+            ready = replace(plan, wait_ready_s=READY_TIMEOUT_S, nodes=len(cameras))
+        self._failure, self._taking = "", (taking := Taking(self._rig, ready))
+        try:
+            async for event in taking:
+                self._show_event(event, plan, retake_of)
+        finally:
+            if self._taking is taking:
+                self._end_course()
+
+    def _show_event(self, event: TakeEvent, plan: TakePlan, retake_of: str) -> None:
+        of = f"take {event.number} of {plan.repeat}" if plan.repeat > 1 else "the take"
+        match event:
+            case Countdown(seconds=seconds):
+                self._course = f"◉ {of} in {seconds} s"
+                self.stage.count_down(seconds, f"{of} in {seconds} s")
+            case Moved(camera=camera):
+                self.notify(f"something moves in front of {printable(camera)}", markup=False)
+            case Waiting(reason=reason):
+                keys = "◔ Space takes now, esc cancels; " if self._taking.is_waiting else f"◉ {of}: "
+                self._end_course(keys + reason)
+            case Begun():
+                self._end_course(f"◉ {of} is being taken")
+            case Progress(status=status):
+                self._course = self._course if self._taking.is_open else ""
+                self._note(status, plan, retake_of)
+            case Failed(error=error, status=status) if status is None or not status.done:
+                self._end_course()
+                self._failure = error.what
+                self.post_message(ActionFailed(error))
+                for take in self.takes:
+                    if status is not None and take.name == status.name:
+                        take.problem = error.what
+        self._show_course()
+
+    def _end_course(self, course: str = "") -> None:
+        """End the countdown, and show `course` as the current state."""
+        self._course = course
+        self.stage.end_countdown()
+        self._show_course()
+
+    def _note(self, status: BurstStatus, plan: TakePlan | None = None, retake_of: str = "") -> None:
+        """Store a burst's progress.
+
+        Each burst is reported twice: in the reply to the request, which also gives its plan, and in the rig's
+        status.
+        """
+        take = next((take for take in self.takes if take.name == status.name), None)
+        was_done = take is not None and take.status.done
+        if take is None:
+            is_new = not status.done or plan is not None
+            take = Take(status, is_new=is_new, begun_s=self._record.clock())
+            self.takes = [*self.takes, take][-MAX_TAKES:]
+        take.plan, take.retake_of = plan or take.plan, retake_of or take.retake_of
+        if not was_done:
+            take.status, take.problem = status, ""
+            if status.done:
+                self._judge(take)
+        self._show_course()
+
+    @work(group="judging")
+    async def _judge(self, take: Take) -> None:
+        try:
+            take.sheet = await asyncio.to_thread(open_take, take.status)
+        except SimulshotError as error:
+            take.problem = f"the take cannot be shown: {error}"
+        shown = self._shown
+        newer = shown is None or self.takes.index(take) > self.takes.index(shown)
+        if take.sheet is not None and newer:
+            # Start at the instant of the key press, which the photographer meant.
+            self.stage.load_sheet(take.sheet, 0 if take.plan is None else take.plan.before)
+            if take.is_new and not self._taking.is_open:
+                self.stage.show_sheet()
+        if take.sheet is not None and take.is_new:
+            await take_depth.begin(self._depth_runs, take.sheet)
+        self._show_course()
+        if self.is_attached:  # the screen may have been closed meanwhile
+            self.refresh_bindings()
+
+    @property
+    def _newest_sheet(self) -> TakeSheet | None:
+        newest = next(reversed(self.takes), None)
+        return None if newest is None or newest.trashed else newest.sheet
+
+    @property
+    def _shown(self) -> Take | None:
+        """The take whose sheet is loaded."""
+        sheet = self.stage.sheet.sheet
+        return next((take for take in self.takes if take.sheet is sheet is not None), None)
+
+    @work(group="trash")
+    async def _trash(self, take: Take, sheet: TakeSheet) -> None:
+        with showing_errors(self):
+            await asyncio.to_thread(trash_session, sheet.session.folder)
+            take.trashed = True
+            self.stage.forget_sheet(sheet)
+            self._show_course()
+
+    def _show_course(self) -> None:
+        """Show the current activity in the takes pane and in the line below."""
+        now_s = self._record.clock()
+        sheet = self._newest_sheet
+        runs = self._depth_runs
+        self.take_panel.show(
+            self.takes, now_s, take_depth.lines(runs, sheet), take_depth.picture(runs, sheet)
+        )
+        line = self._words(now_s).truncate(max(self._line.size.width, 1), ellipsis=True)
+        self._line.show([line])
+
+    def _words(self, now_s: float) -> Content:
+        """Return the line's text: the pending activity, a failure, the verdict, or the rig's advice."""
+        newest = next(reversed(self.takes), None)
+        if self._course:
+            return Content.styled(printable(self._course), "bold $primary")
+        if newest is not None and not newest.status.done and not newest.problem:
+            far = progress_words(newest.status, now_s - newest.begun_s)
+            return Content.styled(f"◔ {printable(newest.name)}: {far}", "bold $primary")
+        if self._failure:
+            return Content.styled(f"! no take: {printable(self._failure)}", "bold $warning")
+        if self.has_class("narrow", "sheet") and self.stage.sheet.sheet is not None:
+            return verdict_line(self.stage.sheet.sheet.verdict)
+        advice = "" if self._record.status is None else self._record.status.advice
+        return Content.styled(printable(advice), "$foreground-muted")
+
+    def _want_previews(self) -> None:
+        if not self.is_attached:  # a take may end while the screen closes
+            return
+        self.stage.want_previews(self.screen.is_active)
+
+    on_mode_hidden = _want_previews
+
+
+def is_settling(node: NodeStatus) -> bool:
+    """Return whether a take should wait for a camera; not if it is lost or briefly corrects a drift."""
+    in_step = is_settled(node) and node.phase_error_ns is not None
+    return not in_step and node.state not in (NodeState.READY, NodeState.LOST)
+
+
+def cancellable_bursts(status: RigStatus) -> dict[int, str]:
+    """Return the cancellable bursts in words, by number: the one being saved, then the scheduled ones."""
+    offers = {}
+    newest = status.burst
+    if newest is not None and newest.burst and not newest.done:
+        offers[newest.burst] = f"{newest.name}: {newest.received} of {newest.expected} images received"
+    for burst in sorted(status.ahead, key=lambda burst: burst.first_leader_ns):
+        begins = clock_offset(max(0, burst.first_leader_ns - status.now_ns), signed=False)
+        offers[burst.burst] = f"{burst.name}: begins in {begins}, {count(burst.instants, 'frame')}"
+    return offers

@@ -1,0 +1,148 @@
+"""Units of a session and their computation: the depth of an instant in a condition."""
+
+import hashlib
+import shutil
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from functools import cache
+from pathlib import Path
+
+import msgspec
+
+from capture_app.common.errors import BadInputError, NotApplicableError
+from capture_app.common.text import pretty_json
+from capture_app.session.files.durable import write_atomic
+from reconstruction.batch.rows import Row
+from reconstruction.batch.units import RESULT, Unit
+from reconstruction.calibration.stored import choose_calibration
+from reconstruction.common.native_libraries import library_versions
+from reconstruction.multiview.instant_model import RESULT as MULTIVIEW_RESULT
+from reconstruction.multiview.instant_model import MultiviewOptions, multiview
+from reconstruction.multiview.matcher import Matcher
+from reconstruction.session.conditions import SYNCED, Condition
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.picture_checksums import checked_pictures
+
+DEPTH_TASK = "reconstruction.batch.batch_plan:compute_depth"
+TIMES = ("seconds", "seconds_of")
+"""Fields that differ from run to run; they are not part of a unit's result."""
+
+
+@cache
+def program_checksum() -> str:
+    """Return a checksum of this package's source and the library versions, on which results depend."""
+    digest = hashlib.sha256(repr(sorted(library_versions().items())).encode())
+    here = Path(__file__).parents[1]
+    for path in sorted(here.rglob("*.py")):
+        digest.update(f"{path.relative_to(here)}\n".encode() + path.read_bytes())
+    return digest.hexdigest()
+
+
+@dataclass(frozen=True, kw_only=True)
+class BatchOptions:
+    """What to compute for every session; `instants` None = all at which the burst contains the condition."""
+
+    conditions: tuple[Condition, ...] = (Condition(SYNCED),)
+    instants: tuple[int, ...] | None = None
+    matcher: Matcher = Matcher.AUTO
+    time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
+    """Corrections added to the times of the named cameras."""
+    program: str = field(default_factory=program_checksum)
+    """Checksum of the program; results of another program are computed again."""
+
+
+def plan(session: Path, options: BatchOptions) -> tuple[list[Unit], list[Row]]:
+    """Return a session's units, and rows for units that the burst does not contain.
+
+    Raises:
+        SimulshotError: the session cannot be used at all.
+        NotApplicableError: the session is valid but has only one camera.
+    """
+    dataset = Dataset.open(session, options.time_shifts_ms)
+    dataset.require_cameras(2, "depth needs two that see the same from different places")
+    choose_calibration(dataset)
+    name = session.resolve().name
+    source = dataset.fingerprint()
+    matcher, shifts = options.matcher.engine, dict(options.time_shifts_ms)
+    units: list[Unit] = []
+    failures: list[Row] = []
+    for condition in dict.fromkeys(options.conditions):
+        refused = None
+        before = len(units)
+        for instant in range(len(dataset.instants_ns)) if options.instants is None else options.instants:
+            offsets = condition.offsets_ms(dataset.cameras, instant)
+            try:
+                condition.check(dataset)
+                chosen = dataset.nearest_instants(instant, offsets)
+            except BadInputError as error:
+                refused = Row(
+                    session=name,
+                    instant=instant,
+                    condition=condition.name,
+                    error=str(error),
+                    exit_code=error.exit_code,
+                )
+                if options.instants is not None:
+                    failures.append(refused)
+                continue
+            truth = _truth_checksums(dataset, chosen)
+            made_by = str(matcher), offsets, sorted(shifts.items()), options.program
+            inputs = (source, truth, name, instant, condition.name, chosen, *made_by)
+            units.append(
+                Unit(
+                    session=str(session.resolve()),
+                    name=name,
+                    instant=instant,
+                    condition=condition.name,
+                    offsets_ms=offsets,
+                    matcher=matcher,
+                    time_shifts_ms=shifts,
+                    key=hashlib.sha256(repr(inputs).encode()).hexdigest(),
+                )
+            )
+        if refused is not None and options.instants is None and len(units) == before:
+            failures.append(refused)
+    return units, failures
+
+
+def compute_depth(unit: Unit, folder: Path) -> None:
+    """Compute depth maps, the fused cloud and unit.json into `folder`.
+
+    If a valid session does not permit depth, unit.json says so; that is a result too.
+
+    Raises:
+        SimulshotError: the session cannot be used.
+    """
+    session = Path(unit.session)
+    options = MultiviewOptions(
+        instant=unit.instant,
+        offsets_ms=unit.offsets_ms,
+        matcher=Matcher(unit.matcher),
+        mesh=False,
+        time_shifts_ms=unit.time_shifts_ms,
+    )
+    try:
+        # The unit's key was computed from the checksums.
+        with checked_pictures(required=True):
+            result = msgspec.to_builtins(multiview(session, folder, options))
+    except NotApplicableError as error:
+        record = {"key": unit.key, "condition": unit.condition, "not_applicable": str(error)}
+        write_atomic(folder / RESULT, pretty_json(record))
+        return
+    for name in TIMES:
+        del result[name]
+    # Large, and can be computed again from the images and the depth maps.
+    shutil.rmtree(folder / "workspace", ignore_errors=True)
+    for leftover in ("fused.ply.vis", MULTIVIEW_RESULT):
+        (folder / leftover).unlink(missing_ok=True)
+    result["files"] = ["fused.ply", RESULT]
+    write_atomic(folder / RESULT, pretty_json({"key": unit.key, "condition": unit.condition, **result}))
+
+
+def _truth_checksums(dataset: Dataset, chosen: dict[str, int]) -> list[str]:
+    """Return the checksums of the true depths that a unit is compared with."""
+    sums = []
+    for camera, instant in chosen.items():
+        path = dataset.ground_truth_file(camera, instant)
+        sums.append(hashlib.sha256(path.read_bytes()).hexdigest() if path is not None else "")
+    return sums

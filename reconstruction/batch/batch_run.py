@@ -1,0 +1,185 @@
+"""`reconstruct batch`: depth of many sessions, instants and conditions, each computed once."""
+
+import os
+import time
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager, suppress
+from pathlib import Path
+
+from capture_app.common.errors import BadInputError, ExitCode, NotApplicableError, SimulshotError
+from capture_app.common.text import ProgressStep
+from capture_app.console.terminal import talk
+from capture_app.session.files.locks import lock_file
+from capture_app.session.files.output_folder import replaces_only
+from reconstruction.batch.batch_plan import DEPTH_TASK, BatchOptions, plan
+from reconstruction.batch.rows import BatchResult, Row, completed_row, group_medians, judged_rows
+from reconstruction.batch.summary import NAMES, write_summary
+from reconstruction.batch.units import UNITS, WORK, Outcome, Unit, is_done, remove_leftovers
+from reconstruction.batch.workers import Workers
+
+TIMINGS = "timings.csv"
+
+
+def batch(
+    sessions: Sequence[Path],
+    out: Path,
+    options: BatchOptions,
+    workers: Workers,
+    task: str = DEPTH_TASK,
+) -> BatchResult:
+    """Compute all units that are not in `out` yet, and the summary of all.
+
+    Failed units are listed in the result and do not affect the others.
+
+    Raises:
+        BadInputError: `out` cannot be used or is in use.
+    """
+    began = time.monotonic()
+    with _locked_folder(out) as root:
+        units, failures = _plan(sessions, options)
+        missing = [unit for unit in units if not is_done(unit, root)]
+        done = len(units) - len(missing)
+        for failure in failures:
+            talk(f"{_label(failure)}: {failure.problem}")
+        if done:
+            talk(f"reusing {done} of {len(units)} results")
+        try:
+            outcomes = _run_units(missing, done, root, workers, task)
+        finally:
+            remove_leftovers(root)
+        rows = judged_rows([_row(unit, root, outcomes) for unit in units] + failures)
+        skipped = {unit.key for unit, row in zip(units, rows, strict=False) if row.not_applicable}
+        computed = sum(outcome.computed for key, outcome in outcomes.items() if key not in skipped)
+        failed = sum(bool(row.error) for row in rows)
+        not_applicable = sum(bool(row.not_applicable) for row in rows)
+        result = BatchResult(
+            out=str(out),
+            computed=computed,
+            # Includes units that another process finished meanwhile.
+            reused=len(rows) - computed - failed - not_applicable,
+            failed=failed,
+            not_applicable=not_applicable,
+            groups=group_medians(rows),
+            units=tuple(rows),
+            seconds=round(time.monotonic() - began, 3),
+        )
+        write_summary(root, result)
+    return result
+
+
+def exit_code(result: BatchResult) -> ExitCode:
+    """Return the exit code of a batch.
+
+    OK without failures; the common code if every unit failed with the same one; else INCOMPLETE. BAD_INPUT if
+    no unit is applicable; among units that are done, such a unit is not a failure.
+    """
+    codes = {row.exit_code for row in result.units if row.error}
+    if not codes:
+        return ExitCode.BAD_INPUT if 0 < len(result.units) == result.not_applicable else ExitCode.OK
+    if result.failed == len(result.units) and len(codes) == 1:
+        return ExitCode(codes.pop())
+    return ExitCode.INCOMPLETE
+
+
+def _plan(sessions: Sequence[Path], options: BatchOptions) -> tuple[list[Unit], list[Row]]:
+    """Return all units, and rows for sessions and units that cannot be started."""
+    units: dict[str, Unit] = {}
+    failures: list[Row] = []
+    for session in sessions:
+        try:
+            found, refused = plan(session, options)
+        except NotApplicableError as error:
+            failures.append(Row(session=session.name, not_applicable=str(error)))
+            continue
+        except (SimulshotError, OSError) as error:
+            code = error.exit_code if isinstance(error, SimulshotError) else ExitCode.FAILURE
+            failures.append(Row(session=session.name, error=str(error), exit_code=code))
+            continue
+        # A session named twice counts once.
+        units.update((unit.key, unit) for unit in found)
+        failures += refused
+    return list(units.values()), failures
+
+
+def _run_units(
+    units: Sequence[Unit],
+    done: int,
+    root: Path,
+    workers: Workers,
+    task: str,
+) -> dict[str, Outcome]:
+    """Run the units; `done` existing results count in the progress lines."""
+    by_key = {unit.key: unit for unit in units}
+    outcomes: dict[str, Outcome] = {}
+    began = time.monotonic()
+    with closing(workers.run_units(task, units, root)) as running, _report_interrupt(outcomes, len(units)):
+        for outcome in running:
+            outcomes[outcome.key] = outcome
+            unit = by_key[outcome.key]
+            label = unit.label
+            how = _row(unit, root, outcomes).problem or f"{outcome.seconds:.1f} s"
+            left_s = (time.monotonic() - began) / len(outcomes) * (len(units) - len(outcomes))
+            left = f", about {_duration(left_s)} left" if len(outcomes) < len(units) else ""
+            step = ProgressStep(done + len(outcomes), done + len(units), f"{label}: {how}{left}")
+            talk(str(step))
+            if outcome.computed:
+                # Timings are optional: a full disk is reported by the units themselves.
+                with suppress(OSError), (root / WORK / TIMINGS).open("a") as file:
+                    file.write(f"{outcome.key},{outcome.seconds:.3f},{label}\n")
+    return outcomes
+
+
+@contextmanager
+def _report_interrupt(outcomes: dict[str, Outcome], total: int) -> Iterator[None]:
+    try:
+        yield
+    except KeyboardInterrupt:
+        saved = sum(not outcome.error for outcome in outcomes.values())
+        talk(f"stopping: {saved} of {total} results are saved; repeat the command to compute the others")
+        raise
+
+
+def _row(unit: Unit, root: Path, outcomes: dict[str, Outcome]) -> Row:
+    outcome = outcomes.get(unit.key)
+    if outcome is None or not outcome.error:
+        return completed_row(unit, root)
+    return Row(
+        session=unit.name,
+        instant=unit.instant,
+        condition=unit.condition,
+        error=outcome.error,
+        exit_code=outcome.exit_code,
+    )
+
+
+def _label(row: Row) -> str:
+    instant = f", instant {row.instant}" if row.instant is not None else ""
+    return f"{row.session}{instant}{f', {row.condition}' if row.condition else ''}"
+
+
+def _duration(seconds: float) -> str:
+    if seconds < 90:
+        return f"{max(1, round(seconds))} s"
+    return f"{round(seconds / 60)} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
+
+
+@contextmanager
+def _locked_folder(out: Path) -> Iterator[Path]:
+    """Lock the batch's folder for this batch alone."""
+    root = out.resolve()
+    try:
+        if root.exists():
+            replaces_only({UNITS, WORK, *NAMES})(root)
+        lock = lock_file(root / WORK / "batch.lock")
+    except BlockingIOError:
+        raise BadInputError(
+            f"another batch is running in {out}", hint="wait until it ends, or choose another --out"
+        ) from None
+    except OSError as error:
+        raise BadInputError(
+            f"cannot write to {out}: {error.strerror or error}", hint="choose another --out"
+        ) from error
+    try:
+        yield root
+    finally:
+        os.close(lock)

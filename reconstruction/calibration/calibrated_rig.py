@@ -1,0 +1,283 @@
+"""Calibrated cameras of a session: a checked calibration, features at rest, and the best camera pairs."""
+
+from collections.abc import Container, Mapping, Sequence
+from functools import lru_cache
+from itertools import combinations
+from pathlib import Path
+
+import numpy as np
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.format.calibration import Calibration, CameraCalibration
+from reconstruction.calibration.structure_from_motion import guess_calibration
+from reconstruction.common.geometry import View
+from reconstruction.common.outputs import StageCache
+from reconstruction.pairs import (
+    FAINT_CONTRAST,
+    Features,
+    PairChoice,
+    choose_panorama_pair,
+    choose_stereo_pair,
+    detect_features,
+)
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.moving_pixels import SceneMotion
+
+FOCAL_LIMITS = (0.05, 200.0)
+"""Minimum and maximum focal length, in longer sides of the image: a fisheye has 1/3, a telescope some 100."""
+MAX_ASPECT = 4.0
+"""Maximum ratio of the two focal lengths; pixels of an anamorphic image are 2:1."""
+MAX_CENTRE = 3.0
+"""Maximum distance of the principal point from the image's middle, in image sizes."""
+MAX_UNEVEN = 1e-3
+"""Maximum difference between the rotation times its transpose and the identity."""
+MAX_CAMERA_DISTANCE = 1e12
+"""Maximum distance of a camera from the origin, in the calibration's unit."""
+MAX_FOLD = 0.1
+"""Maximum error of border pixels after undistorting and distorting, as a fraction of the image size.
+
+The limit applies to the median, as the model of many wide lenses folds in the extreme corners."""
+
+MAX_FEATURES, CACHED_INSTANTS = 64, 9
+"""Number of images and of instants whose features are cached; some MB each."""
+SAME_FRACTION = 1e-6
+"""Relative difference below which poses are equal; positions relative to the rig's extent from its origin."""
+NEIGHBOURS_M = 5e-4, 150.0
+"""Minimum and maximum distance between neighbouring cameras, metres."""
+MAX_STRETCH = 8.0
+"""Maximum factor by which undistorting may widen or narrow an image."""
+
+
+def impossible(camera: CameraCalibration) -> str:
+    """Return why no real camera can have this calibration; empty if it is plausible."""
+    rotation, translation = np.array(camera.rotation), np.array(camera.translation)
+    lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion])
+    if not all(np.isfinite(numbers).all() for numbers in (rotation, translation, lens)):
+        return "it has numbers that are not finite"
+    if min(camera.width, camera.height) < 1:
+        return f"it is for pictures of {camera.width}x{camera.height} pixels"
+    return _lens_problem(camera) or _pose_problem(camera) or _distortion_problem(camera)
+
+
+def _lens_problem(camera: CameraCalibration) -> str:
+    widest = max(camera.width, camera.height)
+    for focal in (camera.fx, camera.fy):
+        if not FOCAL_LIMITS[0] * widest <= focal <= FOCAL_LIMITS[1] * widest:
+            return f"a focal length of {focal:g} px for pictures of {camera.width}x{camera.height}"
+    if not 1 / MAX_ASPECT <= camera.fx / camera.fy <= MAX_ASPECT:
+        return f"focal lengths of {camera.fx:g} px across and {camera.fy:g} px down"
+    if max(abs(camera.cx / camera.width - 0.5), abs(camera.cy / camera.height - 0.5)) > MAX_CENTRE:
+        return f"its principal point is ({camera.cx:g}, {camera.cy:g}), far outside the picture"
+    return ""
+
+
+def _pose_problem(camera: CameraCalibration) -> str:
+    rotation = np.array(camera.rotation)
+    with np.errstate(over="ignore", invalid="ignore"):
+        uneven = float(np.abs(rotation @ rotation.T - np.eye(3)).max())
+        distance = float(np.abs(camera.translation).max())
+    if not uneven <= MAX_UNEVEN:
+        return (
+            f"its rotation matrix is not a rotation: unit length or right angles are missed by {uneven:.2g}"
+        )
+    if np.linalg.det(rotation) < 0:
+        return "its rotation is mirrored (determinant -1)"
+    if distance > MAX_CAMERA_DISTANCE:
+        return f"it stands {distance:.2g} units away"
+    return ""
+
+
+def _distortion_problem(camera: CameraCalibration) -> str:
+    if len(camera.distortion) > 5 and any(camera.distortion[5:]):
+        return f"its distortion has {len(camera.distortion)} numbers; k1, k2, p1, p2 and k3 are understood"
+    view = View.from_calibration(camera, camera.width, camera.height)
+    border = view.border(8)
+    with np.errstate(all="ignore"):
+        rays = view.rays(border)
+        off = float(np.median(np.abs(view.project(rays) - border).max(1)))
+    if not off <= MAX_FOLD * max(view.width, view.height):
+        return f"its distortion folds the picture (pixels at the border come back {off:.3g} px off)"
+    plain = np.linalg.norm((border - view.matrix[:2, 2]) / np.diagonal(view.matrix)[:2], axis=1)
+    # The stretch is undefined at the principal point, which may be on the border.
+    off_centre = plain > 1e-6
+    stretch = float(np.median(np.linalg.norm(rays[off_centre, :2], axis=1) / plain[off_centre]))
+    if not 1 / MAX_STRETCH <= stretch <= MAX_STRETCH:
+        return f"without its distortion the picture would be {stretch:.2g} times as wide"
+    return ""
+
+
+class Rig:
+    """The cameras of one session; everything is computed once and then fixed for all conditions."""
+
+    def __init__(self, dataset: Dataset, stages: Path, step: int = 1) -> None:
+        """`stages` is the folder of the stage cache; `step` is as in `SceneMotion`."""
+        self.dataset = dataset
+        self.motion = SceneMotion(dataset, step)
+        self.stages = StageCache(stages, dataset.fingerprint())
+        self.views: dict[str, View] = {}
+        self.calibration: Calibration | None = None
+        self.image_features = lru_cache(maxsize=MAX_FEATURES)(
+            lambda camera, instant: detect_features(dataset.grey(camera, instant), contrast=FAINT_CONTRAST)
+        )
+        """The features of an image, including those of moving objects."""
+        self.features = lru_cache(maxsize=CACHED_INSTANTS)(self._features_at_rest)
+        """Each camera's features at rest in the image nearest to an instant."""
+
+    @property
+    def source(self) -> str:
+        """Description of the calibration's source."""
+        return self.calibration.source_words if self.calibration else "none"
+
+    @property
+    def unit(self) -> str:
+        """The unit of length of every depth."""
+        return self.calibration.unit if self.calibration else ""
+
+    @property
+    def middle_features(self) -> dict[str, Features]:
+        """The `features` at the middle of the session."""
+        return self.features(len(self.dataset.instants_ns) // 2)
+
+    def calibrate(self) -> None:
+        """Set the views from the session's calibration, else from its images.
+
+        Raises:
+            NotAvailableError: COLMAP is required and is not installed here.
+            BadInputError: no calibration can be found.
+        """
+        found = self.dataset.calibration() or self.stages.record(
+            "calibration", Calibration, lambda: guess_calibration(self.motion)
+        )
+        self.use_calibration(found)
+
+    def use_calibration(self, calibration: Calibration) -> None:
+        """Set the views from a given calibration.
+
+        Raises:
+            BadInputError: it was made for images of another shape.
+        """
+        self.calibration = calibration
+        self.views = calibrated_views(self.dataset, calibration)
+
+    def check_pair(self, pair: tuple[str, str] | None) -> None:
+        """Raise BadInputError if the session does not have these two different cameras."""
+        for name in pair or ():
+            self.dataset.session.camera(name)
+        if pair is not None and pair[0] == pair[1]:
+            raise BadInputError(f"{pair[0]} cannot be paired with itself", hint="name two cameras")
+
+    def choose_stereo_pair(
+        self, asked: tuple[str, str] | None, instant: int, among: Container[str] | None = None
+    ) -> PairChoice:
+        """Return the requested pair for depth, else a chosen one.
+
+        The choice (`among` some cameras) is by the points that both see around an instant.
+        """
+        choice = PairChoice(asked, "asked for")
+        if asked is None:
+            views = {name: view for name, view in self.views.items() if among is None or name in among}
+            choice = choose_stereo_pair(views, self.features(instant))
+        for name in choice.cameras or ():
+            if name not in self.views:
+                return PairChoice(None, f"camera {name} has no calibration")
+        return choice
+
+    def choose_panorama_pair(self, asked: tuple[str, str] | None, instant: int) -> PairChoice:
+        """Return the requested pair for a panorama, else one chosen by overlap."""
+        if asked is not None:
+            return PairChoice(asked, "asked for")
+        points = self.features(instant)
+        return choose_panorama_pair(points, {name: self.dataset.size(name) for name in points})
+
+    def _features_at_rest(self, instant: int) -> dict[str, Features]:
+        found = {}
+        for name in self.dataset.cameras:
+            if there := self.dataset.instants(name):
+                nearest = min(there, key=lambda k: abs(k - instant))
+                moving = self.motion.widened_moving(name, nearest)
+                found[name] = self.image_features(name, nearest).at_rest(moving)
+        return found
+
+    def moving_share(self, instants: list[int]) -> float:
+        """Return the largest fraction of moving pixels of any camera, averaged over these instants."""
+        shares = [0.0]
+        for name in self.dataset.cameras:
+            there = [k for k in instants if self.dataset.has_image(name, k)]
+            if there:
+                shares.append(float(np.mean([self.motion.detected_moving(name, k).mean() for k in there])))
+        return max(shares)
+
+
+def calibrated_views(dataset: Dataset, calibration: Calibration) -> dict[str, View]:
+    """Return the views of the session's plausibly calibrated cameras, at the size of their images.
+
+    Raises:
+        BadInputError: the calibration is of other cameras, or faults leave fewer than two views.
+    """
+    views, faults = sound_views(dataset, calibration)
+    refuse_faults(dataset, views, faults)
+    return views
+
+
+Fault = tuple[str, str]
+"""A camera that can be left out, or "" for a fault of the whole rig; and what is wrong."""
+
+
+def sound_views(dataset: Dataset, calibration: Calibration) -> tuple[dict[str, View], list[Fault]]:
+    """Return the cameras whose calibration is plausible for their images, and the faults of the others.
+
+    Raises:
+        BadInputError: the calibration is of other cameras.
+    """
+    if not calibration.cameras.keys() & set(dataset.cameras):
+        raise BadInputError(
+            f"{dataset.name}'s calibration is of other cameras ({', '.join(calibration.cameras)})",
+            hint=f"the session has {', '.join(dataset.cameras)}",
+        )
+    views, faults = {}, []
+    for name in dataset.cameras:
+        known = calibration.cameras.get(name)
+        if known is None:
+            continue
+        width, height = dataset.size_on_disk(name)
+        if why := impossible(known):
+            faults.append((name, f"the calibration of camera {name} cannot be right: {why}"))
+        elif abs(known.width / known.height - width / height) > 0.01 * width / height:
+            sizes = f"{known.width}x{known.height}, but its images are {width}x{height}"
+            faults.append((name, f"camera {name} is calibrated for {sizes}"))
+        else:
+            views[name] = View.from_calibration(known, *dataset.size(name))
+    misplaced = _misplaced(views, calibration.unit)
+    twins = {name for name, _ in misplaced}
+    return {name: view for name, view in views.items() if name not in twins}, faults + misplaced
+
+
+def _misplaced(views: Mapping[str, View], unit: str) -> list[Fault]:
+    """Return the faults of the poses: cameras that have an earlier camera's pose, and a wrong unit."""
+    size = max((float(np.linalg.norm(view.centre)) for view in views.values()), default=0.0)
+    faults: list[Fault] = []
+    nearest = dict.fromkeys(views, np.inf)
+    for (a, one), (b, other) in combinations(views.items(), 2):
+        apart = float(np.linalg.norm(one.centre - other.centre))
+        turned = float(np.abs(one.rotation - other.rotation).max())
+        if apart <= SAME_FRACTION * size and turned <= SAME_FRACTION:
+            faults.append((b, f"{a} and {b} have one pose, as if they were one camera"))
+        elif apart > 0:
+            nearest |= {a: min(nearest[a], apart), b: min(nearest[b], apart)}
+    known = [apart for apart in nearest.values() if np.isfinite(apart)]
+    spacing = float(np.median(known)) if known else 1.0
+    min_spacing, max_spacing = NEIGHBOURS_M
+    if unit == "m" and not min_spacing <= spacing <= max_spacing:
+        faults.append(("", f"neighbouring cameras stand {spacing:.3g} m apart: its unit is not the metre"))
+    return faults
+
+
+def refuse_faults(dataset: Dataset, views: Container[str], faults: Sequence[Fault]) -> None:
+    """Raise BadInputError with all faults, if the whole rig has one or fewer than two cameras are left."""
+    left = [name for name in dataset.cameras if name in views]
+    if faults and (len(left) < 2 or not all(name for name, _ in faults)):
+        found = f"the calibration of {dataset.name} has {len(faults)} faults: " if len(faults) > 1 else ""
+        raise BadInputError(
+            found + "; ".join(text for _, text in faults),
+            hint="calibrate the rig again, or correct calibration.json",
+        )

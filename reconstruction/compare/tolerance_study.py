@@ -1,0 +1,298 @@
+"""`reconstruct tolerance`: a pair's depth against offset in both directions, and the tolerated delay."""
+
+import tempfile
+import time
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field, replace
+from itertools import pairwise
+from pathlib import Path
+
+import cv2
+import msgspec
+import numpy as np
+
+from capture_app.common.errors import BadInputError, NotAvailableError
+from capture_app.console.terminal import Progress
+from reconstruction.calibration.calibrated_rig import Rig
+from reconstruction.calibration.stored import choose_calibration
+from reconstruction.common.memory import memory_budget
+from reconstruction.common.native_libraries import library_versions
+from reconstruction.common.outputs import comparison_folder, write_metrics
+from reconstruction.compare.study import Context, PairStudy
+from reconstruction.compare.timing_study import TimingStudy
+from reconstruction.report.study_report import study_reports
+from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
+from reconstruction.scores.comparison_results import DelayFacts, InstantTolerance, OffsetTolerance
+from reconstruction.scores.study_result import Interval, Measure, StudyResult
+from reconstruction.scores.tally import MIN_COUNT, MIN_FOR_INTERVAL
+from reconstruction.scores.timing import Timing, with_curve_peak, with_depth
+from reconstruction.session.conditions import (
+    DEFAULT_OFFSET_MS,
+    FrameOffset,
+    nearest_frame_offset,
+    pairs_with_images,
+)
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.instant_choice import choose_moving_instants
+from reconstruction.session.picture_checksums import picture_checks
+
+Point = StudyResult[DelayFacts]
+MAX_STEPS = 4
+"""Maximum number of offsets in either direction."""
+CLEAR_PEAK = 0.15
+"""Height above the median of the other points from which an instant's highest point is its peak."""
+LOSS = 0.1
+"""Fraction of the synchronized value that a tolerable offset may lose."""
+
+
+def curve_measure(points: Sequence[Point]) -> str:
+    """Return the curve's measure: right depth if the truth is known, else any depth."""
+    true = any(point.value("mover_within_2pct") is not None for point in points)
+    return "mover_within_2pct" if true else "mover_coverage"
+
+
+def with_zero(compared: Sequence[Point]) -> tuple[Point, ...]:
+    """Return the curve's points from the earliest to the latest, with a point at zero.
+
+    The point at zero is the synchronized value of the point with the most instants.
+    """
+    widest = max(compared, key=lambda one: one.instants)
+    measures = tuple(
+        Measure(name=one.name, synced=one.synced, offset=one.synced) for one in widest.measures if one.synced
+    )
+    zero = msgspec.structs.replace(
+        widest,
+        offsets_ms=dict.fromkeys(widest.cameras, 0.0),
+        measures=measures,
+        per_instant=(),
+        facts=DelayFacts(offset_frames=0),
+    )
+    return tuple(sorted([*compared, zero], key=lambda point: point.late_ms or 0.0))
+
+
+def instant_curves(points: Sequence[Point], measure: str) -> tuple[InstantTolerance, ...]:
+    """Return every instant's own curve over the points."""
+    pixels: dict[int, int] = {}
+    found: dict[int, dict[float, float | None]] = {}
+    for point in points:
+        for row in point.per_instant:
+            now = int(row["instant"] or 0)
+            pixels[now] = int(row["mover_pixels"] or 0)
+            values = found.setdefault(now, {})
+            values[0.0] = row.get(f"synced_{measure}")
+            values[point.late_ms or 0.0] = row.get(f"offset_{measure}")
+    offsets_ms = [point.late_ms or 0.0 for point in points]
+    return tuple(
+        _instant(now, pixels[now], [(ms, found[now].get(ms)) for ms in offsets_ms]) for now in sorted(found)
+    )
+
+
+def _instant(instant: int, pixels: int, curve: list[tuple[float, float | None]]) -> InstantTolerance:
+    known = {ms: value for ms, value in curve if value is not None}
+    best = max(known, key=lambda ms: known[ms], default=None)
+    peak = None
+    if best is not None and len(known) > 1 and pixels >= MIN_COUNT:
+        others = float(np.median([value for ms, value in known.items() if ms != best]))
+        peak = best if known[best] - others >= CLEAR_PEAK else None
+    values = tuple(value for _, value in curve)
+    return InstantTolerance(instant=instant, mover_pixels=pixels, values=values, peak_ms=peak)
+
+
+def is_decreasing(points: Sequence[Point], measure: str) -> bool:
+    """Return whether, away from zero, no point's interval is entirely above the one before it."""
+    pairs = [pair for curve in _both_directions(points, measure) for pair in pairwise(curve)]
+    return bool(pairs) and all(after.ends[0] <= before.ends[1] for (_, before), (_, after) in pairs)
+
+
+def tolerable_offset_ms(points: Sequence[Point], measure: str, speed_px_per_ms: float | None) -> float | None:
+    """Return the offset at which a tenth is lost or half of what moves moved by a pixel; None = neither."""
+    limits = []
+    for curve in _both_directions(points, measure):
+        threshold = (1 - LOSS) * curve[0][1].value if curve else 0.0
+        for (before, high), (after, low) in pairwise(curve):
+            if low.value < threshold <= high.value:
+                fraction = (high.value - threshold) / (high.value - low.value)
+                limits.append(before + (after - before) * fraction)
+                break
+    if speed_px_per_ms:
+        limits.append(1 / speed_px_per_ms)
+    return min(limits) if limits else None
+
+
+def _both_directions(points: Sequence[Point], measure: str) -> list[list[tuple[float, Interval]]]:
+    """Return the known values from zero to the earliest and to the latest point, by absolute offset."""
+    known = [(p.late_ms or 0.0, one) for p in points if (one := p.interval(measure, "offset")) is not None]
+    early = [(-ms, one) for ms, one in reversed(known) if ms <= 0]
+    return [early, [(ms, one) for ms, one in known if ms >= 0]]
+
+
+@dataclass(frozen=True, kw_only=True)
+class ToleranceOptions:
+    """Options of a tolerance curve; `stereo` names the pair's cameras, None = chosen from the images."""
+
+    max_offset_ms: float = DEFAULT_OFFSET_MS
+    stereo: tuple[str, str] | None = None
+    max_instants: int = 16
+    time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
+    """Corrections added to the times of the named cameras."""
+
+
+def measure_tolerance(session: Path, out: Path | None, options: ToleranceOptions) -> OffsetTolerance:
+    """Measure a pair's depth against offset; write curve, numbers and report to `out` if given.
+
+    Raises:
+        SimulshotError: the session, the options or the folder cannot be used, or no depth can be computed.
+    """
+    if out is None:
+        with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
+            result = _measure(session, Path(scratch) / "stages", options)
+            return msgspec.structs.replace(result, verdict=tolerance_sentence(result))
+    with comparison_folder(out) as output:
+        result = _measure(session, output.folder / "stages", options)
+        words = tolerance_sentence(result)
+        result = msgspec.structs.replace(result, report="report.html", verdict=words)
+        write_tolerance_report(result, output.folder)
+        write_metrics(output.folder, result)
+    return result
+
+
+def _measure(session: Path, stages: Path, options: ToleranceOptions) -> OffsetTolerance:
+    began = time.monotonic()
+    dataset = Dataset.open(session, options.time_shifts_ms)
+    choose_calibration(dataset)
+    steps = whole_frame_offsets(dataset, options.max_offset_ms)
+    rig = Rig(dataset, stages, steps[-1].step)
+    rig.check_pair(options.stereo)
+    progress = Progress(4)
+    progress.step("calibration")
+    rig.calibrate()
+    progress.step("choosing cameras")
+    middle = steps[-1].pairs[len(steps[-1].pairs) // 2][0]
+    context = Context(rig=rig, middle=middle, max_instants=options.max_instants, progress=progress)
+    study = _depth_study()(context)
+    study.asked = options.stereo
+    try:
+        study.prepare()
+    except ValueError as error:
+        raise BadInputError(f"no depth can be made from {session}: {error}") from error
+    progress.step("time offset of moving objects")
+    timing = TimingStudy(rig).measure_pair(study.cameras)
+    try:
+        curve = measure_curve(type(study), context, study.cameras, steps, timing)
+    except ValueError as error:
+        raise BadInputError(f"no depth can be made from {session}: {error}") from error
+    progress.last("curve")
+    return msgspec.structs.replace(
+        curve,
+        session=str(session),
+        time_shifts_ms=dict(options.time_shifts_ms),
+        reason=study.reason,
+        calibration=rig.source,
+        seconds=time.monotonic() - began,
+        memory_notes=memory_budget().notes,
+        changed_pictures=picture_checks().changed,
+        versions=library_versions(),
+    )
+
+
+def whole_frame_offsets(dataset: Dataset, max_ms: float) -> list[FrameOffset]:
+    """Return the whole-frame offsets up to `max_ms` in both directions, earliest first, without zero.
+
+    They span at most half the burst, with at most `MAX_STEPS` in either direction.
+
+    Raises:
+        BadInputError: there is only one instant.
+    """
+    if len(dataset.instants_ns) < 2:
+        raise BadInputError(
+            f"{dataset.name} has one instant only, so nothing in it is offset",
+            hint="take a burst of 5 or more",
+        )
+    spacing_ns = min(b - a for a, b in pairwise(dataset.instants_ns))
+    # Half the burst must remain to measure on, and a frame may be slightly longer than requested.
+    count = min(int(max_ms * 1e6 / spacing_ns + 0.25), max(1, len(dataset.instants_ns) // 2))
+    steps = sorted({round(k) for k in np.linspace(1, max(1, count), min(max(1, count), MAX_STEPS))})
+    late = [nearest_frame_offset(dataset.instants_ns, dataset.period_ns, k * spacing_ns / 1e6) for k in steps]
+    return [*(one.reversed for one in reversed(late)), *late]
+
+
+def _depth_study() -> type[PairStudy]:
+    """Return the installed study whose depth the tolerance curve uses."""
+    for study in study_reports().values():
+        if issubclass(study, PairStudy) and study.measures_delay:
+            return study
+    raise NotAvailableError("no study of a pair's depth is installed", hint="install simulshot again")
+
+
+def measure_curve(
+    kind: type[PairStudy],
+    context: Context,
+    cameras: tuple[str, str],
+    steps: list[FrameOffset],
+    timing: Timing,
+) -> OffsetTolerance:
+    """Measure a pair's curve with a study at these offsets; every point uses the same moving pixels.
+
+    All points use the same instants, if enough instants of the burst have frames at all offsets.
+
+    Raises:
+        ValueError: the two views overlap too little, or no instant has its frames.
+    """
+    rig = context.rig
+    partners = [dict(pairs_with_images(rig.dataset, step, *cameras)) for step in steps]
+    some = sorted(set().union(*partners))
+    everywhere = [now for now in some if all(now in one for one in partners)]
+    usable = everywhere if len(everywhere) >= MIN_FOR_INTERVAL else some
+    if not usable:
+        raise ValueError("no instant has its images at any of the offsets")
+    nows = choose_moving_instants(rig.motion, cameras, usable, context.max_instants)
+    context.progress.total += (len(nows) + 1) * len(steps)
+    study = kind(replace(context, offset=None, middle=nows[0]))
+    study.asked = cameras
+    study.prepare()
+    compared = []
+    for step, later in zip(steps, partners, strict=True):
+        pairs = [(now, later[now]) for now in nows if now in later]
+        if pairs:
+            offsets_ms = {cameras[0]: 0.0, cameras[1]: step.actual_ms}
+            one = study.compare_instants(pairs, offsets_ms, range_instants=nows)
+            compared.append(msgspec.structs.replace(one, facts=DelayFacts(offset_frames=step.frames)))
+    points, measure = with_zero(compared), curve_measure(compared)
+    instants = instant_curves(points, measure)
+    peaks = [one.peak_ms for one in instants if one.peak_ms is not None]
+    peak_ms = float(np.median(peaks)) if peaks else None
+    judged = with_curve_peak(timing, peaks, min(abs(step.actual_ms) for step in steps))
+    judged = with_depth(judged, next(point for point in points if not point.late_ms))
+    speed = _speed_px_per_ms(rig, cameras[0], nows)
+    own = rig.dataset.worst_residual_us()
+    tolerable = tolerable_offset_ms(points, measure, speed)
+    return OffsetTolerance(
+        cameras=cameras,
+        measure=measure,
+        points=points,
+        instants=len(nows),
+        decreasing=is_decreasing(points, measure),
+        timing=judged,
+        peak_ms=peak_ms,
+        per_instant=instants,
+        tolerable_offset_ms=tolerable if judged.synchronized else None,
+        speed_px_per_ms=speed,
+        sync_residual_us=own,
+        sync_residual_px=own / 1000 * speed if own is not None and speed is not None else None,
+    )
+
+
+def _speed_px_per_ms(rig: Rig, camera: str, nows: list[int]) -> float | None:
+    """Return the median speed of a camera's moving pixels, by optical flow to a neighbouring frame."""
+    times = rig.dataset.instants_ns
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
+    lengths = []
+    for now in nows[:: max(1, len(nows) // 8)]:
+        moving = rig.motion.moving(camera, now)
+        near = [k for k in (now + 1, now - 1) if rig.dataset.has_image(camera, k)]
+        if not near or not moving.any():
+            continue
+        found = flow.calc(rig.dataset.grey(camera, now), rig.dataset.grey(camera, near[0]), None)
+        apart_ms = abs(times[near[0]] - times[now]) / 1e6
+        lengths.append(np.linalg.norm(found[moving], axis=1) / apart_ms)
+    return float(np.median(np.concatenate(lengths))) if lengths else None

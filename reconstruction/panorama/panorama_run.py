@@ -1,0 +1,200 @@
+"""`reconstruct panorama`: panorama of one instant of a session, or of a folder of images."""
+
+import time
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import msgspec
+
+from capture_app.common.errors import BadInputError
+from capture_app.session.format.manifest import MANIFEST
+from reconstruction.calibration.calibrated_rig import calibrated_views
+from reconstruction.calibration.stored import choose_calibration
+from reconstruction.common.geometry import Array, View
+from reconstruction.common.image_files import read_small_image, save_picture
+from reconstruction.common.memory import memory_budget
+from reconstruction.common.native_libraries import library_versions, opencv_calls
+from reconstruction.common.outputs import Provenance, comparison_folder, write_metrics
+from reconstruction.panorama.overlap import Misalignment, Overlaps, OverlapScore
+from reconstruction.panorama.stitcher import MAX_SIDE_PX, PanoramaStitcher
+from reconstruction.session.conditions import nearest_frame_offset
+from reconstruction.session.dataset import Dataset
+from reconstruction.session.moving_pixels import SceneMotion
+from reconstruction.session.picture_checksums import picture_checks
+
+SUFFIXES = {".jpg", ".jpeg", ".png", ".tif", ".tiff", ".bmp", ".webp"}
+
+CACHED_BYTES_PER_PIXEL = 12
+"""Memory per pixel of a session's image: both conditions with their motion masks, and the cache."""
+
+
+@dataclass(frozen=True, kw_only=True)
+class PanoramaOptions:
+    """Options of a panorama; `offset_ms` also composes it with every second camera delayed by this much."""
+
+    instant: int = 0
+    offset_ms: float | None = None
+    time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
+    """Corrections added to the times of the named cameras."""
+
+
+class ConditionPanorama(msgspec.Struct, frozen=True, kw_only=True):
+    """Panorama of one condition; paths are relative to the output folder."""
+
+    panorama: str
+    ghosts: str
+    width: int
+    height: int
+    misfit: Misalignment
+    """Residual before blending, over all overlaps, or only overlaps of a delayed camera with another."""
+    mover_misfit: Misalignment | None
+    """Residual on moving objects; None for single images, in which motion is unknown."""
+    overlaps: tuple[OverlapScore, ...]
+
+
+class PanoramaResult(Provenance, frozen=True, kw_only=True):
+    """All results of `reconstruct panorama`."""
+
+    source: str
+    used: tuple[str, ...]
+    left_out: dict[str, str]
+    """Images that were left out, with the reasons."""
+    calibration: str = ""
+    """Source of the lens parameters; empty if they were estimated from the images."""
+    synced: ConditionPanorama
+    offset: ConditionPanorama | None = None
+    actual_offset_ms: float = 0.0
+
+
+Pictures = tuple[dict[str, Array], dict[str, Array]]
+"""One condition's images (BGR) by name, and the motion masks (bool) where motion is known."""
+
+
+@dataclass(frozen=True)
+class PanoramaInput:
+    """Input of a panorama: one instant, optionally also with every second camera delayed, and known views."""
+
+    conditions: dict[str, Pictures]
+    """Images by condition: `synced`, and `offset` if requested."""
+    views: dict[str, View] = field(default_factory=dict)
+    late: tuple[str, ...] = ()
+    offset_ms: float = 0.0
+    absent: dict[str, str] = field(default_factory=dict)
+    """Cameras without an image of the instant, with the reason."""
+    calibration: str = ""
+    """Source of the views."""
+
+
+def panorama(sources: tuple[Path, ...], out: Path, options: PanoramaOptions) -> PanoramaResult:
+    """Make a panorama of a session, of a folder of images or of single images; write it to `out`.
+
+    Raises:
+        SimulshotError: the images cannot be read or stitched.
+    """
+    began = time.monotonic()
+    with comparison_folder(out) as output:
+        given = _load_input(sources, options)
+        with opencv_calls("stitching"):
+            try:
+                stitcher = PanoramaStitcher(*given.conditions["synced"], given.views)
+            except ValueError as error:
+                hint = "take them from one place, with a third of overlap between neighbours"
+                raise BadInputError(f"the pictures cannot be stitched: {error}", hint=hint) from error
+            made = {
+                name: _save_panorama(stitcher, given.late, pictures, name, output.folder)
+                for name, pictures in given.conditions.items()
+            }
+        result = PanoramaResult(
+            source=" ".join(map(str, sources)),
+            used=stitcher.used,
+            left_out=given.absent | stitcher.left_out,
+            calibration=given.calibration,
+            synced=made["synced"],
+            offset=made.get("offset"),
+            actual_offset_ms=given.offset_ms,
+            time_shifts_ms=dict(options.time_shifts_ms),
+            seconds=time.monotonic() - began,
+            memory_notes=memory_budget().notes,
+            changed_pictures=picture_checks().changed,
+            versions=library_versions(),
+        )
+        write_metrics(output.folder, result)
+    return result
+
+
+def _save_panorama(
+    stitcher: PanoramaStitcher, late: Collection[str], shown: Pictures, condition: str, folder: Path
+) -> ConditionPanorama:
+    images, moving = shown
+    layers = stitcher.layers(images)
+    moving_masks = {name: stitcher.layer_mask(name, moving[name]) for name in layers if name in moving}
+    overlaps = Overlaps(layers, moving_masks, stitcher.projection.canvas, late)
+    picture = stitcher.compose(layers)
+    return ConditionPanorama(
+        panorama=save_picture(folder, f"panorama_{condition}.jpg", picture),
+        ghosts=save_picture(folder, f"ghosts_{condition}.jpg", overlaps.marked()),
+        width=picture.shape[1],
+        height=picture.shape[0],
+        misfit=overlaps.misfit,
+        mover_misfit=overlaps.mover_misfit,
+        overlaps=tuple(overlaps.scores),
+    )
+
+
+def _load_input(sources: Sequence[Path], options: PanoramaOptions) -> PanoramaInput:
+    """Read the images; a session must be the only source.
+
+    Raises:
+        BadInputError: there are none, or they cannot be read, or not at this instant and offset.
+    """
+    if len(sources) == 1 and (sources[0] / MANIFEST).exists():
+        return _session_input(sources[0], options)
+    if options.offset_ms is not None:
+        raise BadInputError("--offset-ms needs a session: single pictures have no instants")
+    if options.time_shifts_ms:
+        raise BadInputError("--time-shift-ms needs a session: single pictures have no times")
+    paths: list[Path] = []
+    for source in sources:
+        if source.is_dir():
+            paths += sorted(path for path in source.iterdir() if path.suffix.lower() in SUFFIXES)
+        else:
+            paths.append(source)
+    if not paths:
+        raise BadInputError(f"{sources[0]} is not a session and holds no pictures")
+    images: dict[str, Array] = {}
+    for path in paths:
+        images[path.name if path.name not in images else str(path)] = read_small_image(path, MAX_SIDE_PX)
+    return PanoramaInput({"synced": (images, {})})
+
+
+def _session_input(folder: Path, options: PanoramaOptions) -> PanoramaInput:
+    instant = options.instant
+    dataset = Dataset.open(folder, options.time_shifts_ms)
+    dataset.fit_memory(images=len(dataset.cameras), bytes_per_pixel=CACHED_BYTES_PER_PIXEL)
+    cameras = [name for name in dataset.nearest_instants(instant, ()) if dataset.has_image(name, instant)]
+    absent = {c: f"it has no image of instant {instant}" for c in dataset.cameras if c not in cameras}
+    choose_calibration(dataset)
+    calibration = dataset.calibration()
+    known = calibrated_views(dataset, calibration) if calibration is not None else {}
+    views = {name: known[name] for name in cameras if name in known}
+    source = calibration.source_words if calibration is not None and views else ""
+    motion = SceneMotion(dataset, 1) if len(dataset.instants_ns) > 1 else None
+    shown = {"synced": dict.fromkeys(cameras, instant)}
+    late, offset_ms = [], 0.0
+    if options.offset_ms is not None:
+        offset = nearest_frame_offset(dataset.instants_ns, dataset.period_ns, options.offset_ms)
+        later, late = dict(offset.pairs).get(instant), cameras[1::2]
+        if later is None or not dataset.has_images((name, later) for name in late):
+            raise BadInputError(
+                f"{folder} has no pictures {offset.actual_ms:.0f} ms after instant {instant}",
+                hint="choose an earlier --instant",
+            )
+        shown["offset"], offset_ms = shown["synced"] | dict.fromkeys(late, later), offset.actual_ms
+    conditions = {name: _pictures(dataset, motion, of) for name, of in shown.items()}
+    return PanoramaInput(conditions, views, tuple(late), offset_ms, absent, source)
+
+
+def _pictures(dataset: Dataset, motion: SceneMotion | None, shown: Mapping[str, int]) -> Pictures:
+    images = {name: dataset.image(name, k) for name, k in shown.items()}
+    return images, {name: motion.widened_moving(name, k) for name, k in shown.items()} if motion else {}

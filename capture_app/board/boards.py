@@ -59,7 +59,10 @@ class CharucoBoard(Squares):
             raise BadInputError(f"unknown dictionary {self.dictionary!r}", hint="such as 4X4_50 or 6X6_250")
         super().__post_init__()
         if not 0 < self.marker_m < self.square_m:
-            raise BadInputError("a board's markers must be smaller than its squares")
+            raise BadInputError(
+                "a board's markers must be smaller than its squares",
+                hint="such as --square-mm 30 --marker-mm 22",
+            )
         if min(self.across, self.down) < 3 or self.corners < MIN_CORNERS:
             raise BadInputError(
                 f"a board of {self.shape} squares has {max(self.corners, 0)} inner corners; "

@@ -148,7 +148,10 @@ def _min_focal(camera: CameraCalibration) -> float:
 def _bounds(options: _Options, depth: float) -> tuple[float, float]:
     near, far = options.near or _NEAR * depth, options.far or _FAR * depth
     if near >= far:
-        raise BadInputError(f"the nearest depth, {near:.4g}, is not less than the farthest, {far:.4g}")
+        raise BadInputError(
+            f"the nearest depth, {near:.4g}, is not less than the farthest, {far:.4g}",
+            hint="give a smaller --near or a larger --far",
+        )
     return near, far
 
 

@@ -11,7 +11,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_text
 from capture_app.session.importing.importer import Importer, open_sources
 from capture_app.session.importing.recording_sources import Layout, videos_in
-from capture_app.session.importing.views import View, Views, numbers, rotation_of
+from capture_app.session.importing.views import EXPORT_AGAIN, View, Views, numbers, rotation_of
 
 _TABLE, _ARRAY, _RECORDINGS = "timestamps.csv", "camera_array.toml", "recordings"
 _UP = 3
@@ -58,7 +58,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     try:
         content = tomllib.loads(read_text(path))
     except (tomllib.TOMLDecodeError, RecursionError) as error:
-        raise BadInputError(f"cannot read the calibration {path}: {error}") from error
+        raise BadInputError(f"cannot read the calibration {path}: {error}", hint=EXPORT_AGAIN) from error
     inner = content.get("cameras")
     tables = inner if isinstance(inner, dict) else content
     found = {key: table for key, table in tables.items() if isinstance(table, dict) and "matrix" in table}

@@ -17,6 +17,7 @@ import numpy as np
 from capture_app.common.errors import BadInputError
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.views import (
+    EXPORT_AGAIN,
     Array,
     View,
     Views,
@@ -93,7 +94,7 @@ def read_colmap(folder: Path, cameras: Sequence[str]) -> Views:
     def view(name: str, number: int, pose: Pose) -> View:
         where = f"{folder}: {name}"
         if number not in lenses:
-            raise BadInputError(f"{where} is of camera {number}, which the model lacks")
+            raise BadInputError(f"{where} is of camera {number}, which the model lacks", hint=EXPORT_AGAIN)
         model, parameters, size = lenses[number]
         return _view(where, model, parameters, pose, size)
 
@@ -146,7 +147,9 @@ def _view(
         raise BadInputError(f"{where} has COLMAP's camera model {model}", hint=f"supported are {supported}")
     count = COUNTS[MODELS.index(model)]
     if len(parameters) != count:
-        raise BadInputError(f"{where} has {len(parameters)} parameters; {model} has {count}")
+        raise BadInputError(
+            f"{where} has {len(parameters)} parameters; {model} has {count}", hint=EXPORT_AGAIN
+        )
     fx, fy, x, y, *distortion = _LENSES[model](*map(float, parameters))
     return View(
         matrix=pinhole(fx, fy, x - _HALF_PIXEL, y - _HALF_PIXEL),
@@ -172,9 +175,11 @@ def _read(folder: Path, name: str) -> list[Any]:
         lines = data.decode("utf-8").splitlines()
         return list(_TEXT[name]([line.split() for line in lines if not line.startswith("#")]))
     except OSError as error:
-        raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+        raise BadInputError(
+            f"cannot read {path}: {error.strerror}", hint="check the path and its permissions"
+        ) from error
     except (ValueError, IndexError, KeyError, OverflowError, struct.error) as error:
-        raise BadInputError(f"{path} is not COLMAP's: {error}") from error
+        raise BadInputError(f"{path} is not COLMAP's: {error}", hint=EXPORT_AGAIN) from error
 
 
 def _text_cameras(lines: list[list[str]]) -> Iterator[tuple[int, Lens]]:

@@ -79,7 +79,10 @@ def _read(path: Path) -> list[TimedFrame]:
         rows = csv.DictReader(read_text(path).splitlines())
         return [TimedFrame(int(row[_FRAME]), int(row[_TIME])) for row in rows]
     except (KeyError, TypeError, ValueError, csv.Error) as error:
-        raise BadInputError(f"{path} has no whole numbers {_FRAME} and {_TIME}") from error
+        raise BadInputError(
+            f"{path} has no whole numbers {_FRAME} and {_TIME}",
+            hint="process the recording again with FreeMoCap, or import with --fps RATE",
+        ) from error
 
 
 IMPORTER = Importer(

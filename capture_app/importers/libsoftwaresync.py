@@ -31,7 +31,10 @@ def open_camera(name: str, path: Path, *, png: bool, recording: str | None) -> I
     """Open one phone's shots; JPEG bytes stay unchanged. Raises BadInputError if there are none."""
     shots = [shot for file in _metadata_in(path) if (shot := _shot(file)) is not None]
     if not shots:
-        raise BadInputError(f"no image in {path} belongs to its sync_metadata files")
+        raise BadInputError(
+            f"no image in {path} belongs to its sync_metadata files",
+            hint="copy img_* from the phone into the folder of its sync_metadata_*",
+        )
     shots.sort(key=lambda shot: shot[1])
     times = [TimedFrame(n, leader_ns, local_ns) for n, (_, leader_ns, local_ns) in enumerate(shots)]
     files = [image for image, _, _ in shots]
@@ -53,7 +56,7 @@ def _metadata_in(folder: Path) -> Iterator[Path]:
 def _shot(metadata: Path) -> _Shot | None:
     times = _values(metadata)
     if _LEADER not in times:
-        raise BadInputError(f"{metadata} has no {_LEADER}")
+        raise BadInputError(f"{metadata} has no {_LEADER}", hint="copy it from the phone again, or remove it")
     time = metadata.stem.removeprefix(_METADATA)
     for image in (metadata.with_name(f"img_{time}{suffix}") for suffix in (".jpg", ".nv21")):
         if image.is_file():
@@ -77,7 +80,10 @@ def _from_nv21(file: Path) -> bytes:
     width, height = size.get("width", 0), size.get("height", 0)
     raw = np.frombuffer(file.read_bytes(), np.uint8)
     if width <= 0 or height <= 0 or width % 2 or height % 2 or raw.size != width * height * 3 // 2:
-        raise BadInputError(f"{file} is not {width}x{height} pixels of NV21, as its metadata says")
+        raise BadInputError(
+            f"{file} is not {width}x{height} pixels of NV21, as its metadata says",
+            hint="copy it from the phone again, or remove it",
+        )
     return encode_image(cv2.cvtColor(raw.reshape(height * 3 // 2, width), cv2.COLOR_YUV2BGR_NV21))
 
 

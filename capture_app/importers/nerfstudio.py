@@ -17,6 +17,7 @@ import numpy as np
 from capture_app.common.errors import BadInputError
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.views import (
+    EXPORT_AGAIN,
     View,
     Views,
     camera_of,
@@ -58,14 +59,20 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
 
 def _image(path: Path, content: Mapping[str, Any], frame: Any, cameras: Sequence[str]) -> tuple[str, View]:
     if not isinstance(frame, dict) or not isinstance(frame.get("file_path"), str):
-        raise BadInputError(f"{path} has a frame without a file_path")
+        raise BadInputError(f"{path} has a frame without a file_path", hint=EXPORT_AGAIN)
     file, all_of = frame["file_path"], {**content, **frame}
     where = f"{path}: {file}"
     model = str(all_of.get("camera_model", "OPENCV")).upper()
     if model not in _PERSPECTIVE or all_of.get("is_fisheye"):
-        raise BadInputError(f"{where} is of a {model} camera; only perspective ones are supported")
+        raise BadInputError(
+            f"{where} is of a {model} camera; only perspective ones are supported",
+            hint="undistort the images to a perspective camera and calibrate again",
+        )
     if _number(where, all_of, "k4", 0.0):
-        raise BadInputError(f"{where} has a distortion k4; k1, k2, p1, p2, k3 are supported")
+        raise BadInputError(
+            f"{where} has a distortion k4; k1, k2, p1, p2, k3 are supported",
+            hint="calibrate with k1, k2, p1, p2, k3",
+        )
     name = frame.get("camera")
     label = name if isinstance(name, str) else camera_of(file, cameras)
     pose = numbers(where, all_of, "transform_matrix", 12, 16).reshape(-1, 4)
@@ -96,7 +103,7 @@ def _focal_length(where: str, given: Mapping[str, Any], key: str, pixels: int) -
 def _number(where: str, given: Mapping[str, Any], key: str, otherwise: float | None = None) -> float:
     value = given.get(key, otherwise)
     if isinstance(value, bool) or not isinstance(value, int | float):
-        raise BadInputError(f"{where} has no number {key}")
+        raise BadInputError(f"{where} has no number {key}", hint=EXPORT_AGAIN)
     return float(value)
 
 

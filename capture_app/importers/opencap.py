@@ -87,7 +87,7 @@ def _cameras(folder: Path) -> list[Path]:
 class _ArraysOnly(pickle.Unpickler):
     def find_class(self, module: str, name: str) -> Any:
         if (module, name) not in _ALLOWED:
-            raise pickle.UnpicklingError(f"it holds {module}.{name}, which is no array")
+            raise pickle.UnpicklingError(f"it holds {module}.{name}, which is not an array")
         return super().find_class(module, name)
 
 
@@ -114,11 +114,18 @@ def _view(file: Path) -> View:
     try:
         content = _ArraysOnly(io.BytesIO(file.read_bytes())).load()
     except OSError as error:
-        raise BadInputError(f"cannot read {file}: {error.strerror}") from error
+        raise BadInputError(
+            f"cannot read {file}: {error.strerror}", hint="check the path and its permissions"
+        ) from error
     except Exception as error:  # a malformed pickle may raise anything
-        raise BadInputError(f"cannot read the calibration {file}: {error}") from error
+        raise BadInputError(
+            f"cannot read the calibration {file}: {error}", hint="download the session from OpenCap again"
+        ) from error
     if not isinstance(content, dict):
-        raise BadInputError(f"{file} does not hold OpenCap's camera parameters")
+        raise BadInputError(
+            f"{file} does not hold OpenCap's camera parameters",
+            hint="download the session from OpenCap again",
+        )
     where = str(file)
     size = numbers(where, content, "imageSize", 2)
     return View(

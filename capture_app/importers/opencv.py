@@ -55,8 +55,10 @@ def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[
     rest: list[Path] = []
     for name, path in paths:
         if name and name not in cameras:
-            hint = f"it has {', '.join(cameras)}"
-            raise BadInputError(f"{path} names camera {name}, which is not in the recording", hint=hint)
+            raise BadInputError(
+                f"{path} names camera {name}, which is not in the recording",
+                hint=f"it has {', '.join(cameras)}",
+            )
         if name:
             own[name] = path
         elif path.is_dir():
@@ -94,10 +96,11 @@ def _search(folder: Path, cameras: Sequence[str]) -> tuple[dict[str, Path], list
 def _load(path: Path) -> Content:
     """Return the numbers in a file, by lower-case name."""
     if path.suffix.lower() not in _SUFFIXES:
-        hint = (
-            "known: OpenCV .npz .yml .yaml .xml, Caliscope .toml, Qualisys .qca.txt, COLMAP, nerfstudio, ..."
+        raise BadInputError(
+            f"{path} is not a calibration file of a known format",
+            hint="known: OpenCV .npz .yml .yaml .xml, Caliscope .toml, Qualisys .qca.txt, "
+            "COLMAP, nerfstudio, ...",
         )
-        raise BadInputError(f"{path} is not a calibration file of a known format", hint=hint)
     values = read_arrays(path) if path.suffix.lower() == ".npz" else read_storage(path)
     return {
         key.lower(): np.atleast_1d(np.asarray(value, np.float64))
@@ -111,11 +114,14 @@ def _split_pair(
 ) -> dict[str, Content]:
     rotation, translation = _find(content, _ROTATION), _find(content, _TRANSLATION)
     if rotation is None or translation is None:
-        raise BadInputError(f"{path} has no R and T; it has {', '.join(content) or 'nothing'}")
-    if len(cameras) != 2:
-        hint = "give one file a camera, each with its R and T"
         raise BadInputError(
-            f"{path} calibrates a pair, but the recording has {len(cameras)} cameras", hint=hint
+            f"{path} has no R and T; it has {', '.join(content) or 'nothing'}",
+            hint="give the stereo calibration's file, with R and T",
+        )
+    if len(cameras) != 2:
+        raise BadInputError(
+            f"{path} calibrates a pair, but the recording has {len(cameras)} cameras",
+            hint="give one file a camera, each with its R and T",
         )
     poses = (_IDENTITY, {"r": rotation, "t": translation})
     split: dict[str, Content] = {}
@@ -133,10 +139,15 @@ def _view(where: str, content: Content) -> View:
     if matrix is None or matrix.shape != (3, 3):
         raise BadInputError(f"{where} has no 3x3 camera matrix", hint=f"looked for {', '.join(_MATRIX)}")
     if rotation is None or translation is None:
-        raise BadInputError(f"{where} has no R and T")
+        raise BadInputError(
+            f"{where} has no R and T", hint="give the stereo calibration's file, with R and T"
+        )
     if rotation.size not in (3, 9) or translation.size != 3:
         shapes = f"{rotation.shape} and {translation.shape}"
-        raise BadInputError(f"{where}: R and T have shapes {shapes}, not the shapes of a pose")
+        raise BadInputError(
+            f"{where}: R and T have shapes {shapes}, not the shapes of a pose",
+            hint="save R as 3x3 matrix or 3 Rodrigues numbers, T as 3 numbers",
+        )
     distortion = _find(content, _DISTORTION)
     size = [int(numbers(where, content, key, 1)[0]) for key in _SIZE_KEYS if key in content]
     return View(

@@ -12,7 +12,7 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.importing.importer import Importer
-from capture_app.session.importing.views import Array, View, Views
+from capture_app.session.importing.views import EXPORT_AGAIN, Array, View, Views
 
 _SUBPIXELS = 64.0
 _OPENCV_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])
@@ -26,7 +26,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     try:
         root = ET.parse(path).getroot()  # noqa: S314 - expat resolves no external entities and limits the rest
     except (OSError, ET.ParseError) as error:
-        raise BadInputError(f"cannot read the calibration {path}: {error}") from error
+        raise BadInputError(f"cannot read the calibration {path}: {error}", hint=EXPORT_AGAIN) from error
     views = {}
     for number, camera in enumerate(root.iter("camera"), 1):
         label = camera.get("serial") or str(number)
@@ -59,13 +59,13 @@ def _view(where: str, camera: ET.Element) -> View:
 def _attributes(where: str, camera: ET.Element, tag: str, *keys: str) -> Array:
     element = camera.find(tag)
     if element is None:
-        raise BadInputError(f"{where} has no <{tag}>")
+        raise BadInputError(f"{where} has no <{tag}>", hint=EXPORT_AGAIN)
     try:
         return np.array([float(element.attrib[key]) for key in keys])
     except KeyError as error:
-        raise BadInputError(f"{where}: <{tag}> has no {error.args[0]}") from None
+        raise BadInputError(f"{where}: <{tag}> has no {error.args[0]}", hint=EXPORT_AGAIN) from None
     except ValueError as error:
-        raise BadInputError(f"{where}: <{tag}>: {error}") from None
+        raise BadInputError(f"{where}: <{tag}>: {error}", hint=EXPORT_AGAIN) from None
 
 
 def _is_qualisys(path: Path) -> bool:

@@ -30,7 +30,10 @@ class PhoneVideo(Video):
         super().__init__(name, path, png=png)
         table = table_of(path)
         if table is None:
-            raise BadInputError(f"{path} has no table of times")
+            raise BadInputError(
+                f"{path} has no table of times",
+                hint="copy the .csv beside the video from the phone, or import with --fps RATE",
+            )
         self._table, self._rows = table, _rows(table)
 
     def embedded_times(self) -> Sequence[TimedFrame]:
@@ -104,10 +107,15 @@ def _rows(table: Path) -> list[tuple[int, bool]]:
         if not text or text.startswith("#") or (number == 1 and text == _HEADING):
             continue
         if not re.fullmatch(r"-?\d{1,19}", text):
-            raise BadInputError(f"{table}, line {number}: {text!r} is not a time in ns")
+            raise BadInputError(
+                f"{table}, line {number}: {text!r} is not a time in ns",
+                hint="copy the table from the phone again, or correct the line",
+            )
         rows.append((int(text), made == "Generated"))
     if not rows:
-        raise BadInputError(f"{table} has no times")
+        raise BadInputError(
+            f"{table} has no times", hint="copy the table from the phone again, or import with --fps RATE"
+        )
     return rows
 
 

@@ -59,10 +59,15 @@ def _open_export(folder: Path, png: bool) -> Layout:
     if MCAP in endings:
         found = [*folder.glob("*.mcap"), *(path.parent for path in folder.glob("*/metadata.yaml"))]
         if len(found) != 1:
-            raise BadInputError(f"{folder} does not have one .mcap but {len(found)}")
+            raise BadInputError(
+                f"{folder} does not have one .mcap but {len(found)}", hint="keep the exported one only"
+            )
         return _layout(folder, record, read_bag(found[0]).sources, _in_order(rows))
     if not endings <= {*IMAGE_SUFFIXES, *VIDEO_SUFFIXES}:
-        raise BadInputError(f"{folder} is an export for {record.format}, which cannot be read back")
+        raise BadInputError(
+            f"{folder} is an export for {record.format}, which cannot be read back",
+            hint="import an export to mcap, mp4 or colmap, or copy the session itself",
+        )
     sources: list[Source] = []
     places: dict[Place, int] = {}
     for camera in record.manifest.cameras:
@@ -79,7 +84,10 @@ def _open_export(folder: Path, png: bool) -> Layout:
             sources.append(Images(camera.name, files[0].parent, files, "exported images"))
             places.update({at: index for index, at in enumerate(own)})
     if not sources:
-        raise BadInputError(f"{folder} has none of the files that its {FRAMES} names")
+        raise BadInputError(
+            f"{folder} has none of the files that its {FRAMES} names",
+            hint="copy the whole export, or export the session again",
+        )
     return _layout(folder, record, sources, places)
 
 
@@ -118,7 +126,10 @@ def _rows(folder: Path) -> dict[Place, tuple[Path, int]]:
             if row["file"] and row["content"] in ("image", "substitute")
         }
     except (KeyError, TypeError, ValueError, csv.Error) as error:
-        raise BadInputError(f"{path} is not the table of an export: {error}") from error
+        raise BadInputError(
+            f"{path} is not the table of an export: {error}",
+            hint="copy the whole export, or export the session again",
+        ) from error
 
 
 def _timeline(manifest: Manifest, places: Mapping[Place, int], cameras: set[str]) -> Timeline:

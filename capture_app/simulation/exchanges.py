@@ -43,7 +43,10 @@ def read_trace(path: Path, rng: random.Random) -> Link:
     every_ns = round((times_s[-1] - times_s[0]) / (len(rows) - 1) * 1e9)
     min_ms = min(round_trips_ms)
     if every_ns <= 0 or not min_ms > 0:
-        raise BadInputError(f"{path} has times that do not ascend, or round trips that are not positive")
+        raise BadInputError(
+            f"{path} has times that do not ascend, or round trips that are not positive",
+            hint="sort the rows by t_s, and leave lost messages out",
+        )
     there_ns, back_ns = [], []
     for round_trip_ms in round_trips_ms:
         part_ms = rng.random() * (round_trip_ms - min_ms)

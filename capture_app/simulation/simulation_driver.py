@@ -135,4 +135,4 @@ def _seed(options: Mapping[str, str]) -> int:
     try:
         return int(text)
     except ValueError:
-        raise BadInputError(f"seed={text} is not a whole number") from None
+        raise BadInputError(f"seed={text} is not a whole number", hint="such as seed=1") from None

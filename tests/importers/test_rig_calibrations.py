@@ -169,7 +169,7 @@ class _Program:
 
 def test_a_pickle_with_a_program_is_refused_unrun(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.chdir(tmp_path)
-    with pytest.raises(BadInputError, match="which is no array"):
+    with pytest.raises(BadInputError, match="which is not an array"):
         read(opencap(tmp_path / "Videos", rotation=_Program()), names=("Cam0", "Cam1"))
     assert not (tmp_path / "ran").exists()
 

@@ -98,7 +98,9 @@ def _check_needs(exporter: Exporter, burst: ExportedBurst, given: dict[str, Any]
         load_optional(module, extra, f"an export for {exporter.program}")
     if exporter.complete_instants and not burst.complete_instants():
         raise BadInputError(
-            f"{burst.session.folder}: no instant has an image of every camera, which {exporter.program} needs"
+            f"{burst.session.folder}: no instant has an image of every camera, "
+            f"which {exporter.program} needs",
+            hint="export to another format, such as --to mp4, or take another burst",
         )
     calibration = burst.session.calibration()
     if exporter.calibration == "unused":
@@ -120,12 +122,16 @@ def _check_calibration(exporter: Exporter, burst: ExportedBurst, calibration: Ca
     for camera in burst.cameras:
         where = f"{burst.session.folder / CALIBRATION}: {camera}"
         if camera not in calibration.cameras:
-            raise BadInputError(f"{where} is not calibrated, which {exporter.program} needs")
+            raise BadInputError(
+                f"{where} is not calibrated, which {exporter.program} needs",
+                hint=f"reconstruct calibrate {burst.session.folder}",
+            )
         lens, (width, height) = calibration.cameras[camera], burst.size(camera)
         if (lens.width, lens.height) != (width, height):
-            made = f"{lens.width}x{lens.height}"
             raise BadInputError(
-                f"{where} is calibrated for {made} pixels, but its images are {width}x{height}"
+                f"{where} is calibrated for {lens.width}x{lens.height} pixels, "
+                f"but its images are {width}x{height}",
+                hint=f"reconstruct calibrate {burst.session.folder}",
             )
         check_lens(where, lens)
     if exporter.unit and calibration.unit not in METRES:

@@ -73,7 +73,10 @@ class ExportedBurst:
         filmed = {camera for camera, _ in self.images}
         self.cameras = tuple(camera.name for camera in manifest.cameras if camera.name in filmed)
         if not self.cameras:
-            raise BadInputError(f"{session.folder} has no images to export")
+            raise BadInputError(
+                f"{session.folder} has no images to export",
+                hint="if it was interrupted: capture-app sessions repair SESSION",
+            )
         self.notes: list[str] = [
             f"{one.name} has no images" for one in manifest.cameras if one.name not in filmed
         ]
@@ -131,7 +134,7 @@ class ExportedBurst:
         except FileNotFoundError:
             raise IncompleteError(f"{path} is missing", hint=_VERIFY) from None
         except OSError as error:
-            raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+            raise BadInputError(f"cannot read {path}: {error.strerror}", hint=_VERIFY) from error
         if len(data) != image.bytes or hashlib.sha256(data).hexdigest() != image.sha256:
             raise BadInputError(f"{path} is not the image that was saved", hint=_VERIFY)
         self._done += 1
@@ -142,7 +145,9 @@ class ExportedBurst:
         width, height = self.size(image.camera)
         if pixels.shape[:2] != (height, width):
             raise BadInputError(
-                f"{path} is {pixels.shape[1]}x{pixels.shape[0]} pixels; {image.camera} takes {width}x{height}"
+                f"{path} is {pixels.shape[1]}x{pixels.shape[0]} pixels; "
+                f"{image.camera} takes {width}x{height}",
+                hint=_VERIFY,
             )
         return data, pixels
 

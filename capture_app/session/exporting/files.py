@@ -84,7 +84,10 @@ def write_mask(
     width, height = burst.size(image.camera)
     mask = decode_image(read_regular(path), colour=True, max_pixels=width * height)
     if mask is None or mask.shape[:2] != (height, width):
-        raise BadInputError(f"{path} is not a picture of {width}x{height} pixels")
+        raise BadInputError(
+            f"{path} is not a picture of {width}x{height} pixels",
+            hint="reconstruct movers makes masks of the images' size",
+        )
     white: Picture = np.where(cv2.cvtColor(mask, cv2.COLOR_BGR2GRAY) > 127, 255, 0).astype(np.uint8)
     if redraw:
         white = np.where(redraw(white) > 127, 255, 0).astype(np.uint8)

@@ -43,19 +43,26 @@ def read_ply(path: Path) -> PointCloud:
     except FileNotFoundError:
         raise IncompleteError(f"{path} is missing", hint="a point cloud as PLY belongs there") from None
     except OSError as error:
-        raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+        raise BadInputError(
+            f"cannot read {path}: {error.strerror}", hint="check the path and its permissions"
+        ) from error
     try:
         vertices = _vertices(data)
         points = np.stack([vertices[name].astype(np.float64) for name in ("x", "y", "z")], axis=1)
     except (ValueError, KeyError, IndexError, UnicodeDecodeError) as error:
-        raise BadInputError(f"{path} is not a PLY file of points that can be read") from error
+        raise BadInputError(
+            f"{path} is not a PLY file of points that can be read",
+            hint="reconstruct multiview writes point clouds as PLY",
+        ) from error
     names = vertices.dtype.names or ()
     colours = np.full((len(points), 3), _GREY, np.uint8)
     if all(name in names and vertices[name].dtype == np.uint8 for name in ("red", "green", "blue")):
         colours = np.stack([vertices[name] for name in ("red", "green", "blue")], axis=1)
     chosen = np.isfinite(points).all(axis=1)
     if not chosen.any():
-        raise BadInputError(f"{path} has no points")
+        raise BadInputError(
+            f"{path} has no points", hint="give another point cloud, as reconstruct multiview writes it"
+        )
     return PointCloud(points[chosen], colours[chosen])
 
 

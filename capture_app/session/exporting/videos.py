@@ -54,7 +54,10 @@ def write_video(
             for since_ns, picture in frames:
                 since_us = (since_ns + 500) // 1000
                 if since_us <= last_us:
-                    raise BadInputError(f"{path.name}: two frames within the same microsecond, {since_us}")
+                    raise BadInputError(
+                        f"{path.name}: two frames within the same microsecond, {since_us}",
+                        hint="import the recording again with correct times, or export to mcap",
+                    )
                 last_us = since_us
                 frame = av.VideoFrame.from_ndarray(picture, format="bgr24")
                 if not lossless:
@@ -66,7 +69,10 @@ def write_video(
     except av.FFmpegError as error:
         if isinstance(error, OSError):
             raise OSError(error.errno, error.strerror, str(path)) from error
-        raise SimulshotError(f"cannot encode {path.name} ({width}x{height}): {error}") from error
+        raise SimulshotError(
+            f"cannot encode {path.name} ({width}x{height}): {error}",
+            hint="export the images instead: --to mcap",
+        ) from error
 
 
 Shown = tuple[int, int, ImageRecord | None]

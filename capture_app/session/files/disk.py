@@ -28,7 +28,9 @@ def make_new_folder(folder: Path) -> None:
     except OSError as error:
         if is_full(error):
             raise disk_error(error, folder) from error
-        raise BadInputError(f"cannot make {folder}: {error.strerror}") from error
+        raise BadInputError(
+            f"cannot make {folder}: {error.strerror}", hint="choose a folder that you may write to"
+        ) from error
 
 
 def reserve(path: Path, size: int) -> None:

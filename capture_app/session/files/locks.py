@@ -17,7 +17,9 @@ def lock_folder(folder: Path) -> int:
     try:
         handle = os.open(folder, os.O_RDONLY | os.O_DIRECTORY)
     except OSError as error:
-        raise BadInputError(f"cannot open {folder}: {error.strerror}") from error
+        raise BadInputError(
+            f"cannot open {folder}: {error.strerror}", hint="check the path and its permissions"
+        ) from error
     for _ in range(_TRIES):
         try:
             fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
@@ -31,7 +33,9 @@ def lock_folder(folder: Path) -> int:
             # Only a writer holds it for long: a reader just tests the lock.
             time.sleep(_READER_S)
     os.close(handle)
-    raise TryAgainError(f"{folder} is being written by another process")
+    raise TryAgainError(
+        f"{folder} is being written by another process", hint="wait until that process is finished"
+    )
 
 
 def lock_file(path: Path, *, wait: bool = False) -> int:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
 _T = TypeVar("_T")
 MAX_BYTES = 1 << 30
 """Maximum unpacked size of all arrays of a file, bytes."""
+RESTORE = "restore this file from a copy"
 
 
 def open_regular(path: Path) -> BinaryIO:
@@ -46,9 +47,11 @@ def read_text(path: Path, *, encoding: str = "utf-8") -> str:
     try:
         return read_regular(path).decode(encoding)
     except OSError as error:
-        raise BadInputError(f"cannot read {path}: {error.strerror or error}") from error
+        raise BadInputError(
+            f"cannot read {path}: {error.strerror or error}", hint="check the path and its permissions"
+        ) from error
     except UnicodeDecodeError as error:
-        raise BadInputError(f"cannot read {path}: {error}") from error
+        raise BadInputError(f"cannot read {path}: {error}", hint="save it as UTF-8 text") from error
 
 
 def read_arrays(path: Path) -> "dict[str, NDArray[np.generic]]":
@@ -64,10 +67,15 @@ def read_arrays(path: Path) -> "dict[str, NDArray[np.generic]]":
         with np.load(data, allow_pickle=False) as file:
             return {name: np.asarray(file[name]) for name in file.files}
     except OSError as error:
-        raise BadInputError(f"cannot read {path}: {error.strerror or error}") from error
+        raise BadInputError(
+            f"cannot read {path}: {error.strerror or error}", hint="check the path and its permissions"
+        ) from error
     except Exception as error:  # zipfile, its decompressors and numpy raise a dozen kinds
         reason = " ".join(str(error).split()) or type(error).__name__
-        raise BadInputError(f"cannot read {path} as arrays (.npz): {reason}") from error
+        raise BadInputError(
+            f"cannot read {path} as arrays (.npz): {reason}",
+            hint="restore it from a copy, or write it again with np.savez",
+        ) from error
 
 
 def read_struct(path: Path, kind: type[_T], newest: int | None = None) -> _T:
@@ -94,9 +102,11 @@ def decode_struct(path: Path, data: bytes, kind: type[_T], newest: int | None = 
                 )
         return msgspec.json.decode(data, type=kind)
     except msgspec.ValidationError as error:
-        raise BadInputError(f"{path} does not fit its schema: {error}") from error
+        raise BadInputError(f"{path} does not fit its schema: {error}", hint=RESTORE) from error
     except UNREADABLE as error:
-        raise BadInputError(f"{path} is not valid JSON: {error}{_line_of(data, str(error))}") from error
+        raise BadInputError(
+            f"{path} is not valid JSON: {error}{_line_of(data, str(error))}", hint=RESTORE
+        ) from error
 
 
 def encode_checked(value: msgspec.Struct) -> bytes:
@@ -105,7 +115,7 @@ def encode_checked(value: msgspec.Struct) -> bytes:
     try:
         msgspec.json.decode(data, type=type(value))
     except msgspec.ValidationError as error:
-        raise BadInputError(f"a {type(value).__name__} that breaks its schema: {error}") from error
+        raise BadInputError(f"a {type(value).__name__} breaks its schema: {error}") from error
     return data
 
 

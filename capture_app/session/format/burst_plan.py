@@ -120,9 +120,15 @@ def read_plan(folder: Path) -> BurstPlan:
             name = camera.get("name") if isinstance(camera, dict) else f"camera {number}"
             notes.append(f"{name} is left out: {error}")
     if not cameras:
-        raise BadInputError(f"{folder / PLAN} has no valid camera: {'; '.join(notes)}")
+        raise BadInputError(
+            f"{folder / PLAN} has no valid camera: {'; '.join(notes)}",
+            hint="the burst cannot be repaired; its images stay in the folder",
+        )
     checked = {"cameras": tuple(cameras), "note": "; ".join(notes)}
     plan = BurstPlan(**structs.asdict(unchecked) | checked)
     if any(instant >= len(plan.instants_ns) for instant in plan.chosen or ()):
-        raise BadInputError(f"{folder / PLAN} has chosen an instant that was not ordered")
+        raise BadInputError(
+            f"{folder / PLAN} names a chosen instant that was not requested",
+            hint="the burst cannot be repaired; its images stay in the folder",
+        )
     return plan

@@ -17,6 +17,7 @@ Matrix3 = tuple[Vector3, Vector3, Vector3]
 
 METRES = {"m": 1.0, "cm": 0.01, "mm": 0.001, "in": 0.0254, "ft": 0.3048}
 """Length of each unit, in metres."""
+_AGAIN = "export the calibration again with its program, or make one: reconstruct calibrate SESSION"
 
 
 class CameraCalibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -53,14 +54,16 @@ def check_lens(where: str, camera: CameraCalibration) -> None:
     rotation, distortion = np.array(camera.rotation), camera.distortion
     lens = (camera.fx, camera.fy, camera.cx, camera.cy, *camera.translation, *distortion)
     if not all(map(math.isfinite, lens)) or not np.isfinite(rotation).all():
-        raise BadInputError(f"{where} has numbers that are not finite")
+        raise BadInputError(f"{where} has numbers that are not finite", hint=_AGAIN)
     if camera.fx <= 0 or camera.fy <= 0:
-        raise BadInputError(f"{where} has no camera matrix with positive focal lengths")
+        raise BadInputError(f"{where} has no camera matrix with positive focal lengths", hint=_AGAIN)
     if abs(rotation @ rotation.T - np.eye(3)).max() > 1e-3 or np.linalg.det(rotation) < 0:
-        raise BadInputError(f"{where} has a rotation matrix that is not orthonormal")
+        raise BadInputError(f"{where} has a rotation matrix that is not orthonormal", hint=_AGAIN)
     if any(distortion[5:]):
-        what = f"{where} has {len(distortion)} distortion coefficients; 5 are supported"
-        raise BadInputError(what, hint="calibrate with k1, k2, p1, p2, k3")
+        raise BadInputError(
+            f"{where} has {len(distortion)} distortion coefficients; 5 are supported",
+            hint="calibrate with k1, k2, p1, p2, k3",
+        )
 
 
 class Calibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):

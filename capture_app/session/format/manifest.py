@@ -22,6 +22,7 @@ from capture_app.common.camera_facts import CameraFacts, Control, unshared_uncer
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import Name, check_name
 from capture_app.common.text import pretty_json
+from capture_app.session.files.untrusted_files import RESTORE
 from capture_app.session.format.common_times import CommonTimes
 
 SCHEMA_VERSION = 1
@@ -372,9 +373,9 @@ def inside(folder: Path, path: str) -> Path:
     except (OSError, RuntimeError):
         safe = False
     if not safe:
-        raise BadInputError(f"{folder / MANIFEST} names {path!r}, which is outside the session")
+        raise BadInputError(f"{folder / MANIFEST} names {path!r}, which is outside the session", hint=RESTORE)
     if waits:
-        raise BadInputError(f"{folder / MANIFEST} names {path!r}, which is not a regular file")
+        raise BadInputError(f"{folder / MANIFEST} names {path!r}, which is not a regular file", hint=RESTORE)
     return file
 
 
@@ -385,28 +386,30 @@ def check_references(path: Path, manifest: Manifest) -> None:
     """
     check_numbers(path, manifest)
     if not manifest.burst.instants_ns:
-        raise BadInputError(f"{path} has no instants")
+        raise BadInputError(f"{path} has no instants", hint=RESTORE)
     names = [camera.name for camera in manifest.cameras]
     if not names:
-        raise BadInputError(f"{path} has no cameras")
+        raise BadInputError(f"{path} has no cameras", hint=RESTORE)
     if len(set(names)) != len(names):
-        raise BadInputError(f"{path} lists a camera twice")
+        raise BadInputError(f"{path} lists a camera twice", hint=RESTORE)
     for name in (*names, manifest.name, manifest.rig):
         check_name(name, "camera, a rig or a session")
     named = [(f"images[{i}]", image.camera, image.instant) for i, image in enumerate(manifest.images)]
     named += [(f"missing[{i}]", one.camera, one.instant) for i, one in enumerate(manifest.missing)]
     for where, camera, instant in named:
         if camera not in names:
-            raise BadInputError(f"{path}: {where} is of an unknown camera, {camera}")
+            raise BadInputError(f"{path}: {where} is of an unknown camera, {camera}", hint=RESTORE)
         if instant >= len(manifest.burst.instants_ns):
-            raise BadInputError(f"{path}: {where} is of an unknown instant, {instant}")
+            raise BadInputError(f"{path}: {where} is of an unknown instant, {instant}", hint=RESTORE)
 
 
 def check_numbers(path: Path, record: msgspec.Struct | None) -> None:
     """Check the numbers of the manifest at `path`, or of a part of it. Raises BadInputError for odd ones."""
     numbers = _numbers(msgspec.to_builtins(record))
     if not all(abs(one) < (MAX_INTEGER if isinstance(one, int) else MAX_REAL) for one in numbers):
-        raise BadInputError(f"{path} has a number that no session has, such as one of over 64 bits")
+        raise BadInputError(
+            f"{path} has a number that no session has, such as one of over 64 bits", hint=RESTORE
+        )
 
 
 def check_written(record: CameraRecord | ImageRecord) -> None:
@@ -418,7 +421,7 @@ def check_written(record: CameraRecord | ImageRecord) -> None:
         what, lasting_ns = f"image {record.instant} of camera {record.camera}", record.exposure_ns or 0
     numbers = map(abs, _numbers(msgspec.to_builtins(record)))
     if max(numbers, default=0) > MAX_WRITTEN or lasting_ns > MAX_LASTING_NS:
-        raise BadInputError(f"{what} has a time or a number that is impossible")
+        raise BadInputError(f"{what} has a time or a number out of range")
 
 
 def _numbers(value: Any) -> Iterator[int | float]:

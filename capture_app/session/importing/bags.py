@@ -38,6 +38,7 @@ _POSES = ("foxglove.FrameTransform", "tf2_msgs/msg/TFMessage")
 _CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1, "8UC1": 1, "8UC3": 3}
 _ENCODINGS = {True: "protobuf", False: "cdr"}
 """Message encoding: Foxglove's (True), and ROS 2's."""
+_RECOVER = "copy it from the recorder again; `mcap recover` repairs an interrupted .mcap"
 
 
 def is_bag(path: Path) -> bool:
@@ -79,7 +80,8 @@ class TopicPictures(Source):
         format_ = getattr(first.content, "format", "").lower()
         if format_ and "png" not in format_ and "jp" not in format_:
             raise BadInputError(
-                f"{path}: {first.topic} has images of format {format_!r}; JPEG and PNG are read"
+                f"{path}: {first.topic} has images of format {format_!r}; JPEG and PNG are read",
+                hint="record JPEG or PNG, or import videos or folders of images instead",
             )
         self.suffix = ".png" if "png" in format_ else ".jpg"
 
@@ -91,7 +93,9 @@ class TopicPictures(Source):
                 data = _picture(f"{self.path}: {self._topic}", message.content)
                 size = image_size(data)
                 if size is None:
-                    raise BadInputError(f"{self.path}: {self._topic} has an image that cannot be decoded")
+                    raise BadInputError(
+                        f"{self.path}: {self._topic} has an image that cannot be decoded", hint=_RECOVER
+                    )
                 yield index, data, size
 
 
@@ -189,7 +193,10 @@ def _picture(where: str, message: Any) -> bytes:
         return bytes(message.data)
     channels = _CHANNELS.get(message.encoding)
     if channels is None:
-        raise BadInputError(f"{where} has pictures of {message.encoding}; {', '.join(_CHANNELS)} are read")
+        raise BadInputError(
+            f"{where} has images of encoding {message.encoding}; {', '.join(_CHANNELS)} are supported",
+            hint="record one of these encodings, or compressed images",
+        )
     rows = np.asarray(message.data, np.uint8).reshape(message.height, message.step)
     pixels = rows[:, : message.width * channels].reshape(message.height, message.width, channels)
     if message.encoding == "rgb8":
@@ -273,9 +280,11 @@ def intact(path: Path) -> Iterator[None]:
     try:
         yield
     except OSError as error:
-        raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+        raise BadInputError(
+            f"cannot read {path}: {error.strerror}", hint="check the path and its permissions"
+        ) from error
     except SimulshotError:
         raise
     except Exception as error:  # the readers raise a dozen kinds on a damaged file
         what = "MCAP" if path.suffix.lower() == MCAP else "bag"
-        raise BadInputError(f"{path} is not an intact {what}: {error}") from error
+        raise BadInputError(f"{path} is not an intact {what}: {error}", hint=_RECOVER) from error

@@ -17,7 +17,7 @@ from capture_app.session.format.calibration import (
 )
 from capture_app.session.importing.importer import load_importers
 from capture_app.session.importing.rate_or_table import match_name
-from capture_app.session.importing.views import Array, View, Views
+from capture_app.session.importing.views import EXPORT_AGAIN, Array, View, Views
 
 Fit = Literal["exact", "crop", "scale"]
 """What to do if images do not have the size at which their camera was calibrated.
@@ -36,7 +36,7 @@ def read_views(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Vie
     """
     for _, path in paths:
         if not path.exists():
-            raise BadInputError(f"no calibration at {path}")
+            raise BadInputError(f"no calibration at {path}", hint="check the path after --calibration")
     first = paths[0][1]
     for importer in load_importers():
         views = importer.read_calibration(paths, cameras)
@@ -65,9 +65,10 @@ def fit_calibration(
     labels = {match_name(label, list(sizes)): label for label in views.cameras}
     lacking = [name for name in sizes if name not in labels]
     if lacking:
-        of = ", ".join(views.cameras)
         raise BadInputError(
-            f"{views.source} calibrates {of}: nothing for {', '.join(lacking)} of the recording"
+            f"{views.source} calibrates {', '.join(views.cameras)}: "
+            f"nothing for {', '.join(lacking)} of the recording",
+            hint="name the cameras as in the calibration: NAME=PATH",
         )
     scale = METRES.get(given, 1.0)
     cameras = {
@@ -79,7 +80,7 @@ def fit_calibration(
 
 def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: Fit) -> CameraCalibration:
     if not np.isfinite(view.matrix).all():
-        raise BadInputError(f"{where} has numbers that are not finite")
+        raise BadInputError(f"{where} has numbers that are not finite", hint=EXPORT_AGAIN)
     (fx, skew, cx), (_, fy, cy), _ = view.matrix.tolist()
     camera = CameraCalibration(
         width=size[0],
@@ -94,9 +95,12 @@ def _camera(where: str, view: View, size: tuple[int, int], metres: float, fit: F
     )
     check_lens(where, camera)
     if abs(skew) > 0.01:
-        raise BadInputError(f"{where} has a skew of {skew:.3g} pixels; only a skew of 0 is supported")
+        raise BadInputError(
+            f"{where} has a skew of {skew:.3g} pixels; only a skew of 0 is supported",
+            hint="calibrate with a skew of 0: reconstruct calibrate SESSION does",
+        )
     if abs(view.matrix[2] - [0, 0, 1]).max() > 1e-6:
-        raise BadInputError(f"{where} has no camera matrix: its last row is not 0, 0, 1")
+        raise BadInputError(f"{where} has no camera matrix: its last row is not 0, 0, 1", hint=EXPORT_AGAIN)
     x, y = _factors(where, view.size, size, fit)
     left, _, right = np.linalg.svd(view.rotation)
     return msgspec.structs.replace(
@@ -116,7 +120,9 @@ def _factors(
     if calibrated is None or calibrated == size:
         return 1.0, 1.0
     if min(calibrated) < 1:
-        raise BadInputError(f"{where} is calibrated for {calibrated[0]}x{calibrated[1]} pixels")
+        raise BadInputError(
+            f"{where} is calibrated for {calibrated[0]}x{calibrated[1]} pixels", hint=EXPORT_AGAIN
+        )
     x, y = size[0] / calibrated[0], size[1] / calibrated[1]
     if fit == "crop":
         return 1.0, 1.0

@@ -20,6 +20,8 @@ _DATE = re.compile(
 )
 _EPOCH_NS = {10: 9, 13: 6, 16: 3, 19: 0}
 """Number of digits of a Unix time, and the power of ten that converts it to ns."""
+DAMAGED = "copy it from the camera again, or leave it out"
+_OTHER_TIMES = "take the times from elsewhere: --times name, --timestamps CSV or --fps RATE"
 
 
 TimeSource = Literal["auto", "video", "name", "exif"]
@@ -46,7 +48,9 @@ def video_times_ns(path: Path) -> list[int]:
     try:
         with av.open(str(path)) as container:
             if not container.streams.video:
-                raise BadInputError(f"{path} has no video in it")
+                raise BadInputError(
+                    f"{path} has no video in it", hint="leave it out, or give the camera's video file"
+                )
             stream = container.streams.video[0]
             ticks = {
                 packet.pts
@@ -55,7 +59,7 @@ def video_times_ns(path: Path) -> list[int]:
             }
             base = stream.time_base
     except av.FFmpegError as error:
-        raise BadInputError(f"{path} is not a video that can be decoded: {error}") from error
+        raise BadInputError(f"{path} is not a video that can be decoded: {error}", hint=DAMAGED) from error
     return [_nanoseconds(tick, base) for tick in sorted(ticks)]
 
 
@@ -82,7 +86,7 @@ def video_pictures(path: Path, times_ns: Container[int]) -> Iterator[tuple[int, 
                         image = frame.to_ndarray(format="bgr24", interpolation=rounding)
                         yield at_ns, np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90) % 4))
     except av.FFmpegError as error:
-        raise BadInputError(f"{path} is not a video that can be decoded: {error}") from error
+        raise BadInputError(f"{path} is not a video that can be decoded: {error}", hint=DAMAGED) from error
 
 
 def name_time_ns(path: Path) -> int:
@@ -107,12 +111,14 @@ def exif_time_ns(path: Path) -> int:
     try:
         exif = read_exif(path.read_bytes())
     except OSError as error:
-        raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+        raise BadInputError(
+            f"cannot read {path}: {error.strerror}", hint="check the path and its permissions"
+        ) from error
     except ValueError as error:
-        raise BadInputError(f"the EXIF of {path} is broken: {error}") from error
+        raise BadInputError(f"the EXIF of {path} is broken: {error}", hint=_OTHER_TIMES) from error
     found = _DATE.search(exif.date)
     if found is None:
-        raise BadInputError(f"{path} has no EXIF that says when it was taken")
+        raise BadInputError(f"{path} has no EXIF that says when it was taken", hint=_OTHER_TIMES)
     return _date_ns(path, found, exif.part_of_second)
 
 
@@ -120,7 +126,7 @@ def _date_ns(path: Path, found: re.Match[str], fraction: str) -> int:
     try:
         moment = datetime.strptime(" ".join(found.groups()[:6]), "%Y %m %d %H %M %S").replace(tzinfo=UTC)
     except ValueError as error:
-        raise BadInputError(f"{path} has an invalid time: {error}") from error
+        raise BadInputError(f"{path} has an invalid time: {error}", hint=_OTHER_TIMES) from error
     return round(moment.timestamp()) * 1_000_000_000 + int((fraction or "0")[:9].ljust(9, "0"))
 
 

@@ -109,7 +109,8 @@ def check_order(where: str, frames: Sequence[TimedFrame]) -> None:
             back_ms = (before.leader_ns - after.leader_ns) / 1e6
             how = f"is {back_ms:g} ms before" if back_ms else "is at the same time as"
             raise BadInputError(
-                f"{where}: times go backwards: frame {after.index} {how} frame {before.index}"
+                f"{where}: times go backwards: frame {after.index} {how} frame {before.index}",
+                hint="correct these times, or give the rate instead: --fps",
             )
 
 

@@ -107,7 +107,7 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
     for text in paths:
         name, path = split_name(text)
         if not path.exists():
-            raise BadInputError(f"nothing at {path}")
+            raise BadInputError(f"nothing at {path}", hint="check the path")
         if not name and path.is_dir() and not is_program_camera(path):
             sources += _sources_in(path, png, recording)
         else:

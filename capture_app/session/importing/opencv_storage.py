@@ -35,12 +35,21 @@ def read_storage(path: Path) -> dict[str, Any]:
             raise ValueError(f"it has {len(data)} bytes, too many for a calibration")
         content = _read_xml(data) if path.suffix.lower() == ".xml" else _read_yaml(data)
     except OSError as error:
-        raise BadInputError(f"cannot read the calibration {path}: {error.strerror or error}") from error
+        raise BadInputError(
+            f"cannot read the calibration {path}: {error.strerror or error}",
+            hint="check the path and its permissions",
+        ) from error
     except (yaml.YAMLError, ET.ParseError, ValueError, OverflowError, RecursionError) as error:
         reason = " ".join(str(error).split()) or "not OpenCV's format"
-        raise BadInputError(f"cannot read the calibration {path}: {reason}") from error
+        raise BadInputError(
+            f"cannot read the calibration {path}: {reason}",
+            hint="write it with OpenCV's FileStorage or np.savez",
+        ) from error
     if not isinstance(content, dict):
-        raise BadInputError(f"cannot read the calibration {path}: it is no list of names and values")
+        raise BadInputError(
+            f"cannot read the calibration {path}: it is not a list of names and values",
+            hint="write it with OpenCV's FileStorage or np.savez",
+        )
     return {str(key): value for key, value in content.items()}
 
 

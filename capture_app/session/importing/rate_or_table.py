@@ -91,7 +91,10 @@ def timeline_by_table(sources: Sequence[Source], path: Path) -> Timeline:
     instants = _by_group(path, rows, timed)
     for before, after in pairwise(instants):
         if after.leader_ns <= before.leader_ns:
-            raise BadInputError(f"{path}: two instants are at the same time, {after.leader_ns} ns")
+            raise BadInputError(
+                f"{path}: two instants are at the same time, {after.leader_ns} ns",
+                hint="give each instant its own sync_index and time",
+            )
     return Timeline(instants, round(statistics.median(periods.values())), periods)
 
 
@@ -129,7 +132,9 @@ def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
     try:
         return _table_rows(path, names)
     except csv.Error as error:
-        raise BadInputError(f"cannot read the table {path}: {error}") from error
+        raise BadInputError(
+            f"cannot read the table {path}: {error}", hint="save it as comma-separated values"
+        ) from error
 
 
 def _table_rows(path: Path, names: Sequence[str]) -> list[_Row]:
@@ -164,7 +169,10 @@ def _table_rows(path: Path, names: Sequence[str]) -> list[_Row]:
         )
     for name in names:
         if not any(row.camera == name and row.leader_ns is not None for row in rows):
-            raise BadInputError(f"{path} has no times of camera {name}")
+            raise BadInputError(
+                f"{path} has no times of camera {name}",
+                hint="add its rows; the column camera has the names of the import",
+            )
     return rows
 
 
@@ -176,7 +184,10 @@ def _parse(where: str, text: str | None, ns: int | None) -> int | None:
             return int(cell) if cell else None
         return int((Decimal(cell) * ns).to_integral_value())
     except (ArithmeticError, ValueError):
-        raise BadInputError(f"{where}: {text!r} is not {'a time' if ns else 'a frame number'}") from None
+        raise BadInputError(
+            f"{where}: {text!r} is not {'a time' if ns else 'a frame number'}",
+            hint="leave the cell empty for a dropped frame",
+        ) from None
 
 
 def _number_rows(path: Path, name: str, rows: Sequence[_Row], count: int) -> list[tuple[_Row, TimedFrame]]:
@@ -185,14 +196,20 @@ def _number_rows(path: Path, name: str, rows: Sequence[_Row], count: int) -> lis
     if any(row.frame is None for row in own):
         own.sort(key=lambda row: row.leader_ns or 0)
         if len(own) != count:
-            raise BadInputError(f"{path} has {len(own)} times of camera {name}, which has {count} frames")
+            raise BadInputError(
+                f"{path} has {len(own)} times of camera {name}, which has {count} frames",
+                hint="add the column frame: the number of each frame, from 0",
+            )
         own = [replace(row, frame=index) for index, row in enumerate(own)]
     numbers = [-1 if row.frame is None else row.frame for row in own]
     for number in numbers:
         if not 0 <= number < count:
-            raise BadInputError(f"{path} names frame {number} of camera {name}, which has {count} frames")
+            raise BadInputError(
+                f"{path} names frame {number} of camera {name}, which has {count} frames",
+                hint="frames count from 0",
+            )
     if len(set(numbers)) < len(numbers):
-        raise BadInputError(f"{path} names a frame of camera {name} twice")
+        raise BadInputError(f"{path} names a frame of camera {name} twice", hint="remove one of the two rows")
     return [(row, TimedFrame(n, row.leader_ns or 0)) for n, row in zip(numbers, own, strict=True)]
 
 
@@ -200,7 +217,9 @@ def _period(path: Path, name: str, times_ns: Sequence[int]) -> int:
     steps = [after - before for before, after in pairwise(sorted(times_ns))]
     if not steps or min(steps) <= 0:
         reason = "has only one time" if not steps else "has a time twice"
-        raise BadInputError(f"{path}: camera {name} {reason}")
+        raise BadInputError(
+            f"{path}: camera {name} {reason}", hint="each camera needs two different times or more"
+        )
     return round(statistics.median(steps))
 
 
@@ -211,7 +230,10 @@ def _by_group(
     for name, of in timed.items():
         for row, frame in of:
             if groups.setdefault(str(row.group), {}).setdefault(name, frame) is not frame:
-                raise BadInputError(f"{path} has instant {row.group} of camera {name} twice")
+                raise BadInputError(
+                    f"{path} has instant {row.group} of camera {name} twice",
+                    hint="remove one of the two rows",
+                )
     dropped = {(row.group, row.camera) for row in rows if row.leader_ns is None}
     reason = "dropped by the camera: the table gives no time"
     instants = [

@@ -34,7 +34,10 @@ def realign_session(session: Session, cameras: Mapping[str, CameraTimes], source
         raise NotApplicableError(f"{manifest.name} stores its frames in videos", hint="import them again")
     lacking = [f"{name}: {of.reason}" for name, of in cameras.items() if of.offset_ns is None]
     if lacking:
-        raise NotApplicableError(f"not every camera's offset is known: {'; '.join(lacking)}")
+        raise NotApplicableError(
+            f"not every camera's offset is known: {'; '.join(lacking)}",
+            hint="import again with known offsets: --time-shift-ms CAMERA=MS",
+        )
     together = {
         name: _since_own(of, before.cameras.get(name) if before else None) for name, of in cameras.items()
     }

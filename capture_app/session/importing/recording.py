@@ -303,10 +303,16 @@ def _calibration_of(record: ExportRecord, sizes: Mapping[str, tuple[int, int]]) 
 def _chosen(timeline: Timeline, options: ImportOptions) -> Sequence[Instant]:
     total = len(timeline.instants)
     if options.start < 0 or options.every < 1 or (options.count is not None and options.count < 1):
-        raise BadInputError("--start counts from 0, --count and --every from 1")
+        raise BadInputError(
+            "--start counts from 0, --count and --every from 1",
+            hint="such as --start 0 --count 100 --every 2",
+        )
     chosen = timeline.instants[options.start :: options.every][: options.count]
     if not chosen:
-        raise BadInputError(f"the recording has {count(total, 'instant')}, none from {options.start} on")
+        raise BadInputError(
+            f"the recording has {count(total, 'instant')}, none from {options.start} on",
+            hint="give a smaller --start",
+        )
     return chosen
 
 
@@ -329,7 +335,10 @@ def _write_images(
                 numbers.setdefault(instant.frames[source.name].index, []).append(number)
         for index, data, size in source.frames(sorted(numbers)):
             if sizes.setdefault(source.name, size) != size:
-                raise BadInputError(f"{source.path} has images of {sizes[source.name]} and of {size} pixels")
+                raise BadInputError(
+                    f"{source.path} has images of {sizes[source.name]} and of {size} pixels",
+                    hint="import the images of each size as a camera of its own",
+                )
             for number in numbers[index]:
                 instant, frame = instants[number], instants[number].frames[source.name]
                 known = {"local_ns": frame.local_ns, "sequence": index, **frame.further, **said}
@@ -345,5 +354,8 @@ def _write_images(
             done += 1
             progress(done, total)
         if source.name not in sizes:
-            raise BadInputError(f"{source.path} has no frame at any of the {len(instants)} instants")
+            raise BadInputError(
+                f"{source.path} has no frame at any of the {len(instants)} instants",
+                hint="leave this camera out, or correct its times, as with --time-shift-ms",
+            )
     return sizes

@@ -12,7 +12,7 @@ from capture_app.common.errors import BadInputError, reading
 from capture_app.common.names import natural_order
 from capture_app.session.format.export_record import ExportRecord
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
-from capture_app.session.importing.embedded_times import video_pictures, video_times_ns
+from capture_app.session.importing.embedded_times import DAMAGED, video_pictures, video_times_ns
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline
 from capture_app.session.importing.views import Views
 from capture_app.session.reading.decoding import decode_image, encode_image, image_size, open_capture
@@ -87,7 +87,7 @@ class Images(Source):
                 data = self._read(self.files[index])
             size = image_size(data)
             if size is None:
-                raise BadInputError(f"{self.files[index]} is not an image that can be decoded")
+                raise BadInputError(f"{self.files[index]} is not an image that can be decoded", hint=DAMAGED)
             yield index, data, size
 
 
@@ -213,7 +213,7 @@ class _Chapter:
     def _open(self) -> Any:
         capture = open_capture(str(self.path))
         if not capture.isOpened():
-            raise BadInputError(f"{self.path} is not a video that can be decoded")
+            raise BadInputError(f"{self.path} is not a video that can be decoded", hint=DAMAGED)
         return capture
 
 

@@ -52,7 +52,10 @@ def _check_options(names: Sequence[str], options: ImportOptions) -> None:
             )
     given = (options.fps is not None, options.timestamps is not None, options.times != "auto")
     if sum(given) > 1:
-        raise BadInputError("give either the rate, --fps, or a table of times, --timestamps, or --times")
+        raise BadInputError(
+            "give either the rate, --fps, or a table of times, --timestamps, or --times",
+            hint="leave out all of them but one",
+        )
 
 
 def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:

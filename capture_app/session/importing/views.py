@@ -16,6 +16,7 @@ from capture_app.session.files.untrusted_files import read_regular
 Array = NDArray[np.float64]
 SAME_ROTATION, SAME_PLACE = 1e-5, 1e-5
 """Maximum difference of two equal rotation matrices, and of two positions relative to the rig's extent."""
+EXPORT_AGAIN = "export the calibration again with the program that made it"
 
 
 @dataclass(frozen=True, slots=True, eq=False)
@@ -51,13 +52,15 @@ def read_json(path: Path) -> Any:
     try:
         return msgspec.json.decode(read_regular(path))
     except OSError as error:
-        raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+        raise BadInputError(
+            f"cannot read {path}: {error.strerror}", hint="check the path and its permissions"
+        ) from error
     except UNREADABLE as error:
-        raise BadInputError(f"{path} is not JSON: {error}") from error
+        raise BadInputError(f"{path} is not JSON: {error}", hint=EXPORT_AGAIN) from error
 
 
 def numbers(
-    where: str, content: Mapping[Any, Any], key: str, *counts: int, hint: str = "is the calibration complete?"
+    where: str, content: Mapping[Any, Any], key: str, *counts: int, hint: str = EXPORT_AGAIN
 ) -> Array:
     """Return the numbers at a key as a flat array. Raises BadInputError if they are missing or invalid."""
     if content.get(key) is None:
@@ -65,11 +68,13 @@ def numbers(
     try:
         values = np.asarray(content[key], np.float64).ravel()
     except (TypeError, ValueError):
-        raise BadInputError(f"{where}: {key} is not made of numbers") from None
+        raise BadInputError(f"{where}: {key} is not made of numbers", hint=hint) from None
     if values.size not in counts:
-        raise BadInputError(f"{where}: {key} has {values.size} numbers, not {' or '.join(map(str, counts))}")
+        raise BadInputError(
+            f"{where}: {key} has {values.size} numbers, not {' or '.join(map(str, counts))}", hint=hint
+        )
     if not np.isfinite(values).all():
-        raise BadInputError(f"{where}: {key} has numbers that are not finite")
+        raise BadInputError(f"{where}: {key} has numbers that are not finite", hint=hint)
     return values
 
 
@@ -105,7 +110,10 @@ def view_at(
     Raises BadInputError, beginning with `where`, for anything else.
     """
     if len(k) != 9:
-        raise BadInputError(f"{where} has a calibration without K")
+        raise BadInputError(
+            f"{where} has a calibration without K",
+            hint="calibrate the camera before recording, or import with --calibration PATH",
+        )
     rotation = from_quaternion(where, wxyz).T
     return View(
         matrix=np.array(k).reshape(3, 3),
@@ -124,7 +132,9 @@ def from_quaternion(where: str, wxyz: Sequence[float] | Array) -> Array:
     quaternion = np.asarray(wxyz, np.float64)
     length = float(np.linalg.norm(quaternion))
     if not 1e-9 < length < 1e9:
-        raise BadInputError(f"{where} has the rotation {list(wxyz)}, which is no quaternion")
+        raise BadInputError(
+            f"{where} has the rotation {list(wxyz)}, which is not a quaternion", hint=EXPORT_AGAIN
+        )
     w, x, y, z = quaternion / length
     return np.array(
         [
@@ -143,7 +153,7 @@ def camera_of(image: str, cameras: Sequence[str]) -> str:
     """
     path = PurePosixPath(image.replace("\\", "/"))
     if not path.name:
-        raise BadInputError(f"{image!r} is no path of an image")
+        raise BadInputError(f"{image!r} is not the path of an image", hint=EXPORT_AGAIN)
     parts = path.with_suffix("").parts
     names = {name.casefold(): name for name in cameras}
     for part in reversed(parts):

@@ -121,7 +121,10 @@ def _changeable(folder: Path, **changed: str) -> Iterator[None]:
                 _write_changed(output.folder, after)
         yield
     except shutil.Error as error:
-        raise BadInputError(f"cannot read all of {folder}: {error.args[0][0][2]}") from error
+        raise BadInputError(
+            f"cannot read all of {folder}: {error.args[0][0][2]}",
+            hint="check the permissions of its files; the session is unchanged",
+        ) from error
     finally:
         for lock in locks:
             os.close(lock)

@@ -58,7 +58,10 @@ class Frame:
     def record(self) -> ImageRecord:
         """The frame's record in the manifest."""
         if self._record is None:
-            raise IncompleteError(f"{self.camera} has no frame of instant {self.instant}: {self.missing}")
+            raise IncompleteError(
+                f"{self.camera} has no frame of instant {self.instant}: {self.missing}",
+                hint="skip frames whose `missing` is set",
+            )
         return self._record
 
     @property
@@ -114,7 +117,10 @@ class Frame:
         """
         truth = self._session.read_ground_truth(self.camera, self.record.instant)
         if truth is None:
-            raise IncompleteError(f"{self.camera} has no true depth of instant {self.instant}")
+            raise IncompleteError(
+                f"{self.camera} has no true depth of instant {self.instant}",
+                hint="only simulated sessions have it",
+            )
         return truth
 
 

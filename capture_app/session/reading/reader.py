@@ -122,9 +122,15 @@ class Session:
         try:
             return msgspec.json.Decoder(FrameRecord).decode_lines(read_regular(path))
         except OSError as error:
-            raise BadInputError(f"cannot read {path}: {error.strerror}") from error
+            raise BadInputError(
+                f"cannot read {path}: {error.strerror}",
+                hint=f"capture-app sessions verify {self.folder} shows all problems",
+            ) from error
         except UNREADABLE as error:
-            raise BadInputError(f"{path} does not hold the frames of a video: {error}") from error
+            raise BadInputError(
+                f"{path} does not hold the frames of a video: {error}",
+                hint=f"capture-app sessions verify {self.folder} shows all problems",
+            ) from error
 
     def images_by_instant(self) -> list[dict[str, ImageRecord]]:
         """Return the images of each instant in order, by camera name; a missing image has no entry."""
@@ -161,7 +167,10 @@ class Session:
             data = read_arrays(path)
             depth, movers = np.asarray(data["depth_m"], np.float32), np.asarray(data["movers"], np.uint8)
         except (ValueError, KeyError) as error:
-            raise BadInputError(f"{path} is not a ground-truth file: {error}") from error
+            raise BadInputError(
+                f"{path} is not a ground-truth file: {error}",
+                hint="restore it from a copy, or delete it: only evaluations need it",
+            ) from error
         return np.where(np.isfinite(depth), depth, np.float32(0)), movers > 0
 
     def true_times(self) -> TrueTimes | None:

@@ -224,7 +224,10 @@ class Replay(PictureSource):
         sizes = {size_of(jpeg) for jpeg in jpegs}
         known = sizes.pop()
         if known is None or sizes:
-            raise BadInputError(f"{path} does not hold JPEGs of one size, one behind the other")
+            raise BadInputError(
+                f"{path} is not a series of JPEGs of one size",
+                hint="make it so: ffmpeg -i VIDEO -c:v mjpeg -f mjpeg OUT.mjpeg",
+            )
         return cls(*known, jpegs)
 
     def jpeg(self, frame: SensorFrame) -> bytes | None:

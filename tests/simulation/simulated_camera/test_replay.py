@@ -42,7 +42,7 @@ def test_the_pictures_of_a_file_come_one_after_the_other_and_again(tmp_path: Pat
 
 
 @pytest.mark.parametrize(
-    ("data", "says"), [(b"no picture", "does not hold JPEGs"), (jpeg(1) + jpeg(1, 80), "of one size")]
+    ("data", "says"), [(b"no picture", "not a series of JPEGs"), (jpeg(1) + jpeg(1, 80), "of one size")]
 )
 def test_a_file_that_is_no_such_video_is_refused(tmp_path: Path, data: bytes, says: str) -> None:
     file = tmp_path / "odd.mjpeg"

@@ -55,7 +55,9 @@ class Camera(ABC):
         Raises CameraError before that.
         """
         if self._facts is None:
-            raise CameraError("this camera is known when it was started")
+            raise CameraError(
+                "the facts of this camera are not known before it starts", hint="call start() first"
+            )
         return self._facts
 
     @property
@@ -89,7 +91,10 @@ class Camera(ABC):
 
         The exposure in `facts` may change. Raises CameraError if the control cannot be set.
         """
-        raise CameraError(f"a {self.facts.kind} camera has no control of its {control}")
+        raise CameraError(
+            f"a {self.facts.kind} camera has no control of its {control}",
+            hint="capture-app cameras controls shows what each camera can set",
+        )
 
     @abstractmethod
     async def stop(self) -> None:

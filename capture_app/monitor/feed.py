@@ -245,7 +245,10 @@ def _depth(sheet: TakeSheet) -> bytes:
     results = (results_folder(sheet.session.folder) / run / "multiview.json" for run in DEPTH_RUNS)
     found = next((result for result in results if result.is_file()), None)
     if found is None:
-        raise IncompleteError("No depth has been made of this take.")
+        raise IncompleteError(
+            "No depth of this take has been computed",
+            hint=f"on the leader's machine: reconstruct multiview {sheet.session.folder}",
+        )
     return depth_picture(found)
 
 

@@ -19,7 +19,10 @@ async def receive_answer(channel: Channel[Any], timeout_s: float = ANSWER_TIMEOU
         async with asyncio.timeout(timeout_s):
             answer: messages.FromLeader | None = await channel.receive_header()
     except TimeoutError as error:
-        raise NetworkError(f"the leader at {channel.peer} does not answer") from error
+        raise NetworkError(
+            f"the leader at {channel.peer} does not answer",
+            hint=f"look for the cause: capture-app doctor --leader {channel.peer}",
+        ) from error
     if answer is None:
         asks = ", or does it require pairing? then leave out --open" if Trust.of_user().is_open else "?"
         raise NetworkError(

@@ -45,6 +45,7 @@ SAYS_NOTHING = "nothing there answers"
 WHAT_HANGS = "check that a leader runs there; if it hangs or is suspended (Ctrl-Z), restart it"
 _TOO_SLOW = "the rest of a message did not arrive in time"
 _BROKEN = "the connection broke off in the middle of a message"
+_CHECK_LINK = "check the network on both machines: capture-app doctor"
 _PREFIX = struct.Struct(">4sIQ")
 _ENCODER = msgspec.json.Encoder()
 M = TypeVar("M")
@@ -203,11 +204,11 @@ class Channel(Generic[M]):
             async with asyncio.timeout(silence_s):
                 yield
         except TimeoutError as error:
-            raise NetworkError(too_slow) from error
+            raise NetworkError(too_slow, hint=_CHECK_LINK) from error
         except asyncio.IncompleteReadError as error:
-            raise NetworkError(_BROKEN) from error
+            raise NetworkError(_BROKEN, hint=_CHECK_LINK) from error
         except OSError as error:
-            raise NetworkError(f"the connection broke off: {error}") from error
+            raise NetworkError(f"the connection broke off: {error}", hint=_CHECK_LINK) from error
 
     async def _read_prefix(self) -> bytes | None:
         silence_s = self._stream_timeouts.idle_s if self.has_spoken else self._stream_timeouts.first_s
@@ -256,7 +257,7 @@ class Channel(Generic[M]):
             async with self._reading(self._stream_timeouts.message_s, _TOO_SLOW):
                 chunk = await self._reader.read(min(self.unread, CHUNK_BYTES))
             if not chunk:
-                raise NetworkError(_BROKEN)
+                raise NetworkError(_BROKEN, hint=_CHECK_LINK)
             self.unread -= len(chunk)
             yield chunk
 
@@ -281,9 +282,9 @@ class Channel(Generic[M]):
         except TimeoutError as error:
             # Closing would wait for the same stalled peer.
             self.abort()
-            raise NetworkError("the peer does not receive anything") from error
+            raise NetworkError("the peer does not receive anything", hint=_CHECK_LINK) from error
         except OSError as error:
-            raise NetworkError(f"the connection broke off: {error}") from error
+            raise NetworkError(f"the connection broke off: {error}", hint=_CHECK_LINK) from error
 
     async def _drain(self, stall_s: float | None) -> None:
         """Wait until most of what was written has been taken in. Raises TimeoutError if nothing is."""

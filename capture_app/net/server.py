@@ -206,7 +206,10 @@ def bind_port(host: str, port: int, *, or_free: bool = False) -> tuple[socket.so
                 raise _cannot_listen(host, port, error) from error
             continue
         return datagrams, stream
-    raise NetworkError(f"no port on {host} is free for both UDP and TCP")
+    raise NetworkError(
+        f"no port on {host} is free for both UDP and TCP",
+        hint="choose one with --port, or close other programs",
+    )
 
 
 def bind_datagrams(host: str, port: int, *, hint: str) -> socket.socket:

@@ -171,7 +171,10 @@ def client_socket(family: socket.AddressFamily) -> socket.socket:
     try:
         sock = socket.socket(family, socket.SOCK_DGRAM)
     except OSError as error:
-        raise NetworkError(f"no {family.name} network here: {error.strerror}") from error
+        raise NetworkError(
+            f"no {family.name} network here: {error.strerror}",
+            hint="give the leader's address of the other kind: IPv4 instead of IPv6, or the reverse",
+        ) from error
     # Not connected: each datagram takes the current route, so that a change of network is survived.
     sock.setblocking(False)
     return sock

@@ -111,7 +111,10 @@ class Enrolment:
             )
         machine, role = self._trust.known.find(who.pin), Role.RELAY if request.is_relay else Role.CAMERA
         if who.pin != self._trust.identity.pin and (machine is None or role not in machine.roles):
-            raise UnknownMachineError(f"this machine is no longer known here as {role}")
+            raise UnknownMachineError(
+                f"this machine is no longer known here as {role}",
+                hint=f"pair it again; on the leader's machine: capture-app trust invite --as {role}",
+            )
         principal = Principal(request.name, request.instance, who.pin, request.is_relay)
         self._take_back(self._sealed)
         names = CameraNames(self._trust.folder).owners if who.may(Role.STANDBY) and self._trust.folder else {}
@@ -129,7 +132,10 @@ class Enrolment:
                     f"a machine at {channel.host} wants to join and is not known here;"
                     " if it is yours, show it a code: capture-app trust invite"
                 )
-            raise UnknownMachineError("the leader does not know this machine")
+            raise UnknownMachineError(
+                "the leader does not know this machine",
+                hint="on the leader's machine: capture-app trust invite",
+            )
         if machine != known:
             self._event_log.say(f"{machine.name} is now known")
         await channel.send(pairing_messages.Known(leader=self._name, roles=machine.roles))
@@ -198,7 +204,10 @@ async def ask_to_enrol(leader: Address, trust: Trust) -> None:
     """
     async with await connect(leader, messages.FromLeader, trust=trust, as_unknown=True) as channel:
         if not channel.who.may(Role.LEADER):
-            raise UnknownMachineError(f"this machine does not know the leader at {leader}")
+            raise UnknownMachineError(
+                f"this machine does not know the leader at {leader}",
+                hint=f"pair them: capture-app trust pair {leader}",
+            )
         await ask(
             channel,
             pairing_messages.EnrolRequest(certificate=trust.identity.certificate),

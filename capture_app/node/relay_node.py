@@ -209,7 +209,10 @@ class RelayNode:
         """Forward a stream to the leader until it ends, from this message on; False without a leader."""
         try:
             if self._upstream is None:
-                raise NetworkError(self._holdover_message(self._clock.now_ns()))
+                raise NetworkError(
+                    self._holdover_message(self._clock.now_ns()),
+                    hint="on the relay's machine: capture-app doctor --leader HOST",
+                )
             above = await connect(
                 self._upstream, FromLeader, timeout_s=UPSTREAM_TIMEOUT_S, trust=self.options.trust
             )

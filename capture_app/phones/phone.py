@@ -203,11 +203,15 @@ class Phone:
             async with asyncio.timeout(ORDER_S):
                 problem = await answered
         except TimeoutError:
-            raise CameraError(f"{self.name} did not answer in {ORDER_S:g} s") from None
+            raise CameraError(
+                f"{self.name} did not answer in {ORDER_S:g} s", hint="keep its page open and its screen on"
+            ) from None
         finally:
             self._orders.pop(number, None)
         if problem:
-            raise CameraError(f"{self.name}: {problem}")
+            raise CameraError(
+                f"{self.name}: {problem}", hint="capture-app cameras controls shows what this phone can set"
+            )
 
     @property
     def exposure_ns(self) -> int | None:
@@ -248,18 +252,26 @@ class Phone:
                 while not picture.done():
                     await self.back.wait()
                     if page != self.page:
-                        raise CameraError(f"{self.name} no longer has it: its page was loaded again")
+                        raise CameraError(
+                            f"{self.name} no longer has the image: its page was loaded again",
+                            hint="do not reload its page before the take is saved",
+                        )
                     if self._send is not None:
                         await self._send(request)
                     closed = asyncio.ensure_future(self.closed.wait())
                     await asyncio.wait((picture, closed), return_when=asyncio.FIRST_COMPLETED)
                     closed.cancel()
         except TimeoutError:
-            raise CameraError(f"{self.name} did not send it within {PHONE_IMAGE_TIMEOUT_S:g} s") from None
+            raise CameraError(
+                f"{self.name} did not send the image within {PHONE_IMAGE_TIMEOUT_S:g} s",
+                hint="keep its page open and its screen on",
+            ) from None
         finally:
             self._pictures.pop(key, None)
         if not picture.result():
-            raise CameraError(f"{self.name} no longer has it: it was requested too late")
+            raise CameraError(
+                f"{self.name} no longer has the image: it was requested too late", hint="take fewer frames"
+            )
         return picture.result()
 
     # Methods for the link

@@ -68,9 +68,14 @@ class PhonePicture:
             data = coming.result(PHONE_IMAGE_TIMEOUT_S + _SLACK_S)
         except TimeoutError as error:
             coming.cancel()
-            raise CameraError(f"{self.phone.name} did not send the image") from error
+            raise CameraError(
+                f"{self.phone.name} did not send the image", hint="keep its page open and its screen on"
+            ) from error
         if not data.startswith(_JPEG_START):
-            raise CameraError(f"{self.phone.name} sent no JPEG")
+            raise CameraError(
+                f"{self.phone.name} sent an image that is not a JPEG",
+                hint="update its browser, or use another one",
+            )
         return data
 
 

@@ -135,4 +135,7 @@ def _run(command: Sequence[str]) -> "subprocess.CompletedProcess[str]":
     try:
         return subprocess.run(command, capture_output=True, text=True, check=False)  # noqa: S603
     except OSError as error:
-        raise NotAvailableError(f"{command[0]}: {error.strerror}") from error
+        raise NotAvailableError(
+            f"cannot run {command[0]}: {error.strerror}",
+            hint="--at-boot needs systemd; otherwise use this machine's own init system",
+        ) from error

@@ -85,7 +85,9 @@ async def measure_session(session: Path, reference: str | None) -> MeasuredTimes
     try:
         return msgspec.json.decode(printed, type=MeasuredTimes)
     except UNREADABLE as error:
-        raise NotApplicableError(f"the output of reconstruct time is unreadable: {error}") from error
+        raise NotApplicableError(
+            f"the output of reconstruct time is unreadable: {error}", hint="reinstall simulshot"
+        ) from error
 
 
 def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes) -> dict[str, StampAccuracy]:

@@ -179,7 +179,10 @@ class StreamWatch:
                 async with asyncio.timeout(NO_FRAME_TIMEOUT_S):
                     await self._arrived.wait()
             except TimeoutError:
-                raise CameraError(f"the camera delivered no frames for {NO_FRAME_TIMEOUT_S:.0f} s") from None
+                raise CameraError(
+                    f"the camera delivered no frames for {NO_FRAME_TIMEOUT_S:.0f} s",
+                    hint="check its cable, and close other programs that use it",
+                ) from None
             if self._failure is not None:
                 raise CameraError(f"the camera failed: {self._failure}")
 

@@ -161,7 +161,8 @@ async def synchronize(
     except TimeoutError:
         if link.joined.is_set():
             raise NetworkError(
-                f"only {len(link.samples)} replies from {address} in {timeout_s:g} s"
+                f"only {len(link.samples)} replies from {address} in {timeout_s:g} s",
+                hint="the link loses most messages: check its signal with capture-app doctor",
             ) from None
         if link.problem:
             raise NetworkError(f"{address} refused this client: {link.problem}") from None
@@ -174,7 +175,10 @@ async def synchronize(
         pump.turn()
         pump.close()
     if link.result is None:
-        raise NetworkError(f"the leader at {address} was lost: {link.problem}")
+        raise NetworkError(
+            f"the leader at {address} was lost: {link.problem}",
+            hint="check that `capture-app link --serve` still runs there",
+        )
     return link.result
 
 

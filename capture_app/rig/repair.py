@@ -84,7 +84,9 @@ def _sessions(path: Path) -> list[Path]:
         return [path]
     found = [folder for folder in sorted(path.iterdir()) if folder.is_dir() and _is_session(folder)]
     if not found:
-        raise BadInputError(f"no session in {path}")
+        raise BadInputError(
+            f"no session in {path}", hint="give a session, or the folder that contains the sessions"
+        )
     return found
 
 

@@ -45,11 +45,14 @@ class AsyncRig:
         sessions: str | PathLike[str] = "sessions",
     ) -> None:
         if leader is not None and (simulated or cameras):
-            raise BadInputError("give either the leader of a running rig, or cameras for a new rig here")
+            raise BadInputError(
+                "both a leader and cameras are given",
+                hint="a leader joins a running rig; cameras start a new one here: give one of them",
+            )
         try:
             self._leader = None if leader is None else parse_address(leader)
         except ValueError as error:
-            raise BadInputError(str(error)) from error
+            raise BadInputError(str(error), hint="such as 192.168.1.20:47010") from error
         self._simulated = AddSimulated(cameras=simulated, scene=scene) if simulated else None
         self._cameras = tuple(cameras)
         self._sessions = Path(sessions)

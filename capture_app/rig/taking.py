@@ -80,11 +80,14 @@ class TakePlan(BurstRequest, frozen=True, kw_only=True, tag=False):
         for field, (low, high) in _LIMITS.items():
             value = getattr(self, field)
             if value is not None and not (isinstance(value, int | float) and low <= value <= high):
-                raise BadInputError(f"{field} of a take is {value!r}: give {low:g} to {high:g}")
+                raise BadInputError(f"{field} of a take is {value!r}", hint=f"give {low:g} to {high:g}")
         if self.name:
             check_name(self.name, "take")
         if self.at_leader_ns is not None and (self.repeat > 1 or self.on_motion is not None):
-            raise BadInputError("a take at a given time cannot be repeated or wait for motion")
+            raise BadInputError(
+                "a take at a given time cannot be repeated or wait for motion",
+                hint="leave out the time, or take one burst without motion",
+            )
         if self.on_motion is not None:
             left, top, right, bottom = self.on_motion
             if not (0 <= left < right <= 1 and 0 <= top < bottom <= 1):
@@ -334,7 +337,10 @@ class Taking:
                 raise
             return await self._find_again(number, self._active[number], error)
         if last is None:
-            raise NetworkError(f"the leader at {self._link.leader} did not accept the burst")
+            raise NetworkError(
+                f"the leader at {self._link.leader} did not accept the burst",
+                hint=f"see its state: capture-app status --leader {self._link.leader}",
+            )
         return last
 
     def _note(self, number: int, status: BurstStatus) -> None:
@@ -381,7 +387,10 @@ def _find(rig: RigStatus, lost: BurstStatus) -> BurstStatus | None:
 async def _judge(number: int, status: BurstStatus) -> Saved | Failed:
     """Judge a finished take, if its session is on this machine."""
     if status.session is None and status.burst:
-        error = IncompleteError(f"{status.name} is incomplete: {status.message}")
+        error = IncompleteError(
+            f"{status.name} is incomplete: {status.message}",
+            hint="see which cameras are connected: capture-app status",
+        )
         return Failed(number, error, status)
     try:
         session = await asyncio.to_thread(local_session, status)

@@ -182,6 +182,10 @@ def _check_certificate(certificate: bytes, pin: str) -> None:
         x509.load_der_x509_certificate(certificate)
         ssl.SSLContext(ssl.PROTOCOL_TLS_SERVER).load_verify_locations(cadata=certificate)
     except (ssl.SSLError, ValueError) as error:
-        raise BadInputError("a machine presented an invalid certificate") from error
+        raise BadInputError(
+            "a machine presented an invalid certificate", hint="pair it again: capture-app trust invite"
+        ) from error
     if pin_of(certificate) != pin:
-        raise BadInputError(f"a certificate does not match the pin {pin}")
+        raise BadInputError(
+            f"a certificate does not match the pin {pin}", hint="pair it again: capture-app trust invite"
+        )

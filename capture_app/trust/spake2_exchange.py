@@ -114,15 +114,14 @@ class Candidate:
     def check(self, proof: bytes) -> None:
         """Check the proof that the leader knew the code. Raises UnknownMachineError."""
         if not self._key or not hmac.compare_digest(proof, _proof(self._key, b"leader")):
-            raise UnknownMachineError("the machine that answers does not know the code")
+            raise UnknownMachineError("the machine that answers does not know the code", hint=SHOW_CODE)
 
 
 def _finish(half: Any, spake2_message: bytes) -> bytes:
     try:
-        key: bytes = half.finish(spake2_message)
+        return bytes(half.finish(spake2_message))
     except Exception as error:
         raise BadInputError("invalid pairing message") from error
-    return key
 
 
 def _proof(key: bytes, side: bytes) -> bytes:

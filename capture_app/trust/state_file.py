@@ -30,7 +30,9 @@ class StateFile(Generic[T]):
         except FileNotFoundError:
             return self._empty
         except OSError as error:
-            raise DiskError(f"cannot read {self.path}: {error.strerror}") from error
+            raise DiskError(
+                f"cannot read {self.path}: {error.strerror}", hint="check its permissions and the disk"
+            ) from error
         except UNREADABLE as error:
             raise BadInputError(f"{self.path} is damaged: {error}", hint=self._if_damaged) from error
 
@@ -43,4 +45,6 @@ class StateFile(Generic[T]):
             finally:
                 os.close(lock)
         except OSError as error:
-            raise DiskError(f"cannot write {self.path}: {error.strerror}") from error
+            raise DiskError(
+                f"cannot write {self.path}: {error.strerror}", hint="check its permissions and free space"
+            ) from error

@@ -173,7 +173,10 @@ class AravisCamera(ThreadedCamera):
     @property
     def _connected(self) -> AravisDevice:
         if not hasattr(self, "_device") or self._closing.is_set():
-            raise CameraError("the camera is not connected")
+            raise CameraError(
+                "the camera is not connected",
+                hint="check its power and cable; capture-app status shows when it is back",
+            )
         return self._device
 
     async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:

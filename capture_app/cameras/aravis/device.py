@@ -43,7 +43,10 @@ class DeviceControl:
         self.control = control
         self._value, self._choice = _WORDS.get(control, ("", ""))
         if not self._value or not self._call(f"is_{self._value}_available"):
-            raise CameraError(f"this camera has no control of its {control}")
+            raise CameraError(
+                f"this camera has no control of its {control}",
+                hint="capture-app cameras controls shows what each camera can set",
+            )
         self.can_be_automatic = bool(self._call(f"is_{self._choice}_auto_available"))
 
     def _call(self, method: str, *values: Any) -> Any:
@@ -68,7 +71,10 @@ class DeviceControl:
     def set(self, value: float | None) -> None:
         """Set a fixed value; None lets the camera choose, and raises CameraError if it cannot."""
         if value is None and not self.can_be_automatic:
-            raise CameraError(f"this camera does not choose its {self.control} itself")
+            raise CameraError(
+                f"this camera does not choose its {self.control} itself",
+                hint=f"give a value: capture-app cameras set {self.control}=VALUE",
+            )
         if self.can_be_automatic:
             chooser = self._auto.CONTINUOUS if value is None else self._auto.OFF
             self._call(f"set_{self._value}_auto", chooser)
@@ -231,7 +237,9 @@ class AravisDevice:
         if exposure_us is not None:
             exposure = self._control(Control.EXPOSURE)
             if exposure is None:
-                raise CameraError(f"{self.address} has no control of its exposure")
+                raise CameraError(
+                    f"{self.address} has no control of its exposure", hint="leave out exposure_us"
+                )
             min_us, max_us = exposure.bounds
             if not min_us <= exposure_us <= max_us:
                 raise CameraError(

@@ -64,7 +64,9 @@ def configure(module: Any, camera: Any, wishes: CameraRequest) -> tuple[Any, Pix
     stream.size = module.Size(*wishes.size)
     stream.buffer_count = max(stream.buffer_count, BUFFERS)
     if configuration.validate() == module.CameraConfiguration.Status.Invalid:
-        raise CameraError(f"{name} has no mode {formats[0]} {_text(wishes.size)}")
+        raise CameraError(
+            f"{name} has no mode {formats[0]} {_text(wishes.size)}", hint="leave out width, height and format"
+        )
     width, height = stream.size.width, stream.size.height
     if wishes.width not in (None, width) or wishes.height not in (None, height):
         raise CameraError(
@@ -72,7 +74,10 @@ def configure(module: Any, camera: Any, wishes: CameraRequest) -> tuple[Any, Pix
             hint=f"the nearest is width={width},height={height}",
         )
     if str(stream.pixel_format) not in FOURCC:
-        raise CameraError(f"{name} does not offer {formats[0]} in {_text((width, height))}")
+        raise CameraError(
+            f"{name} does not offer {formats[0]} in {_text((width, height))}",
+            hint="leave out width and height",
+        )
     camera.configure(configuration)
     fourcc = FOURCC[str(stream.pixel_format)]
     return stream, PixelFormat(fourcc, width, height, stream.stride, stream.frame_size)

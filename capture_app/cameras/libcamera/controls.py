@@ -109,7 +109,8 @@ def new_settings(
     of = _CONTROLS[control]
     if of.value not in known or (value is None and of.switch not in known):
         raise CameraError(
-            f"this camera has no {'automatic' if value is None else 'control of its'} {control}"
+            f"this camera has no {'automatic' if value is None else 'control of its'} {control}",
+            hint="capture-app cameras controls shows what each camera can set",
         )
     if value is None:
         return {of.switch: of.automatic}, (of.value, *of.together)

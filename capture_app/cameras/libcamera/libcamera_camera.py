@@ -129,7 +129,10 @@ class LibcameraCamera(ThreadedCamera):
         except BaseException as error:
             camera.release()
             if isinstance(error, RuntimeError | OSError):
-                raise CameraError(f"{self.id} cannot be configured: {error}") from error
+                raise CameraError(
+                    f"{self.id} cannot be configured: {error}",
+                    hint="leave out its options; the kernel log (`dmesg`) may say more",
+                ) from error
             raise
 
     def _configure(self, camera: Any) -> None:
@@ -166,7 +169,10 @@ class LibcameraCamera(ThreadedCamera):
             try:
                 await self._in_worker(self._stream.start)
             except RuntimeError as error:
-                raise CameraError(f"{self.id} does not start: {error}") from error
+                raise CameraError(
+                    f"{self.id} does not start: {error}",
+                    hint="check its cable; the kernel log (`dmesg`) may say more",
+                ) from error
             self._run()
             asyncio.get_running_loop().call_later(1.0, self._watch)
             if self._limits_us is None:
@@ -198,7 +204,11 @@ class LibcameraCamera(ThreadedCamera):
                     self._stream.start_again_at, start_ns, self.facts.period_ns, self._closing
                 )
             except RuntimeError as error:
-                self._on_failure(CameraError(f"{self.id} does not start again: {error}"))
+                self._on_failure(
+                    CameraError(
+                        f"{self.id} does not start again: {error}", hint="it is tried again; check its cable"
+                    )
+                )
                 return
             if not self._closing.is_set():
                 self._run()
@@ -266,10 +276,19 @@ class LibcameraCamera(ThreadedCamera):
 
     def _receive(self, frame: FinishedFrame | RuntimeError) -> None:
         if isinstance(frame, RuntimeError):
-            self._fail(CameraError(f"{self.id} does not answer any more: {frame}"))
+            self._fail(
+                CameraError(
+                    f"{self.id} does not answer any more: {frame}", hint="it is tried again; check its cable"
+                )
+            )
             return
         if frame.stamp_ns is None:
-            self._fail(CameraError(f"{self.id} stamps its frames in no clock of this machine"))
+            self._fail(
+                CameraError(
+                    f"the timestamps of {self.id} come from no clock of this machine",
+                    hint="use another camera: this one cannot be synchronized",
+                )
+            )
             return
         self._last_frame_ns, self._metadata = self._clock.now_ns(), frame.metadata
         if self._first_frames_requested is not None:

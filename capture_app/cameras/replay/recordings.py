@@ -150,7 +150,10 @@ class SessionRecording(Recording):
         in_loop = [one for one in placed if -facts.period_ns <= 2 * one[0] < 2 * lasts_ns + facts.period_ns]
         in_loop.sort(key=lambda one: one[0])
         if not in_loop:
-            raise BadInputError(f"{camera.name} has no picture in {session.folder}")
+            raise BadInputError(
+                f"{camera.name} has no picture in {session.folder}",
+                hint=f"see its images: capture-app sessions show {session.folder}",
+            )
         self._images = [image for _, image in in_loop]
         self.timing = RecordedTiming(
             facts.period_ns, lasts_ns + facts.period_ns, tuple(at_ns for at_ns, _ in in_loop)
@@ -209,7 +212,10 @@ class SourceRecording(Recording):
         self.timing = timing_of_video(times_ns, period_ns)
         first = next(source.frames([0]), None)
         if first is None:
-            raise BadInputError(f"{source.path} is not a video that can be decoded")
+            raise BadInputError(
+                f"{source.path} is not a video that can be decoded",
+                hint="check that a video player plays it, or convert it to H.264",
+            )
         self.facts = CameraFacts(
             kind=KIND,
             model=source.path.name[:200],

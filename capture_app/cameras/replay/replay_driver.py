@@ -151,7 +151,12 @@ class ReplayCamera(Camera):
             try:
                 picture = await loop.run_in_executor(None, recording.picture, frame.index)
             except (OSError, SimulshotError) as error:
-                self._on_failure(CameraError(f"the replay of {self.facts.model} cannot go on: {error}"))
+                self._on_failure(
+                    CameraError(
+                        f"the replay of {self.facts.model} cannot go on: {error}",
+                        hint="check that the recording is still there and readable",
+                    )
+                )
                 return
             await asyncio.sleep(max(0, due_ns - time.monotonic_ns()) / 1e9)
             if picture is None:

@@ -79,7 +79,10 @@ def parse_description(text: str) -> VideoStream:
             control=attribute(r"control:(\S+)"),
         )
     except ValueError as error:
-        raise CameraError("describes its video in a way that cannot be read") from error
+        raise CameraError(
+            "describes its video in a way that cannot be read",
+            hint="try another path of it, or update its firmware",
+        ) from error
 
 
 class Connection:

@@ -111,7 +111,10 @@ class RtspCamera(ThreadedCamera):
                 await self._ready
         except TimeoutError as error:
             await self.stop()
-            raise CameraError(f"{self._connection.host} sends no picture that can be decoded") from error
+            raise CameraError(
+                f"{self._connection.host} sends no picture that can be decoded",
+                hint="set it to H.264 or H.265, with a key frame every second",
+            ) from error
         except BaseException:
             await self.stop()
             raise

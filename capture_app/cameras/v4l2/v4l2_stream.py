@@ -125,7 +125,10 @@ def set_control(device: VideoDevice, control: Control, value: float | None) -> N
         _set_automatic(device, control, of)
         return
     if device.control_range(of.value) is None:
-        raise CameraError(f"{device.path} has no control of its {control}")
+        raise CameraError(
+            f"{device.path} has no control of its {control}",
+            hint="capture-app cameras controls shows what each camera can set",
+        )
     if device.control(of.switch) not in (None, of.manual):
         device.set_control(of.switch, of.manual)
     device.set_control(of.value, round(value / of.scale))
@@ -134,7 +137,10 @@ def set_control(device: VideoDevice, control: Control, value: float | None) -> N
 def _set_automatic(device: VideoDevice, control: Control, of: _Control) -> None:
     switch = device.control(of.switch)
     if switch is None:
-        raise CameraError(f"{device.path} does not choose its {control} itself")
+        raise CameraError(
+            f"{device.path} does not choose its {control} itself",
+            hint=f"give a value: capture-app cameras set {control}=VALUE",
+        )
     if switch in of.automatic:
         return
     for choice in of.automatic[:-1]:
@@ -233,7 +239,9 @@ class V4L2Camera(ThreadedCamera):
     async def set_control(self, control: Control, value: float | None) -> None:
         """Set a control, or let the camera choose it. Raises CameraError if it cannot be set."""
         if self._closing.is_set():
-            raise CameraError(f"{self._device.path} was stopped")
+            raise CameraError(
+                f"{self._device.path} was stopped", hint="capture-app status shows when it runs again"
+            )
         try:
             await self._in_worker(self._set_control, control, value)
         except OSError as error:

@@ -103,7 +103,10 @@ class ResumedBursts:
                 return session
             folder = await asyncio.to_thread(self._find, key)
             if folder is None:
-                raise BadInputError(f"burst {report.burst} of that leader has no session in {self._root}")
+                raise BadInputError(
+                    f"burst {report.burst} of that leader has no session in {self._root}",
+                    hint="move its session back there, then run: capture-app sessions repair SESSION",
+                )
             if free_bytes(folder) < SPARE_BYTES:
                 raise DiskFullError(f"the disk of {folder} is full", hint="make room on the leader")
             return await self._resume(key, folder, now_ns)

@@ -212,11 +212,15 @@ class BurstSender:
                     received = await self._channel.receive()
             except TimeoutError as error:
                 raise NetworkError(
-                    f"the leader did not answer within {UPLOAD_ANSWER_TIMEOUT_S:g} s"
+                    f"the leader did not answer within {UPLOAD_ANSWER_TIMEOUT_S:g} s",
+                    hint=f"look for the cause: capture-app doctor --leader {self._channel.peer}",
                 ) from error
             match received:
                 case None:
-                    raise NetworkError("the leader closed the stream")
+                    raise NetworkError(
+                        "the leader closed the stream",
+                        hint=f"check that it runs: capture-app status --leader {self._channel.peer}",
+                    )
                 case (ImageAck(sha256=None), _):
                     continue
                 case (ReportAck() | ImageAck() | Refusal() as answer, _):

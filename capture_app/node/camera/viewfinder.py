@@ -147,10 +147,13 @@ class Viewfinder:
                 case RemoveCamera() if message.name == self._name:
                     self._options.put_off()
                 case Refusal():
-                    raise NetworkError(message.what)
+                    raise NetworkError(message.what, hint=message.hint)
                 case _:
                     pass
-        raise NetworkError("the leader closed the stream")
+        raise NetworkError(
+            "the leader closed the stream",
+            hint=f"check that it runs: capture-app status --leader {channel.peer}",
+        )
 
     async def _send_health(self, channel: Channel[Any]) -> None:
         sent = None

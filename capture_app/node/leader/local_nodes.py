@@ -187,7 +187,10 @@ class LocalNodes:
         """End a node. Raises BadInputError if there is none of that name."""
         child = self._children.get(name)
         if child is None:
-            raise BadInputError(f"{name} is not a node of this leader's machine")
+            raise BadInputError(
+                f"{name} is not a node of this leader's machine",
+                hint="stop capture-app node on its own machine; capture-app status lists the cameras",
+            )
         watching = self._watching.pop(name, None)
         if watching is None:  # it is being ended already
             await child.process.wait()
@@ -206,7 +209,10 @@ class LocalNodes:
         if name in self._children or name in taken:
             raise BadInputError(f"a node named {name} already exists", hint="choose another name")
         if len(self._children) >= MAX_NODES:
-            raise BadInputError(f"{MAX_NODES} nodes already run on this machine")
+            raise BadInputError(
+                f"{MAX_NODES} nodes already run on this machine",
+                hint="remove one: capture-app cameras remove NAME",
+            )
 
     async def _start(self, name: str, spec: str, clock: str, tolerance_us: int | None = None) -> Child:
         arguments = [

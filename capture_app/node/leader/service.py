@@ -126,7 +126,14 @@ class LeaderService:
                     if isinstance(error, NetworkError) and not isinstance(error, UnknownMachineError):
                         raise
                     # Network errors are NetworkErrors, so this one is the disk's.
-                    what = error if isinstance(error, SimulshotError) else DiskError(f"disk: {error}")
+                    what = (
+                        error
+                        if isinstance(error, SimulshotError)
+                        else DiskError(
+                            f"the leader's disk failed: {error}",
+                            hint="check it: capture-app doctor, on the leader's machine",
+                        )
+                    )
                     await answers.drain()
                     await channel.send(messages.Refusal.of_error(what))
                 if channel.who.is_unknown:

@@ -151,7 +151,7 @@ async def test_what_goes_wrong_is_told(begin: Begin) -> None:
 
 async def test_it_is_known_when_it_has_started(begin: Begin) -> None:
     streaming = begin(FakeDevice())
-    with pytest.raises(CameraError, match="when it was started"):
+    with pytest.raises(CameraError, match="before it starts"):
         _ = streaming.camera.facts
     with pytest.raises(CameraError, match="does not stream"):
         await streaming.camera.apply(SetFrameDuration(21_000_000))

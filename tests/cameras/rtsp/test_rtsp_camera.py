@@ -179,7 +179,7 @@ async def test_what_is_no_ip_camera_is_told() -> None:
 
 async def test_what_cannot_be_asked_of_it() -> None:
     camera = open_camera("rtsp://10.0.0.9/live", clock=HostClock(), name="a")
-    with pytest.raises(CameraError, match="when it was started"):
+    with pytest.raises(CameraError, match="before it starts"):
         _ = camera.facts
     with pytest.raises(CameraError, match="cannot be moved"):
         await camera.apply(RestartStream(0))

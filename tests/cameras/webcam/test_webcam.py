@@ -119,7 +119,7 @@ async def test_one_that_goes_away_is_told(streaming: Streaming) -> None:
 
 async def test_one_that_does_not_open_is_told(streaming: Streaming) -> None:
     streaming.missing = True
-    with pytest.raises(CameraError, match="when it was started"):
+    with pytest.raises(CameraError, match="before it starts"):
         _ = streaming.camera.facts
     with pytest.raises(CameraError, match="does not open"):
         await streaming.camera.start(streaming.frames.append, streaming.failures.append)

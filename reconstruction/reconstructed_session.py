@@ -136,7 +136,10 @@ class ReconstructedSession(OpenSession):
         """
         self.frame(camera, instant).bgr()
         if len(self._motion.dataset.instants(camera)) < 2:
-            raise NotApplicableError(f"{camera} has one frame: motion shows by comparing two")
+            raise NotApplicableError(
+                f"{camera} has one frame: motion shows by comparing two",
+                hint="take a burst of several instants",
+            )
         return self._motion.detected_moving(camera, instant)
 
     def time(self, reference: str | None = None, *, apply: bool = False) -> TimeResult:

@@ -80,7 +80,10 @@ class Workers:
                 hint=f"use {known}, or a Dask scheduler's address as in tcp://host:8786",
             )
         if settings and where not in QUEUES:
-            raise BadInputError("--cluster-setting is for the jobs of a queue, as of --cluster slurm")
+            raise BadInputError(
+                "--cluster-setting applies to the jobs of a queue only",
+                hint="leave it out, or add --cluster slurm",
+            )
         self.dask = load_optional("distributed", RECONSTRUCTION, "a batch")
         self.where, self.jobs = where, jobs
         self.settings = {**SETTINGS, **dict(map(_parse_setting, settings))}
@@ -171,7 +174,10 @@ class Workers:
         try:
             cluster = self.queue(security=True, silence_logs=logging.CRITICAL, **settings)
         except (TypeError, ValueError) as error:
-            raise BadInputError(f"--cluster-setting: {first_line(error)}") from error
+            raise BadInputError(
+                f"--cluster-setting: {first_line(error)}",
+                hint="names and values are those of dask-jobqueue's job options, as in walltime=01:00:00",
+            ) from error
         try:
             cluster.sync(_submit_jobs, cluster, count)
         except BaseException as error:

@@ -155,7 +155,10 @@ def read_calibration(dataset: Dataset, path: Path) -> Calibration:
                 for where, mode in ((dataset, ours[name]), (other, theirs[name]))
             }
             what = ", ".join(f"{mode} in {where}" for where, mode in of.items())
-            raise BadInputError(f"{name} is not the same camera in the same mode: {what}")
+            raise BadInputError(
+                f"{name} is not the same camera in the same mode: {what}",
+                hint="calibrate in the session's own mode, from a board: --recording BOARD_SESSION",
+            )
     source = f"{found.source or 'unknown'}, given by {other.name}"
     return Calibration(cameras=found.cameras, unit=found.unit, source=source)
 

@@ -115,7 +115,10 @@ def write_calibration(path: Path, calibration: Calibration | StoredCalibration) 
         path.parent.mkdir(parents=True, exist_ok=True)
         write_atomic(path, pretty_json(calibration))
     except OSError as error:
-        raise BadInputError(f"cannot write {path}: {error.strerror or error}") from error
+        raise BadInputError(
+            f"cannot write {path}: {error.strerror or error}",
+            hint="make room and allow writing there, then repeat the command",
+        ) from error
 
 
 def camera_modes(dataset: Dataset) -> dict[str, CameraMode]:

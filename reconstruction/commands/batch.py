@@ -101,6 +101,9 @@ def batch(
         )
         if not result.failed:
             reasons = dict.fromkeys(row.not_applicable for row in result.units)
-            failure = SimulshotError(f"nothing could be computed: {'; '.join(reasons)}")
+            failure = SimulshotError(
+                f"nothing could be computed: {'; '.join(reasons)}",
+                hint="use bursts of two or more cameras that see the same scene",
+            )
         failure.exit_code = code
         raise failure

@@ -39,7 +39,9 @@ def board(file: Path, page: str, board: CharucoBoard | Checkerboard, as_json: bo
     try:
         file.write_bytes(write(printed))
     except OSError as error:
-        raise SimulshotError(f"cannot write {file}: {error.strerror or error}") from error
+        raise SimulshotError(
+            f"cannot write {file}: {error.strerror or error}", hint="choose another FILE"
+        ) from error
     options = calibrate_options(board)
     summary = {
         "file": str(file),

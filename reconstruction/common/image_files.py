@@ -54,7 +54,9 @@ def read_image(path: Path, size: tuple[int, int] | None = None, data: bytes | No
         if image is not None and size is not None and _same_shape(image.shape[1::-1], size):
             image = cv2.resize(image, size, interpolation=cv2.INTER_AREA)
     if image is None:
-        raise BadInputError(f"{path} is not an image, or its format is not supported")
+        raise BadInputError(
+            f"{path} is not an image, or its format is not supported", hint="convert it to JPEG or PNG"
+        )
     return np.asarray(image, np.uint8)
 
 
@@ -97,7 +99,9 @@ def image_size(path: Path, data: bytes | None = None) -> tuple[int, int]:
     with reading(path):
         found = picture_size(path) if data is None else size_of(data)
     if found is None:
-        raise BadInputError(f"{path} is not an image, or its format is not supported")
+        raise BadInputError(
+            f"{path} is not an image, or its format is not supported", hint="convert it to JPEG or PNG"
+        )
     refuse_odd_shape(str(path), *found)
     return found
 

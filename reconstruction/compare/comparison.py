@@ -197,7 +197,10 @@ def _waves(studies: Mapping[str, Study]) -> Iterator[list[str]]:
     try:
         sorter.prepare()
     except CycleError as error:
-        raise BadInputError(f"studies wait for each other: {', '.join(error.args[1])}") from error
+        raise BadInputError(
+            f"studies need each other's results: {', '.join(error.args[1])}",
+            hint="leave one out: --study names those to make",
+        ) from error
     places = {name: place for place, name in enumerate(studies)}
     while sorter.is_active():
         wave = sorted(sorter.get_ready(), key=lambda name: places.get(name, -1))

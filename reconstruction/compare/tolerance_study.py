@@ -174,13 +174,19 @@ def _measure(session: Path, stages: Path, options: ToleranceOptions) -> OffsetTo
     try:
         study.prepare()
     except ValueError as error:
-        raise BadInputError(f"no depth can be made from {session}: {error}") from error
+        raise BadInputError(
+            f"no depth can be made from {session}: {error}",
+            hint="name two overlapping cameras with --pair, or calibrate the rig again",
+        ) from error
     progress.step("time offset of moving objects")
     timing = TimingStudy(rig).measure_pair(study.cameras)
     try:
         curve = measure_curve(type(study), context, study.cameras, steps, timing)
     except ValueError as error:
-        raise BadInputError(f"no depth can be made from {session}: {error}") from error
+        raise BadInputError(
+            f"no depth can be made from {session}: {error}",
+            hint="name two overlapping cameras with --pair, or calibrate the rig again",
+        ) from error
     progress.last("curve")
     return msgspec.structs.replace(
         curve,

@@ -173,7 +173,9 @@ def read_array(path: Path) -> Array:
         values = np.frombuffer(data, np.float32, offset=start)
         shaped = values.reshape(channels, height, width).transpose(1, 2, 0)
     except (OSError, ValueError) as error:
-        raise SimulshotError(f"{path} is not a depth or normal map of COLMAP: {error}") from error
+        raise SimulshotError(
+            f"{path} is not a depth or normal map of COLMAP: {error}", hint="use --matcher sweep"
+        ) from error
     return np.array(shaped[..., 0] if channels == 1 else shaped)
 
 

@@ -68,7 +68,10 @@ def undistort_image(camera: str, instant: int, image: Array, view: View) -> Inpu
         colours = cv2.undistort(image, view.matrix, view.distortion, None, view.matrix)
     grey = cv2.cvtColor(colours, cv2.COLOR_BGR2GRAY)
     if float(grey.std()) < MIN_CONTRAST:
-        raise BadInputError("its picture is empty: everywhere the same brightness")
+        raise BadInputError(
+            "its image has the same brightness everywhere",
+            hint="uncover the lens or add light, or choose another instant",
+        )
     noise = float(np.clip((NOISE_FACTOR * noise_level(grey)) ** 2, *NOISE_LIMITS))
     photo = CalibratedImage(plain, grey.astype(np.float32), 5, noise)
     return InputImage(camera, instant, colours, photo, view)

@@ -306,7 +306,10 @@ def model_sequence(
             known = StillScene() if options.whole else still
             every.append(earlier.get(instant) or _make(motion, known, matcher, options, instant, folder))
         if not any(one.cloud for one in every):
-            raise BadInputError(f"no instant gave a cloud; the first: {every[0].reason}")
+            raise BadInputError(
+                f"no instant gave a cloud; instant {every[0].instant}: {every[0].reason}",
+                hint="choose other --instants, or calibrate the rig again",
+            )
         if options.recording:
             progress.step("the recording")
             made = folder.empty_work() / RECORDING

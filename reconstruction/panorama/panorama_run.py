@@ -151,9 +151,15 @@ def _load_input(sources: Sequence[Path], options: PanoramaOptions) -> PanoramaIn
     if len(sources) == 1 and (sources[0] / MANIFEST).exists():
         return _session_input(sources[0], options)
     if options.offset_ms is not None:
-        raise BadInputError("--offset-ms needs a session: single pictures have no instants")
+        raise BadInputError(
+            "--offset-ms needs a session: single pictures have no instants",
+            hint="give a session, or leave out --offset-ms",
+        )
     if options.time_shifts_ms:
-        raise BadInputError("--time-shift-ms needs a session: single pictures have no times")
+        raise BadInputError(
+            "--time-shift-ms needs a session: single pictures have no times",
+            hint="give a session, or leave out --time-shift-ms",
+        )
     paths: list[Path] = []
     for source in sources:
         if source.is_dir():
@@ -161,7 +167,10 @@ def _load_input(sources: Sequence[Path], options: PanoramaOptions) -> PanoramaIn
         else:
             paths.append(source)
     if not paths:
-        raise BadInputError(f"{sources[0]} is not a session and holds no pictures")
+        raise BadInputError(
+            f"{sources[0]} is not a session and contains no images",
+            hint="capture-app sessions list shows your sessions",
+        )
     images: dict[str, Array] = {}
     for path in paths:
         images[path.name if path.name not in images else str(path)] = read_small_image(path, MAX_SIDE_PX)

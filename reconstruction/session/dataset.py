@@ -108,7 +108,10 @@ class Dataset:
         for record in dataset._records.values():
             dataset._check(record)
         if not dataset.cameras or not dataset.instants_ns:
-            raise BadInputError(f"{path} has no {'instants' if dataset.cameras else 'cameras'}")
+            raise BadInputError(
+                f"{path} has no {'instants' if dataset.cameras else 'cameras'}",
+                hint="use another session: capture-app sessions list shows them",
+            )
         if any(after <= before for before, after in pairwise(dataset.instants_ns)):
             raise BadInputError(
                 f"{path} has instants that do not follow each other in time",
@@ -231,7 +234,9 @@ class Dataset:
             depth, moving = (cv2.resize(a, size, interpolation=how) for a in (truth[0], np.uint8(truth[1])))
         except cv2.error as error:
             path = self.ground_truth_file(camera, instant)
-            raise BadInputError(f"{path} is not a ground-truth file: {error}") from error
+            raise BadInputError(
+                f"{path} is not a ground-truth file: {error}", hint="capture-app sessions verify checks it"
+            ) from error
         return np.asarray(depth), np.asarray(moving) > 0
 
     def ground_truth_file(self, camera: str, instant: int) -> Path | None:

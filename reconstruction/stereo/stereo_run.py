@@ -93,7 +93,10 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
         choice = rig.choose_stereo_pair(options.pair, options.instant, there)
         if choice.cameras is None:
             absent = "".join(f"; {name}: {why}" for name, why in left_out.items())
-            raise BadInputError(f"no depth can be made from {session}: {choice.why}{absent}")
+            raise BadInputError(
+                f"no depth can be made from {session}: {choice.why}{absent}",
+                hint="name two overlapping cameras with --pair, or calibrate the rig again",
+            )
         reference, other = choice.cameras
         for name, instant in ((reference, options.instant), (other, later), (other, options.instant)):
             if not dataset.has_image(name, instant):
@@ -103,7 +106,10 @@ def stereo(session: Path, out: Path, options: StereoOptions) -> StereoDepth:
         try:
             found = _match_pair(rig, choice.cameras, options.instant, later)
         except ValueError as error:
-            raise BadInputError(f"{reference} and {other}: {error}") from error
+            raise BadInputError(
+                f"{reference} and {other}: {error}",
+                hint="name two overlapping cameras with --pair, or calibrate the rig again",
+            ) from error
         result = _save_result(rig, choice.cameras, (options.instant, later), found, output.folder)
         result = msgspec.structs.replace(
             result,

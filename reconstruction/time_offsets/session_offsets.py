@@ -53,7 +53,10 @@ def measure_times(session: Path, reference: str | None = None, *, apply: bool = 
             hint="leave out --apply to measure their offsets",
         )
     if alone and reference not in (None, dataset.cameras[0]):
-        raise BadInputError(f"recordings without common times are measured against {dataset.cameras[0]}")
+        raise BadInputError(
+            f"recordings without common times are measured against {dataset.cameras[0]}",
+            hint=f"leave out --reference, or give --reference {dataset.cameras[0]}",
+        )
     progress = Progress(2)
     if alone:
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:

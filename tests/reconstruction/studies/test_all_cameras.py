@@ -236,7 +236,7 @@ def test_a_black_picture_leaves_its_camera_out(trio: Session, tmp_path: Path) ->
     # Left is black at 2, which is its own picture at 2 and its late one at 1; at 4 the burst is over.
     assert [row["instant"] for row in found.per_instant] == [0, 3]
     night = darken(trio, tmp_path / "night", [(camera, k) for camera in VIEWS for k in range(5)])
-    with pytest.raises(ValueError, match="left, middle, right: its picture is empty"):
+    with pytest.raises(ValueError, match="left, middle, right: its image has the same brightness"):
         multiview(night, tmp_path / "stages").prepare()
 
 

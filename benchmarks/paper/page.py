@@ -125,14 +125,15 @@ def _application(one: Application, pictures: str) -> Iterator[str]:
     yield f"### {one.place}: {one.title}"
     names = list(CONDITIONS.values())
     if len(one.files) == len(names):
-        yield ""
-        yield f"| {' | '.join(names)} |"
-        yield "|---|---|"
-        yield f"| {' | '.join(f'![{one.title}]({pictures}{name})' for name in one.files)} |"
+        yield from ("", f"| {' | '.join(names)} |", "|---|---|")
+        shown = (
+            f"![{condition}]({pictures}{name})" for condition, name in zip(names, one.files, strict=True)
+        )
+        yield f"| {' | '.join(shown)} |"
     else:
         for name in one.files:
             yield ""
-            yield f"![{one.title}]({pictures}{name})"
+            yield f"![{one.place}]({pictures}{name})"
     if one.engine:
         yield ""
         yield one.engine
@@ -162,7 +163,7 @@ def _entry_lines(entry: Entry, pictures: str) -> Iterator[str]:
     yield f"### {_heading(entry)}"
     for name in entry.files:
         yield ""
-        yield f"![{entry.title}]({pictures}{name})"
+        yield f"![{entry.place}]({pictures}{name})"
     yield ""
     yield from _table((row, row.label) for row in entry.rows)
     yield ""

@@ -299,10 +299,10 @@ def _stereo_score(a: View, b: View, at_a: Array, at_b: Array) -> tuple[float, st
 
 
 def choose_panorama_pair(points: Mapping[str, Features], sizes: Mapping[str, tuple[int, int]]) -> PairChoice:
-    """Choose the pair that adds the most to each other, still overlaps, and has little parallax.
+    """Choose the two cameras whose panorama shows the most, if they still overlap and have little parallax.
 
-    The score is what the second adds to the first times the fraction of static points that one homography
-    explains, which falls as the distance of the cameras grows.
+    The score is the part of one image that the other does not show, times the fraction of static points that
+    one homography explains. That fraction falls as the distance of the cameras grows.
     """
     best, choice = -np.inf, PairChoice(None, "no two cameras' pictures can be laid over each other")
     overlaps = []

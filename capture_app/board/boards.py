@@ -178,9 +178,9 @@ class Checkerboard(Squares):
 
 
 def _level(grey: "NDArray[Any]", corners: "NDArray[Any]") -> float:
-    """Return the brightness of the square between four corners (2, 2, 2).
+    """Return the mean grey value of the square between four inner corners (2 rows, 2 columns, x and y).
 
-    The outer square at the board's corner beside it has the same colour.
+    Next to a corner of the board, this square touches the outermost square diagonally and has its colour.
     """
     import numpy as np
 

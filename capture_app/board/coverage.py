@@ -88,7 +88,7 @@ class _View:
 
 
 class _CameraCount:
-    """Views of one camera."""
+    """What one camera has seen of the board: distinct poses, and the corners in each part of the image."""
 
     def __init__(self) -> None:
         self.views: list[_View] = []
@@ -120,7 +120,7 @@ class _CameraCount:
 
 
 class CoverageCount:
-    """Counter of a board's coverage, one moment at a time."""
+    """Counter of how well each camera has seen a board; images are added one moment at a time."""
 
     def __init__(self, board: Board, sizes: Mapping[str, tuple[int, int]]) -> None:
         """Start without views; `sizes` are width and height of each camera's images, px."""

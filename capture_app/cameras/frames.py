@@ -116,7 +116,7 @@ class PixelPicture:
 
 
 def step_to(full: int, width: int | None) -> int:
-    """Return the subsampling step that keeps an image `full` pixels wide at least `width` wide; None: 1."""
+    """Return the largest subsampling step that leaves `width` of `full` pixels; 1 if `width` is None."""
     return 1 if width is None else max(1, full // max(width, 1))
 
 

@@ -111,7 +111,7 @@ def calibrate_time(
 
 
 def _take(leader: Address, seconds: float, todo: str, ready: Mapping[str, Any]) -> Path:
-    """Take the pictures once the rig is ready, and return their session's folder."""
+    """Record pictures for some seconds once the rig is ready, and return their session's folder."""
     from capture_app.rig.rig_link import RigLink
     from capture_app.rig.taking import TakePlan
 

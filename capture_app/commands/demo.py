@@ -165,9 +165,10 @@ async def compare(session: Path, out: Path, talk: Talk) -> dict[str, Any]:
 
 
 def measure_sync_errors(session: "Session") -> SyncErrors:
-    """Compare a simulated session with its ground truth; the leader's clock is the host's, the true time.
+    """Return the worst error of each camera in a simulated session, against its ground truth.
 
-    Raises BadInputError where the session has no ground truth.
+    The leader's clock is the host's, which is the true time. Raises BadInputError where the session has no
+    ground truth.
     """
     truth = session.true_times()
     if truth is None or not truth.clocks:

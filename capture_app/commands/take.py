@@ -59,7 +59,7 @@ _countdown_option = click.option(
 
 
 def ready_options(command: F) -> F:
-    """Give a command that takes something the options --wait-s and --min-nodes."""
+    """Add the options --wait-s and --min-nodes to a command that takes a burst."""
     return _wait_option(_nodes_option(command))
 
 

@@ -58,7 +58,7 @@ class HostClock:
         return true_ns
 
     def true_from_local(self, local_ns: int) -> int:
-        """Return the same time, in ns."""
+        """Return `local_ns` itself: this clock is the true time."""
         return local_ns
 
     def now_ns(self) -> int:

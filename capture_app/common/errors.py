@@ -56,7 +56,7 @@ class NetworkError(SimulshotError):
 
 
 class UnknownMachineError(NetworkError):
-    """Machine that is unknown to the other one, or lacks a role; a person has to pair them once."""
+    """The other machine does not know this one, or has not given it the role; a person has to pair them."""
 
 
 class NotAvailableError(SimulshotError):

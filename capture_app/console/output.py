@@ -63,7 +63,7 @@ class PatientOutput(io.RawIOBase):
         return len(lines)
 
     def finish(self, within_s: float = LAST_S) -> None:
-        """Wait until everything is written, at most `within_s`."""
+        """Wait until all queued data is written, at most `within_s` seconds."""
         ends_s = time.monotonic() + within_s
         with self._changed:
             while self._waiting and self._error is None and (left_s := ends_s - time.monotonic()) > 0:

@@ -104,7 +104,10 @@ def _in_order(rows: Mapping[Place, tuple[Path, int]]) -> dict[Place, int]:
 def _layout(
     path: Path, record: ExportRecord, sources: Sequence[Source], places: Mapping[Place, int]
 ) -> Layout:
-    """Return the layout of an export; `places` has the source's frame index of each place."""
+    """Describe an export as a recording to import: its sources, in the manifest's order, and its times.
+
+    `places` maps each (camera, instant) to the index of its frame in that camera's source.
+    """
     order = [camera.name for camera in record.manifest.cameras]
     sources = sorted((one for one in sources if one.name in order), key=lambda one: order.index(one.name))
     return Layout(

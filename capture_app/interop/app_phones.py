@@ -28,7 +28,10 @@ class AppPhones(RigFollower):
     """Follower that leads phones running the app between `start` and `close`."""
 
     def __init__(self, host: str, *, aligns: bool) -> None:
-        """Listen on `host`. With `aligns`, phones align their phase: the rig's grid is the app's grid."""
+        """Listen on `host`. With `aligns`, phones align their phase to the grid that is fixed in the app.
+
+        The rig must then use the app's grid, too.
+        """
         self._host = host
         self._engine = AppLeader(aligns=aligns)
         self._pumps: list[Pump] = []

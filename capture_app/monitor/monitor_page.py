@@ -76,7 +76,7 @@ class MonitorPage(PairedPage):
 
 
 class _Monitor:
-    """One page: what it was sent, and the pictures that it has not acknowledged."""
+    """One open monitor page: what was sent to it, and the pictures that it has not acknowledged."""
 
     def __init__(self, link: PageLink, feed: MonitorFeed, changed: asyncio.Event) -> None:
         self._link, self._feed, self._changed = link, feed, changed

@@ -237,9 +237,9 @@ async def search_leaders(
 ) -> list[FoundLeader]:
     """Wait until a leader answers, and return all that answer; relays only if no leader does.
 
-    If `trust`, by default this user's, knows some of them, only those are returned. `own` are addresses at
-    which this machine may run a leader; the first of them that answers is returned alone. `report` gets a
-    sentence about what prevents a connection, whenever it changes.
+    A leader on this machine, at one of the addresses `own`, is returned alone. Otherwise, if `trust`
+    (default: this user's) knows some of those that answer, only these are returned. `report` gets a sentence
+    about what prevents a connection, whenever that changes.
     """
     began_s, said = time.monotonic(), ""
     async with LeaderBrowser() as browser:

@@ -218,7 +218,7 @@ async def _ask(family: socket.AddressFamily, leader: Address) -> tuple[Answer, i
 
 
 async def _send(sock: socket.socket, question: bytes) -> int:
-    """Send the version request several times, then wait forever. Raises OSError where it cannot leave."""
+    """Send the version request several times, then wait forever. Raises OSError if it cannot be sent."""
     loop = asyncio.get_running_loop()
     for gap_s in QUESTION_GAPS_S:
         await asyncio.sleep(gap_s)

@@ -40,12 +40,12 @@ class KeyRequester:
         self._asked: set[tuple[str, int]] = set()
 
     def look(self) -> None:
-        """Check whether a key is needed; call it when that may have changed."""
+        """Wake `run` if a datagram key is missing; call it when that may have changed."""
         if self._keys.missing:
             self._missing.set()
 
     async def run(self) -> None:
-        """Request keys until cancelled; leaders do not wait for each other."""
+        """Request missing keys until cancelled, from all leaders concurrently."""
         async with asyncio.TaskGroup() as tasks:
             while True:
                 self.look()

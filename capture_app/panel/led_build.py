@@ -109,9 +109,10 @@ def _filled(template: str, values: Mapping[str, object]) -> str:
 
 
 def write_sketch(panel: Panel, out: Path, *, paper: str, pitch_mm: float) -> tuple[Path, ...]:
-    """Write FILES into the folder `out`, all or none, and return their paths.
+    """Write an LED panel's Arduino sketch, wiring guide and printable frame into `out`; return their paths.
 
-    Raises BadInputError if the frame does not fit the paper, or if `out` contains other files.
+    All files are written or none. Raises BadInputError if the frame does not fit the paper, or if `out`
+    contains other files.
     """
     frame = frame_page(panel, paper, pitch_mm)
     program = {

@@ -141,7 +141,7 @@ def _group_scores(model: LightModel, number: int, times_ns: Floats) -> Callable[
 
 
 class Posterior:
-    """Posterior of times, collected from the neighbourhoods of candidates; `best` is the likeliest."""
+    """Posterior of times, collected from a range of times around each candidate; `best` is the likeliest."""
 
     def __init__(self, best: Candidate) -> None:
         self.best = best
@@ -150,18 +150,18 @@ class Posterior:
         self._row_times: list[tuple[float, float]] = []
 
     def holds(self, time_ns: float) -> bool:
-        """Return whether a time is inside a neighbourhood that was already added."""
+        """Return whether a time (ns) lies in one of the ranges of times that were already added."""
         return any(times[0] <= time_ns <= times[-1] for times in self._times)
 
     def add(self, times: Floats, logs: "dict[Shutter, Floats]") -> None:
-        """Add a neighbourhood: evenly spaced times and the log-probabilities by shutter."""
+        """Add a range: evenly spaced times (ns) near a candidate, and their log-probabilities by shutter."""
         self._times.append(times)
         self._logs.append(np.logaddexp.reduce(list(logs.values()), axis=0))
         if len(self._times) == 1:
             self._row_times = [(s.row_time_ns, float(np.logaddexp.reduce(log))) for s, log in logs.items()]
 
     def row_time(self) -> tuple[float, float]:
-        """Return the best neighbourhood's row time and its 95 % uncertainty, in ns."""
+        """Return the image's row time and its 95 % uncertainty, in ns, from times near the best candidate."""
         row_times, logs = np.array(self._row_times).T
         chances = np.exp(logs - logs.max())
         mean = float(np.average(row_times, weights=chances))
@@ -169,10 +169,10 @@ class Posterior:
         return mean, SIGMAS_95 * scale
 
     def interval(self) -> tuple[float, float]:
-        """Return centre and half width of the 95 % interval in the likeliest neighbourhood.
+        """Return centre and half width of the 95 % interval, ns, in the likeliest range of times.
 
-        Raises PanelNotFoundError if another one is nearly as likely, or if the neighbourhood does not bound
-        the time.
+        Raises PanelNotFoundError if another range is nearly as likely, or if this range does not bound the
+        time.
         """
         top = max(float(log.max()) for log in self._logs)
         rival = _RIVAL_TEMPER / TEMPER

@@ -277,7 +277,10 @@ class Phone:
     # Methods for the link
 
     def link_opened(self, send: Send, hello: wire.Hello) -> None:
-        """Connect a page of this phone; images that were requested but not delivered are requested again."""
+        """Connect a page of this phone, and wake the requests for images, which are then sent again.
+
+        If the page was loaded again, the phone's clock starts anew.
+        """
         self._send, self._hello, self.said_goodbye = send, hello, False
         if hello.page != self.page:
             # The clock of another page load has another zero.

@@ -401,7 +401,7 @@ async def measure_camera(
 
 
 def save(character: Character, profiles: DeviceProfiles) -> Character:
-    """Save what nodes use to this machine's profiles; return the character with whether that succeeded."""
+    """Save to this machine's profiles what nodes use; return the character, with whether it was saved."""
     saved = False
     moves, starts = character.moves, character.starts
     if moves is not None and moves.injection is not None:

@@ -102,7 +102,7 @@ async def serve(host: str, port: int) -> None:
 
 
 class LinkClient:
-    """A node without a camera, from joining until it has enough samples; `client` is the engine's own."""
+    """Node without a camera, which joins a leader and collects clock samples until it has enough."""
 
     def __init__(self, rng: random.Random, messages: int, poll_interval_ns: int | None = None) -> None:
         """Without `poll_interval_ns` it sends requests at the engine's own intervals."""

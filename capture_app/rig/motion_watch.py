@@ -31,7 +31,10 @@ class _View:
 
 @dataclass(slots=True)
 class MotionWatch:
-    """Background model of each camera's region; motion changes at least `min_fraction` of its pixels."""
+    """Motion detector with a background model of each camera's region.
+
+    Motion is a change of at least `min_fraction` of the region's pixels.
+    """
 
     region: Region = WHOLE
     min_fraction: float = 0.005

@@ -228,11 +228,11 @@ class RigLink:
         return RigLink(self.leader)
 
     async def updates(self) -> AsyncGenerator[Update, None]:
-        """Yield changes, forever; for one reader at a time.
+        """Yield the rig's changes, forever; for one reader at a time.
 
         At first and after each `LinkLost` come the status and the latest log lines that were not yielded
         before. Then a `RigStatus` follows whenever it has changed, at most ten a second. A lost connection is
-        reopened repeatedly; the first status after `LinkLost` means that it is back.
+        reopened repeatedly; the first status after `LinkLost` means that the connection is back.
         """
         failures = 0
         while True:

@@ -9,7 +9,7 @@ from typing import Literal, Protocol
 
 
 class DelayLaw(Protocol):
-    """A distribution of one-way delays."""
+    """A distribution of the one-way delays of datagrams."""
 
     def draw(self, rng: random.Random, true_ns: int = 0) -> int:
         """Return the delay in ns of one datagram sent at a true time in ns."""

@@ -98,15 +98,15 @@ class SensorProfile:
 
     @property
     def readout_ns(self) -> int:
-        """Time from the first row's readout to the last row's."""
+        """Time to read out all rows."""
         return self.image_rows * self.row_time_ns
 
     def whole_rows(self, exposure_ns: int) -> int:
-        """Return the exposure in whole rows for one in ns, within the sensor's limits."""
+        """Return how many whole row times fit in an exposure (ns), once limited to the sensor's range."""
         return min(max(exposure_ns, self.min_exposure_ns), self.max_exposure_ns) // self.row_time_ns
 
     def stretches_rows(self, exposure_ns: int) -> tuple[int, ...]:
-        """Return the rows by which frames are lengthened, from an injected frame to the last one affected."""
+        """Return the rows by which an injected exposure (ns) lengthens its frame and each later frame."""
         stretch = max(0, self.whole_rows(exposure_ns) - self.neutral_rows)
         whole = floor(self.injection_gain)
         rows = (*([stretch] * whole), round((self.injection_gain - whole) * stretch))

@@ -94,7 +94,7 @@ class SealedLeader:
 
 
 class SealedRelay(SealedLeader):
-    """Relay: a leader to its clients, a client to its parents."""
+    """Relay with sealed datagrams: a leader to its clients, a client to its parents."""
 
     def __init__(self, engine: Relay, keys: ClientKeys | None = None) -> None:
         super().__init__(engine, keys)

@@ -200,7 +200,7 @@ class SimulshotApp(App[None]):
             self._send(LinkLost(self._record.lost))
 
     def _notify_run(self, run: Run | None) -> None:
-        """Notify all modes of a finished run."""
+        """Tell all modes that runs have changed; show a message if `run` is done or has failed."""
         self._send(self.runs)
         if run is None or run.kind == MOMENT.name or run.state not in (RunState.DONE, RunState.FAILED):
             return

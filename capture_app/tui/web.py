@@ -18,7 +18,7 @@ class PageServer(Server):
     """Server of one rig's screen; rejects requests from pages of other sites."""
 
     def __init__(self, rig: AttachedRig, listening: socket.socket, names: Collection[str] = ()) -> None:
-        """Create the server; requests may call this machine by its own names and by `names`."""
+        """Create the server; browsers may address this machine by its own names or by one of `names`."""
         host, port = listening.getsockname()[:2]
         self._names = names
         shown = reachable_host(host, listening.family) if host in ANY_HOST else host

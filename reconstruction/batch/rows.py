@@ -48,7 +48,7 @@ class Row(Struct, frozen=True, kw_only=True):
 
 
 class Group(DepthShares, frozen=True, kw_only=True):
-    """Medians over a session's instants in one condition; None if no instant has the figure."""
+    """Medians over a session's instants in one condition; a value is None if no instant has it."""
 
     session: str
     condition: str

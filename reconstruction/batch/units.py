@@ -77,9 +77,10 @@ def is_done(unit: Unit, root: Path) -> bool:
 
 
 def run_unit(task: str, unit: Unit, root: Path) -> Outcome:
-    """Compute a unit's folder in the batch's folder, unless it exists; wait for another process at it.
+    """Compute a unit's folder in the batch's folder, unless it exists.
 
-    Raises nothing, so that a failing unit does not stop the others.
+    If another process is computing the folder, wait for that process. Raises nothing, so that a failing unit
+    does not stop the others.
     """
     began = time.monotonic()
     try:

@@ -340,9 +340,10 @@ def _rig_poses(
 def _relative_pose(
     points: list[Array], pixels: tuple[list[Array], list[Array]], lenses: tuple[Lens, Lens]
 ) -> tuple[Array, Array]:
-    """Return rotation (3, 3) and translation (3,) between two cameras: the mean of boards that agree.
+    """Return rotation (3, 3) and translation (3,) from the first camera to the second.
 
-    OpenCV's stereoCalibrate starts from a median of rotation vectors, which fails near half a turn.
+    They are the means over the half of the boards that agree best. OpenCV's stereoCalibrate is not used: it
+    starts from a median of rotation vectors, which fails near half a turn.
     """
     rotations, translations = [], []
     for at, in_a, in_b in zip(points, *pixels, strict=True):

@@ -37,7 +37,10 @@ TRIED_IMAGES = 4
 
 
 class CalibrationSource(StrEnum):
-    """Source of a calibration; a path instead is another session, or a calibration file to import."""
+    """Source of a calibration: stored in the session, computed from its images, or kept from an earlier one.
+
+    Instead of a source, a command accepts a path: another session, or a calibration file to import.
+    """
 
     SESSION = "session"
     SFM = "sfm"
@@ -90,7 +93,7 @@ def _say_if_ambiguous(dataset: Dataset, board: Board) -> None:
 
 
 def _refuse_turned_board(dataset: Dataset, board: Board) -> None:
-    """Raise BadInputError if columns and rows were mixed up: markers are counted along the rows."""
+    """Raise BadInputError if the images show the board with columns and rows exchanged."""
     detector = BoardDetector(replace(board, across=board.down, down=board.across))
     for name in dataset.cameras:
         for instant in evenly_spaced(dataset.instants(name), TRIED_IMAGES):

@@ -79,9 +79,10 @@ def keep_calibration(dataset: Dataset, calibration: Calibration) -> None:
 
 
 def find_calibration(dataset: Dataset) -> StoredCalibration | None:
-    """Return the newest stored calibration with the most of a session's cameras in their modes; at least two.
+    """Return the stored calibration that fits the most cameras of a session: at least two, and half of all.
 
-    Files that cannot be read are ignored.
+    A camera fits if it has the mode in which it was calibrated. Of equals, the newest calibration is
+    returned. Files that cannot be read are ignored.
     """
     modes = camera_modes(dataset)
     found = [one for path in sorted(shelf().glob("*.json")) if (one := _read(path)) is not None]

@@ -340,7 +340,10 @@ def _largest(models: dict[int, Any]) -> Any | None:
 
 
 def _cameras(rec: Any, dataset: Dataset) -> dict[str, CameraCalibration]:
-    """Return the placed cameras: from the fullest instant, then others by a camera common to both."""
+    """Return the calibration of each camera with a pose, from the instant with the most such cameras.
+
+    Cameras of other instants are added if the instant shares a camera with those already placed.
+    """
     placed: dict[str, dict[str, Any]] = {}
     for image in rec.images.values():
         if image.has_pose:

@@ -20,7 +20,10 @@ def match_brightness(a: Array, b: Array) -> Array:
 
 
 def gain_and_bias(a: Array, b: Array) -> tuple[float, float]:
-    """Return the gain and bias that match b's brightness to a's (robust; NaN is left out)."""
+    """Return the gain and bias (robust) with which `gain * b + bias` has the brightness of a.
+
+    Pixels that are NaN in b are left out.
+    """
     ok = np.isfinite(b)
     if ok.sum() < 100:
         return 1.0, 0.0

@@ -152,7 +152,7 @@ _budget: ContextVar[MemoryBudget] = ContextVar("budget")
 
 @contextmanager
 def running(variable: ContextVar[T], value: T) -> Iterator[T]:
-    """Set a context variable within this context; `worker_pool` passes it on to its threads."""
+    """Set a context variable inside the `with` block; `worker_pool` passes it on to its threads."""
     token = variable.set(value)
     try:
         yield value

@@ -86,7 +86,7 @@ class BlankPart:
 
 
 def extract_blank_part(image: CalibratedImage) -> BlankPart:
-    """Extract the blank part of an image."""
+    """Return the textureless part of an image, at a smaller size, with its faint shading as texture."""
     mask = image.flat
     view = image.view
     scale = min(MAX_SCALE, MAX_WIDTH_PX / view.width)
@@ -354,6 +354,6 @@ def fit_blank_walls(
 
 
 def _shrunk(part: Array, image: CalibratedImage) -> Array:
-    """Return a map at a small image's size, without averaging: a mean over an edge is on no surface."""
+    """Return a map at a small image's size by nearest neighbour: a mean across an edge is on no surface."""
     size = image.view.width, image.view.height
     return np.asarray(cv2.resize(part, size, interpolation=cv2.INTER_NEAREST))

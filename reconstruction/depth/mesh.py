@@ -92,7 +92,10 @@ def _draw_points(points: Array, colours: Array, eye: Array, middle: Array, up: A
 
 
 def _places_around(middle: Array, views: Sequence[View]) -> tuple[list[Array], Array]:
-    """Return six places (3,) on the cameras' side of a point, or all around it, and the up direction (3,)."""
+    """Return six viewpoints (3,) from which to draw a cloud, and the up direction (3,).
+
+    They lie on the cameras' side of `middle`, or all around it if the cameras surround it.
+    """
     offsets = np.array([view.centre for view in views]) - middle
     distance = np.linalg.norm(offsets, axis=1, keepdims=True)
     towards = np.mean(offsets / np.maximum(distance, 1e-9), axis=0)

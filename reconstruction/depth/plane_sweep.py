@@ -160,7 +160,7 @@ def sweep_planes(
     levels: Array,
     options: SweepOptions,
 ) -> Surface:
-    """Return the surface from these evenly spaced inverse depths only."""
+    """Return the surface from one sweep over the evenly spaced inverse depths `levels`."""
     step = float(levels[1] - levels[0])
     reference = replace(reference, window=options.window)
     source_views = [SourceView(reference, source_view.source) for source_view in source_views]

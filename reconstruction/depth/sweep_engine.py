@@ -47,7 +47,10 @@ def aggregate_costs(costs: Array, grey: Array, small: int, large: int) -> Array:
 
 
 def _sweep(costs: Array, total: Array, grey: Array, small: int, large: int, shifts: tuple[int, ...]) -> None:
-    """Add the paths from the first row to the last that move by each of `shifts` columns per row."""
+    """Add to `total` the smoothed costs along paths from the first row to the last.
+
+    One set of paths for each of `shifts`, in columns per row. `small` and `large` as in `aggregate_costs`.
+    """
     width = costs.shape[2]
     # The last column is repeated beyond the border.
     columns = [np.clip(np.arange(width) - shift, 0, width - 1) for shift in shifts]

@@ -87,7 +87,8 @@ def match_all_views(
 
     `depth_ranges`: each camera's nearest and farthest depth. `progress` advances by a step after each camera.
     `quick`: a first sweep at half the size, in half the time; thin parts and edges suffer.
-    `still`: results of earlier instants; it has looked at these images and stores the new results.
+    `still`: depth of earlier instants, reused where nothing moved; it also stores the new results.
+    Call `StillScene.look` with these images before.
     """
     still = still or StillScene()
     new = {name: still.new(name, image) for name, image in images.items()}

@@ -115,7 +115,7 @@ def study_table(study: StudyResult[Any], names: ConditionNames) -> Table:
 
 
 def conditions_table(result: CompareResult) -> Table:
-    """Return all conditions by a few measures; without rows if there are no further conditions."""
+    """Return a table of all conditions with a few measures; without rows for only two conditions."""
     made = [one for one in result.studies if not one.skipped]
     pairs, everybody = ([one for one in made if (len(one.cameras) > 2) is many] for many in (False, True))
     cameras = tuple(dict.fromkeys(name for one in made for name in one.cameras))
@@ -155,7 +155,7 @@ def conditions_table(result: CompareResult) -> Table:
 
 
 def _intervals(studies: Sequence[StudyResult[Any]], side: str) -> dict[tuple[str, str], Interval]:
-    """Return every measure of these studies in a condition, by study and measure."""
+    """Return the value and interval of every measure in one condition (`side`), by study and measure."""
     return {
         (one.name, measure.name): found
         for one in studies

@@ -11,7 +11,7 @@ from reconstruction.scores.timing import RigTiming, Timing, are_apart, are_toget
 
 
 class DelayFacts(Struct, frozen=True, kw_only=True):
-    """Delay of one point of a tolerance curve."""
+    """Delay of the late images, in frames, at one point of a tolerance curve."""
 
     offset_frames: int
 

@@ -39,9 +39,10 @@ class DepthShares(Struct, frozen=True, kw_only=True):
 
 
 def depth_shares(depth: Array, truth: Array, moving: Array) -> dict[str, float | None]:
-    """Return accuracy fractions of a depth map, given true depth (0 = unknown) and a motion mask.
+    """Return a depth map's scores by name, given true depth (0 = unknown) and a motion mask.
 
-    All three arrays are height x width.
+    They are the fractions within 2 % (of all, moving and static pixels), the coverage of moving pixels and
+    the median error in %; None where nothing can be compared. All three arrays are height x width.
     """
     known, there = truth > 0, (depth > 0) & (truth > 0)
     error = np.abs(depth - truth)[there] / truth[there]

@@ -212,7 +212,7 @@ class Dataset:
         return facts.width, facts.height
 
     def calibration(self) -> Calibration | None:
-        """Return the calibration that it has adopted, else the session's own."""
+        """Return the calibration that this dataset has adopted, otherwise the session's own."""
         return self._adopted or self.session.calibration()
 
     def adopt_calibration(self, calibration: Calibration) -> None:

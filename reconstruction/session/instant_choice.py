@@ -89,7 +89,9 @@ def instants_shown(dataset: Dataset, condition: Condition, reference: str, insta
 def complete_instants(
     dataset: Dataset, condition: Condition, reference: str, cameras: Sequence[str], min_cameras: int = 1
 ) -> list[ShownInstant]:
-    """Return the instants at which the most cameras, at least `min_cameras`, have images in both conditions.
+    """Return the instants with images of the most cameras, both synchronized and under `condition`.
+
+    At least `min_cameras` cameras must have them. An instant is that of the camera `reference`.
 
     Raises:
         ValueError: there is no such instant, or the condition is the synchronized one under another name.
@@ -117,7 +119,7 @@ def refuse_synchronized(condition: Condition, shown: Iterable[tuple[int, Mapping
     """Refuse a condition in which all cameras always show the reference's own instant.
 
     Raises:
-        ValueError: they do, although the condition is not the synchronized one.
+        ValueError: all cameras do so, although the condition is not the synchronized one.
     """
     if condition.name == SYNCED or any(set(one.values()) != {instant} for instant, one in shown):
         return
@@ -129,12 +131,12 @@ def refuse_synchronized(condition: Condition, shown: Iterable[tuple[int, Mapping
 def pair_instants(
     dataset: Dataset, condition: Condition, first: str, second: str
 ) -> tuple[list[tuple[int, int]], float | None]:
-    """Return the instants (first camera's, second camera's) at which a pair has its images in a condition.
+    """Return the pairs of instants (first camera's, second camera's) that a condition compares.
 
-    Also returns the second camera's delay, ms; None if every instant is drawn separately.
+    Also returns the second camera's delay, ms; None if it is drawn anew for every instant.
 
     Raises:
-        ValueError: both have the same delay, or the burst has no such offset.
+        ValueError: both cameras have the same delay, or the burst has no images at such an offset.
     """
     found: list[tuple[int, int]] = []
     if condition.drawn:

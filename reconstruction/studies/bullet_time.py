@@ -99,7 +99,10 @@ As a file to share: <code>{{ sweep.file }}</code>.</figcaption>
 
 
 class BulletTime(msgspec.Struct, frozen=True, kw_only=True):
-    """One instant from camera to camera, synchronized and with delayed cameras; picture paths by camera."""
+    """One instant from camera to camera, synchronized and with delayed cameras.
+
+    `synced` and `offset` are the paths of the pictures, in the order of `cameras`.
+    """
 
     cameras: tuple[str, ...]
     """Cameras in sweep order."""

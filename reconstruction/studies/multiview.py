@@ -337,7 +337,8 @@ class MultiviewStudy(ConditionStudy):
         """Choose the cameras; see `ConditionStudy.prepare`.
 
         Raises:
-            ValueError: fewer than three calibrated cameras have overlapping views.
+            ValueError: fewer than three calibrated cameras have overlapping views, or the middle camera is
+                not the one requested.
         """
         self.progress.step("choosing cameras for depth from all cameras")
         if not self.rig.views:
@@ -349,7 +350,7 @@ class MultiviewStudy(ConditionStudy):
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[MultiviewFacts]:
         """Compare a condition with the synchronized one on the same instants, pixels and cameras.
 
-        Writes pictures of the instant with the most moving pixels found into the folder.
+        Writes pictures of the instant at which it found the most moving pixels into the folder.
 
         Raises:
             ValueError: the burst does not contain this condition.

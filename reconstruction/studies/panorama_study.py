@@ -189,7 +189,10 @@ class PanoramaStudy(PairStudy):
         )
 
     def _measure(self, now: int, later: int, shown: int) -> Measurements:
-        """Measure the overlap with the second camera at instant `shown`; the still mask covers both times."""
+        """Measure misalignment where the first camera's image at `now` overlaps the second's at `shown`.
+
+        It is measured on movers and on the control: pixels that are still at both `now` and `later`.
+        """
         first, second = self.cameras
         a, b = self._layers(now, shown).values()
         overlap = overlap_of(a, b)
@@ -230,7 +233,7 @@ class PanoramaStudy(PairStudy):
 
 
 def _misalignment_of(overlap: Overlap, moving: Array, moved: Array, still: Array) -> Measurements:
-    """Return a panorama's measures, by masks of motion in the first, in either, and of the still control."""
+    """Return a panorama's measures; masks: motion in the first image, in either image, and still control."""
     matched_overlap = overlap.with_brightness_matched(still)
     found, difference = measure_misalignment(matched_overlap), matched_overlap.difference
     measured = Measurements(medians={"overlap_misfit_px": known(found.length)})

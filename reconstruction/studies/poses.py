@@ -201,7 +201,7 @@ class PoseOptions(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class PoseFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """Results that only this study has."""
+    """Results that only the study of camera poses has."""
 
     degraded: bool
     """Whether delays degrade the poses."""

@@ -235,7 +235,7 @@ class TriangulationStudy(ConditionStudy):
 
     @property
     def steps(self) -> int:
-        """One line for the choice of cameras, and one for each instant."""
+        """Number of progress lines: one for the choice of cameras, and one for each instant."""
         return 1 + min(self.context.max_instants, INSTANT_LIMITS[1], len(self.dataset.instants_ns))
 
     def adopt(self, ours: Self) -> None:

@@ -231,7 +231,7 @@ def fit_ramp(edges: Sequence[BlinkEdge], rows: RowTimes) -> Ramp | None:
 
 
 def find_edge_time(edge: BlinkEdge, rows: RowTimes, ramp: Ramp) -> EdgeTime | None:
-    """Find the time of an edge; None if too little of its ramp is covered by rows that were read out."""
+    """Find when the lamp switched; None if too few rows show the change, or if it is not shaped as a ramp."""
     times = rows.of(edge)
     near = rough_time(edge, times)
     if near is None:

@@ -187,7 +187,10 @@ class AravisCamera(ThreadedCamera):
         self._fetching.start()
 
     async def apply(self, command: CameraCommand) -> None:
-        """Set the duration of one coming frame. Raises CameraError for other commands or without a stream."""
+        """Set the time from the next frame to the one after it, once; the exposure is unchanged.
+
+        Raises CameraError for other commands, or if the camera does not stream.
+        """
         if not isinstance(command, SetFrameDuration):
             raise CameraError("a machine-vision camera is moved by the duration of its frames only")
         if self._fetching is None or self._closing.is_set():
@@ -229,7 +232,7 @@ class AravisCamera(ThreadedCamera):
         )
 
     def _facts_of(self, facts: CameraFacts) -> CameraFacts:
-        """Return the device's facts; if its counter can be read, with the moment that its timestamps mark."""
+        """Add to the facts which moment of a frame the timestamps mark, if the device's clock can be read."""
         if not self._clock.is_readable:
             return facts
         # GenICam's SFNC stamps a frame at its start; some cameras stamp the end of its exposure.

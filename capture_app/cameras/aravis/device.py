@@ -69,7 +69,7 @@ class DeviceControl:
         return self.can_be_automatic and self._call(f"get_{self._value}_auto") != self._auto.OFF
 
     def set(self, value: float | None) -> None:
-        """Set a fixed value; None lets the camera choose, and raises CameraError if it cannot."""
+        """Set the control to a fixed value; None lets the camera choose. Raises CameraError if it cannot."""
         if value is None and not self.can_be_automatic:
             raise CameraError(
                 f"this camera does not choose its {self.control} itself",

@@ -130,10 +130,11 @@ def with_rows(facts: CameraFacts, rows: int, row_us: float) -> CameraFacts:
 
 
 def with_exposure(facts: CameraFacts, exposure_us: float | None, origin: Origin) -> CameraFacts:
-    """Return the facts for a fixed exposure, or None if it is automatic, with the delay of the timestamps.
+    """Return the facts with an exposure, and with the delay of the timestamps that results from it.
 
-    The Raspberry Pi's driver stamps the first row as the sensor sends it. Its exposure is over by then,
-    although libcamera calls the stamp the time of exposure. Webcams are stamped as by V4L2.
+    `exposure_us` is None if the exposure is automatic. The Raspberry Pi's driver stamps the first row as the
+    sensor sends it. Its exposure is over by then, although libcamera calls the stamp the time of exposure.
+    Webcams are stamped as by V4L2.
     """
     row_ns = facts.row_time_ns
     exposure_ns = None if exposure_us is None else round(exposure_us * 1000)

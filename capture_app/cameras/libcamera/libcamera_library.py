@@ -38,7 +38,7 @@ class Library:
 
     @property
     def cameras(self) -> list[Any]:
-        """All cameras of the library."""
+        """All cameras that libcamera has found."""
         return list(self._manager.cameras)
 
     def camera(self, device: str) -> Any:

@@ -194,7 +194,7 @@ class SessionRecording(Recording):
 
 
 class SourceRecording(Recording):
-    """A video or a folder of images; frames without embedded times are evenly spaced."""
+    """Recording in a video or a folder of images; frames without embedded times are evenly spaced."""
 
     def __init__(self, source: Source, fps: float | None) -> None:
         """Read the timing; `fps` overrides the recording's own. Raises BadInputError if it is unreadable."""

@@ -348,9 +348,9 @@ class BurstSession:
                 await self.give_up_camera(name, reason, silent=True)
 
     async def finish_now(self, reason: str, *, silent: bool = True) -> None:
-        """Finish with the images received so far; `reason` is recorded with the missing ones.
+        """Finish now, with the images received so far; `reason` is recorded with the missing ones.
 
-        Without any image no session is made, unless the cameras were `silent`.
+        Without any image, a session is made only if `silent`: the cameras may still have their images.
         """
         for name in self._deliveries:
             await self.give_up_camera(name, reason, silent=silent)

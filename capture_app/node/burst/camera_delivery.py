@@ -98,7 +98,7 @@ class CameraDelivery:
         return f"it sent nothing for {stalled_ns // 10**9} s" if stalled else ""
 
     def note_heard(self, now_ns: int, *, advanced: bool = False) -> None:
-        """Note that the camera was heard; `advanced` if it delivered something or waits for other cameras."""
+        """Record a message of the camera; `advanced` if it delivered something or waits for other cameras."""
         self.heard_ns = max(self.heard_ns, now_ns)
         if advanced:
             self.advanced_ns = max(self.advanced_ns, now_ns)

@@ -229,7 +229,7 @@ class Intake:
         return saved
 
     def waiting(self) -> tuple[int, float]:
-        """Return the number of images waiting for the disk, and the wait of the first one in s."""
+        """Return the number of images waiting for the disk, and how long the first one has waited, s."""
         now_s = asyncio.get_running_loop().time()
         since_s = next((since_s for _, since_s in self._waiting.values()), now_s)
         return len(self._waiting), now_s - since_s

@@ -158,7 +158,11 @@ class InstantChoice:
 def plan_of(
     burst: Burst, writer: SessionWriter, leader: int, note: str, pins: Mapping[str, str]
 ) -> BurstPlan:
-    """Return a new burst's plan; `leader` is the leader's run, `note` for the manifest, `pins` by camera."""
+    """Return a new burst's plan.
+
+    `leader` identifies the leader's run. `note` is for the manifest. `pins` are those of the cameras'
+    machines.
+    """
     return BurstPlan(
         name=writer.name,
         created=writer.created,

@@ -31,7 +31,7 @@ class ResumedBursts:
         self._all_resumed = asyncio.Event()
 
     def sessions(self) -> tuple[BurstSession, ...]:
-        """Return the open sessions."""
+        """Return the sessions of resumed bursts that are not finished."""
         return tuple(session for session in self._open.values() if not session.finished.is_set())
 
     async def resume_all(

@@ -117,7 +117,7 @@ class CameraNode:
 
 
 class RigMember:
-    """The engine of an open camera, and its connections."""
+    """Membership of one open camera in a rig: its protocol engine and its connections."""
 
     def __init__(
         self,

@@ -27,7 +27,10 @@ class _Entry(msgspec.Struct, frozen=True, kw_only=True, omit_defaults=True):
 
 
 class DeviceProfiles:
-    """Profiles in one folder; a file that cannot be read or written costs only some corrections."""
+    """Stored timing profiles of camera models in one folder.
+
+    If the file cannot be read or written, nodes only lack some corrections.
+    """
 
     def __init__(self, folder: Path | None = None) -> None:
         """`folder` replaces the user's data folder, $XDG_DATA_HOME/simulshot on Linux."""

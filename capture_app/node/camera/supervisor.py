@@ -121,7 +121,7 @@ class ControlKeeper:
         return self.latest
 
     async def _set(self, state: ControlState, value: ControlValue) -> str:
-        """Set one control; return what differs from the request, empty for nothing."""
+        """Set one control; return how the camera's setting differs from the request, empty if it does not."""
         if value == "auto":
             return await self._release(state)
         control, asked = state.control, state.value if isinstance(value, str) else value

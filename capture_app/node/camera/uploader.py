@@ -165,7 +165,7 @@ class BurstSender:
         await self._send(replace(image, offset=offset), memoryview(data)[offset:])
 
     async def _take_answer(self, burst: BurstUpload) -> Refusal | None:
-        """Wait for the answer to the oldest unacknowledged image, or for new work."""
+        """Wait for the answer to the oldest unacknowledged image, or for new work; return any refusal."""
         if self._answer is None:
             self._answer = asyncio.create_task(self._receive())
         changed = asyncio.create_task(self._changed.wait())

@@ -50,7 +50,7 @@ class ShownMember(Protocol):
         """Return the leader's time of a local time; None while it is unknown."""
 
     def detail(self) -> NodeDetail:
-        """Return the node's details for operators."""
+        """Return what is too large for a status: clock samples, phase errors, log lines, controls."""
 
     def save_stamp(self, measured: SaveStamp) -> bool:
         """Apply a measurement from now on; return whether it is saved for later runs, too."""

@@ -41,14 +41,14 @@ class RigFollower:
         """Let capable programs take their part of a burst."""
 
     def take_alone(self, request: BurstRequest) -> str:
-        """Let the programs take a burst in a rig without cameras; return a summary, empty if none is here.
+        """Let connected programs take a burst in a rig without cameras; return a summary, empty without them.
 
         Raises BadInputError for a recording without an end.
         """
         return ""
 
     def expose(self, exposure_ns: int, iso: int) -> None:
-        """Let capable programs expose each frame for `exposure_ns` at sensitivity `iso`."""
+        """Set the exposure (ns) and ISO of every frame; programs that cannot do so ignore it."""
 
     def statuses(self) -> tuple[FollowerStatus, ...]:
         """Return the devices that are or recently were connected."""

@@ -121,7 +121,7 @@ class RankedLeader:
         return replace(options, clock=ContinuedClock(self._clock, continued.time_map), continued=continued)
 
     async def _ask_whom(self) -> None:
-        """Request the machines that the current leader knows, at intervals; the answer also has the key."""
+        """Ask the current leader at intervals which machines it knows; the answer also has a datagram key."""
         while True:
             await asyncio.sleep(ASK_EVERY_S)
             if self._sealed is not None and self._engine.leader is not None:

@@ -105,7 +105,7 @@ class Viewfinders:
             await self._ask(name)
 
     def pictures(self, cameras: Collection[str] | None) -> list[Preview]:
-        """Return the newest preview of each of these cameras, None for all, that has one."""
+        """Return the newest previews of `cameras` (None: of all); a camera without one is left out."""
         return [
             stream.picture
             for name, stream in self._streams.items()

@@ -136,7 +136,7 @@ class OutputFolder:
             raise explained from error
 
     def discard(self) -> None:
-        """Leave the target unchanged, without an error."""
+        """Drop the new output on exit, and leave the target unchanged; this is not an error."""
         self._discarded = True
 
     def _check_target(self) -> None:
@@ -171,7 +171,10 @@ class OutputFolder:
             _log.warning("removed what a run that was killed had left in %s", self._workplace)
 
     def _restore(self) -> None:
-        """Restore an earlier result that was set aside; remove it if the new one replaced it."""
+        """Settle an earlier result that was set aside: move it back if nothing has replaced it.
+
+        Delete it if the new result has. Rename it to NAME-earlier if another program's folder has.
+        """
         if not self._earlier.exists():
             return
         if not self.target.exists():

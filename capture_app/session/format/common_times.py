@@ -70,7 +70,7 @@ class CommonTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
 
     @property
     def unknown(self) -> bool:
-        """Whether the offset of any camera is not known."""
+        """Whether the time offsets between the cameras are unknown."""
         return self.state == "unknown"
 
     @property

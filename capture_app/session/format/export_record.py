@@ -1,4 +1,4 @@
-"""The record of a session in each of its exports, `simulshot.json`, which makes the export a session again.
+"""The record `simulshot.json` of a session in each export, from which the export can be imported again.
 
 The record is all that the other program's format has no place for; `frames.csv` beside it says where each
 image is in the export.
@@ -30,7 +30,7 @@ class ExportRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fie
 
 
 def with_images_listed(manifest: Manifest) -> Manifest:
-    """The manifest of a session in which the frames of its videos are images."""
+    """Return the manifest with the frames of its videos listed as image files."""
     fields = [name for name in ImageRecord.__struct_fields__ if name != "path"]
     images = tuple(
         one

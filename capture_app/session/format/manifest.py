@@ -98,7 +98,7 @@ class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
             raise ValueError(f"{self.name} has no pixels: {self.facts.width}x{self.facts.height}")
 
     def is_late(self, residual_ns: int) -> bool:
-        """Whether an image `residual_ns` from its instant is beyond the camera's tolerance."""
+        """Whether an image taken `residual_ns` from its instant is beyond the camera's phase tolerance."""
         tolerance_ns = self.phase.tolerance_ns if self.phase else None
         return tolerance_ns is not None and abs(residual_ns) > tolerance_ns
 
@@ -243,7 +243,7 @@ class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 def image_path(camera: str, instant: int, suffix: str = ".jpg") -> str:
-    """Path of an image inside its session: the same file name is the same instant (COLMAP's rigs)."""
+    """Path of an image inside its session; as in COLMAP's rigs, images of one instant share a file name."""
     return f"{IMAGES}/{RIG}/{camera}/{instant:06d}{suffix}"
 
 
@@ -404,7 +404,10 @@ def check_references(path: Path, manifest: Manifest) -> None:
 
 
 def check_numbers(path: Path, record: msgspec.Struct | None) -> None:
-    """Check the numbers of the manifest at `path`, or of a part of it. Raises BadInputError for odd ones."""
+    """Raise BadInputError if the manifest at `path`, or this part of it, has a number that no session has.
+
+    Such a number is not finite or has over 64 bits.
+    """
     numbers = _numbers(msgspec.to_builtins(record))
     if not all(abs(one) < (MAX_INTEGER if isinstance(one, int) else MAX_REAL) for one in numbers):
         raise BadInputError(
@@ -413,7 +416,7 @@ def check_numbers(path: Path, record: msgspec.Struct | None) -> None:
 
 
 def check_written(record: CameraRecord | ImageRecord) -> None:
-    """Check the numbers of a camera or an image before it is written. Raises BadInputError with its name."""
+    """Raise BadInputError, naming the camera or the image, if a number or duration of it is too large."""
     if isinstance(record, CameraRecord):
         what, facts = f"camera {record.name}", record.facts
         lasting_ns = max(facts.exposure_ns or 0, (facts.row_time_ns or 0) * facts.height)

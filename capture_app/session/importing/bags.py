@@ -61,7 +61,7 @@ class _Message(NamedTuple):
 
     @property
     def timed(self) -> tuple[int, int | None]:
-        """Return its stamp and, if recorded separately, its arrival time; ns."""
+        """Return the message's timestamp (if 0, its arrival) and, if recorded separately, its arrival; ns."""
         if self.kind.startswith(_FOXGLOVE):
             stamp = self.content.timestamp
             return stamp.seconds * 1_000_000_000 + stamp.nanos or self.arrived_ns, None

@@ -140,7 +140,11 @@ def _clips_below(folder: Path, left_out: list[str], depth: int = _DEPTH) -> list
 
 
 def _of_one_folder(clips: list[Clip], left_out: list[str]) -> list[Shoot]:
-    """Group clips by dates if sensible, otherwise by names such as cam1_take2, otherwise all together."""
+    """Group the clips of one folder into takes, and add to `left_out` why a clip was left out.
+
+    Group them by recording time if that gives several takes, otherwise by names such as cam1_take2. If
+    neither works, all clips are one take.
+    """
     groups = _by_date(clips)
     several = [group for group in groups if len(group) > 1]
     if len(several) > 1 and all(clip.began_s is not None for clip in clips):

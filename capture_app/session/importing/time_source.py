@@ -22,7 +22,7 @@ EQUAL_NUMBERS = "frames of equal number are taken as of one instant"
 
 
 def make_timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline:
-    """Compute every frame's time and match frames to instants; assumptions become remarks of the sources.
+    """Compute every frame's time and match frames to instants; each assumption is noted in its source.
 
     Raises BadInputError if there is no source of times, or more than one.
     """

@@ -127,7 +127,7 @@ def view_at(
 def from_quaternion(where: str, wxyz: Sequence[float] | Array) -> Array:
     """Return the rotation matrix (3x3) of a quaternion (w, x, y, z) of any length (Horn 1987).
 
-    Raises BadInputError, beginning with `where`, if its length is 0 or not finite.
+    Raises BadInputError, with a message that begins with `where`, if the length is 0 or not finite.
     """
     quaternion = np.asarray(wxyz, np.float64)
     length = float(np.linalg.norm(quaternion))

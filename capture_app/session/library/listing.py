@@ -88,7 +88,10 @@ class SessionListing:
         return cards
 
     def _folders(self) -> Iterator[tuple[str, tuple[int, int, int] | None]]:
-        """Yield each session's folder, with a key that changes whenever its manifest does."""
+        """Yield each session's folder, with a key that changes whenever its manifest does.
+
+        The key is None if the session has no manifest yet.
+        """
         try:
             entries = list(os.scandir(self.root))
         except OSError:

@@ -246,7 +246,7 @@ class OpenSession(Session):
         }
 
     def frame(self, camera: str, instant: int) -> Frame:
-        """Return a camera's frame at an instant, from 0. Raises BadInputError if there is no such frame."""
+        """Return a camera's frame at an instant (from 0). Raises BadInputError if there is no such frame."""
         frames = self._named(camera).frames
         if not 0 <= instant < len(frames):
             last = len(frames) - 1

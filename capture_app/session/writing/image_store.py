@@ -171,7 +171,7 @@ class ImageStore:
             raise BadInputError(f"there is an image of {image.key[0]} at instant {image.key[1]} already")
 
     def _put(self, image: StoredImage) -> list[Path]:
-        """Move an image's file to its final name and store its truth; return the paths still to be synced."""
+        """Move an image's file to its final name and store its ground truth; return paths to be synced."""
         path = self._folder / image.record.path
         changed = [] if image.true_ns is None else self._put_truth(*image.key, image.true_ns, image.truth)
         self._make(path.parent)
@@ -217,7 +217,7 @@ class ImageStore:
     def _note(
         self, images: Sequence[StoredImage], good: Sequence[int], errors: list[SimulshotError | None]
     ) -> None:
-        """Append journal lines for images that are on disk."""
+        """Append the journal lines of `images[k]` for k in `good`; if that fails, set their `errors[k]`."""
         try:
             self._journal.append(*(images[place].journal_line() for place in good), durable=bool(good))
         except OSError as error:

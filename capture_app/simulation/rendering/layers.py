@@ -96,7 +96,7 @@ def look_at(name: str, place: ArrayLike, target: ArrayLike, *, scale: float = 1.
 
 @dataclass(frozen=True)
 class StillLayer:
-    """One sample of each pixel (H, W), with linear light from the sky and from the sun separate."""
+    """The still scene, one sample per pixel (H, W), with linear light from sky and from sun separate."""
 
     directions: Floats
     depth: Floats
@@ -192,7 +192,10 @@ class MovingPart:
 
 
 def moving_part(view: View, body: Body, pose: Poses) -> MovingPart:
-    """Return a part with a pose for each row of the view; outside the image its rectangle is empty."""
+    """Return a moving body as a camera sees it, with a pose for each row of the view.
+
+    Its rectangle is empty if the body is outside the image.
+    """
     rotation, translation = pose.rotation.astype(np.float32), pose.translation.astype(np.float32)
     centres = rotation @ body.centre + translation
     image = view.project(centres)

@@ -42,7 +42,7 @@ class FrameStamp:
 
 @dataclass(frozen=True, slots=True)
 class StampError:
-    """Known part and limits of one timestamp's error; times in ns."""
+    """Error of one timestamp: its distance from the line of the stream's frames, and its error bar; ns."""
 
     outlier_ns: int = 0
     """Distance from the line of the stream's frames; if not 0, the line gives the frame's time."""
@@ -343,7 +343,10 @@ class PhaseEstimator(FrameLine):
         return self._origin_ns + self.intercept_ns + self.period_ns * index + shifted_ns
 
     def _end_disturbance(self) -> None:
-        """End a disturbance once the last frames are on a line again, moved, or unmoved until the timeout."""
+        """End a disturbance once the last frames are on a line again that is shifted from the old one.
+
+        After a timeout the line need not be shifted; after twice that, the disturbance ends in any case.
+        """
         intercepts = self.intercepts_of(self._pending)
         count = self._frames_as_expected(intercepts)
         if not count:

@@ -35,7 +35,7 @@ class FrameGrid:
 
 @dataclass(frozen=True, slots=True)
 class Drift:
-    """Present error of a stream in ns, its rate of change (ns per ns), its period and its limits."""
+    """Phase error of a stream now (ns), its rate of change (ns per ns), and the limits for its correction."""
 
     error_ns: float
     rate: float
@@ -61,11 +61,11 @@ class Drift:
 
 @dataclass(frozen=True, slots=True)
 class Setpoint:
-    """Target error of a move that takes effect `lead_ns` from now; times and errors in ns."""
+    """Phase error that a correction aims at, for when it takes effect, `lead_ns` from now; in ns."""
 
     lead_ns: float
     target_ns: float
-    """Target error at that time."""
+    """Phase error to have at that time; not 0 where drift is anticipated."""
     off_centre_ns: float = 0.0
     """Distance of the target itself from the grid, in anticipation of drift."""
 

@@ -144,7 +144,7 @@ class GridPhaseChoice:
         return best_move_ns != 0
 
     def _is_early(self, unknown: int, known: int, now_leader_ns: int) -> bool:
-        """Whether to wait for cameras of unknown phase, before which the best window is not known."""
+        """Whether to wait before choosing: cameras of unknown phase may still change the best window."""
         if self._began_leader_ns is None and known:
             self._began_leader_ns = now_leader_ns
         if self._began_leader_ns is None or unknown == 0:

@@ -133,7 +133,7 @@ class PhaseLoop:
         self._reported = self.aligner.settled
 
     def note_answer(self) -> bool:
-        """Note an answer of the leader; return whether it is the first since the phase was reported."""
+        """Record an answer of the leader; return whether it is the first since the phase was reported."""
         first = self._reported and not self._answered
         self._answered = self._answered or first
         return first
@@ -225,7 +225,7 @@ class Client(Generic[F]):
         self.time.timekeeper.clock.asymmetry = known
 
     def add_path_asymmetry(self, measured: PathAsymmetry) -> PathAsymmetry:
-        """Add a measured residual to the path's asymmetry; return the sum."""
+        """Add an asymmetry that was measured on top of the path's known one; return the sum."""
         clock = self.time.timekeeper.clock
         clock.asymmetry = replace(measured, late_ns=measured.late_ns + clock.late_ns)
         return clock.asymmetry

@@ -131,7 +131,7 @@ class SelectedFrame(Generic[F]):
 
 @dataclass(frozen=True, slots=True)
 class Gap:
-    """Instant without a frame, and the reason."""
+    """Instant for which a camera has no frame, and the reason."""
 
     instant: int
     reason: str

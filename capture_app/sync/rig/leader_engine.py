@@ -261,7 +261,7 @@ class Leader:
         self._outbox.append((encode(JoinRefusal(hello.instance, reason, retry_here)), address))
 
     def acknowledge(self, member: Member) -> None:
-        """Send a member the current configuration."""
+        """Acknowledge a member's newest heartbeat, with the current configuration."""
         self.send(member, HeartbeatAck(member.number, self.current.message(self.poll_interval_ns)))
 
     def acknowledge_all(self) -> None:

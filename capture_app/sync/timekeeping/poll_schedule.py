@@ -49,7 +49,7 @@ LONGEST_TRY_NS = 15_000_000_000
 
 
 class Progress(NamedTuple):
-    """Progress of a node in estimating its leader's clock."""
+    """What a schedule of requests needs to know of a node's estimate of its leader's clock."""
 
     synced: bool
     samples: int

@@ -31,7 +31,11 @@ class RateWatch:
         self.fast_ppm = None
 
     def judge(self, time_map: TimeMap, changed_ns: int | None) -> ClockRateUnusual | ClockChanged | None:
-        """Update from the newest estimate and the time of the last rate change; return the event, if any."""
+        """Judge the rate of this node's clock by the newest estimate; return an event if something changed.
+
+        `changed_ns` is the time of the last rate change. An event reports a new change, or that the rate has
+        become unusual or typical again.
+        """
         # The map is from this clock to the leader's: a positive skew means that the leader's is faster.
         fast_ppm, uncertainty_ppm = -time_map.skew * 1e6, time_map.skew_uncertainty * 1e6
         min_ppm = TYPICAL_PPM + uncertainty_ppm if self.fast_ppm is None else STILL_UNUSUAL_PPM

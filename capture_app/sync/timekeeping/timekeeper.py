@@ -155,7 +155,7 @@ class Timekeeper:
         return True
 
     def handle_timer(self, now_ns: int) -> None:
-        """Run the actions that are due."""
+        """Estimate the clock and prepare the next time request, each if it is due."""
         if now_ns >= self.schedule.estimate_due_ns:
             self._estimate(now_ns)
         if now_ns >= self.schedule.request_due_ns:

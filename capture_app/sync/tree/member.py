@@ -90,7 +90,7 @@ class TreeMember:
             self._go_back(address, message, now_ns)
 
     def note_unreadable(self, error: WireError, address: Address) -> None:
-        """Record that one of the parents sent a datagram that is not a message of this version."""
+        """Record that the present parent sent a datagram that is not a message of this version."""
         if address == self.parent:
             self.time.note_unreadable(error)
 

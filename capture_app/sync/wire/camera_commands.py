@@ -19,7 +19,7 @@ class RestartStream:
 
 @dataclass(frozen=True, slots=True)
 class SetFrameDuration:
-    """Set the duration of one coming frame, from its start to the next one's; later frames are as before."""
+    """Command to change one frame's duration, from its start to the next one's, but no later frame's."""
 
     duration_ns: int
 

@@ -65,7 +65,7 @@ def command_list(card: SessionCard) -> ListQuestion:
 
 
 def options_question(command: Command, card: SessionCard, out: Path) -> TextQuestion:
-    """Return the dialog for a command's options; the text shows the command line."""
+    """Return the dialog that shows a command line and asks for its options."""
     line = command.line(card.folder, out, "OPTIONS")
     return TextQuestion(
         f"$ {line}\n\nOPTIONS; enter starts the job.",

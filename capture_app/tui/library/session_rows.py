@@ -54,7 +54,7 @@ class Entry:
 
     @property
     def key(self) -> str:
-        """Unique key, the absolute path."""
+        """Unique key of the entry: the absolute path of the session's folder."""
         return str(self.card.folder.absolute())
 
 
@@ -184,7 +184,10 @@ def _notes(card: SessionCard) -> Iterator[Content]:
 
 
 def scatter_of(card: SessionCard) -> Content:
-    """Return the grade and the total time difference that it rates, including uncertainty."""
+    """Return a session's grade and the time difference that it rates, uncertainty included.
+
+    Without a grade, return the reason.
+    """
     if card.unsynchronized:
         return Content.styled(f"{GRADES['unknown'].glyph} not synchronized", "$foreground-muted")
     if card.spread_ns is None:

@@ -213,7 +213,7 @@ class SessionsView(ModeView):
             self.action_look()
 
     def on_input_submitted(self) -> None:
-        """Return to the list of matches."""
+        """Move the focus from the search to the list of sessions that match."""
         self._rows.focus()
 
     def _complete(self) -> None:

@@ -74,7 +74,7 @@ def _compact(name: Content, cells: Mapping[str, Content], strip: Content, width:
 
 
 def compact_head(width: int) -> Content:
-    """Return the header line: column titles, and the strip's title."""
+    """Return the header of the one-line list: column titles, and the title of the phase plot."""
     room = compact_strip_width(width)
     strip = Content(f" {'phase over 30 s':<{room}.{room}} ")
     titles = {column.title: Content(column.title) for column in COLUMNS}

@@ -30,7 +30,7 @@ class MonitorServer:
         self._page: ListeningPage | None = None
 
     def guide(self) -> GuideScreen:
-        """Return the dialog with the next monitor's QR code, renewed after each."""
+        """Return the dialog with the QR code for the next monitor; each monitor that joins renews it."""
         return GuideScreen("monitor", "A monitor in your hand", 36, self._show_codes)
 
     async def _show_codes(self, screen: GuideScreen) -> None:

@@ -277,7 +277,7 @@ class RigView(ModeView):
         self._start.action_phones()
 
     def action_invite(self) -> None:
-        """Show how another machine joins."""
+        """Show how another machine joins the rig."""
         self._start.action_invite()
 
     @work(group="orders")

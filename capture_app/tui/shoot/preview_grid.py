@@ -101,7 +101,7 @@ class PreviewGrid(Container, can_focus=True):
 
     @property
     def request(self) -> tuple[int, float]:
-        """Width in pixels and rate of the previews to request."""
+        """Width (px) and rate (frames per second) of the previews to request from the leader."""
         pixels = 2 * self.size.width // max(self._columns, 1)
         fps = MANY_FPS if len(self._tiles) > MANY else GRID_FPS
         # Rounded up to 64 pixels, so that resizing a window does not send a new request for each column.

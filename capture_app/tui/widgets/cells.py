@@ -84,7 +84,7 @@ class CellPicture:
         return Strip(segments, self.columns)
 
     def pixels(self) -> NDArray[np.uint8]:
-        """Return the displayed pixels of a coloured picture: rows x columns x quarter x RGB."""
+        """Return the displayed colours: rows x columns x the 4 quarters of a cell x RGB."""
         inked = _INKED[self.glyphs].astype(bool)[..., None]
         return np.where(inked, self.inks[:, :, None, 0], self.inks[:, :, None, 1])
 

@@ -73,7 +73,7 @@ class SharpTerminal:
 
 
 class SharpPicture:
-    """Picture stored in the terminal, and its placeholder cells."""
+    """Picture in full resolution, stored in a terminal that can show images, and its placeholder cells."""
 
     def __init__(self, sent: Any, columns: int, rows: int) -> None:
         console = Console(width=columns, height=rows, file=io.StringIO(), color_system="truecolor")
@@ -93,7 +93,10 @@ class SharpPicture:
 def strip_of_middle(
     drawn: CellPicture | SharpPicture, line: int, size: Size, plain: Style, around: Style
 ) -> Strip:
-    """Return a line of a box with the picture in its centre; `around` is the style of the margin."""
+    """Return line `line` of a box of `size` cells that has the picture in its centre.
+
+    `plain` is the style of a picture without colours, `around` that of the margin.
+    """
     row = line - (size.height - drawn.rows) // 2
     left, right = (size.width - drawn.columns) // 2, (size.width - drawn.columns + 1) // 2
     if not 0 <= row < drawn.rows or left < 0:

@@ -180,7 +180,7 @@ def band_fraction(height: int) -> float:
 
 
 def times_of(width: int, now_s: float) -> list[float]:
-    """Return the times (s) of a strip's cells, on a fixed grid."""
+    """Return the times (s) of the `width` cells of a plot that ends at `now_s`, on a fixed grid."""
     step = SPAN_S / width
     last = int(now_s / step)
     return [(last - width + 1 + n) * step for n in range(width)]

@@ -31,7 +31,7 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
 
     @dataclass
     class Chosen(Message):
-        """Another row is selected, or none."""
+        """Message: another row is selected, or none is."""
 
         opens: bool = False
         """Whether the row was double-clicked; the view defines keys that open a row."""
@@ -129,7 +129,7 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
         self._draw_anew()
 
     def render_line(self, y: int) -> Strip:
-        """Return a line of a row."""
+        """Return line `y` of the widget: one line of one of the rows, or a blank line below them."""
         at, line = divmod(y + self.scroll_offset.y, self.row_height)
         if not 0 <= at < len(self.keys):
             return Strip.blank(self.size.width, self.rich_style)

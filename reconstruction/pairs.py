@@ -153,7 +153,7 @@ def baseline(reference: View, other: View) -> float:
     """Return the distance of two cameras in the calibration's unit.
 
     Raises:
-        ValueError: they are at the same place; the message gives the distance.
+        ValueError: the cameras are at the same place; the message gives the distance.
     """
     length = float(np.linalg.norm(other.centre - reference.centre))
     far = max(float(np.linalg.norm(reference.centre)), float(np.linalg.norm(other.centre)), 1.0)

@@ -170,7 +170,7 @@ def require_plots(folder: Path) -> None:
 
 
 def _draw(trials: "Sequence[LinkTrial]", path: Path) -> Path:
-    """Draw each trial's error with the uncertainty that the engine states."""
+    """Draw each trial's clock error (us), with the stated uncertainty as its error bar; return `path`."""
     from matplotlib.backends.backend_agg import FigureCanvasAgg
     from matplotlib.figure import Figure
 

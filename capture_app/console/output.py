@@ -42,7 +42,7 @@ class PatientOutput(io.RawIOBase):
         return self._handle
 
     def isatty(self) -> bool:
-        """Whether it is a terminal."""
+        """Whether the stream is a terminal."""
         return os.isatty(self._handle)
 
     def write(self, data: Any) -> int:

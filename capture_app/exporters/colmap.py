@@ -89,7 +89,10 @@ def _write_model(
     cloud: PointCloud | None,
     folder: Path,
 ) -> None:
-    """Write the model of these images, by camera and instant, and its points, `_MAX_TRACKS` with a track."""
+    """Write a COLMAP model of the images `names` (by camera and instant) and of the points of a cloud.
+
+    At most `_MAX_TRACKS` points have a track.
+    """
     numbers = {name: number for number, name in enumerate(burst.cameras, 1)}
     lenses = {name: calibration.cameras[name] for name in numbers}
     reference = lenses[burst.cameras[0]]

@@ -187,7 +187,11 @@ def _fraction_shown(camera: CameraCalibration, film: CameraCalibration) -> float
 
 
 def _add_notes(burst: ExportedBurst, options: _Options, together: list[int], min_shown: float) -> None:
-    """Add notes on what the videos lack; `together`: their instants, `min_shown`: smallest fraction shown."""
+    """Add notes on what the videos lack.
+
+    `together` are the instants of the videos, `min_shown` is the smallest fraction of an image that they
+    show.
+    """
     burst.notes += renaming_notes({camera: f"cam{number:02d}" for number, camera in enumerate(burst.cameras)})
     left_out = len(burst.instants_ns) - len(together)
     conditional_notes = (

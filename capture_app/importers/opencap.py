@@ -92,7 +92,7 @@ class _ArraysOnly(pickle.Unpickler):
 
 
 def _is_calibration(path: Path) -> bool:
-    """Return whether a path is such a pickle, or a folder of cameras that have one each."""
+    """Return whether a path is one of OpenCap's calibrations: a pickle, or a folder of cameras with one."""
     return any(path.glob(f"*/{_PARAMETERS}")) if path.is_dir() else path.suffix in (".pickle", ".pkl")
 
 

@@ -73,7 +73,7 @@ _TONE_FRACTION = 0.12
 
 @dataclass(frozen=True, slots=True)
 class Candidate:
-    """Candidate solution: mid-exposure time in ns of the panel, and shutter."""
+    """Candidate reading of a panel: mid-exposure time of the image (ns of the panel's clock), and shutter."""
 
     middle_ns: float
     shutter: Shutter

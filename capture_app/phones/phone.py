@@ -153,7 +153,7 @@ class Phone:
 
     @property
     def facts(self) -> CameraFacts:
-        """Facts of its camera. Raises CameraError while it does not stream."""
+        """Facts of the phone's camera. Raises CameraError while it does not stream."""
         opened, period_ns = self._opened, self._times.period_ns
         if opened is None or period_ns is None or not self.clock.is_known:
             raise CameraError(f"{self.name}: {self._disconnect_reason if opened is None else STARTING}")

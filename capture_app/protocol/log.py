@@ -168,7 +168,7 @@ class Log:
             self.show(text)
 
     def _admitted(self, text: str, camera: str | None) -> str:
-        """Return the line to log, cut to its maximum length; empty if that node has logged too many."""
+        """Return the line to log, cut to the maximum length; empty if the node `camera` logs too many."""
         now_s = time.monotonic()
         if now_s - self._window_s >= RATE_WINDOW_S:
             self._window_s = now_s

@@ -205,7 +205,7 @@ def find_profile(name: str) -> SensorProfile:
 
 
 def facts_of(profile: SensorProfile, *, width: int, height: int) -> CameraFacts:
-    """Return the facts that a camera of that model reports, for images of that size in pixels.
+    """Return the facts that a camera of this sensor profile reports, for images of that size in pixels.
 
     They omit the gain and overhead of its injections, and the delay of its timestamps.
     """

@@ -129,7 +129,7 @@ class SimulatedPicture:
         return encode_image(self.source.render(self.frame, seed=self.seed), quality=self.quality)
 
     def reduced(self, width: int) -> "NDArray[np.uint8]":
-        """Render the frame at about that width, simplified if that is faster: BGR uint8 (H, W, 3)."""
+        """Render the frame at about `width` px, simplified if that is faster: BGR uint8 (H, W, 3)."""
         return self.source.reduced(self.frame, width, seed=self.seed)
 
 

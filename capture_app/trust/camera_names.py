@@ -8,7 +8,7 @@ FILE = "names.json"
 
 
 class CameraNames:
-    """File of the owners of names, shared by all leaders of one user."""
+    """File that records which machine owns each camera name, shared by all leaders of one user."""
 
     def __init__(self, folder: Path) -> None:
         """Raises BadInputError if the file is damaged, DiskError if it cannot be read."""

@@ -19,7 +19,7 @@ class StateFile(Generic[T]):
     """Persistent value of type `T`; `empty` if the file does not exist."""
 
     def __init__(self, path: Path, kind: type[T], empty: T, if_damaged: str) -> None:
-        """`if_damaged` is the hint of the error for a damaged file."""
+        """`if_damaged` is the hint in the error that a damaged file raises."""
         self.path, self._empty, self._if_damaged = path, empty, if_damaged
         self._decoder = msgspec.json.Decoder(kind)
 

@@ -215,7 +215,10 @@ class Workers:
 
 
 async def _submit_jobs(cluster: Any, count: int) -> None:
-    """Submit jobs as `scale` does, which however only logs what the queue refuses."""
+    """Submit jobs until there are `count`, and raise an error if the queue refuses one.
+
+    Dask's own `scale` only logs a refusal.
+    """
     while len(cluster.worker_spec) < count:
         cluster.worker_spec.update(cluster.new_worker_spec())
     await cluster

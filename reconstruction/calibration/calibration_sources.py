@@ -113,7 +113,7 @@ def from_still_points(dataset: Dataset, field_of_view_deg: float | None = None) 
 
 
 def from_elsewhere(dataset: Dataset, source: CalibrationSource | Path) -> Candidate:
-    """Load the calibration of the session, its rig or another session; points at rest judge it."""
+    """Load a calibration of the session, its rig or another session, and check it against static points."""
     if source is CalibrationSource.SESSION:
         found = dataset.calibration()
         if found is None:

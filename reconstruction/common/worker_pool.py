@@ -26,7 +26,7 @@ def worker_count() -> int:
 
 
 def _adopt(context: Context) -> None:
-    """Copy the context (memory budget, checks, silence) of the thread that opened the pool."""
+    """Give this thread the context (memory budget, checks, silence) of the one that opened the pool."""
     for variable, value in context.items():
         variable.set(value)
 

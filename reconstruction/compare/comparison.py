@@ -187,7 +187,7 @@ def _run_studies(context: Context, studies: Mapping[str, Study]) -> Known:
 
 
 def _waves(studies: Mapping[str, Study]) -> Iterator[list[str]]:
-    """Yield waves of studies that can run side by side; `TIMING` follows all pair studies."""
+    """Yield groups of studies that can run concurrently; `TIMING` follows all pair studies."""
     graph = {
         name: [one for one in study.needs if one in studies or one == TIMING]
         for name, study in studies.items()

@@ -238,7 +238,7 @@ class PairStudy(ConditionStudy):
         self.rig.check_pair(self.asked)
 
     def adopt(self, ours: Self) -> None:
-        """Use the pair of the comparison's own session."""
+        """Use the pair of cameras that this study chose in the comparison's own session."""
         self.asked, self.reason = ours.cameras, ours.reason
 
     def compare_instants(

@@ -82,7 +82,7 @@ def write_workspace(
 
 
 def _shared_points(views: Mapping[str, View], depth_views: Mapping[str, ViewDepth]) -> Array:
-    """Return some points of all depth maps, in the rig's frame (n, 3)."""
+    """Return random points (n, 3) of all depth maps, in the rig's frame and unit."""
     rng = np.random.default_rng(0)
     points = [np.zeros((0, 3))]
     for name, found in depth_views.items():
@@ -232,7 +232,8 @@ def _seen_file(cloud: Path) -> Path:
 def _read_fused(path: Path) -> tuple[Array, Array, Array]:
     """Return the rows of a fused PLY, the lists of its `.vis` file, and each list's length.
 
-    Each point has a list: its length, then the indices of the maps from which it was fused."""
+    Each point has a list: its length, then the indices of the maps from which it was fused.
+    """
     vertex = np.dtype([("at", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
     rows = np.frombuffer(path.read_bytes().partition(END)[2], vertex)
     lists = np.frombuffer(_seen_file(path).read_bytes(), "<u4", offset=8)

@@ -57,7 +57,7 @@ def build_mesh(
 
 
 def draw_clouds(clouds: Mapping[str, tuple[Array, Array]], views: Sequence[View]) -> dict[str, Array]:
-    """Draw clouds from the same six places around the first one's centre, each as one BGR picture of 3 x 2.
+    """Draw each cloud from six viewpoints around the first cloud's centre, as one BGR picture of 3 x 2.
 
     A cloud is points (n, 3) in the rig's frame and colours (n, 3) uint8 RGB.
     """

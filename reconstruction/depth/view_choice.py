@@ -183,7 +183,7 @@ def choose_source_views(views: Mapping[str, View], points: Mapping[str, Array]) 
 
 
 def choose_reference_view(views: Mapping[str, View], points: Mapping[str, Array]) -> str:
-    """Return the most central camera of the rig among those whose points (n, 3) the others see most of."""
+    """Return the most central of the cameras whose points (n, 3) the other cameras see best."""
     shared = {}
     for name, view in views.items():
         others = [seen for other, seen in views.items() if other != name]

@@ -159,7 +159,7 @@ class SequenceFolder:
         return done if done and done.cloud and (self.out / done.cloud).is_file() else None
 
     def finish(self, done: SequenceInstant) -> None:
-        """Save the result of an instant whose cloud is in place."""
+        """Mark an instant as done by saving its result, once its cloud is saved."""
         write_atomic(self._record(done.instant), pretty_json(done))
 
     def calibration(self) -> Calibration | None:

@@ -143,7 +143,10 @@ def _displacement(a: Array, b: Array, at: Array, both: Array) -> Array:
 
 
 def _search(a: Array, b: Array, at: Array) -> Array | None:
-    """Return the place in b (2,) most similar to a point of a within reach, if the match is mutual."""
+    """Return the place (2,) in image b that matches the place `at` in image a, near it; None without.
+
+    The match must be mutual, to within a pixel.
+    """
     there = _best_match(a, at, b)
     back = None if there is None else _best_match(b, there, a)
     return there if back is not None and np.abs(back - at).max() <= 1 else None

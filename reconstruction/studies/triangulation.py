@@ -239,7 +239,7 @@ class TriangulationStudy(ConditionStudy):
         return 1 + min(self.context.max_instants, INSTANT_LIMITS[1], len(self.dataset.instants_ns))
 
     def adopt(self, ours: Self) -> None:
-        """Use the cameras of the comparison's own session."""
+        """Use the cameras that this study chose in the first session of the comparison."""
         self.cameras = ours.cameras
 
     def prepare(self) -> None:

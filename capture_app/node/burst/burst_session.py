@@ -435,7 +435,7 @@ class BurstSession:
             raise TryAgainError(f"burst {self.burst.number} is over")
 
     def _waiting_text(self) -> str:
-        """Return what the burst waits for: the disk, or cameras without a report; empty for neither."""
+        """Return in words what the burst waits for: the disk, or cameras without a report; '' if nothing."""
         images, seconds = self._intake.waiting()
         if seconds >= SAID_AFTER_S:
             return f"waiting for the disk: {count(images, 'image')}, {seconds:.0f} s"

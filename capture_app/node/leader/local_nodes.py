@@ -35,7 +35,7 @@ class LocalPhones:
         self._starting = asyncio.Lock()
 
     async def invitation(self) -> PhoneInvited:
-        """Return the next phone's page. Raises NetworkError, and the error that its server ended with."""
+        """Return the page for the next phone. Raises NetworkError, or the error that ended the server."""
         async with self._starting:
             if self._child is None or self._child.process.returncode is not None:
                 await self._start()

@@ -298,7 +298,7 @@ class LeaderService:
         return self._local
 
     def _taken(self) -> list[str]:
-        """Return names of present nodes and of other machines, as a lost one may return under its name."""
+        """Return the names in use: of present nodes, and of other machines' nodes, which may come back."""
         roster, trust = self._engine.roster, self._options.trust
         here = [name for name in roster.members if self._is_here(name)]
         own_pin = "" if trust.is_open else trust.identity.pin

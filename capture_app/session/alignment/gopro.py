@@ -245,7 +245,7 @@ def match_gps_clocks(reference: GpsClock, camera: GpsClock) -> CameraTimes:
 
 
 def _line(clock: GpsClock, zero_s: float, *, of_utc: bool) -> CameraTimes:
-    """Fit a camera's times against UTC since `zero_s`, or UTC against the camera's times."""
+    """Fit a camera's times (s) against UTC since `zero_s`; with `of_utc`, UTC against these times."""
     utc_s = clock.utc_s - zero_s
     # A slow drift does not average out: scaled like this, evenly spaced fixes improve neither offset nor
     # rate.

@@ -48,7 +48,7 @@ class CameraCalibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 def check_lens(where: str, camera: CameraCalibration) -> None:
-    """Raise BadInputError, beginning with `where`, for numbers that no camera of this model has."""
+    """Raise BadInputError, its message beginning with `where`, for numbers that no such lens has."""
     import numpy as np  # slow to import, and this module is in every command's way
 
     rotation, distortion = np.array(camera.rotation), camera.distortion

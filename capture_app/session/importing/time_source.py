@@ -59,7 +59,7 @@ def _check_options(names: Sequence[str], options: ImportOptions) -> None:
 
 
 def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:
-    """Return times when the files have no common ones: each video's own, with the user's corrections."""
+    """Return the times of files without a common clock: each video's own, with the user's corrections."""
     rates = {source.fps for source in sources if isinstance(source, Video)}
     if options.synchronized:
         if not rates:

@@ -60,7 +60,7 @@ class SessionCard(Struct, frozen=True, kw_only=True):
 
     @property
     def worst_ns(self) -> int | None:
-        """Upper limit (95 %) of the time between images of an instant, including the errors of both."""
+        """Upper limit (95 %) of the time between two images of an instant, ns, with both images' errors."""
         if self.spread_ns is None or self.uncertainty_ns is None:
             return None
         return self.spread_ns + 2 * self.uncertainty_ns

@@ -37,7 +37,7 @@ class PictureSource(ABC):
 
     @property
     def calibration(self) -> CameraCalibration | None:
-        """Intrinsics and pose of the view; None if the images show nothing measurable."""
+        """Intrinsics and pose of the camera's view; None if the images show nothing measurable."""
         return None
 
     @abstractmethod

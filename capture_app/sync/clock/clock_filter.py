@@ -63,7 +63,7 @@ class ClockSample:
 
 @dataclass(frozen=True, slots=True)
 class PathAsymmetry:
-    """Path asymmetry of a link, measured from images; in ns."""
+    """Asymmetry of the path between a node and its leader, measured from images; in ns."""
 
     late_ns: Real
     """Correction to the leader's offset: half of the return path's excess delay."""

@@ -121,10 +121,10 @@ class PhaseActuator:
         """
 
     def note_start(self, local_ns: int, period_ns: float) -> None:
-        """Record a start of the stream at a local time, whether commanded here or not."""
+        """Record a start of the stream (ns, local time), whether or not this actuator commanded it."""
 
     def learn_start(self, first_frame_local_ns: int) -> None:
-        """Learn from the first frame of the stream just started."""
+        """Learn the start latency from the first frame (ns, local time) of the stream just started."""
 
 
 class ResetActuator(PhaseActuator):
@@ -144,7 +144,7 @@ class ResetActuator(PhaseActuator):
     def setpoint(
         self, drift: Drift, *, hold_ns: int, aligned: bool, common_instant_ns: int
     ) -> Setpoint | None:
-        """Return the setpoint that meets the grid at `common_instant_ns`, or stays near it, or None."""
+        """Return the setpoint to meet the grid at `common_instant_ns`, else to stay near it, or None."""
         if common_instant_ns > 0:
             return setpoint_to_meet(drift, LEAD_NS, common_instant_ns)
         return None if aligned else setpoint_to_stay(drift, LEAD_NS, hold_ns)
@@ -162,7 +162,7 @@ class ResetActuator(PhaseActuator):
         return RestartStream(delay_ns)
 
     def note_start(self, local_ns: int, period_ns: float) -> None:
-        """Record a start that was not commanded here; more is known about a commanded one."""
+        """Record a start of the stream; one that this actuator commanded is recorded already, and stays."""
         if self._start_ns is None:
             self._start_ns, self._period_ns = local_ns, period_ns
 

@@ -72,7 +72,7 @@ class PhaseEstimate:
 
     @property
     def uncertainty_ns(self) -> float:
-        """95 % uncertainty of the error, without the clock's."""
+        """95 % uncertainty of the phase error, ns, without the uncertainty of the clock."""
         return 2.0 * self.sigma_ns + self.quantum_error_ns
 
 

@@ -164,7 +164,10 @@ def find_quantum(intervals_ns: Sequence[int]) -> float:
 
 
 def _skewed_step(interval_ns: float) -> float:
-    """Return the coarse step of another clock that divides the interval, in ns of this clock; 0 if none."""
+    """Return the timestamp step, in ns, if an interval is a multiple of a coarse step; 0 otherwise.
+
+    The timestamps may come from a clock of a slightly different rate.
+    """
     for step_ns in KNOWN_STEPS_NS:
         count = round(interval_ns / step_ns)
         if step_ns >= DEGRADED_NS and abs(interval_ns / (count * step_ns) - 1.0) <= CLOCKS_APART:
@@ -179,7 +182,7 @@ def _deviations(intervals_ns: Sequence[int]) -> list[int]:
 
 
 def _keep_to(step_ns: float, offs_ns: Sequence[int]) -> bool:
-    """Whether nearly all deviations are multiples of a step, within the most common interval's jitter."""
+    """Whether nearly all `offs_ns` (deviations of intervals) are multiples of a step, but for jitter."""
     distances_ns = [(abs(off - step_ns * (count := round(off / step_ns))), count) for off in offs_ns]
     zero_ns = [distance_ns for distance_ns, count in distances_ns if not count]
     jitter_ns = median(zero_ns) if zero_ns else 0.0

@@ -90,7 +90,10 @@ class InjectionHistory:
         return max((rows for rows, shift in self._seen if not shift), default=0)
 
     def add(self, rows: int, shift_rows: float, noise_rows: float) -> None:
-        """Add an injection; residuals within the noise of its frames' timestamps are not counted."""
+        """Add an injection and the shift it caused, in rows; `noise_rows` is the noise of the timestamps.
+
+        Residuals within that noise are not counted.
+        """
         self._grain = max(self._grain, noise_rows)
         self._seen.append((rows, shift_rows))
 

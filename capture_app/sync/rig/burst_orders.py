@@ -170,7 +170,7 @@ class Orders:
         del self._busy_until_ns[burst.number]
 
     def _open(self, burst: Burst, now_ns: int, step_ns: int, count: int, *, again: bool = False) -> None:
-        """Start sending triggers to the burst's present cameras, in place of earlier ones."""
+        """Start sending triggers to the burst's present cameras; they replace its earlier triggers."""
         first_ns, number, clients = burst.instants_ns[0], burst.number, frozenset(burst.clients)
         kind = (burst.spare, burst.streamed, burst.video) if count else (0, False, False)
         trigger = Trigger(0, self._leader, number, first_ns, step_ns, count, *kind)

@@ -96,7 +96,7 @@ class LeaderChoice:
         self.due_ns = NEVER_NS
 
     def note_answer(self, address: Address) -> None:
-        """Note that a leader has answered a probe."""
+        """Record that a leader has answered a probe."""
         if address in self._answers:
             self._answered.add(address)
 

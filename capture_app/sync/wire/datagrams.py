@@ -130,7 +130,7 @@ class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):
 
     @property
     def is_possible(self) -> bool:
-        """Whether its values are plausible."""
+        """Whether all values of this configuration are plausible."""
         above = self.upstream
         return MIN_PERIOD_NS <= self.period_ns <= MAX_PERIOD_NS and (above is None or above.is_finite)
 

@@ -16,7 +16,7 @@ from capture_app.tui.question import ListQuestion, TextQuestion
 
 
 def name_question(card: SessionCard) -> TextQuestion:
-    """Return the dialog for a new name."""
+    """Return the dialog that asks for a session's new name."""
 
     def check(name: str) -> str:
         if wrong := _error_of(partial(check_name, name, "session")):

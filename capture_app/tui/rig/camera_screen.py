@@ -78,7 +78,7 @@ class CameraScreen(Dialog[None]):
         self._watch((self._camera,))
 
     def on_screen_suspend(self, _: events.ScreenSuspend) -> None:
-        """Stop the previews; another mode requests its own."""
+        """Stop this screen's previews, unless another mode is shown now, which requests its own."""
         if self.app.current_mode == "rig":
             self._watch(None)
 

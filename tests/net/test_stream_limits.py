@@ -192,7 +192,7 @@ async def trust_and_echo(channel: Channel[Ping]) -> None:
 
 async def test_streams_that_go_on_without_being_known_make_room_too() -> None:
     async with (
-        serving(watch_and_echo, stream_timeouts=StreamTimeouts(first_s=600.0), most=2) as address,
+        serving(watch_and_echo, stream_timeouts=StreamTimeouts(first_s=600.0), max_streams=2) as address,
         await connect(address, Pong) as oldest,
         await connect(address, Pong) as other,
     ):
@@ -209,7 +209,7 @@ async def test_streams_that_go_on_without_being_known_make_room_too() -> None:
 
 
 async def test_where_all_streams_are_in_use_a_further_one_is_refused() -> None:
-    async with serving(trust_and_echo, most=2) as address:
+    async with serving(trust_and_echo, max_streams=2) as address:
         async with await connect(address, Pong) as one, await connect(address, Pong) as two:
             for friend in (one, two):
                 await friend.send(Ping(1))

@@ -186,7 +186,7 @@ async def test_a_node_is_asked_for_what_all_operators_together_want(leader: Lead
 
 async def test_details_that_do_not_come_are_an_error(leader: LeaderNode) -> None:
     link = RigLink(leader.own_address)
-    with pytest.raises(IncompleteError, match="a shows nothing"):
+    with pytest.raises(IncompleteError, match="a has no open stream"):
         await link.ask(OF_A, NodeDetail)
     async with await connect(leader.own_address, FromLeader) as node:
         await node.send(NodeStream(camera="a", instance=NODE, shows=True))
@@ -198,7 +198,7 @@ async def test_details_that_do_not_come_are_an_error(leader: LeaderNode) -> None
             assert [(await one).spool for one in asked] == ["/spool", "/spool"]
         gone = asyncio.ensure_future(link.ask(OF_A, NodeDetail))
         await receive(node, DetailRequest)
-    with pytest.raises(IncompleteError, match="a shows nothing"):
+    with pytest.raises(IncompleteError, match="a has no open stream"):
         await gone
 
 

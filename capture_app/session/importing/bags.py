@@ -9,7 +9,7 @@ child in the parent's coordinates.
 
 import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -238,23 +238,24 @@ def _messages(path: Path, kinds: Collection[str], topics: Sequence[str] = ()) ->
 
 def _open_mcap(path: Path) -> BinaryIO:
     """Open an .mcap none of whose chunks unpacks to more than _MAX_CHUNK. Raises BadInputError, OSError."""
-    stream = open_regular(path)
-    stream.seek(_MAGIC_BYTES)
-    while len(head := stream.read(9)) == 9:
-        kind, length = struct.unpack("<BQ", head)
-        end = stream.tell() + length
-        if kind == _CHUNK:
-            _start, _end, size, _crc, name = struct.unpack("<QQQII", stream.read(32))
-            compression = stream.read(min(name, 16))
-            if max(size, length) > _MAX_CHUNK or _unpacked(compression, stream.read(length)) > _MAX_CHUNK:
-                stream.close()
-                raise BadInputError(
-                    f"{path} has a chunk of over {_MAX_CHUNK >> 20} MiB",
-                    hint=f"write smaller ones: mcap compress {path} --chunk-size 4194304 -o OUT.mcap",
-                )
-        stream.seek(end)
-    stream.seek(0)
-    return stream
+    with ExitStack() as failing:
+        stream = failing.enter_context(open_regular(path))
+        stream.seek(_MAGIC_BYTES)
+        while len(head := stream.read(9)) == 9:
+            kind, length = struct.unpack("<BQ", head)
+            end = stream.tell() + length
+            if kind == _CHUNK:
+                _start, _end, size, _crc, name = struct.unpack("<QQQII", stream.read(32))
+                compression = stream.read(min(name, 16))
+                if max(size, length) > _MAX_CHUNK or _unpacked(compression, stream.read(length)) > _MAX_CHUNK:
+                    raise BadInputError(
+                        f"{path} has a chunk of over {_MAX_CHUNK >> 20} MiB",
+                        hint=f"write smaller ones: mcap compress {path} --chunk-size 4194304 -o OUT.mcap",
+                    )
+            stream.seek(end)
+        stream.seek(0)
+        failing.pop_all()
+        return stream
 
 
 def _unpacked(compression: bytes, rest: bytes) -> int:

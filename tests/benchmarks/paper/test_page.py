@@ -122,7 +122,7 @@ def test_a_folder_that_cannot_be_made_is_told_before_the_work(
     (tmp_path / "file").write_text("")
     out = tmp_path / "file" / "page"
     assert main(["paper", "--out", str(out)]) == ExitCode.BAD_INPUT
-    assert "name a folder" in capsys.readouterr().err
+    assert "choose another folder" in capsys.readouterr().err
 
 
 def test_two_phones_at_the_papers_protocol() -> None:

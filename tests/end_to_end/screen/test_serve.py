@@ -21,7 +21,7 @@ async def test_the_screen_opens_for_its_own_page_only(start: Start, tmp_path: Pa
         printed = await serving.process.stdout.readuntil(b"\n}\n")
     told = json.loads(printed)
     assert (told["leader"], told["sessions"]) == (at, str(tmp_path))
-    assert "controls the rig" in await serving.says("the page shows")
+    assert "can control it" in await serving.says("the page shows")
     url = told["url"]
     page = url.removeprefix("http://")
     async with aiohttp.ClientSession() as browser:

@@ -278,7 +278,7 @@ def test_what_is_said_of_marks_and_grounds(tmp_path: Path, reconstruct: Reconstr
     session, _ = floor_session(tmp_path, LARGE)
     arguments = "calibrate", session.folder, "--from", "session", "--replace"
     mark = "--mark", "left=1,2,3,4"
-    assert "--mark belongs together" in reconstruct(*arguments, *mark).complaint
-    assert "--mark belongs together" in reconstruct(*arguments, "--vertical").complaint
+    assert "--mark needs --distance-m or --vertical" in reconstruct(*arguments, *mark).complaint
+    assert "--mark needs --distance-m or --vertical" in reconstruct(*arguments, "--vertical").complaint
     both = reconstruct(*arguments, *mark, "--vertical", "--ground", session.folder).complaint
     assert "either --vertical or --ground" in both

@@ -78,7 +78,11 @@ def test_every_command_ends_with_a_line_and_an_exit_code(
         ),
         ("calibration: equal poses, all", "calibrate from session", "one pose"),
         ("calibration: two exchanged", "multiview", "the calibrations of left and right are exchanged"),
-        ("calibration: mirrored, one", "multiview", "camera left cannot be right: its rotation is mirrored"),
+        (
+            "calibration: mirrored, one",
+            "calibrate from session",
+            "camera left cannot be right: its rotation is mirrored",
+        ),
         ("calibration: distortion 1e9", "tolerance", "without its distortion the picture would be"),
         ("calibration: no focal length", "stereo", "a focal length of 0 px"),
         ("calibration: translation NaN", "multiview", "not valid JSON"),

@@ -61,7 +61,7 @@ def test_it_comes_before_a_clock_that_was_set_by_hand(tmp_path: Path) -> None:
         coded.record(
             Take(), tmp_path / "c" / f"{phone.name}.mp4", 2, sound=False, metadata=tracks[phone.name]
         )
-    few = ("--times", "video", "--start", "40", "--count", "3")
+    few = ("--times", "video", "--start", "4", "--count", "3")
     assert run(["sessions", "import", str(tmp_path / "c"), "--out", str(tmp_path), "--name", "s", *few]) == 0
     times = Session.open(tmp_path / "s").manifest.burst.common_times
     assert times is not None

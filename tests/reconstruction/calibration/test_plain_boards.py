@@ -281,4 +281,4 @@ def test_what_is_said_of_marks_and_grounds(tmp_path: Path, reconstruct: Reconstr
     assert "--mark needs --distance-m or --vertical" in reconstruct(*arguments, *mark).complaint
     assert "--mark needs --distance-m or --vertical" in reconstruct(*arguments, "--vertical").complaint
     both = reconstruct(*arguments, *mark, "--vertical", "--ground", session.folder).complaint
-    assert "either --vertical or --ground" in both
+    assert "only one of --vertical and --ground" in both

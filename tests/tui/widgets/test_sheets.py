@@ -73,7 +73,7 @@ async def test_a_picture_is_chosen_with_arrows_and_enter_or_two_clicks() -> None
         assert not isinstance(app.screen, LookScreen)
         await pilot.click(ContactSheet, offset=(60, 14))
         await pilot.pause()
-        assert looked_at(app) == ("cam06", 1)
+        assert looked_at(app) == ("cam04", 1)
 
 
 async def test_what_is_missing_late_or_beside_is_said_in_its_place(tmp_path: Path) -> None:

@@ -197,6 +197,8 @@ class Taking:
         """Numbers of the takes for which the leader waits until the rig is ready."""
         self._active: dict[int, BurstStatus] = {}
         """Status of the takes that have begun and are not saved, by number."""
+        self._last_begun = asyncio.Event()
+        """Set when the last ordered take has begun or failed."""
 
     async def __aiter__(self) -> AsyncGenerator[TakeEvent, None]:
         """Take, and yield each event, until all takes are saved or have failed."""
@@ -289,9 +291,12 @@ class Taking:
                 self._events.put_nowait(Moved(number, seen.camera))
                 request = replace(self.plan.request(), at_leader_ns=seen.leader_ns)
             begun_s, over = now(), asyncio.Event()
+            self._last_begun.clear()
             self._order(number, request, over)
             if plan.every_s is not None and plan.on_motion is None:
-                due_s += plan.every_s
+                # Two takes that wait for the rig would begin in any order.
+                await self._last_begun.wait()
+                due_s = (due_s if now() < due_s + plan.every_s else now()) + plan.every_s
             elif number < plan.repeat:
                 await over.wait()
                 due_s = now() + plan.countdown_s
@@ -320,6 +325,7 @@ class Taking:
         self._waiting.discard(number)
         self._active.pop(number, None)
         self._events.put_nowait(event)
+        self._note_begun(number)
         over.set()
 
     async def _wait_until_over(self, number: int, request: BurstRequest) -> BurstStatus:
@@ -347,9 +353,14 @@ class Taking:
         """Report the progress of a take that has begun."""
         self._waiting.discard(number)
         if number not in self._active:
+            self._note_begun(number)
             self._events.put_nowait(Begun(number))
         self._active[number] = status
         self._events.put_nowait(Progress(number, status))
+
+    def _note_begun(self, number: int) -> None:
+        if number == max(self._orders):
+            self._last_begun.set()
 
     async def _find_again(self, number: int, last: BurstStatus, error: NetworkError) -> BurstStatus:
         """Follow a take whose leader is lost by the rig's status: it may continue, or resume on a restart.

@@ -1,5 +1,7 @@
 """Main area of the mode Shoot: live previews, countdown, or contact sheet of the last take."""
 
+from functools import partial
+
 from textual.containers import Vertical
 from textual.content import Content
 from textual.widgets import ContentSwitcher, Digits
@@ -74,8 +76,9 @@ class Stage(ContentSwitcher):
         request = self.grid.request if looking else (self._asked[0], 0.0)
         if request != self._asked and (request[1] or self._asked[1]):
             self._asked = width, fps = request
-            asking = self._rig.want_previews(cameras=None, width=width, fps=fps)
-            self.run_worker(asking, exclusive=True, group="previews")
+            # A coroutine of a worker that is cancelled before it begins would never be awaited.
+            asking = partial(self._rig.want_previews, cameras=None, width=width, fps=fps)
+            self.run_worker(asking, exclusive=True, group="previews")  # type: ignore[arg-type]
 
     def _go_to(self, stage: str, title: str) -> None:
         self.border_title = Content(printable(title))

@@ -137,7 +137,7 @@ def _split_pair(
 def _view(where: str, content: Content) -> View:
     matrix, rotation, translation = (_find(content, keys) for keys in (_MATRIX, _ROTATION, _TRANSLATION))
     if matrix is None or matrix.shape != (3, 3):
-        raise BadInputError(f"{where} has no 3x3 camera matrix", hint=f"looked for {', '.join(_MATRIX)}")
+        raise BadInputError(f"{where} has no 3x3 camera matrix", hint=f"save it as {' or '.join(_MATRIX)}")
     if rotation is None or translation is None:
         raise BadInputError(
             f"{where} has no R and T", hint="give the stereo calibration's file, with R and T"

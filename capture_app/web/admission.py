@@ -83,7 +83,9 @@ class Admission:
         if not secrets.compare_digest(offered, _digest(self.secret)):
             raise UnknownMachineError("This code has expired: scan the one that the leader shows now.")
         if len(self._devices) >= MAX_DEVICES:
-            raise UnknownMachineError(f"{MAX_DEVICES} {self._kind}s are already connected.")
+            raise UnknownMachineError(
+                f"{MAX_DEVICES} {self._kind}s are already connected: disconnect one first."
+            )
         admitted = self._devices[digest] = Admitted(self._free_name(requested_name), digest)
         self._spent[offered] = digest
         self._renew()

@@ -115,7 +115,7 @@ class Dataset:
         if any(after <= before for before, after in pairwise(dataset.instants_ns)):
             raise BadInputError(
                 f"{path} has instants that do not follow each other in time",
-                hint="capture-app sessions verify checks its manifest",
+                hint="restore its session.json from a copy, or import the recording again",
             )
         for camera in dataset.cameras:
             refuse_odd_shape(f"a picture of camera {camera}", *dataset.size(camera))

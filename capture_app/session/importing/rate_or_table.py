@@ -186,7 +186,7 @@ def _parse(where: str, text: str | None, ns: int | None) -> int | None:
     except (ArithmeticError, ValueError):
         raise BadInputError(
             f"{where}: {text!r} is not {'a time' if ns else 'a frame number'}",
-            hint="leave the cell empty for a dropped frame",
+            hint="write a plain number such as 12.5; leave the cell of a dropped frame empty",
         ) from None
 
 

@@ -264,7 +264,7 @@ class ResultScreen(WholeScreen[None]):
 def open_report(widget: Widget, report: Path | None) -> None:
     """Open a report in the browser; over SSH, show its path instead."""
     if report is None or not report.is_file():
-        error = BadInputError("the report no longer exists", hint="run the job again: r")
+        error = BadInputError("the report no longer exists", hint="run the job again: key 4, then r")
         widget.post_message(ActionFailed(error))
         return
     path = report.resolve()

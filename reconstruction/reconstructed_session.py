@@ -134,13 +134,13 @@ class ReconstructedSession(OpenSession):
 
         Raises as `frame` and `Frame.bgr` do, and NotApplicableError if the camera has one frame only.
         """
-        self.frame(camera, instant).bgr()
+        found = self.frame(camera, instant).record
         if len(self._motion.dataset.instants(camera)) < 2:
             raise NotApplicableError(
                 f"{camera} has one frame: motion shows by comparing two",
                 hint="take a burst of several instants",
             )
-        return self._motion.detected_moving(camera, instant)
+        return self._motion.detected_moving(found.camera, found.instant)
 
     def time(self, reference: str | None = None, *, apply: bool = False) -> TimeResult:
         """Measure each camera's time offset by a lamp or motion; `apply` corrects the recording's times."""

@@ -28,7 +28,7 @@ from capture_app.common.timeouts import HANDSHAKE_TIMEOUT_S, IDENTIFY_TIMEOUT_S
 from capture_app.web.admission import Admission, Admitted
 
 MAX_UNKNOWN = 128
-"""Max number of open connections without an admitted device; the newest in excess are closed."""
+"""Max number of open connections without an admitted device; the oldest in excess are closed."""
 MAX_GREETED = 64
 LOOK_EVERY_S = 0.5
 HEARTBEAT_S = 5.0

@@ -9,6 +9,7 @@ import pytest
 from capture_app import SimulshotError, open_session
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.session.format.manifest import BurstRecord
+from capture_app.session.reading.array_access import CameraMatrices
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.session.recorded import record
@@ -148,3 +149,11 @@ def test_a_frame_that_is_not_there_is_named() -> None:
         session.frame("cam99", 0)
     assert "5 cameras, 5 instants" in repr(session)
     assert "cam01, instant 2" in repr(session.frame("cam01", 2))
+
+
+def test_pixels_at_the_border_of_a_wide_lens_are_undistorted() -> None:
+    matrix = np.array([[300.0, 0, 320], [0, 300, 240], [0, 0, 1]])
+    lens = CameraMatrices(matrix, np.array([-0.3, 0.1, 0, 0, -0.01]), np.eye(4), "m")
+    rays = np.array([[1.0, 0.75]])
+    pixels = lens.project(np.column_stack([rays, [1.0]]))
+    np.testing.assert_allclose(lens.undistort_points(pixels), rays, atol=1e-6)

@@ -7,7 +7,6 @@ from os import PathLike
 from pathlib import Path
 from typing import Literal
 
-import cv2
 import numpy as np
 import numpy.typing as npt
 
@@ -171,6 +170,8 @@ class CameraMatrices:
 
     def project(self, points: npt.ArrayLike) -> Numbers:
         """Return the pixels (... x 2) of points (... x 3) in the rig's frame; NaN behind the camera."""
+        import cv2  # slow to import; only these methods need it
+
         points = np.asarray(points, np.float64)
         seen = points @ self.cam_from_rig[:3, :3].T + self.cam_from_rig[:3, 3]
         still = np.zeros(3)
@@ -179,12 +180,19 @@ class CameraMatrices:
 
     def undistort(self, image: Pixels) -> Pixels:
         """Return the image without lens distortion, with the same camera matrix and size."""
+        import cv2
+
         return np.asarray(cv2.undistort(image, self.camera_matrix, self.distortion), np.uint8)
 
     def undistort_points(self, pixels: npt.ArrayLike) -> Numbers:
         """Return pixels (n x 2) as x / z and y / z (n x 2) in the camera's frame."""
+        import cv2
+
         flat = np.asarray(pixels, np.float64).reshape(-1, 1, 2)
-        return np.asarray(cv2.undistortPoints(flat, self.camera_matrix, self.distortion)).reshape(-1, 2)
+        # OpenCV's default of five steps leaves pixels of error at the border of a wide lens.
+        until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-8)
+        found = cv2.undistortPoints(flat, self.camera_matrix, self.distortion, criteria=until)
+        return np.asarray(found).reshape(-1, 2)
 
 
 @dataclass(frozen=True, repr=False)

@@ -1,6 +1,7 @@
 """Take pictures of the same instant with many ordinary cameras.
 
-What Python code calls is here, and loaded when it is first named: docs/python.md.
+What Python code calls is here, and loaded when it is first named: docs/python.md. `__init__.pyi` gives type
+checkers the same names.
 """
 
 import importlib

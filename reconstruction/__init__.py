@@ -1,12 +1,22 @@
 """Reconstruct recorded sessions and compare synchronized with offset frames.
 
-What Python code calls is here, and loaded when it is first named: docs/python.md.
+What Python code calls is here, and loaded when it is first named: docs/python.md. `__init__.pyi` gives type
+checkers the same names.
 """
 
 import importlib
 from typing import Any
 
-_PUBLIC = {"Condition": "session.conditions", "open_session": "reconstructed_session"}
+_PUBLIC = {
+    "CalibrateOptions": "calibration.calibration_run",
+    "CalibrationSource": "calibration.calibration_sources",
+    "CompareOptions": "compare.comparison",
+    "Condition": "session.conditions",
+    "MultiviewOptions": "multiview.instant_model",
+    "PanoramaOptions": "panorama.panorama_run",
+    "StereoOptions": "stereo.stereo_run",
+    "open_session": "reconstructed_session",
+}
 __all__ = list(_PUBLIC)
 
 

@@ -1,2 +1,8 @@
+from reconstruction.calibration.calibration_run import CalibrateOptions as CalibrateOptions
+from reconstruction.calibration.calibration_sources import CalibrationSource as CalibrationSource
+from reconstruction.compare.comparison import CompareOptions as CompareOptions
+from reconstruction.multiview.instant_model import MultiviewOptions as MultiviewOptions
+from reconstruction.panorama.panorama_run import PanoramaOptions as PanoramaOptions
 from reconstruction.reconstructed_session import open_session as open_session
 from reconstruction.session.conditions import Condition as Condition
+from reconstruction.stereo.stereo_run import StereoOptions as StereoOptions

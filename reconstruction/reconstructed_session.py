@@ -21,7 +21,6 @@ from capture_app.session.reading.array_access import OpenSession
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibration_run import CalibrateOptions, CalibrateResult, calibrate
-from reconstruction.calibration.calibration_sources import CalibrationSource
 from reconstruction.common.geometry import Array
 from reconstruction.compare.comparison import CompareOptions, compare
 from reconstruction.multiview.instant_model import FUSED, MultiviewOptions, multiview
@@ -107,26 +106,35 @@ M = TypeVar("M", bound=Made[Any])
 class ReconstructedSession(OpenSession):
     """Open session with the commands of `reconstruct` as methods; `open_session` returns it.
 
-    `out` is the output folder, None for a temporary one. `options` are the fields of the named options class.
+    `out` is the output folder; None = a temporary folder that goes with the result.
     """
 
-    def stereo(self, out: str | PathLike[str] | None = None, **options: Any) -> MadeStereo:
-        """Compute depth from two cameras at one instant. Options: `StereoOptions`."""
-        return _make(MadeStereo, out, lambda folder: stereo(self.folder, folder, StereoOptions(**options)))
+    def stereo(
+        self, options: StereoOptions | None = None, *, out: str | PathLike[str] | None = None
+    ) -> MadeStereo:
+        """Compute depth from two cameras at one instant."""
+        chosen = options or StereoOptions()
+        return _make(MadeStereo, out, lambda folder: stereo(self.folder, folder, chosen))
 
-    def multiview(self, out: str | PathLike[str] | None = None, **options: Any) -> MadeMultiview:
-        """Compute depth of all cameras at one instant. Options: `MultiviewOptions`."""
-        chosen = MultiviewOptions(**options)
+    def multiview(
+        self, options: MultiviewOptions | None = None, *, out: str | PathLike[str] | None = None
+    ) -> MadeMultiview:
+        """Compute depth of all cameras at one instant."""
+        chosen = options or MultiviewOptions()
         return _make(MadeMultiview, out, lambda folder: multiview(self.folder, folder, chosen))
 
-    def compare(self, out: str | PathLike[str] | None = None, **options: Any) -> MadeComparison:
-        """Compare synchronized with offset images. Options: `CompareOptions` and its studies' options."""
-        chosen = CompareOptions.of(**options)
+    def compare(
+        self, options: CompareOptions | None = None, *, out: str | PathLike[str] | None = None
+    ) -> MadeComparison:
+        """Compare synchronized with offset images; `CompareOptions.of` takes the studies' options, too."""
+        chosen = options or CompareOptions()
         return _make(MadeComparison, out, lambda folder: compare(self.folder, folder, chosen))
 
-    def panorama(self, out: str | PathLike[str] | None = None, **options: Any) -> Made[PanoramaResult]:
-        """Stitch the images of one instant. Options: `PanoramaOptions`."""
-        chosen = PanoramaOptions(**options)
+    def panorama(
+        self, options: PanoramaOptions | None = None, *, out: str | PathLike[str] | None = None
+    ) -> Made[PanoramaResult]:
+        """Stitch the images of one instant."""
+        chosen = options or PanoramaOptions()
         return _make(Made[PanoramaResult], out, lambda folder: panorama((self.folder,), folder, chosen))
 
     def moving(self, camera: str, instant: int) -> Array:
@@ -147,12 +155,10 @@ class ReconstructedSession(OpenSession):
         with silence():
             return measure_times(self.folder, reference, apply=apply)
 
-    def calibrate(self, source: str = "sfm", **options: Any) -> CalibrateResult:
-        """Calibrate the cameras and save the calibration in the session. Options: `CalibrateOptions`."""
+    def calibrate(self, options: CalibrateOptions | None = None) -> CalibrateResult:
+        """Calibrate the cameras and save the calibration in the session."""
         with silence():
-            result = calibrate(
-                self.folder, CalibrateOptions(source=CalibrationSource.named(source), **options)
-            )
+            result = calibrate(self.folder, options or CalibrateOptions())
         for stale in ("cameras", "_motion"):
             self.__dict__.pop(stale, None)
         return result

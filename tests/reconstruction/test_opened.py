@@ -13,7 +13,13 @@ from capture_app.common.errors import BadInputError
 from capture_app.console.terminal import talk
 from capture_app.console.usage import silence
 from capture_app.session.reading.array_access import open_session as open_for_pictures
-from reconstruction import open_session
+from reconstruction import (
+    CalibrateOptions,
+    CalibrationSource,
+    PanoramaOptions,
+    StereoOptions,
+    open_session,
+)
 from reconstruction.common.memory import limited_memory, memory_budget
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.session.picture_checksums import checked_pictures, picture_checks
@@ -22,7 +28,7 @@ SAMPLE = Path(__file__).resolve().parents[2] / "sample_sessions" / "jumper"
 
 
 def test_depth_comes_as_arrays_and_without_a_word(capfd: pytest.CaptureFixture[str]) -> None:
-    made = open_session(open_for_pictures(SAMPLE)).stereo(instant=1, pair=("cam00", "cam01"))
+    made = open_session(open_for_pictures(SAMPLE)).stereo(StereoOptions(instant=1, pair=("cam00", "cam01")))
     depth, filled, confidence = made.depth, made.filled, made.confidence
     assert (made.result.reference, made.result.instant, made.result.unit) == ("cam00", 1, "m")
     assert depth.dtype == np.float32
@@ -70,7 +76,8 @@ def test_a_session_at_work_in_another_thread_silences_nobody_else(capfd: pytest.
     said = 0
     with ThreadPoolExecutor(2) as pool:
         work = [
-            pool.submit(open_session(SAMPLE).stereo, instant=k, pair=("cam00", "cam01")) for k in range(2)
+            pool.submit(open_session(SAMPLE).stereo, StereoOptions(instant=k, pair=("cam00", "cam01")))
+            for k in range(2)
         ]
         while not all(one.done() for one in work):
             talk("heard")
@@ -82,7 +89,7 @@ def test_a_session_at_work_in_another_thread_silences_nobody_else(capfd: pytest.
 
 @pytest.mark.slow
 def test_files_are_kept_where_they_are_asked_for(tmp_path: Path) -> None:
-    made = open_session(SAMPLE).panorama(tmp_path / "panorama", instant=1)
+    made = open_session(SAMPLE).panorama(PanoramaOptions(instant=1), out=tmp_path / "panorama")
     picture = made.image(made.result.synced.panorama)
     assert picture.shape == (made.result.synced.height, made.result.synced.width, 3)
     file = tmp_path / "panorama" / made.result.synced.panorama
@@ -97,11 +104,11 @@ def test_a_calibration_that_was_made_is_the_sessions(tmp_path: Path) -> None:
     (folder / "calibration.json").unlink()
     session = open_session(str(folder))
     assert not session.cameras["cam01"].is_calibrated
-    result = session.calibrate(str(SAMPLE), keep=False)
+    result = session.calibrate(CalibrateOptions(source=SAMPLE, keep=False))
     assert result.stored
     assert session.cameras["cam01"].is_calibrated
     with pytest.raises(BadInputError, match="--replace"):
-        session.calibrate("session", keep=False, scale_by_board=True)
+        session.calibrate(CalibrateOptions(source=CalibrationSource.SESSION, keep=False, scale_by_board=True))
 
 
 @pytest.mark.slow
@@ -109,4 +116,4 @@ def test_a_mistake_is_an_error_of_ours(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="no session at"):
         open_session(tmp_path / "none")
     with pytest.raises(BadInputError, match="99"):
-        open_session(SAMPLE).stereo(instant=99)
+        open_session(SAMPLE).stereo(StereoOptions(instant=99))

@@ -16,8 +16,7 @@ from benchmarks.simulated.wireless import (
     wireless,
 )
 from capture_app.common.clock import SimulatedClock
-from capture_app.simulation.exchanges import START_TRUE_NS, exchanges, exchanges_at
-from capture_app.simulation.links import DelayLaw, Link
+from capture_app.simulation.links import START_TRUE_NS, DelayLaw, Link, exchanges, exchanges_at
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.timekeeping import poll_schedule
 

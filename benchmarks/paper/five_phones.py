@@ -15,7 +15,7 @@ from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import IncompleteError
 from capture_app.console.terminal import talk
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
-from capture_app.simulation.exchanges import TURNAROUND_NS
+from capture_app.simulation.links import TURNAROUND_NS
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 
 TRIALS = 100

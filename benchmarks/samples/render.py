@@ -20,7 +20,7 @@ from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.simulation.profiles import find_profile
 from capture_app.simulation.rendering.picture_source import PictureSource, open_picture_source
 from capture_app.simulation.sensor import SensorFrame
-from capture_app.simulation.simulated_camera import SimulatedPicture, encode_truth, stable_seed
+from capture_app.simulation.simulation_driver import SimulatedPicture, encode_truth, stable_seed
 
 Progress = Callable[[int, int], None]
 """Called after each image with the number of images done and the total."""

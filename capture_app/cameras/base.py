@@ -1,10 +1,13 @@
-"""Interface of camera drivers: a stream of timestamped frames and, where supported, phase control."""
+"""Interface of camera drivers, and the base of cameras whose drivers block."""
 
+import asyncio
+import contextlib
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping
+from concurrent.futures import Executor, ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from typing import Protocol, Self
+from typing import Protocol, Self, TypeVar
 
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.camera_facts import CameraFacts, CameraListing, Control, ControlState
@@ -12,6 +15,8 @@ from capture_app.common.clock import HostClock, NodeClock
 from capture_app.common.errors import CameraError
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.sync.wire.camera_commands import CameraCommand
+
+T = TypeVar("T")
 
 
 @dataclass(frozen=True, slots=True)
@@ -138,3 +143,45 @@ class CameraDriver(Protocol):
 
         It does not fail if a package that the driver needs is not installed.
         """
+
+
+class ThreadedCamera(Camera):
+    """A camera with its own worker, so that a busy default executor never delays its calls."""
+
+    _loop: asyncio.AbstractEventLoop
+    _was_started = False
+
+    def __init__(self, name: str, worker: Executor | None = None) -> None:
+        """Create the worker; its threads are named `name`."""
+        self._worker = worker or ThreadPoolExecutor(max_workers=1, thread_name_prefix=name)
+        self._closing = threading.Event()
+
+    def listen(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
+        """Store the callbacks and the running loop that calls them. Raises CameraError the second time."""
+        if self._closing.is_set() or self._was_started:
+            raise CameraError("the camera was started already", hint="open it again")
+        self._loop, self._was_started = asyncio.get_running_loop(), True
+        super().listen(on_frame, on_failure)
+
+    async def stop(self) -> None:
+        """Stop streaming and release the device. Calling it twice is harmless."""
+        if not self._closing.is_set():
+            self._closing.set()
+            await self._let_go()
+            self._worker.shutdown(wait=False)
+
+    @abstractmethod
+    async def _let_go(self) -> None:
+        """Release what the camera holds; `_closing` is set by then."""
+
+    def _in_worker(self, work: Callable[..., T], *arguments: object) -> "asyncio.Future[T]":
+        return asyncio.get_running_loop().run_in_executor(self._worker, work, *arguments)
+
+    def _call_in_loop(self, callback: Callable[..., object], *what: object) -> None:
+        """Have the loop call `callback`; safe from any thread."""
+        with contextlib.suppress(RuntimeError):  # the loop is closed: the process ends
+            self._loop.call_soon_threadsafe(callback, *what)
+
+    def _deliver(self, frame: CapturedFrame) -> None:
+        if not self._closing.is_set():
+            self._on_frame(frame)

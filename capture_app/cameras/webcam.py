@@ -8,10 +8,9 @@ import time
 from collections.abc import Callable, Mapping
 from typing import TYPE_CHECKING
 
-from capture_app.cameras.base import Camera, OnFailure, OnFrame, wait_for_start
+from capture_app.cameras.base import Camera, OnFailure, OnFrame, ThreadedCamera, wait_for_start
 from capture_app.cameras.frames import CapturedFrame, PixelPicture, step_to
 from capture_app.cameras.specs import DEFAULT_FPS, CameraRequest, read_request
-from capture_app.cameras.threaded import ThreadedCamera
 from capture_app.common.camera_facts import CameraFacts, CameraListing, PhaseControl, TimestampSource
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import BadInputError, CameraError

@@ -32,7 +32,7 @@ async def _run(leader: Address, host: str, port: int | None, certificate: Path |
     from capture_app.rig.process import attach
     from capture_app.rig.rig_link import RigLink, ask_status
     from capture_app.web.admission import Admission
-    from capture_app.web.listening import ListeningPage
+    from capture_app.web.paired_page import ListeningPage
 
     await ask_status(leader)
     rig = await attach(leader=leader)

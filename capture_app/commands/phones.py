@@ -77,7 +77,7 @@ async def _run(
     from capture_app.phones.gateway import PhoneGateway
     from capture_app.phones.phone_camera import PhoneNodes
     from capture_app.web.admission import Admission
-    from capture_app.web.listening import ListeningPage
+    from capture_app.web.paired_page import ListeningPage
 
     admission = Admission(time.monotonic)
     page = ListeningPage(admission, host, port, DEFAULT_PORT, certificate)

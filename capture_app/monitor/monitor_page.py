@@ -15,8 +15,7 @@ from capture_app.monitor.feed import MonitorFeed
 from capture_app.rig.rig_link import RigLink
 from capture_app.rig.taking import TakePlan
 from capture_app.web.admission import Admission
-from capture_app.web.listening import ListeningPage
-from capture_app.web.paired_page import PageLink, PairedPage
+from capture_app.web.paired_page import ListeningPage, PageLink, PairedPage
 
 
 class Seen(Struct, frozen=True, tag_field="type", tag="seen"):

@@ -17,8 +17,7 @@ from capture_app.common.errors import NetworkError
 from capture_app.common.timeouts import JOIN_TIMEOUT_S
 from capture_app.net.server import bind_port
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
-from capture_app.simulation.exchanges import START_TRUE_NS, exchanges, read_trace
-from capture_app.simulation.links import Link, ReplayedDelay
+from capture_app.simulation.links import START_TRUE_NS, Link, ReplayedDelay, exchanges, read_trace
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import Joined, LeaderNotice

@@ -30,14 +30,13 @@ from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.key_bindings import HelpScreen, keys_file_text, unknown_names
 from capture_app.tui.library.session_rows import find_samples
 from capture_app.tui.library.sessions_view import SessionsView
-from capture_app.tui.mode import ModeScreen, ModeView
+from capture_app.tui.mode import MODES, ModeScreen, ModeView
 from capture_app.tui.question import Answer, Question
 from capture_app.tui.rig.rig_view import RigView
 from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, SessionsRequested
 from capture_app.tui.screen_settings import KEYS_FILE, Settings
 from capture_app.tui.shoot.shoot_view import ShootView
 from capture_app.tui.themes import DARK, PLAIN, THEMES
-from capture_app.tui.widgets.header import MODES
 from capture_app.tui.widgets.picture import SharpTerminal, find_sharp_terminal
 
 LEAVE, STOP, STAY = "leave", "stop", "stay"

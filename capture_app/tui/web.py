@@ -10,7 +10,7 @@ from aiohttp import web
 from aiohttp.typedefs import Handler
 from textual_serve.server import Server
 
-from capture_app.common.address import ANY_HOST, Address, is_own_page, reachable_host
+from capture_app.common.address import Address, is_own_page, reachable_host
 from capture_app.rig.process import AttachedRig
 
 
@@ -21,7 +21,7 @@ class PageServer(Server):
         """Create the server; browsers may address this machine by its own names or by one of `names`."""
         host, port = listening.getsockname()[:2]
         self._names = names
-        shown = reachable_host(host, listening.family) if host in ANY_HOST else host
+        shown = reachable_host(host, listening.family)
         super().__init__(
             shlex.join((sys.executable, "-m", "capture_app.cli", *rig.screen_arguments)),
             host=host,

@@ -1,4 +1,4 @@
-"""Web server of a page whose devices are admitted by a QR code: files, admission, and a link per device.
+"""Web server of a page whose devices are admitted by a QR code: its address, files, and a link per device.
 
 Connections that have not identified themselves get few resources, for a short time.
 """
@@ -11,6 +11,7 @@ import ssl
 import time
 from abc import ABC, abstractmethod
 from collections.abc import AsyncIterator, Collection, Mapping
+from datetime import UTC, datetime
 from http import HTTPStatus
 from pathlib import Path
 from types import MappingProxyType
@@ -19,13 +20,16 @@ import msgspec
 from aiohttp import web
 from aiohttp.http_exceptions import HttpProcessingError
 from aiohttp.typedefs import Handler
+from platformdirs import user_data_path
 
-from capture_app.common.address import is_own_page
+from capture_app.common.address import Address, is_own_page, listen_tcp, reachable_host
 from capture_app.common.errors import UnknownMachineError
 from capture_app.common.tasks import end
 from capture_app.common.text import UNREADABLE
 from capture_app.common.timeouts import HANDSHAKE_TIMEOUT_S, IDENTIFY_TIMEOUT_S
+from capture_app.protocol.orders import PhoneInvited
 from capture_app.web.admission import Admission, Admitted
+from capture_app.web.certificate import load_certificate, own_certificate
 
 MAX_UNKNOWN = 128
 """Max number of open connections without an admitted device; the oldest in excess are closed."""
@@ -49,6 +53,7 @@ _HEADERS = {
     "Referrer-Policy": "no-referrer",
     "Cache-Control": "no-store",
 }
+_NAMES = web.AppKey("names", Collection[str])
 
 
 def _is_ours(record: logging.LogRecord) -> bool:
@@ -285,9 +290,6 @@ class PairedPage(ABC):
         return socket_
 
 
-_NAMES = web.AppKey("names", Collection[str])
-
-
 @web.middleware
 async def _guard(request: web.Request, handler: Handler) -> web.StreamResponse:
     """Refuse requests from other origins; add headers for precise timers and isolation to responses."""
@@ -304,3 +306,41 @@ async def _guard(request: web.Request, handler: Handler) -> web.StreamResponse:
 async def _say_no_server(request: web.Request, response: web.StreamResponse) -> None:
     """Remove the header that names the server program and its version."""
     response.headers.popall("Server", None)
+
+
+class ListeningPage:
+    """Listening socket with the address and the certificate that devices see."""
+
+    def __init__(
+        self,
+        admission: Admission,
+        host: str,
+        port: int | None,
+        default_port: int,
+        certificate: Path | None = None,
+    ) -> None:
+        """Listen on a port, 0 for any; None: the default one, or any if that is in use.
+
+        `certificate` is a file of the user's; None: one that is created here and stored. Raises NetworkError,
+        BadInputError for a file without a certificate, DiskError.
+        """
+        self.admission = admission
+        self.socket = listen_tcp(host, *((default_port, 0) if port is None else (port,)))
+        shown = reachable_host(host, self.socket.family)
+        self.address = Address(shown, self.socket.getsockname()[1])
+        if certificate is None:
+            folder = user_data_path("simulshot", appauthor=False) / "trust"
+            self._certificate = own_certificate(folder, (shown, socket.gethostname()), datetime.now(UTC))
+        else:
+            self._certificate = load_certificate(certificate)
+        self.tls = self._certificate.server_context()
+        self.names = (host, *self._certificate.names())
+        """Names by which requests may call this machine, besides its own."""
+
+    async def invitation(self) -> PhoneInvited:
+        """Return the page for the next device."""
+        # Read the secret first: it may be a new one, whose validity starts then.
+        url = f"https://{self.address}/#{self.admission.secret}"
+        return PhoneInvited(
+            url=url, fingerprint=self._certificate.fingerprint, good_for_s=self.admission.good_for_s
+        )

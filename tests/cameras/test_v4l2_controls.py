@@ -3,7 +3,7 @@ import errno
 import pytest
 
 from capture_app.cameras.v4l2 import kernel as v4l2
-from capture_app.cameras.v4l2.v4l2_stream import V4L2Camera, read_controls, set_control
+from capture_app.cameras.v4l2.v4l2_driver import V4L2Camera, read_controls, set_control
 from capture_app.common.camera_facts import KELVIN, MICROSECONDS, Control, ControlState, steps_of
 from capture_app.common.errors import CameraError
 from tests.cameras.fake_device import MJPG, PERIOD_NS, FakeDevice

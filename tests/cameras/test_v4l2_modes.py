@@ -11,7 +11,7 @@ import pytest
 from capture_app.cameras.frames import PixelFormat
 from capture_app.cameras.v4l2 import kernel as v4l2
 from capture_app.cameras.v4l2 import v4l2_driver
-from capture_app.cameras.v4l2.driver_errors import driver_error
+from capture_app.cameras.v4l2.kernel import driver_error
 from capture_app.cameras.v4l2.modes import Mode, check_capture, choose_mode, configure, parse_options
 from capture_app.cameras.v4l2.v4l2_driver import list_cameras, open_camera, open_video_node
 from capture_app.common.clock import HostClock

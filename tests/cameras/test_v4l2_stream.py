@@ -11,7 +11,7 @@ import pytest
 
 from capture_app.cameras.frames import CapturedFrame, JpegPicture, PixelFormat, PixelPicture, raw_picture
 from capture_app.cameras.v4l2 import kernel as v4l2
-from capture_app.cameras.v4l2.v4l2_stream import V4L2Camera
+from capture_app.cameras.v4l2.v4l2_driver import V4L2Camera
 from capture_app.common.camera_facts import PhaseControl, TimestampSource
 from capture_app.common.errors import CameraError
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream

@@ -15,7 +15,7 @@ from capture_app.monitor.monitor_page import serving_monitor
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.rig.rig_link import RigLink
 from capture_app.web.admission import Admission
-from capture_app.web.listening import ListeningPage
+from capture_app.web.paired_page import ListeningPage
 from tests.cheap_rig import rig_of
 from tests.waiting import time_limit
 

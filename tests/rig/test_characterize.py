@@ -16,7 +16,7 @@ from capture_app.common.errors import CameraError
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.rig.characterize import Character, common_step, measure_camera, save
 from capture_app.simulation.profiles import PROFILES
-from tests.simulation.simulated_camera.stepped import LoopClock, in_stepped_time
+from tests.simulation.simulation_driver.stepped import LoopClock, in_stepped_time
 
 
 @in_stepped_time

@@ -9,8 +9,7 @@ import pytest
 
 from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay, TroubleSpells, WirelessLink
 from capture_app.common.errors import BadInputError
-from capture_app.simulation.exchanges import read_trace
-from capture_app.simulation.links import Link, ReplayedDelay
+from capture_app.simulation.links import Link, ReplayedDelay, read_trace
 
 MS, S = 1_000_000, 1_000_000_000
 STEADY = GammaDelay(500_000, 500_001, 1.0)

@@ -16,8 +16,7 @@ from benchmarks.simulated.wireless import (
     WirelessLink,
 )
 from capture_app.common.clock import SimulatedClock
-from capture_app.simulation.exchanges import exchanges
-from capture_app.simulation.links import Channel, Direction, Link
+from capture_app.simulation.links import Channel, Direction, Link, exchanges
 
 TRIALS = {300: 30, 1000: 10, 10_000: 2}
 SIGMAS = 4.0

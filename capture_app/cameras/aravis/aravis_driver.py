@@ -1,17 +1,57 @@
-"""Driver of GigE Vision and USB3 Vision cameras: discovery and opening."""
+"""GigE Vision and USB3 Vision cameras: listed, opened, and streamed by one thread.
 
+A worker runs all other calls in order.
+
+Its timestamps come from its own counter and are converted to this machine's monotonic clock; all in ns.
+"""
+
+import contextlib
 import functools
-from collections.abc import Mapping
+import logging
+import threading
+import time
+from collections import deque
+from collections.abc import Callable, Mapping
 
-from capture_app.cameras.aravis.aravis_camera import AravisCamera
-from capture_app.cameras.aravis.aravis_library import PACKAGE, load_aravis
-from capture_app.cameras.aravis.device import KIND, AravisDevice
-from capture_app.cameras.base import Camera
+from msgspec.structs import replace
+
+from capture_app.cameras.aravis.aravis_device import (
+    KIND,
+    PACKAGE,
+    AravisDevice,
+    DeviceFrame,
+    load_aravis,
+    machine_picture,
+)
+from capture_app.cameras.arrival_clock import ArrivalClock
+from capture_app.cameras.base import Camera, DeviceClock, OnFailure, OnFrame, ThreadedCamera
+from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.specs import read_request
-from capture_app.common.camera_facts import CameraListing
+from capture_app.common.camera_facts import (
+    CameraFacts,
+    CameraListing,
+    Control,
+    ControlState,
+    StampAccuracy,
+    StampSource,
+    TimestampSource,
+)
 from capture_app.common.clock import NodeClock
-from capture_app.common.errors import NotAvailableError
+from capture_app.common.errors import CameraError, NotAvailableError
+from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
+from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.wire.camera_commands import CameraCommand, SetFrameDuration
 
+FIRST_READINGS, READING_NS = 16, 1_000_000_000
+"""Number of counter readings before the stream starts, and the interval between later ones."""
+SETTLING_NS, SOON_NS = 3_000_000_000, 100_000_000
+"""Duration for which the counter is read at the shorter interval, until its rate is known."""
+FIRST_FRAME_NS, SILENCE_NS, MAX_WAIT_NS = 5_000_000_000, 3_000_000_000, 200_000_000
+NEAR_NS = 2_000_000_000
+"""If the readings map a stamp this far from its frame's arrival, the stamp is not of that counter."""
+MAX_TRIES = 3
+LATE_NS = 5_000_000
+"""Delay after a frame is due, at which its end is assumed."""
 SPEC = f"{KIND}:ADDRESS[,key=value…]"
 HELP = "GigE Vision and USB3 Vision cameras, by their IP address or serial number."
 NEEDS = f"the aravis library: sudo apt install {PACKAGE}"
@@ -23,6 +63,296 @@ OPTIONS = {
     "format": "pixel format by GenICam's name, such as Mono8 or BayerRG8",
     "row_us": "step that the camera rounds a frame's duration to, where it is coarser than a microsecond",
 }
+
+
+class FrameClock:
+    """Maps frames to host times by arrival alone; base class for counters that allow better estimates."""
+
+    is_readable = False
+    """Whether the counter is read while the camera streams."""
+
+    def add_reading(self, sent_ns: int, counter_ns: int, answered_ns: int) -> None:
+        """Add a counter reading that was taken between two host times."""
+
+    def stamp_ns(self, frame: DeviceFrame) -> int | None:
+        """Return the host's time of a frame; None while it is unknown."""
+        return frame.arrival_ns
+
+    def uncertainty_ns(self, host_ns: int) -> int:
+        """Return the 95 % error of a host time from counter readings; 0 without readings."""
+        return 0
+
+    def accuracy(self, now_ns: int) -> DeviceClock | None:
+        """Return the accuracy of the counter at a host time; None if it is not read."""
+        return None
+
+
+class ArrivalLine(FrameClock):
+    """Clock of a counter that cannot be read: a line fit to its stamps and their arrivals."""
+
+    def __init__(self) -> None:
+        self._clock = ArrivalClock()
+
+    def stamp_ns(self, frame: DeviceFrame) -> int | None:
+        """Return the host's time of a frame, late by the minimum delay of all arrivals."""
+        self._clock.add_arrival(frame.counter_ns, frame.arrival_ns)
+        return self._clock.host_ns(frame.counter_ns)
+
+
+class LatchedClock(FrameClock):
+    """Clock of a counter that can be read: each reading falls between a request and its answer.
+
+    The sync engine's clock filter fits the readings, like time messages between two machines.
+    """
+
+    is_readable = True
+
+    def __init__(self) -> None:
+        self._filter = ClockFilter()
+        self._map: TimeMap | None = None
+
+    def add_reading(self, sent_ns: int, counter_ns: int, answered_ns: int) -> None:
+        """Add a counter reading that was taken between two host times."""
+        self._filter.add(ClockSample(sent_ns, counter_ns, counter_ns, answered_ns))
+        self._map = self._filter.time_map(answered_ns)
+
+    def host_ns(self, counter_ns: int) -> int | None:
+        """Return the host's time of a counter reading; None before the first reading."""
+        return None if self._map is None else self._map.local_from_leader(counter_ns)
+
+    def stamp_ns(self, frame: DeviceFrame) -> int | None:
+        """Return the host's time of a frame's stamp; None before the first reading."""
+        return self.host_ns(frame.counter_ns)
+
+    def uncertainty_ns(self, host_ns: int) -> int:
+        """Return the 95 % error of a host time that `host_ns` returned."""
+        return 0 if self._map is None else round(self._map.uncertainty_at(host_ns))
+
+    def accuracy(self, now_ns: int) -> DeviceClock | None:
+        """Return the accuracy of the counter at a host time; None before the first reading."""
+        if self._map is None:
+            return None
+        bound_ns = round(self._map.hard_bound_at(now_ns))
+        return DeviceClock(uncertainty_ns=self.uncertainty_ns(now_ns), hard_bound_ns=bound_ns)
+
+
+class FrameNumbers:
+    """Converts the transport's frame numbers, of 16 bits without 0 in GigE Vision 1, to a sequence."""
+
+    _CYCLE = 65_535
+
+    def __init__(self) -> None:
+        self._last: int | None = None
+        self._sequence = 0
+
+    def count(self, number: int) -> int | None:
+        """Return a frame's number since the first one; None for a frame that is out of order."""
+        if self._last is not None:
+            step = number - self._last
+            if step < -self._CYCLE // 2 and self._last <= self._CYCLE:
+                step += self._CYCLE
+            if step <= 0:
+                return None
+            self._sequence += step
+        self._last = number
+        return self._sequence
+
+
+_log = logging.getLogger(__name__)
+
+
+class AravisCamera(ThreadedCamera):
+    """A machine-vision camera, connected when it is started: a missing one takes seconds to notice."""
+
+    def __init__(self, connect: Callable[[], AravisDevice], *, silence_ns: int = SILENCE_NS) -> None:
+        """Create the camera; a stream without a frame for `silence_ns` and three periods has failed."""
+        super().__init__(KIND)
+        self._connect = connect
+        self._silence_ns = silence_ns
+        self._fetching: threading.Thread | None = None
+        self._device: AravisDevice
+        self._clock = FrameClock()
+        self._target_ns: deque[int] = deque()
+        """Requested durations, each for one coming frame, that are not yet sent to the camera."""
+        self._restore_at_ns: int | None = None
+        self._numbers = FrameNumbers()
+
+    @property
+    def device_clock(self) -> DeviceClock | None:
+        """Accuracy of the camera's counter against the host's clock; None if it cannot be read."""
+        return self._clock.accuracy(time.monotonic_ns())
+
+    async def controls(self) -> tuple[ControlState, ...]:
+        """Return the current exposure and gain. Raises CameraError."""
+        return await self._in_worker(self._connected.controls)
+
+    async def set_control(self, control: Control, value: float | None) -> None:
+        """Set exposure (µs) or gain to a fixed value; None lets the camera choose. Raises CameraError."""
+        device = self._connected
+        await self._in_worker(device.set_control, control, value)
+        self._facts = self._facts_of(device.facts)
+
+    @property
+    def _connected(self) -> AravisDevice:
+        if not hasattr(self, "_device") or self._closing.is_set():
+            raise CameraError(
+                "the camera is not connected",
+                hint="check its power and cable; capture-app status shows when it is back",
+            )
+        return self._device
+
+    async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
+        """Connect and stream. Raises CameraError if it is missing, busy, refuses or sends no frames."""
+        self.listen(on_frame, on_failure)
+        await self._in_worker(self._open)
+        self._fetching = threading.Thread(target=self._fetch, name="aravis-frames", daemon=True)
+        self._fetching.start()
+
+    async def apply(self, command: CameraCommand) -> None:
+        """Set the time from the next frame to the one after it, once; the exposure is unchanged.
+
+        Raises CameraError for other commands, or if the camera does not stream.
+        """
+        if not isinstance(command, SetFrameDuration):
+            raise CameraError("a machine-vision camera is moved by the duration of its frames only")
+        if self._fetching is None or self._closing.is_set():
+            raise CameraError("the camera does not stream")
+        self._target_ns.append(command.duration_ns)
+
+    async def _let_go(self) -> None:
+        if self._fetching is not None:
+            await self._in_worker(self._fetching.join)
+        await self._in_worker(self._release)
+
+    def _open(self) -> None:
+        device = self._device = self._connect()
+        latched = LatchedClock()
+        readings = [device.read_counter() for _ in range(FIRST_READINGS)]
+        for reading in readings:
+            if reading is not None:
+                latched.add_reading(*reading)
+        device.start(lambda: self._call_in_loop(self._fail, f"{device.address} is not controlled any more"))
+        first, second = self._first_frame(device), self._first_frame(device)
+        reads = len({None if reading is None else reading[1] for reading in readings}) > 1
+        # The first stamp may not be valid yet.
+        by_latch_ns = latched.host_ns(second.counter_ns) if reads else None
+        if by_latch_ns is not None and abs(by_latch_ns - second.arrival_ns) < NEAR_NS:
+            self._clock = latched
+        elif second.counter_ns != first.counter_ns:
+            self._clock = ArrivalLine()
+        self._facts = self._facts_of(device.facts)
+
+    def _first_frame(self, device: AravisDevice) -> DeviceFrame:
+        end_ns = time.monotonic_ns() + FIRST_FRAME_NS
+        while (left_ns := end_ns - time.monotonic_ns()) > 0 and not self._closing.is_set():
+            frame = device.next_frame(left_ns / 1e9)
+            if frame is not None and frame.data is not None:
+                return frame
+        raise CameraError(
+            f"{device.address} is there but sends no whole picture",
+            hint="a firewall that drops UDP, a bandwidth too small, or an exposure of seconds would do that",
+        )
+
+    def _facts_of(self, facts: CameraFacts) -> CameraFacts:
+        """Add to the facts which moment of a frame the timestamps mark, if the device's clock can be read."""
+        if not self._clock.is_readable:
+            return facts
+        # GenICam's SFNC stamps a frame at its start; some cameras stamp the end of its exposure.
+        error_ns = facts.period_ns if facts.exposure_ns is None else facts.exposure_ns
+        stamp = StampAccuracy(
+            bias_ns=0, uncertainty_ns=error_ns, source=StampSource.PROFILE, exposure_ns=facts.exposure_ns
+        )
+        return replace(facts, timestamp_source=TimestampSource.START_OF_EXPOSURE, stamp=stamp)
+
+    def _fetch(self) -> None:
+        """Fetch frames until the camera is stopped or fails; set frame durations as frames arrive."""
+        period_ns = self.facts.period_ns
+        begun_ns = heard_ns = read_ns = fresh_ns = time.monotonic_ns()
+        while not self._closing.is_set():
+            left_ns = period_ns if self._restore_at_ns is None else self._restore_at_ns - time.monotonic_ns()
+            frame = self._device.next_frame(min(max(left_ns, 0), MAX_WAIT_NS) / 1e9)
+            now_ns = time.monotonic_ns()
+            if frame is not None:
+                heard_ns = now_ns
+                self._take(frame)
+            elif now_ns - heard_ns > self._silence_ns + 3 * period_ns:
+                self._call_in_loop(self._fail, f"{self._device.address} sends no pictures any more")
+                return
+            # Only fresh frames time a change. An incomplete frame is delivered only when the next one begins.
+            # Of frames that queued up while this thread was delayed, only the first counts.
+            whole = frame is not None and frame.data is not None
+            fresh = whole and now_ns - fresh_ns > period_ns // 2
+            fresh_ns = now_ns if fresh else fresh_ns
+            self._change_duration(now_ns, fresh=fresh)
+            poll_interval_ns = READING_NS if now_ns - begun_ns > SETTLING_NS else SOON_NS
+            if now_ns - read_ns >= poll_interval_ns and self._clock.is_readable:
+                read_ns = now_ns
+                self._say(self._read_counter)
+
+    def _take(self, frame: DeviceFrame) -> None:
+        sequence = self._numbers.count(frame.number)
+        if frame.data is None or sequence is None:
+            return  # its number is missing from the stream, as with any dropped frame
+        stamp_ns = self._clock.stamp_ns(frame)
+        if stamp_ns is None or abs(stamp_ns - frame.arrival_ns) > NEAR_NS:
+            _log.debug("frame %d has a stamp of another time", frame.number)
+            return
+        facts = self.facts
+        picture = machine_picture(frame.data, (facts.width, facts.height), facts.pixel_format)
+        captured = CapturedFrame(
+            sequence=sequence,
+            stream=0,
+            timestamp_ns=stamp_ns,
+            picture=picture,
+            exposure_ns=facts.exposure_ns,
+            clock_uncertainty_ns=self._clock.uncertainty_ns(stamp_ns),
+        )
+        self._call_in_loop(self._deliver, captured)
+
+    def _change_duration(self, now_ns: int, *, fresh: bool) -> None:
+        """Set the requested duration when a frame has come, and restore the period when the next one has.
+
+        So exactly one frame changes, whether a camera applies a new duration at once or from the next frame.
+        If the next frame is lost in transit, the time at which it was due is used instead.
+        """
+        period_ns, restore_at_ns = self.facts.period_ns, self._restore_at_ns
+        if fresh and self._target_ns:
+            target_ns = self._target_ns.popleft()
+            self._restore_at_ns = now_ns + max(period_ns, target_ns) + LATE_NS
+            self._say(self._set_period, target_ns)
+        elif restore_at_ns is not None and (fresh or now_ns >= restore_at_ns):
+            self._restore_at_ns = None
+            self._say(self._set_period, period_ns)
+
+    def _set_period(self, period_ns: int) -> None:
+        for _ in range(MAX_TRIES):
+            try:
+                self._device.set_period(period_ns)
+                return
+            except CameraError as error:
+                failure = error
+        self._call_in_loop(self._fail, str(failure))
+
+    def _read_counter(self) -> None:
+        try:
+            reading = self._device.read_counter()
+        except CameraError as error:
+            _log.debug("the counter was not read: %s", error)  # the heartbeat detects a lost camera
+            return
+        if reading is not None:
+            self._clock.add_reading(*reading)
+
+    def _say(self, command: Callable[..., None], *arguments: int) -> None:
+        with contextlib.suppress(RuntimeError):  # the worker was shut down
+            self._worker.submit(command, *arguments)
+
+    def _release(self) -> None:
+        if hasattr(self, "_device"):
+            self._device.close()
+
+    def _fail(self, what: str) -> None:
+        if not self._closing.is_set():
+            self._on_failure(CameraError(what, hint="it is tried again; check its power and cable"))
 
 
 def open_camera(address: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:

@@ -9,13 +9,12 @@ from itertools import pairwise
 from statistics import median
 from typing import TYPE_CHECKING, Any
 
-from capture_app.cameras.base import Camera, OnFailure, OnFrame
+from capture_app.cameras.base import Camera, OnFailure, OnFrame, ThreadedCamera
 from capture_app.cameras.frames import CapturedFrame, PixelPicture, step_to
 from capture_app.cameras.rtsp.connection import DISCONNECTED, Connection, VideoStream
 from capture_app.cameras.rtsp.packets import AccessUnit, AccessUnits, reported_ticks
 from capture_app.cameras.rtsp.sender_clock import SenderClock
 from capture_app.cameras.specs import read_request
-from capture_app.cameras.threaded import ThreadedCamera
 from capture_app.common.camera_facts import (
     CameraFacts,
     CameraListing,

@@ -16,7 +16,7 @@ from fractions import Fraction
 from typing import Any
 
 from capture_app.cameras.frames import PixelFormat
-from capture_app.common.errors import NotAvailableError
+from capture_app.common.errors import CameraError, NotAvailableError
 
 CAPABILITY = struct.Struct("<16s32s32sIII12x")
 FORMAT_DESCRIPTION = struct.Struct("<III32s4s16x")
@@ -83,6 +83,25 @@ DISCRETE = 1
 CTRL_FLAG_DISABLED = 0x1
 _MAX_ENTRIES = 512
 _NOT_OFFERED = {errno.EINVAL, errno.ENOTTY}
+_LIST = "`capture-app cameras` lists the cameras"
+_NO_CAMERA = "{path} is not a camera", _LIST
+_NOT_PERMITTED = (
+    "no permission to use {path}",
+    "add yourself to the group `video`: sudo usermod -aG video $USER, then log in again",
+)
+_SILENT = "{path} does not answer any more", "check its plug and cable, then start it again"
+_WORDS = {
+    errno.ENOENT: ("there is no camera {path}", _LIST),
+    errno.EACCES: _NOT_PERMITTED,
+    errno.EPERM: _NOT_PERMITTED,
+    errno.EBUSY: ("{path} is in use by another program", "close it; `fuser -v {path}` names it"),
+    **dict.fromkeys((errno.ENOTTY, errno.EISDIR, errno.ENXIO), _NO_CAMERA),
+    errno.ENOSPC: (
+        "{path} cannot start: the USB bus has no bandwidth left for it",
+        "choose format=MJPG, a smaller size or rate, or another USB port",
+    ),
+    **dict.fromkeys((errno.ENODEV, errno.EIO, errno.ESHUTDOWN, errno.EPROTO, errno.ETIMEDOUT), _SILENT),
+}
 
 
 def request_number(ioctl: str) -> int:
@@ -315,3 +334,13 @@ def _steps(low: int, high: int, step: int = 1) -> range:
 
 def _text(field: bytes) -> str:
     return field.split(b"\0", 1)[0].decode("utf-8", "replace")
+
+
+def driver_error(path: str, error: OSError) -> CameraError:
+    """Convert a driver's error to a message with a remedy."""
+    words = _WORDS.get(error.errno or 0)
+    if words is None:
+        reason = os.strerror(error.errno) if error.errno else str(error)
+        return CameraError(f"{path} failed: {reason}", hint="the kernel log (`dmesg`) may say more")
+    what, hint = words
+    return CameraError(what.format(path=path), hint=hint.format(path=path))

@@ -1,22 +1,59 @@
-"""Driver of USB webcams and other Video4Linux2 cameras: discovery and opening."""
+"""USB webcams and other Video4Linux2 cameras: listed, opened, streamed, controlled and restarted.
 
+Timestamps are the driver's own, in CLOCK_MONOTONIC of the host, and are stored unchanged. The camera's facts
+say which moment of a frame they mark and their delay: uvcvideo claims the start of the exposure, but stamps
+the arrival of a frame's first bytes. Exposure, gain, white balance and focus are the kernel's standard
+controls.
+"""
+
+import asyncio
 import errno
+import logging
+import mmap
 import os
 import stat
 import time
 from collections.abc import Iterator, Mapping
-from contextlib import closing
+from contextlib import closing, suppress
+from dataclasses import dataclass
 from pathlib import Path
 
-from capture_app.cameras.base import Camera
-from capture_app.cameras.v4l2.driver_errors import driver_error
-from capture_app.cameras.v4l2.kernel import VideoDevice
+from msgspec import structs
+
+from capture_app.cameras.base import Camera, OnFailure, OnFrame, ThreadedCamera, wait_for_start
+from capture_app.cameras.frames import CapturedFrame, PixelFormat, picture_from_buffer
+from capture_app.cameras.v4l2 import kernel as v4l2
+from capture_app.cameras.v4l2.kernel import VideoDevice, driver_error
 from capture_app.cameras.v4l2.modes import check_capture, configure, offered_modes, parse_options
-from capture_app.cameras.v4l2.v4l2_stream import V4L2Camera
-from capture_app.common.camera_facts import CameraListing
+from capture_app.common.camera_facts import (
+    KELVIN,
+    MICROSECONDS,
+    CameraFacts,
+    CameraListing,
+    Control,
+    ControlState,
+    PhaseControl,
+    StampSource,
+    TimestampSource,
+    steps_of,
+)
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import CameraError
+from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 
+_UNIT_NS = 100_000
+"""Step of the exposure control."""
+_BUFFERED_NS = 500_000_000
+"""A process can be delayed this long without losing a frame, as long as memory allows."""
+_BUFFER_BYTES = 64 << 20
+_BUFFER_COUNTS = 4, 24
+_FOREIGN_CLOCK_NS = 60_000_000_000
+"""A stamp this far from its frame's arrival is not in this process's monotonic clock."""
+_UVC = "uvcvideo"
+_SOURCES = {
+    v4l2.BUF_FLAG_SOURCE_START_OF_EXPOSURE: TimestampSource.START_OF_EXPOSURE,
+    v4l2.BUF_FLAG_SOURCE_END_OF_FRAME: TimestampSource.END_OF_FRAME,
+}
 SPEC = "v4l2:/dev/videoN[,key=value…]"
 HELP = "USB webcams and other Video4Linux cameras of Linux."
 NEEDS = ""
@@ -30,6 +67,316 @@ VIDEO4LINUX_MAJOR = 81
 """Linux's major number of Video4Linux device nodes."""
 WAKING_TRIES = 5
 WAKING_PAUSE_S = 0.1
+
+
+def read_exposure(device: VideoDevice) -> tuple[int | None, float | None]:
+    """Return exposure in ns and gain in the device's unit; None if the camera chooses them frame by frame."""
+    automatic = device.control("EXPOSURE_AUTO")
+    if automatic not in (None, v4l2.EXPOSURE_MANUAL):
+        return None, None
+    exposure, gain = device.control("EXPOSURE_ABSOLUTE"), device.control("GAIN")
+    return (
+        None if exposure is None else exposure * _UNIT_NS,
+        None if gain is None or device.control("AUTOGAIN") else float(gain),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Control:
+    """A control and the switch that makes it automatic, with the switch's two values."""
+
+    value: str
+    switch: str
+    manual: int = 0
+    automatic: tuple[int, ...] = (1,)
+    """Candidates in order of preference; the first that the driver accepts is used."""
+    unit: str | None = None
+    """None for steps of that model."""
+    scale: float = 1.0
+    """Size of one step, in `unit`."""
+
+
+_CONTROLS = {
+    Control.EXPOSURE: _Control(
+        "EXPOSURE_ABSOLUTE",
+        "EXPOSURE_AUTO",
+        manual=v4l2.EXPOSURE_MANUAL,
+        # Webcams cannot move the aperture and call this "aperture priority"; other cameras call it automatic.
+        automatic=(v4l2.EXPOSURE_APERTURE_PRIORITY, v4l2.EXPOSURE_AUTO),
+        unit=MICROSECONDS,
+        scale=_UNIT_NS / 1000,
+    ),
+    Control.GAIN: _Control("GAIN", "AUTOGAIN"),
+    Control.WHITE_BALANCE: _Control("WHITE_BALANCE_K", "AUTO_WHITE_BALANCE", unit=KELVIN),
+    Control.FOCUS: _Control("FOCUS_ABSOLUTE", "FOCUS_AUTO"),
+}
+
+
+def read_controls(device: VideoDevice, model: str) -> tuple[ControlState, ...]:
+    """Return the controls that the device has."""
+    states = []
+    for control, of in _CONTROLS.items():
+        limits = device.control_range(of.value)
+        if limits is None:
+            continue
+        switch, value = device.control(of.switch), device.control(of.value)
+        states.append(
+            ControlState(
+                control=control,
+                value=None if value is None else value * of.scale,
+                unit=of.unit or steps_of(model),
+                automatic=switch not in (None, of.manual),
+                can_be_automatic=switch is not None,
+                minimum=limits[0] * of.scale,
+                maximum=limits[1] * of.scale,
+            )
+        )
+    return tuple(states)
+
+
+def set_control(device: VideoDevice, control: Control, value: float | None) -> None:
+    """Set a control in its unit to a fixed value; None lets the camera choose.
+
+    Raises CameraError if the device has no such control, OSError from the driver.
+    """
+    of = _CONTROLS[control]
+    if value is None:
+        _set_automatic(device, control, of)
+        return
+    if device.control_range(of.value) is None:
+        raise CameraError(
+            f"{device.path} has no control of its {control}",
+            hint="capture-app cameras controls shows what each camera can set",
+        )
+    if device.control(of.switch) not in (None, of.manual):
+        device.set_control(of.switch, of.manual)
+    device.set_control(of.value, round(value / of.scale))
+
+
+def _set_automatic(device: VideoDevice, control: Control, of: _Control) -> None:
+    switch = device.control(of.switch)
+    if switch is None:
+        raise CameraError(
+            f"{device.path} does not choose its {control} itself",
+            hint=f"give a value: capture-app cameras set {control}=VALUE",
+        )
+    if switch in of.automatic:
+        return
+    for choice in of.automatic[:-1]:
+        with suppress(OSError):
+            device.set_control(of.switch, choice)
+            return
+    device.set_control(of.switch, of.automatic[-1])
+
+
+_log = logging.getLogger(__name__)
+
+
+class V4L2Camera(ThreadedCamera):
+    """A V4L2 camera that streams into mapped buffers; `driver.open_camera` creates one."""
+
+    def __init__(self, device: VideoDevice, layout: PixelFormat, period_ns: int) -> None:
+        """Take over a configured device. Raises OSError, CameraError for an unusable clock."""
+        super().__init__("v4l2")
+        self._device = device
+        self._layout = layout
+        self._command_lock = asyncio.Lock()
+        self._streaming = False
+        self._stream = 0
+        self._clock_checked = False
+        count = device.request_buffers(_buffer_count(layout, period_ns))
+        buffers = [device.query_buffer(index) for index in range(count)]
+        self._memory: list[mmap.mmap] = [device.map(buffer) for buffer in buffers]
+        limits = device.control_range("EXPOSURE_ABSOLUTE")
+        capability = device.capability()
+        self._is_uvc = capability.driver == _UVC
+        self._facts = CameraFacts(
+            kind="v4l2",
+            model=capability.card,
+            width=layout.width,
+            height=layout.height,
+            pixel_format=layout.fourcc,
+            period_ns=period_ns,
+            timestamp_source=_timestamp_source(device.path, buffers[0].flags),
+            phase_control=PhaseControl.RESET,
+            min_exposure_ns=limits[0] * _UNIT_NS if limits else None,
+            max_exposure_ns=limits[1] * _UNIT_NS if limits else None,
+        )
+        self._update_exposure()
+        self._auto_priority = device.control("EXPOSURE_AUTO_PRIORITY")
+        """Original value, restored at release; 0 meanwhile, so that no frame lasts longer in the dark."""
+        self._set_auto_priority(0)
+
+    async def start(self, on_frame: OnFrame, on_failure: OnFailure) -> None:
+        """Start streaming. Raises CameraError if the device is missing, busy, or out of USB bandwidth."""
+        self.listen(on_frame, on_failure)
+        async with self._command_lock:
+            try:
+                await self._in_worker(self._begin_stream)
+            except OSError as error:
+                raise driver_error(self._device.path, error) from error
+            if not self._closing.is_set():
+                self._streaming = True
+                self._listen()
+
+    async def apply(self, command: CameraCommand) -> None:
+        """Restart the stream; the delay counts from this call.
+
+        If stopping takes longer than the delay, whole frame periods are added, so that the start keeps its
+        phase. A device that disconnects meanwhile is reported through `on_failure`.
+        Raises CameraError for any other command, or without a stream.
+        """
+        asked_ns = time.monotonic_ns()
+        if not isinstance(command, RestartStream):
+            raise CameraError(
+                f"{self._device.path} cannot change the length of single frames",
+                hint="restart its stream instead",
+            )
+        async with self._command_lock:
+            if not self._streaming:
+                raise CameraError(f"{self._device.path} does not stream")
+            asyncio.get_running_loop().remove_reader(self._device.fd)
+            try:
+                await self._in_worker(self._restart, asked_ns + command.delay_ns)
+            except OSError as error:
+                self._fail(driver_error(self._device.path, error))
+            if self._streaming:
+                self._listen()
+
+    async def _let_go(self) -> None:
+        if self._streaming:
+            self._streaming = False
+            asyncio.get_running_loop().remove_reader(self._device.fd)
+        await self._in_worker(self._release)
+
+    async def controls(self) -> tuple[ControlState, ...]:
+        """Return the device's controls with their current values; empty after it was stopped."""
+        if self._closing.is_set():
+            return ()
+        return await self._in_worker(read_controls, self._device, self.facts.model)
+
+    async def set_control(self, control: Control, value: float | None) -> None:
+        """Set a control, or let the camera choose it. Raises CameraError if it cannot be set."""
+        if self._closing.is_set():
+            raise CameraError(
+                f"{self._device.path} was stopped", hint="capture-app status shows when it runs again"
+            )
+        try:
+            await self._in_worker(self._set_control, control, value)
+        except OSError as error:
+            raise driver_error(self._device.path, error) from error
+
+    def _set_control(self, control: Control, value: float | None) -> None:
+        set_control(self._device, control, value)
+        self._update_exposure()
+
+    def _update_exposure(self) -> None:
+        """Update the exposure in facts and frames; uvcvideo's timestamps are late by it."""
+        self._exposure_ns, self._gain = read_exposure(self._device)
+        facts = structs.replace(self.facts, exposure_ns=self._exposure_ns)
+        late = structs.replace(facts.assumed_stamp, source=StampSource.PROFILE)
+        self._facts = structs.replace(facts, stamp=late) if self._is_uvc else facts
+
+    def _release(self) -> None:
+        with suppress(OSError):
+            self._device.stream_off()
+        for memory in self._memory:
+            memory.close()
+        self._memory = []
+        self._set_auto_priority(self._auto_priority or 0)
+        self._device.close()
+
+    def _set_auto_priority(self, value: int) -> None:
+        if self._auto_priority:
+            with suppress(OSError):
+                self._device.set_control("EXPOSURE_AUTO_PRIORITY", value)
+
+    def _prepare(self) -> None:
+        self._exposure_ns, self._gain = read_exposure(self._device)
+        for index in range(len(self._memory)):
+            self._device.queue(index)
+
+    def _begin_stream(self) -> None:
+        # In one call: a concurrent stop releases the device after both steps, not between them.
+        self._prepare()
+        self._device.stream_on()
+
+    def _restart(self, start_ns: int) -> None:
+        """Stop, wait until `start_ns` of the monotonic clock, and start; runs in the worker."""
+        self._device.stream_off()
+        self._prepare()
+        if wait_for_start(start_ns, self.facts.period_ns, self._closing, time.monotonic_ns):
+            self._device.stream_on()
+
+    def _listen(self) -> None:
+        self._stream += 1
+        self._clock_checked = False
+        asyncio.get_running_loop().add_reader(self._device.fd, self._drain)
+
+    def _drain(self) -> None:
+        """Take filled buffers from the driver, at most as many as there are."""
+        for _ in self._memory:
+            try:
+                buffer = self._device.dequeue()
+                data = self._memory[buffer.index][: buffer.bytes_used]
+                self._device.queue(buffer.index)
+            except BlockingIOError:
+                return
+            except OSError as error:
+                self._fail(driver_error(self._device.path, error))
+                return
+            self._take(buffer, data)
+            if not self._streaming:
+                return
+
+    def _take(self, buffer: v4l2.Buffer, data: bytes) -> None:
+        picture = None if buffer.flags & v4l2.BUF_FLAG_ERROR else picture_from_buffer(data, self._layout)
+        if picture is None:
+            # Its sequence number is missing from the stream, as with any dropped frame.
+            _log.debug("%s: frame %d came damaged", self._device.path, buffer.sequence)
+            return
+        if not self._clock_checked:
+            if abs(buffer.timestamp_ns - time.monotonic_ns()) > _FOREIGN_CLOCK_NS:
+                self._fail(_foreign_clock(self._device.path))
+                return
+            self._clock_checked = True
+        self._on_frame(
+            CapturedFrame(
+                sequence=buffer.sequence,
+                stream=self._stream,
+                timestamp_ns=buffer.timestamp_ns,
+                picture=picture,
+                exposure_ns=self._exposure_ns,
+                gain=self._gain,
+            )
+        )
+
+    def _fail(self, error: CameraError) -> None:
+        if not self._streaming:
+            return
+        self._streaming = False
+        asyncio.get_running_loop().remove_reader(self._device.fd)
+        self._on_failure(error)
+
+
+def _buffer_count(layout: PixelFormat, period_ns: int) -> int:
+    affordable = _BUFFER_BYTES // max(1, layout.buffer_bytes)
+    min_count, max_count = _BUFFER_COUNTS
+    return max(min_count, min(max_count, affordable, -(-_BUFFERED_NS // period_ns)))
+
+
+def _timestamp_source(path: str, flags: int) -> TimestampSource:
+    """Return the moment that a driver's timestamps mark. Raises CameraError for another clock."""
+    if flags & v4l2.BUF_FLAG_TIMESTAMP_MASK != v4l2.BUF_FLAG_TIMESTAMP_MONOTONIC:
+        raise _foreign_clock(path)
+    return _SOURCES.get(flags & v4l2.BUF_FLAG_SOURCE_MASK, TimestampSource.UNKNOWN)
+
+
+def _foreign_clock(path: str) -> CameraError:
+    return CameraError(
+        f"{path} does not stamp its frames in this machine's monotonic clock",
+        hint="for a USB camera: echo CLOCK_MONOTONIC | sudo tee /sys/module/uvcvideo/parameters/clock",
+    )
 
 
 def open_camera(path: str, options: Mapping[str, str], *, clock: NodeClock, name: str) -> Camera:

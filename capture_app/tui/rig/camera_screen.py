@@ -21,7 +21,6 @@ from capture_app.session.reading.stamp_words import describe_stamp
 from capture_app.tui.question import Dialog
 from capture_app.tui.rig_record import RecordChanged, RigRecord, showing_errors
 from capture_app.tui.signs import SIGNS
-from capture_app.tui.widgets.footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines, fitting, log_lines
 from capture_app.tui.widgets.picture import Picture
 from capture_app.tui.widgets.plots import (
@@ -31,6 +30,7 @@ from capture_app.tui.widgets.plots import (
     wedge_rows,
     wedge_title,
 )
+from capture_app.tui.widgets.whole_screen import KeyFooter
 
 ASK_S = 0.7
 """Interval between detail requests, in seconds."""

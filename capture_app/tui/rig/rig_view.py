@@ -22,8 +22,7 @@ from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.tui.mode import ModeView
 from capture_app.tui.question import Answer, Question
 from capture_app.tui.rig.camera_list import CameraList
-from capture_app.tui.rig.monitor_screen import MonitorServer
-from capture_app.tui.rig.panel_screen import panel_screen
+from capture_app.tui.rig.guide_screens import MonitorServer, panel_screen
 from capture_app.tui.rig.start import StartPanel
 from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, showing_errors
 from capture_app.tui.screen_settings import Settings

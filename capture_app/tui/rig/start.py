@@ -20,7 +20,7 @@ from capture_app.common.text import count, printable
 from capture_app.protocol.orders import VIEWS, AddCamera, AddSimulated, Order
 from capture_app.rig.cameras import list_cameras
 from capture_app.rig.rig_link import RigLink
-from capture_app.tui.rig.join_screen import (
+from capture_app.tui.rig.guide_screens import (
     InviteScreen,
     joining_line,
     phones_screen,

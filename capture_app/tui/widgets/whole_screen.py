@@ -1,10 +1,74 @@
-"""Base class of whole-screen views over a mode: title line, content and key footer."""
+"""Footer with the keys available here, and the base class of whole-screen views over a mode."""
 
+from textual import events
+from textual.binding import Binding
+from textual.content import Content
+from textual.screen import Screen
 from textual.widget import Widget
 
 from capture_app.tui.question import Dialog, Result
-from capture_app.tui.widgets.footer import KeyFooter
 from capture_app.tui.widgets.lines import Lines
+
+FIRST = ("start",)
+"""Actions shown before all others: the remedy of a lost leader."""
+ALWAYS = ("quit", "help")
+"""Actions always shown, at the right: quit, and help with all keys."""
+
+
+class KeyFooter(Lines):
+    """Line of context keys; a click presses the key."""
+
+    DEFAULT_CSS = "KeyFooter { dock: bottom; height: 1; background: $panel; color: $foreground; }"
+
+    def __init__(self) -> None:
+        super().__init__(id="footer")
+        self._spans: list[tuple[int, int, str]] = []
+
+    def on_mount(self) -> None:
+        """Subscribe to changes of the screen's keys."""
+        self.screen.bindings_updated_signal.subscribe(self, self._show)
+
+    def on_resize(self) -> None:
+        """Show the keys that fit the new width."""
+        self._show(self.screen)
+
+    def on_click(self, event: events.Click) -> None:
+        """Press the key that was clicked."""
+        for begin, end, key in self._spans:
+            if begin <= event.x < end:
+                self.app.simulate_key(key)
+
+    def _show(self, screen: Screen[object]) -> None:
+        # With eager tasks (Python 3.12 on), a screen exists before the stack by which its keys are resolved.
+        if not self.is_attached or screen is not self.screen or not screen.is_current:
+            return
+        shown: dict[str, Binding] = {}
+        for _, binding, enabled, _ in screen.active_bindings.values():
+            if binding.show and enabled:
+                shown.setdefault(binding.action, binding)
+        last = [shown.pop(action) for action in ALWAYS if action in shown]
+        right = [self._item(binding) for binding in last]
+        room = self.size.width - sum(item.cell_length for item in right)
+        line, self._spans = Content(""), []
+        for binding in sorted(shown.values(), key=lambda binding: binding.action not in FIRST):
+            item = self._item(binding)
+            if line.cell_length + item.cell_length > room:
+                # The remaining keys are listed in the help, whose key follows.
+                line += "…"[: room - line.cell_length]
+                break
+            line = self._with_key(line, binding, item)
+        line = line.pad_right(room - line.cell_length)
+        for binding, item in zip(last, right, strict=True):
+            line = self._with_key(line, binding, item)
+        self.show([line])
+
+    def _with_key(self, line: Content, binding: Binding, item: Content) -> Content:
+        self._spans.append((line.cell_length, line.cell_length + item.cell_length, binding.key))
+        return line + item
+
+    def _item(self, binding: Binding) -> Content:
+        key = self.app.get_key_display(binding)
+        return Content.assemble((f" {key}", "bold $primary"), (f" {binding.description} ", "$foreground"))
 
 
 class WholeScreen(Dialog[Result]):

@@ -2,7 +2,7 @@
 
 import sys
 
-from capture_app.cameras.aravis.aravis_library import load_aravis
+from capture_app.cameras.aravis.aravis_device import load_aravis
 
 if __name__ == "__main__":
     camera = load_aravis().GvFakeCamera.new(sys.argv[1], sys.argv[2])

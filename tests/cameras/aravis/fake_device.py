@@ -6,8 +6,7 @@ from collections.abc import Callable
 
 from msgspec.structs import replace
 
-from capture_app.cameras.aravis.device import AravisDevice
-from capture_app.cameras.aravis.machine_device import DeviceFrame
+from capture_app.cameras.aravis.aravis_device import AravisDevice, DeviceFrame
 from capture_app.common.camera_facts import (
     MICROSECONDS,
     CameraFacts,

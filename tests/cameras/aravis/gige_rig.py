@@ -18,7 +18,7 @@ from typing import Any
 
 import pytest
 
-from capture_app.cameras.aravis.aravis_library import load_aravis
+from capture_app.cameras.aravis.aravis_device import load_aravis
 from capture_app.common.errors import ExitCode, NotAvailableError
 from capture_app.session.reading.reader import Session
 from tests.net.machines import Machine, machines_on_cables

@@ -6,7 +6,7 @@ from collections.abc import AsyncIterator, Callable
 
 import pytest
 
-from capture_app.cameras.aravis.aravis_camera import AravisCamera, FrameNumbers
+from capture_app.cameras.aravis.aravis_driver import AravisCamera, FrameNumbers
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.specs import open_camera
 from capture_app.common.camera_facts import Control, PhaseControl, StampSource, TimestampSource

@@ -2,7 +2,7 @@
 
 import random
 
-from capture_app.cameras.aravis.aravis_camera import LatchedClock
+from capture_app.cameras.aravis.aravis_driver import LatchedClock
 from capture_app.cameras.arrival_clock import ArrivalClock
 
 ORIGIN_NS, S = 5_000_000_000_000, 1_000_000_000

@@ -4,7 +4,7 @@ import cv2
 import numpy as np
 import pytest
 
-from capture_app.cameras.aravis.machine_device import USABLE_FORMATS, machine_picture, split_format
+from capture_app.cameras.aravis.aravis_device import USABLE_FORMATS, machine_picture, split_format
 from capture_app.cameras.frames import PixelPicture
 
 WIDTH, HEIGHT = 64, 48

@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from typing import Any, cast
 
 from capture_app.cameras.frames import CapturedFrame
-from capture_app.cameras.libcamera.libcamera_camera import LibcameraCamera
+from capture_app.cameras.libcamera.libcamera_driver import LibcameraCamera
 from capture_app.cameras.libcamera.libcamera_library import Library
 from capture_app.cameras.libcamera.libcamera_stream import StampClock
 from capture_app.cameras.specs import CameraRequest
@@ -25,7 +25,7 @@ from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from tests.cameras.libcamera.double import libcamera_double
 from tests.cameras.libcamera.double_camera import Camera, Sensor
-from tests.simulation.simulated_camera.stepped import LoopClock, true_now_ns
+from tests.simulation.simulation_driver.stepped import LoopClock, true_now_ns
 
 
 class Inline(Executor):

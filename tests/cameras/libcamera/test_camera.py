@@ -18,7 +18,7 @@ from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream, Se
 from tests.cameras.libcamera.double import libcamera_double
 from tests.cameras.libcamera.double_camera import IDS, Sensor
 from tests.cameras.libcamera.rig import open_double
-from tests.simulation.simulated_camera.stepped import in_stepped_time, true_now_ns
+from tests.simulation.simulation_driver.stepped import in_stepped_time, true_now_ns
 
 ROW_NS = 18_904
 PI = Sensor()

@@ -13,7 +13,7 @@ import pytest
 from capture_app.common.node_state import NodeState
 from tests.cameras.libcamera.double_camera import Sensor
 from tests.cameras.libcamera.rig import NodeSpec, Rig
-from tests.simulation.simulated_camera.stepped import HOUR_NS, LoopClock, in_stepped_time
+from tests.simulation.simulation_driver.stepped import HOUR_NS, LoopClock, in_stepped_time
 from tests.sync.rig.rigs import LAN
 
 CRYSTALS_PPM = (0.0, 25.0, -30.0, 60.0)

@@ -6,7 +6,7 @@ from math import floor
 import pytest
 
 from capture_app.cameras.libcamera.configuration import typical_period_ns
-from capture_app.cameras.libcamera.libcamera_camera import durations_to_ask_us, find_row_time_us
+from capture_app.cameras.libcamera.libcamera_driver import durations_to_ask_us, find_row_time_us
 
 
 def told_us(row_us: float, asked_us: list[int], *, cut: bool = True) -> list[int]:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from capture_app.cameras.v4l2.driver_errors import driver_error
+from capture_app.cameras.v4l2.kernel import driver_error
 from capture_app.common.camera_facts import CameraListing
 from capture_app.common.clock import HostRate
 from capture_app.common.usb import UsbCamera, usb_cameras

@@ -6,7 +6,7 @@ from urllib.request import urlopen
 
 from capture_app.panel.screen import page_html
 from capture_app.tui.app import SimulshotApp
-from capture_app.tui.rig.join_screen import GuideScreen
+from capture_app.tui.rig.guide_screens import GuideScreen
 from tests.tui.driving import lines, make_app, screen_of, settle, text, until
 from tests.tui.fake_rig import FakeRig
 

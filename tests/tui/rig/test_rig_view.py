@@ -11,7 +11,7 @@ from capture_app.common.node_state import NodeState
 from capture_app.protocol.orders import AddSimulated, RemoveCamera
 from capture_app.protocol.pairing_messages import Invite
 from capture_app.tui.rig.camera_list import CameraList
-from capture_app.tui.rig.join_screen import large
+from capture_app.tui.rig.guide_screens import large
 from capture_app.tui.rig.rig_view import LogPane
 from capture_app.tui.rig_record import RigRecord
 from tests.facts import make_facts

@@ -11,7 +11,7 @@ from capture_app.common.errors import CameraError, UnknownMachineError
 from capture_app.protocol.orders import AddCamera, AddSimulated
 from capture_app.protocol.pairing_messages import Invite
 from capture_app.tui.app import SimulshotApp
-from capture_app.tui.rig.join_screen import joining_line, qr_lines
+from capture_app.tui.rig.guide_screens import joining_line, qr_lines
 from capture_app.tui.rig.start import StartPanel
 from capture_app.tui.screen_settings import Settings
 from tests.tui.driving import lines, make_app, settle, text, toasts

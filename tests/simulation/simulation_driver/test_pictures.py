@@ -11,7 +11,7 @@ import pytest
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.errors import BadInputError, NotAvailableError, SimulshotError
 from capture_app.session.format.calibration import Calibration, CameraCalibration
-from tests.simulation.simulated_camera.stepped import Recorder, frames_of, in_stepped_time, sim
+from tests.simulation.simulation_driver.stepped import Recorder, frames_of, in_stepped_time, sim
 
 
 @in_stepped_time

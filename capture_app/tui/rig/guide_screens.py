@@ -1,21 +1,28 @@
-"""Instructions for adding machines and phones: commands to type, and QR codes."""
+"""Dialogs with instructions and a QR code: for other machines, phones, monitors and a panel."""
 
 import asyncio
 import textwrap
+import time
 from collections import deque
-from collections.abc import Callable, Coroutine
+from collections.abc import Awaitable, Callable, Coroutine
+from contextlib import AsyncExitStack
 from functools import partial
-from typing import ClassVar
+from typing import TYPE_CHECKING, ClassVar
 
 import segno
+from textual.app import App
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal
 from textual.content import Content
 from textual.renderables.digits import DIGITS, DIGITS3X3
 
+from capture_app.common.address import ANY_HOST, Address, listen_tcp, reachable_host
 from capture_app.common.errors import SimulshotError
 from capture_app.common.pairing_codes import show_code
 from capture_app.common.text import printable
+from capture_app.monitor import DEFAULT_PORT as MONITOR_PORT
+from capture_app.panel.screen import DEFAULT_PORT as PANEL_PORT
+from capture_app.panel.screen import served_page
 from capture_app.protocol.orders import (
     InvitePhone,
     PhoneInvited,
@@ -27,12 +34,29 @@ from capture_app.tui.question import BoxDialog
 from capture_app.tui.rig_record import RecordChanged
 from capture_app.tui.widgets.lines import Lines, log_lines
 
+if TYPE_CHECKING:
+    from capture_app.web.paired_page import ListeningPage
+
 DEVICE = "v4l2:/dev/video0"
 QUIET = 2
 """Light margin around the code, in modules; scanning from a screen needs only two."""
 _HALF = {(True, True): "█", (True, False): "▀", (False, True): "▄", (False, False): " "}
 LOOK_EVERY_S = 1.0
 MAX_LOG_LINES = 2
+_PHONE_STEPS = (
+    "1  Scan the code with the phone, and open the page.",
+    "2  The browser warns once that it does not know this machine: choose Advanced, then continue.",
+    "3  Start the camera and allow access. Place the phone and plug it in.",
+)
+_MONITOR_STEPS = (
+    "1  Scan the code with a phone or tablet, and open the page.",
+    _PHONE_STEPS[1],
+    "3  It shows all cameras, and takes. It works until this screen ends.",
+)
+_PANEL_LIMITS = (
+    "An open page keeps running when this is closed. A screen resolves part of its refresh interval "
+    "(16.7 ms at 60 Hz). For microseconds build the LED panel:"
+)
 
 
 def large(code: str) -> list[str]:
@@ -137,30 +161,27 @@ async def _invite(source: RigLink, leader: str, screen: GuideScreen) -> None:
 
 
 def phones_screen(source: RigLink) -> GuideScreen:
-    """Return the dialog with the next phone's QR code, renewed after each phone; the server keeps running."""
-    return GuideScreen("phones", "Phones as cameras", 36, partial(_invite_phones, source))
+    """Return the dialog with the next phone's QR code; the server keeps running when it is closed."""
+    ask = partial(source.ask, InvitePhone(), PhoneInvited)
+    return GuideScreen("phones", "Phones as cameras", 36, partial(_show_codes, ask, _PHONE_STEPS))
 
 
-async def _invite_phones(source: RigLink, screen: GuideScreen) -> None:
+async def _show_codes(
+    ask: Callable[[], Awaitable[PhoneInvited]], steps: tuple[str, ...], screen: GuideScreen
+) -> None:
+    """Show the code of a page for the next device, forever; it changes with each device that joins."""
     screen.show("", ("Preparing the page …", ""))
     shown = ""
     while True:
         try:
-            invited = await source.ask(InvitePhone(), PhoneInvited)
+            invited = await ask()
             if invited.url != shown:
-                show_steps(screen, invited, _PHONE_STEPS, came=bool(shown))
+                show_steps(screen, invited, steps, came=bool(shown))
                 shown = invited.url
         except SimulshotError as error:
             shown = ""
             screen.show("", (str(error), "$warning"))
         await asyncio.sleep(LOOK_EVERY_S)
-
-
-_PHONE_STEPS = (
-    "1  Scan the code with the phone, and open the page.",
-    "2  The browser warns once that it does not know this machine: choose Advanced, then continue.",
-    "3  Start the camera and allow access. Place the phone and plug it in.",
-)
 
 
 def show_steps(screen: GuideScreen, invited: PhoneInvited, steps: tuple[str, ...], *, came: bool) -> None:
@@ -180,3 +201,68 @@ def show_steps(screen: GuideScreen, invited: PhoneInvited, steps: tuple[str, ...
         ),
         (invited.fingerprint, "$foreground-muted"),
     )
+
+
+def panel_screen() -> GuideScreen:
+    """Return the dialog; it serves the panel's page while open, and a loaded page keeps running."""
+    return GuideScreen("panel", "Check the rig with a panel", 40, _serve_panel)
+
+
+async def _serve_panel(screen: GuideScreen) -> None:
+    where = "Open this page full-screen on ONE screen that all cameras see; a phone scans the code:"
+    url = ""
+    async with AsyncExitStack() as serving:
+        try:
+            listening = serving.enter_context(listen_tcp(ANY_HOST[1], PANEL_PORT, 0))
+        except SimulshotError as error:
+            where = f"{error}. Type in a terminal: capture-app panel show"
+        else:
+            await serving.enter_async_context(served_page(listening))
+            host = reachable_host(ANY_HOST[1], listening.family)
+            url = f"http://{Address(host, listening.getsockname()[1])}/"
+        screen.show(
+            url,
+            (f"1  {where}", ""),
+            (f"   {url}", "bold $secondary"),
+            ("2  Take a burst of it: key 2, then Space.", ""),
+            ("3  Read it: key 3, then a, and choose Panel.", ""),
+            ("", ""),
+            (_PANEL_LIMITS, "$foreground-muted"),
+            ("capture-app panel sketch --out panel", "$foreground-muted"),
+        )
+        await asyncio.Event().wait()
+
+
+class MonitorServer:
+    """Server of the monitors of this screen's rig, started when its code is first shown."""
+
+    def __init__(self, source: RigLink, *, local: bool) -> None:
+        self._source, self._local = source, local
+        self._page: ListeningPage | None = None
+
+    def guide(self) -> GuideScreen:
+        """Return the dialog with the QR code for the next monitor; each monitor that joins renews it."""
+        return GuideScreen("monitor", "A monitor in your hand", 36, self._show_codes)
+
+    async def _show_codes(self, screen: GuideScreen) -> None:
+        try:
+            page = self._page or self._start(screen.app)
+        except SimulshotError as error:
+            screen.show("", (str(error), "$warning"))
+        else:
+            await _show_codes(page.invitation, _MONITOR_STEPS, screen)
+
+    def _start(self, app: App[object]) -> "ListeningPage":
+        from capture_app.web.admission import Admission
+        from capture_app.web.paired_page import ListeningPage
+
+        admission = Admission(time.monotonic, "monitor")
+        self._page = page = ListeningPage(admission, ANY_HOST[1], None, MONITOR_PORT)
+        app.run_worker(self._serve(page), group="monitor", exit_on_error=False)
+        return page
+
+    async def _serve(self, page: "ListeningPage") -> None:
+        from capture_app.monitor.monitor_page import serving_monitor  # heavy: a web server
+
+        async with serving_monitor(self._source.another(), page, is_local=self._local):
+            await asyncio.Event().wait()

@@ -9,7 +9,7 @@ from capture_app.common.camera_facts import PhaseControl, TimestampSource
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import BadInputError, CameraError
 from capture_app.sync.wire.camera_commands import InjectFrame, RestartStream
-from tests.simulation.simulated_camera.stepped import (
+from tests.simulation.simulation_driver.stepped import (
     HOUR_NS,
     PERIOD_NS,
     Recorder,

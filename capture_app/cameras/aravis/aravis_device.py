@@ -1,14 +1,25 @@
-"""One machine-vision camera through aravis: setup, counter readings, frames; all calls block."""
+"""One machine-vision camera through the system's aravis library: setup, counter readings, frames.
+
+All calls block. The library is loaded on first use, and its errors become messages for users.
+"""
 
 import contextlib
+import functools
+import importlib
 import time
-from typing import Any
+import warnings
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from functools import partial
+from math import prod
+from typing import TYPE_CHECKING, Any
 
 from msgspec.structs import replace
 
-from capture_app.cameras.aravis.aravis_library import camera_errors, load_aravis
-from capture_app.cameras.aravis.machine_device import USABLE_FORMATS, DeviceFrame
+from capture_app.cameras.frames import PixelPicture, step_to
 from capture_app.cameras.specs import CameraRequest
+from capture_app.cameras.system_packages import load_system_module
 from capture_app.common.camera_facts import (
     MICROSECONDS,
     CameraFacts,
@@ -18,8 +29,36 @@ from capture_app.common.camera_facts import (
     TimestampSource,
     steps_of,
 )
-from capture_app.common.errors import CameraError
+from capture_app.common.errors import CameraError, NotAvailableError
 
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+_CONVERSIONS = {
+    "BayerRG": "COLOR_BayerRGGB2BGR",
+    "BayerGR": "COLOR_BayerGRBG2BGR",
+    "BayerGB": "COLOR_BayerGBRG2BGR",
+    "BayerBG": "COLOR_BayerBGGR2BGR",
+}
+"""OpenCV's conversions by GenICam's Bayer patterns, which name the first two pixels of the first row."""
+USABLE_FORMATS = (
+    *(f"{layout}8" for layout in (*_CONVERSIONS, "RGB", "BGR", "Mono")),
+    *(f"{layout}{bits}" for layout in (*_CONVERSIONS, "Mono") for bits in (16, 12, 10)),
+)
+"""Pixel formats that can be saved, best first; values of more than 8 bits take 16 bits each."""
+PACKAGE = "gir1.2-aravis-0.8"
+PURPOSE = "a GigE Vision or USB3 Vision camera"
+_VERSION = "0.8"
+_ERRORS = {
+    5: ("{} does not answer any more", "check its power and cable, then start it again"),
+    6: (
+        "there is no machine-vision camera {}",
+        "`capture-app cameras` lists the cameras; one that is on has an address in this network",
+    ),
+    10: ("{} is in use by another program", "close it: only one can control a camera"),
+}
+"""Message and hint by the error code of the library's device errors."""
 _WORDS = {Control.EXPOSURE: ("exposure_time", "exposure"), Control.GAIN: ("gain", "gain")}
 """Names of a value in the library's methods, and of the switch that makes it automatic."""
 KIND = "aravis"
@@ -32,6 +71,83 @@ _BUFFERED_NS, _BUFFER_BYTES, _BUFFER_COUNTS = 500_000_000, 256 << 20, (4, 64)
 _SOCKET_BYTES = 8 << 20
 _MARGIN_NS = 100
 """Added to a duration so that it is not rounded down to the step below."""
+
+
+@dataclass(frozen=True, slots=True)
+class DeviceFrame:
+    """One frame as the library delivered it."""
+
+    number: int
+    """Frame number of the transport: 16 bits without 0, or wider."""
+    counter_ns: int
+    """Timestamp by the camera's own counter."""
+    arrival_ns: int
+    """Arrival of its first packet, in the host's monotonic clock."""
+    data: bytes | None
+    """None if packets are missing."""
+
+
+def machine_picture(data: bytes, size: tuple[int, int], pixel_format: str) -> PixelPicture:
+    """Return an image as the camera sent it; `size` is (width, height), `pixel_format` GenICam's name."""
+    return PixelPicture(len(data), partial(_pixels, data, size, pixel_format))
+
+
+def _pixels(
+    data: bytes, size: tuple[int, int], pixel_format: str, min_width: int | None
+) -> "NDArray[np.uint8]":
+    """Return 8-bit pixels as in `PixelPicture.pixels`."""
+    import cv2
+    import numpy as np
+
+    (width, height), (layout, bits) = size, split_format(pixel_format)
+    shape = (height, width, 3) if layout in ("RGB", "BGR") else (height, width)
+    kind = np.dtype("u1" if bits == 8 else "<u2")
+    pixels = np.frombuffer(data, kind, prod(shape)).reshape(shape)
+    picture = pixels if bits == 8 else (pixels >> (bits - 8)).astype(np.uint8)
+    if layout == "RGB":
+        picture = cv2.cvtColor(picture, cv2.COLOR_RGB2BGR)
+    elif layout in _CONVERSIONS:
+        picture = cv2.cvtColor(picture, getattr(cv2, _CONVERSIONS[layout]))
+    step = step_to(width, min_width)
+    return np.asarray(picture, np.uint8)[::step, ::step]
+
+
+def split_format(pixel_format: str) -> tuple[str, int]:
+    """Split a usable format's name into layout and bits, such as BayerRG and 12."""
+    layout = pixel_format.rstrip("0123456789")
+    return layout, int(pixel_format[len(layout) :])
+
+
+@functools.cache
+def load_aravis() -> Any:
+    """Return the library's module. Raises NotAvailableError if it is not installed or does not load."""
+    gi = load_system_module("gi", PACKAGE, PURPOSE)
+    try:
+        gi.require_version("Aravis", _VERSION)
+        with warnings.catch_warnings():
+            # PyGObject's importer uses an older import API than the newest Python.
+            warnings.simplefilter("ignore", ImportWarning)
+            importlib.import_module("gi.repository.GLib")
+            return importlib.import_module("gi.repository.Aravis")
+    except (ImportError, ValueError) as error:
+        raise NotAvailableError(
+            f"{PURPOSE} needs the aravis library, which is not installed",
+            hint=f"on Debian and Raspberry Pi OS: sudo apt install {PACKAGE}",
+        ) from error
+
+
+@contextmanager
+def camera_errors(device: str) -> Iterator[None]:
+    """Convert the library's errors to CameraError while a device is used."""
+    library_error = importlib.import_module("gi.repository.GLib").Error
+    try:
+        yield
+    except library_error as error:
+        if error.domain != "arv-device-error-quark" or error.code not in _ERRORS:
+            hint = "another program, such as arv-viewer, may say more"
+            raise CameraError(f"{device} failed: {error.message}", hint=hint) from error
+        what, hint = _ERRORS[error.code]
+        raise CameraError(what.format(device), hint=hint) from error
 
 
 class DeviceControl:

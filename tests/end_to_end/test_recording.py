@@ -12,6 +12,7 @@ from capture_app.common.errors import ExitCode
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.end_to_end.rig import lead, output
+from tests.node.test_disks import fill, mounted
 from tests.waiting import SLOW_PATIENCE_S, until
 
 from .conftest import TIMEOUT_S, Command, Start
@@ -117,3 +118,29 @@ async def test_a_recording_outlives_its_leader(start: Start, tmp_path: Path) -> 
         assert file.read_bytes().splitlines(keepends=True)[: len(whole)] == whole
     # Nodes record on until they join the leader's successor, and bring that too.
     assert len(session.manifest.images) > sum(map(len, safe))
+
+
+@pytest.mark.slow
+async def test_a_recording_that_a_full_disk_ended_is_whole_at_the_leaders_next_start(
+    start: Start, tmp_path: Path
+) -> None:
+    with mounted(tmp_path / "sessions", "-o", "size=64m") as disk:
+        leader, address = await rig_of_two(start, tmp_path)
+        running = await start("record", "--leader", address, "--json")
+        await running.says("images")
+        lines = disk / "recording-001/videos/rig1/b.frames.ndjson"
+        await until(lambda: lines.is_file() and lines.stat().st_size > 5_000, seconds=SLOW_PATIENCE_S)
+        filling = await asyncio.to_thread(fill, disk)
+        ended = json.loads(await running.finish())
+        assert "the leader's disk is full" in ended["message"]
+        assert ended["received"] < ended["expected"]
+        await leader.kill()
+        filling.unlink()
+
+        await lead(start, disk, at=address)
+        spools = tmp_path / "state/simulshot/spool"
+        await until(lambda: not [*spools.glob("*/*/*.jpg")], seconds=SLOW_PATIENCE_S)
+        await until(lambda: not Session.open(disk / "recording-001").manifest.missing)
+        session = Session.open(disk / "recording-001")
+        assert verify(session) == []
+        assert len(session.manifest.images) == ended["expected"]

@@ -3,7 +3,8 @@
 import asyncio
 import dataclasses
 import functools
-from collections.abc import AsyncIterator, Collection, Iterable, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Mapping, Sequence
+from contextlib import suppress
 from pathlib import Path
 
 from msgspec.structs import replace
@@ -69,6 +70,10 @@ class BurstSession:
         """Trouble: why the leader's disk accepts no images at present; nodes keep them and ask again."""
         self.without = ""
         """Which cameras are left out, and why."""
+        self.order_end: Callable[[], Awaitable[None]] | None = None
+        """Order the cameras to end a streamed burst now; calls `end`."""
+        self._is_broken_off = False
+        """An error of the disk has ended it: cameras have frames until the end that were not saved."""
         deliveries = tuple(deliveries)
         self._writer = writer
         self._disk = disk
@@ -136,9 +141,7 @@ class BurstSession:
     def status(self) -> BurstStatus:
         """Progress of the burst; a burst of an earlier run has no number in this one."""
         done = self.finished.is_set()
-        # A recording's length is unknown until it ends: expect as many as any camera has sent so far.
-        so_far = max((delivery.instants.end for delivery in self._deliveries.values()), default=0)
-        instants = so_far if self.burst.video and not done else self.burst.frames
+        instants = self._recorded_instants if self.burst.video else self.burst.frames
         transfer = tuple(delivery.transfer(instants) for _, delivery in sorted(self._deliveries.items()))
         received, expected = sum(t.received for t in transfer), sum(t.expected for t in transfer)
         message = self.message or ("" if done else self.trouble or self._waiting_text())
@@ -265,7 +268,7 @@ class BurstSession:
         try:
             saving = await self._intake.receive(upload, payload)
         except DiskError as error:
-            self._background.start(self.finish_now(_disk_reason(error)))
+            self._background.start(self._break_off(error))
             raise
         saving.add_done_callback(functools.partial(self._note_saved, delivery, number))
         delivery.note_heard(now_ns, advanced=True)
@@ -280,7 +283,7 @@ class BurstSession:
             # Acknowledged before the session is finished, which takes the disk some time.
             self._background.start(self.finish_if_complete())
         elif isinstance(error, DiskError):
-            self._background.start(self.finish_now(_disk_reason(error)))
+            self._background.start(self._break_off(error))
 
     # Choice of instants, and the plan
 
@@ -319,8 +322,17 @@ class BurstSession:
         """Shorten the burst to the instants of `burst`, as it ends earlier than ordered."""
         self.burst = burst
         self._choice.end(burst)
-        await self._save_plan(self._choice.requested)
+        # On a full disk it is written when the session is finished.
+        with suppress(DiskError):
+            await self._save_plan(self._choice.requested)
         await self.finish_if_complete()
+
+    async def _break_off(self, error: DiskError) -> None:
+        """Finish after an error of the disk; a streamed burst ends now. Its cameras keep what is missing."""
+        if self.order_end is not None and not self._is_broken_off:
+            self._is_broken_off = True
+            await self.order_end()
+        await self.finish_now(_disk_reason(error))
 
     async def give_up_camera(self, name: str, reason: str, *, silent: bool = False) -> None:
         """Stop waiting for a camera; `silent` if it may still have its images."""
@@ -386,24 +398,30 @@ class BurstSession:
         )
 
     def _finish(self) -> Path | None:
+        choice = self._choice
         if self.burst.video:
-            # Without an end, or cut off by one, the burst lasts as long as the longest recording.
-            ends = [n for of in self._deliveries.values() for n in (of.plan.picked or 0, of.instants.end)]
-            instants_ns = self.burst.instants_ns[: max([1, *ends])]
-            self.burst = dataclasses.replace(self.burst, instants_ns=instants_ns)
-            self._choice.end(self.burst)
+            instants_ns = self.burst.instants_ns[: max(1, self._recorded_instants)]
+            choice = InstantChoice(dataclasses.replace(self.burst, instants_ns=instants_ns))
         lost = self._lost or {}
-        missing = [gap for of in self._deliveries.values() for gap in of.missing_images(self._choice, lost)]
-        burst = self._choice.record(self._reported_plans)
+        missing = [gap for of in self._deliveries.values() for gap in of.missing_images(choice, lost)]
+        burst = choice.record(self._reported_plans)
         self.message = result_text(burst, missing)
         silent = any(delivery.silent for delivery in self._deliveries.values())
         if self.is_empty() and self._lost is None and not silent:
             self._writer.discard()
             self.message = f"no image arrived, so no session was made; {self.message}"
             return None
-        return write_manifest(self._writer, self._deliveries, burst, missing)
+        return write_manifest(self._writer, self._deliveries, burst, missing, self._plan)
 
     # Parts
+
+    @property
+    def _recorded_instants(self) -> int:
+        """Length of a recording in instants: unless it was broken off, as many as any camera has sent."""
+        if self._is_broken_off:
+            return self.burst.frames
+        ends = [n for of in self._deliveries.values() for n in (of.plan.picked or 0, of.instants.end)]
+        return min(self.burst.frames, max(ends, default=0))
 
     def _passed(self, now_ns: int) -> int:
         """Return how many instants a camera can have seen by now; the times of an earlier run may differ.
@@ -482,6 +500,7 @@ def write_manifest(
     deliveries: Mapping[str, CameraDelivery],
     burst: BurstRecord,
     missing: Sequence[MissingImage],
+    plan: BurstPlan | None,
 ) -> Path:
     """Finish a session with the images received so far, and return its folder. Blocks on the disk.
 
@@ -494,4 +513,5 @@ def write_manifest(
     writer.images.clocks = {n: of.true_clock for n, of in plans.items() if of.true_clock is not None}
     origin = "simulated" if writer.knows_true_times else "captured"
     note = "" if writer.plan is None else writer.plan.note
-    return writer.finish([of.camera for of in plans.values()], burst, missing, origin, note).folder
+    cameras = [of.camera for of in plans.values()]
+    return writer.finish(cameras, burst, missing, origin, note, plan=plan).folder

@@ -170,12 +170,13 @@ class Intake:
         record, camera, instant = upload.record, upload.camera, upload.record.instant
         if self._in_videos:
             data = b"".join([chunk async for chunk in payload])
-            self._check_open(upload)
             whole = not upload.offset and not upload.truth_bytes and len(data) == record.bytes
             if not whole or hashlib.sha256(data).hexdigest() != record.sha256:
                 raise damaged(record)
             frame = StoredImage(record, data, true_ns=upload.true_ns)
-            return self.find(camera, instant) or self.add(frame)
+            async with self._writing[camera]:
+                self._check_open(upload)
+                return self.find(camera, instant) or self.add(frame)
         partial, arrived = PartialImage(self._writer.folder, upload), self._arrived[camera]
         with closing(partial):
             async with self.interrupted(camera):

@@ -11,9 +11,10 @@ from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.burst.plans import check_machine
 from capture_app.protocol.messages import CameraReport, ImageReceipt, ReportAck
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
-from capture_app.session.format.burst_plan import PLAN, read_plan
+from capture_app.session.format.burst_plan import PLAN, CameraPlan, read_plan
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import Session, is_being_written
+from capture_app.session.writing.recovery import INCOMING
 
 Key = tuple[int, int]
 
@@ -67,12 +68,13 @@ class ResumedBursts:
         session = self._open.get(key)
         if session is not None and not session.finished.is_set():
             return None
-        return await asyncio.to_thread(self._answer_if_whole, key, report.plan.camera.name, pin)
+        return await asyncio.to_thread(self._answer_if_whole, key, report.plan, pin)
 
-    def _answer_if_whole(self, key: Key, camera: str, pin: str) -> ReportAck | None:
+    def _answer_if_whole(self, key: Key, offered: CameraPlan, pin: str) -> ReportAck | None:
         folder = self._find(key)
         if folder is None:
             return None
+        camera = offered.camera.name
         # Check before anything is reopened.
         check_machine(plan := read_plan(folder), camera, pin)
         try:
@@ -84,11 +86,17 @@ class ResumedBursts:
         if len(records) < len(instants) or not all(session.image_file(r).is_file() for r in records):
             return None
         chosen = plan.chosen or tuple(range(len(instants)))
+        requested = chosen if plan.spare else None
+        if plan.streamed is not None:
+            # A recording that was cut off is shorter than ordered: the camera may have more of it.
+            requested = tuple(n for n in offered.instants if n < plan.streamed.count)
+            if offered.picking or not {*requested} <= {record.instant for record in records}:
+                return None
         receipts = (
             ImageReceipt(instant=chosen[r.instant], sha256=r.sha256, bytes=r.bytes, stored=True)
             for r in records
         )
-        return ReportAck(receipts=tuple(receipts), requested=chosen if plan.spare else None)
+        return ReportAck(receipts=tuple(receipts), requested=requested)
 
     async def reopen(self, report: CameraReport, now_ns: int) -> BurstSession:
         """Return the session that a report belongs to, reopened if it was closed.
@@ -112,9 +120,12 @@ class ResumedBursts:
             return await self._resume(key, folder, now_ns)
 
     async def suspend_all(self) -> None:
-        """Suspend all unfinished sessions."""
+        """Suspend all unfinished sessions; write the manifest again of those that were finished before."""
         for session in self.sessions():
-            await session.suspend()
+            if (session.folder / MANIFEST).exists():
+                await session.finish_now("the leader was stopped")
+            else:
+                await session.suspend()
 
     async def _resume(self, key: Key, folder: Path, heard_ns: int) -> BurstSession:
         session = await asyncio.to_thread(BurstSession.resume, folder, heard_ns, self._disk)
@@ -138,5 +149,6 @@ class ResumedBursts:
 def interrupted_folders(root: Path) -> Iterator[Path]:
     """Yield the folders of unfinished bursts that no process writes, oldest first."""
     for plan in sorted(root.glob(f"*/{PLAN}")):
-        if not (plan.parent / MANIFEST).exists() and not is_being_written(plan.parent):
+        is_finished = (plan.parent / MANIFEST).exists() and not (plan.parent / INCOMING).exists()
+        if not is_finished and not is_being_written(plan.parent):
             yield plan.parent

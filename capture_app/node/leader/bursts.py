@@ -2,6 +2,7 @@
 
 import asyncio
 import dataclasses
+import functools
 from bisect import bisect_right
 from collections import deque
 from collections.abc import AsyncGenerator, Mapping
@@ -244,6 +245,7 @@ class ActiveBursts:
             raise
         facts = {member.name: member.camera for member in self._engine.roster.by_name()}
         session = BurstSession.begin(burst, facts, writer, self._disk, short_timeouts=self._silent)
+        session.order_end = functools.partial(self._end, session) if order.streamed else None
         self._bursts[number] = self.newest = session
         session.without = "; ".join(f"without {name}: {why}" for name, why in without.items())
         self._background.start(self._follow(session))

@@ -14,11 +14,12 @@ from typing import Any, Self
 import msgspec
 
 from capture_app import __version__
-from capture_app.common.errors import BadInputError, DiskError, IncompleteError, SimulshotError
+from capture_app.common.errors import BadInputError, DiskError, IncompleteError, SimulshotError, TryAgainError
 from capture_app.common.names import check_name
 from capture_app.session.files.disk import disk_errors, make_new_folder, reserve
 from capture_app.session.files.durable import (
     AppendOnlyFile,
+    make_folders,
     sync_all,
     sync_folder,
     write_atomic,
@@ -47,7 +48,7 @@ from capture_app.session.reading.checksums import write_checksums
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.image_store import ImageStore, StoredImage
 from capture_app.session.writing.instant_set import InstantSet
-from capture_app.session.writing.recovery import RESERVE, remove_leftovers
+from capture_app.session.writing.recovery import INCOMING, RESERVE, remove_leftovers
 from capture_app.session.writing.video_store import VideoStore
 
 RESERVED_BYTES = 1 << 16
@@ -166,7 +167,12 @@ class SessionWriter:
         Raises BadInputError if another process is writing it, or if it has no plan.
         """
         plan = read_plan(folder)
-        return cls(folder, plan.name, plan.created, plan.software)
+        writer = cls(folder, plan.name, plan.created, plan.software)
+        if (folder / MANIFEST).exists():
+            # After a crash this folder says that the manifest has to be written again.
+            with disk_errors(folder):
+                make_folders(folder / INCOMING, folder)
+        return writer
 
     def set_plan(self, plan: BurstPlan) -> None:
         """Save the plan of the burst durably; from then on the session can be resumed after a crash.
@@ -259,10 +265,13 @@ class SessionWriter:
         missing: Iterable[MissingImage] = (),
         origin: str = "captured",
         note: str = "",
+        *,
+        plan: BurstPlan | None = None,
     ) -> Session:
         """Write the manifest, which makes the session complete, and open the session.
 
-        `origin` is captured, simulated or imported; entries of `missing` that exist are dropped. A camera
+        `origin` is captured, simulated or imported; entries of `missing` that exist are dropped. `plan` is
+        saved if a full disk did not take it before. A camera
         whose record is not valid is left out: its files are set aside, and the note names it. Raises
         BadInputError if the records contradict each other or no camera is valid; nothing is written then.
         """
@@ -292,6 +301,9 @@ class SessionWriter:
             )
             data = encode_manifest(self.folder, manifest, self.videos.in_order(burst.instants_ns))
             remove_leftovers(self.folder)
+            if plan is not None and plan != self.plan:
+                # There is room for it now: the reserved space is free.
+                write_atomic(self.folder / PLAN, indented(encode_checked(plan)))
             write_manifest(self.folder, data, (*self.images.write_truth(), self.folder / EVENTS))
             self._close()
         return Session.open(self.folder)
@@ -336,7 +348,7 @@ class SessionWriter:
     def _writing(self) -> Iterator[None]:
         with self._mutex:
             if not self._open:
-                raise BadInputError(f"{self.folder} is closed: nothing can be added any more")
+                raise TryAgainError(f"{self.folder} is closed: nothing can be added any more")
             with disk_errors(self.folder):
                 yield
 

@@ -129,7 +129,7 @@ class Checkerboard(Squares):
 
     @property
     def is_ambiguous(self) -> bool:
-        """Whether it looks the same after a rotation by 180 degrees, as its outer squares have one colour."""
+        """Whether the board looks the same after half a turn: opposite corner squares have one colour."""
         return (self.across + self.down) % 2 == 0
 
     @property

@@ -62,7 +62,7 @@ class SharedViews(Struct, frozen=True, kw_only=True):
 
 
 class BoardCoverage(Struct, frozen=True, kw_only=True):
-    """Coverage so far; `missing` is what to do next, most urgent first."""
+    """Coverage of a rig's images so far; `missing` lists what to do next, most urgent first."""
 
     cameras: dict[str, CameraCoverage]
     shared: tuple[SharedViews, ...]
@@ -88,7 +88,7 @@ class _View:
 
 
 class _CameraCount:
-    """What one camera has seen of the board: distinct poses, and the corners in each part of the image."""
+    """Views of the board in one camera so far: distinct poses, and the corners in each part of the image."""
 
     def __init__(self) -> None:
         self.views: list[_View] = []

@@ -1,4 +1,4 @@
-"""Pages to print at true size as SVG or PDF, with a bar to check the printer's scale; a page with a board.
+"""Pages to print at true size, as SVG or PDF, with a bar that reveals a wrong scale; the page of a board.
 
 Lengths are in millimetres from the page's upper left corner. Everything is drawn as rectangles and text, so
 that both formats have the same content.
@@ -52,7 +52,7 @@ class Page:
         self._foot = self.top + size[1] + 5.0
 
     def add_foot(self, *texts: str) -> None:
-        """Draw the bar below the drawing, and lines of text below the bar."""
+        """Add the bar that reveals a wrong scale below the drawing, and lines of text below the bar."""
         top = self._foot
         self.black.append((self.left, top + 3.0, BAR_MM, 1.0))
         for number in range(int(BAR_MM / 10) + 1):

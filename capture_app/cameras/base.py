@@ -67,7 +67,7 @@ class Camera(ABC):
 
     @property
     def calibration(self) -> CameraCalibration | None:
-        """Intrinsics and pose if they are known by construction, as for a rendered view; else None."""
+        """Intrinsics and pose if they are known exactly, as for a rendered view; else None."""
         return None
 
     @property

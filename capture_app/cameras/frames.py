@@ -30,7 +30,7 @@ class FramePicture(Protocol):
         """Return the image file's bytes (JPEG). May take a second: call it off the event loop."""
 
     def reduced(self, width: int) -> "NDArray[np.uint8]":
-        """Return the image, BGR uint8 (H, W, 3), at least about `width` pixels wide; the cheapest such size.
+        """Return the image, BGR uint8 (H, W, 3), in the cheapest size that is at least about `width` px wide.
 
         Raises ValueError for an image that cannot be decoded. Call it off the event loop.
         """

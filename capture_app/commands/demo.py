@@ -165,7 +165,7 @@ async def compare(session: Path, out: Path, talk: Talk) -> dict[str, Any]:
 
 
 def measure_sync_errors(session: "Session") -> SyncErrors:
-    """Return the worst error of each camera in a simulated session, against its ground truth.
+    """Return each camera's errors at its worst image in a simulated session, against the ground truth.
 
     The leader's clock is the host's, which is the true time. Raises BadInputError where the session has no
     ground truth.

@@ -206,7 +206,7 @@ async def _run_leader(
 
 
 def _offer_codes(node: "LeaderNode", host: str, *, on_terminal: bool) -> None:
-    """Say how other machines become known; at a terminal Enter shows a code for the next one."""
+    """Print how to pair other machines; at a terminal, Enter shows a pairing code for the next one."""
     if node.options.trust.is_open:
         talk("OPEN: anyone who reaches this port can see and control everything (--open)")
         return

@@ -46,10 +46,10 @@ def pairing_options(command: F) -> F:
 
 
 def make_known(leaders: Sequence[Address], pin: str | None, code: str | None) -> None:
-    """Make this machine and its leaders known to each other, as far as they answer and a person helps.
+    """Pair this machine with those `leaders` that answer and need it; asks for a code at a terminal.
 
-    A leader that does not answer yet is waited for by the node itself, which then says what to do.
-    Raises UnknownMachineError where `code` is not the code.
+    `pin` is the leader's pin to trust, `code` a one-time code. A leader that does not answer is left to the
+    node, which waits for it and prints the instructions. Raises UnknownMachineError for a wrong `code`.
     """
     from capture_app.rig import membership
 
@@ -72,7 +72,7 @@ def make_known(leaders: Sequence[Address], pin: str | None, code: str | None) ->
 
 
 def _introduce(leader: Address, code: str | None) -> None:
-    """Make this machine known by the code, which is good once, or by one that a person is asked for."""
+    """Pair this machine with a leader by the one-time code, or by one asked for at the terminal."""
     if code is not None:
         pair_with(leader, code)
     elif sys.stdin.isatty():
@@ -82,7 +82,7 @@ def _introduce(leader: Address, code: str | None) -> None:
 
 
 def pair_with(leader: Address, code: str) -> tuple[Role, ...]:
-    """Make this machine known to a leader by a code, say so, and return what it may do there."""
+    """Pair this machine with a leader by a code, print the result, and return the machine's roles there."""
     from capture_app.rig.membership import pair
 
     roles = asyncio.run(pair(leader, code))
@@ -91,7 +91,7 @@ def pair_with(leader: Address, code: str) -> tuple[Role, ...]:
 
 
 def ask_and_pair(leader: Address) -> tuple[Role, ...]:
-    """Ask for codes at the terminal until one is right, and return what this machine may do there."""
+    """Ask for codes at the terminal until one is right, and return this machine's roles there."""
     while True:
         code = click.prompt("Pairing code, 8 digits", type=CODE, err=True)
         try:
@@ -101,7 +101,7 @@ def ask_and_pair(leader: Address) -> tuple[Role, ...]:
 
 
 def joining_command(leader: str, role: Role, code: str) -> str:
-    """Return the line that is typed on the machine that shall join."""
+    """Return the command to type on the machine that is to join the leader."""
     if role is Role.CAMERA:
         return f'capture-app node --leader {leader} --camera SPEC --code "{show_code(code)}"'
     if role is Role.RELAY:
@@ -113,9 +113,10 @@ def joining_command(leader: str, role: Role, code: str) -> str:
 async def inviting_phones(
     ask: Callable[[], Awaitable["PhoneInvited"]], as_json: bool
 ) -> AsyncGenerator[None, None]:
-    """Show the invitation of the next phone, and each new one, until the block ends.
+    """Show the address and QR code for the next phone, and each new one, until the block ends.
 
-    Raises what `ask` raises at first; later it is asked again.
+    `ask` returns the current invitation. Its first error is raised; later ones are ignored, and it is asked
+    again.
     """
     shown = await ask()
     _show_phone_code(shown, as_json)
@@ -139,7 +140,7 @@ async def inviting_phones(
 
 
 def _show_phone_code(invited: "PhoneInvited", as_json: bool) -> None:
-    """Show a phone's page, at a terminal as a QR code too."""
+    """Print the address of the page for the next phone; at a terminal also its QR code."""
     if as_json:
         result = {"url": invited.url, "fingerprint": invited.fingerprint, "good_for_s": invited.good_for_s}
         print_json_line({"event": "invitation", **result})

@@ -159,7 +159,10 @@ def _lines(figures: "LinkFigures") -> Iterator[str]:
 
 
 def require_plots(folder: Path) -> None:
-    """Make the folder of figures before any work is done. Raises NotAvailableError, BadInputError."""
+    """Check before the measurement that figures can be drawn into a folder, and create it.
+
+    Raises NotAvailableError without matplotlib, BadInputError if the folder cannot be created.
+    """
     load_optional("matplotlib", "plots", "drawing figures")
     try:
         folder.mkdir(parents=True, exist_ok=True)

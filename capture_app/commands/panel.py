@@ -92,7 +92,7 @@ def _as_json(times: "SessionTimes", errors: "RigErrors") -> dict[str, Any]:
 
 
 def _words(times: "SessionTimes", errors: "RigErrors") -> dict[str, Any]:
-    """Return verdict, tables and notes as the terminal and the screen show them."""
+    """Return the verdict, tables and notes of a panel reading, as the terminal and the screen show them."""
     name = times.panel.name
     apart = f"{name}: time differences (phase: by timestamps; clock: the rest)"
     tables = [(apart, _APART, _apart(errors)), (f"{name} in the pictures", _SEEN, _seen(times))]

@@ -104,10 +104,10 @@ def _line_of(event: "TakeEvent", plan: "TakePlan") -> str:
 async def take(
     link: "RigLink", plan: "TakePlan", ended: "list[TakeEnd]", *, silent: bool, detach: bool = False
 ) -> None:
-    """Take, report the progress on stderr, and append the last event of each take to `ended`.
+    """Run a take plan, report its progress on stderr, and append the last event of each take to `ended`.
 
     Each session and its verdict are printed, unless `silent`. With `detach` it returns when the take has
-    begun. The first Ctrl-C ends a recording, the second no longer waits until it is saved.
+    begun. The first Ctrl-C ends a recording; the second stops waiting until it is saved.
     """
     from capture_app.rig import taking
 
@@ -154,7 +154,7 @@ def _verdict_of(ended: "TakeEnd") -> "Verdict | None":
 
 
 def _records(ended: "list[TakeEnd]") -> list[dict[str, Any]]:
-    """Return the JSON records of the takes that had begun."""
+    """Return the JSON records of those ended takes that had begun at the leader."""
     return [{**asdict(one.status), "verdict": _verdict_of(one)} for one in ended if one.status is not None]
 
 

@@ -96,9 +96,9 @@ def is_own_page(host: str, origin: str | None, names: Collection[str] = ()) -> b
 
 
 def listen_tcp(host: str, *ports: int) -> socket.socket:
-    """Return a socket that listens on the first free port of these; port 0 takes any.
+    """Return a socket that listens on the first free one of `ports`; port 0 selects any free port.
 
-    Raises NetworkError about the last port.
+    Raises NetworkError, about the last port, if none is free.
     """
     *first, last = ports
     family = socket.AF_INET6 if ":" in host else socket.AF_INET

@@ -54,7 +54,7 @@ class HostClock:
     """The host's monotonic clock, unchanged."""
 
     def local_from_true(self, true_ns: int) -> int:
-        """Return the same time, in ns."""
+        """Return `true_ns` itself: this clock is the true time."""
         return true_ns
 
     def true_from_local(self, local_ns: int) -> int:

@@ -104,7 +104,7 @@ def reading(path: object) -> Iterator[None]:
 
 @contextmanager
 def ungrouped_errors() -> Iterator[None]:
-    """Raise the first SimulshotError of an exception group, as of concurrent tasks, by itself.
+    """Convert an exception group of SimulshotErrors, as concurrent tasks raise, to its first error.
 
     A group with other errors is raised unchanged. The error is not raised in an `except*` clause: before
     Python 3.11.4 that would put it into a group again.

@@ -17,7 +17,7 @@ def plugin_names(group: str) -> tuple[str, ...]:
 
 
 def load_plugin(group: str, name: str, *attributes: str) -> Any:
-    """Import one plugin and check that it has these attributes.
+    """Import one plugin and check that it has all of `attributes`.
 
     Raises:
         BadInputError: no installed package has a plugin of this name.

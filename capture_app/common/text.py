@@ -101,6 +101,6 @@ class ProgressStep:
 
     @classmethod
     def parse(cls, line: str) -> Self | None:
-        """Parse such a line; return None for any other."""
+        """Parse a progress line such as `[3/9] stereo cam00-cam01`; return None for any other line."""
         found = _PROGRESS.match(line)
         return cls(int(found[1]), int(found[2]), found[3]) if found else None

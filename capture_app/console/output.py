@@ -124,7 +124,7 @@ def wait_for_no_reader() -> None:
 
 
 def finish_output() -> None:
-    """Give the reader a moment to take the rest, and make writes blocking again."""
+    """Give the reader a moment to read the queued output, and make writes blocking again."""
     for name, (stream, output) in tuple(_before.items()):
         output.finish()
         _put(name, stream)

@@ -44,9 +44,9 @@ class _Options(ExportOptions):
 def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
     """Write <session>.mcap with the topics /<camera>/image, and /<camera>/calibration and /tf if calibrated.
 
-    log_time and publish_time are an image's leader_ns. JPEG and PNG images are the session's own bytes,
-    others are converted to PNG. The manifest and the calibration are attached. With `ros` it is <session>/, a
-    bag for `ros2 bag play`.
+    log_time and publish_time are an image's leader_ns. JPEG and PNG images keep the session's own bytes,
+    others are converted to PNG. The manifest and the calibration are attached. With the option `ros`, write
+    the folder <session>/ instead, a bag for `ros2 bag play`.
     """
     (_write_bag if options.ros else _write_foxglove)(burst, folder, burst.calibration)
 

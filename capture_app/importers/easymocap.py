@@ -38,7 +38,7 @@ def _is_easymocap(path: Path) -> bool:
 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
-    """Read both files of a folder, given it or one of them. Raises BadInputError if something is missing."""
+    """Read intri.yml and extri.yml, given their folder or one of them. Raises BadInputError."""
     path = paths[0][1]
     if not _is_easymocap(path):
         return None

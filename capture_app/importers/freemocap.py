@@ -62,7 +62,7 @@ def _tables(videos: Path, named: dict[str, Path]) -> dict[str, Path]:
 
 
 def _timeline(tables: dict[str, Path]) -> Timeline:
-    """Match frames of equal number to one instant, each with its own time."""
+    """Group the cameras' frames of equal number into one instant each; every frame keeps its own time."""
     cameras = {name: _read(path) for name, path in tables.items()}
     by_number: dict[int, dict[str, TimedFrame]] = {}
     for name, frames in cameras.items():

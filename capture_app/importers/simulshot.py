@@ -92,7 +92,7 @@ def _open_export(folder: Path, png: bool) -> Layout:
 
 
 def _in_order(rows: Mapping[Place, tuple[Path, int]]) -> dict[Place, int]:
-    """Return each place's frame index within its camera, from frame numbers that count across cameras."""
+    """Return the frame index of each (camera, instant) within its camera, from numbers across all cameras."""
     seen: Counter[str] = Counter()
     places = {}
     for at in sorted(rows, key=lambda at: rows[at][1]):
@@ -120,7 +120,7 @@ def _layout(
 
 
 def _rows(folder: Path) -> dict[Place, tuple[Path, int]]:
-    """Return the file, and the frame number in it, of every place in the export."""
+    """Return the file, and the frame number in it, of every (camera, instant) in the export."""
     path = folder / FRAMES
     try:
         return {

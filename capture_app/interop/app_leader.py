@@ -109,7 +109,7 @@ class AppLeader:
         self._out.append((encode_call(Method.HEARTBEAT_ACK, call[1]), (host, CALL_PORT)))
 
     def _receive_answer(self, data: bytes, address: Address, now_ns: int) -> None:
-        """Handle a time reply received at `now_ns`."""
+        """Handle a phone's reply to a time request, received at `now_ns`."""
         phone = self._phones.get(address[0])
         if phone is not None and not phone.lost and len(data) == TIME_ANSWER.size:
             t0_ns, t1_ns, t2_ns = TIME_ANSWER.unpack(data)

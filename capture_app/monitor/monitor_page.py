@@ -25,7 +25,7 @@ class Seen(Struct, frozen=True, tag_field="type", tag="seen"):
 
 
 class Look(Struct, frozen=True, tag_field="type", tag="look"):
-    """Look at a camera closely; empty: at none."""
+    """Request larger pictures of one camera; an empty name ends them."""
 
     camera: str = ""
 
@@ -109,7 +109,7 @@ class _Monitor:
             await self._link.send(bytes([len(name)]) + name + picture)
 
     async def obey(self, order: Seen | Look | Open | Take | Stop) -> None:
-        """Carry out an order. Raises SimulshotError."""
+        """Carry out an order of the monitor's page. Raises SimulshotError."""
         match order:
             case Seen(picture=key):
                 self._unacknowledged.discard(key)

@@ -86,7 +86,7 @@ async def open_identified(
 
 
 async def _be_greeted(reader: asyncio.StreamReader, address: Address, trust: Trust) -> None:
-    """Wait for the leader's greeting; it sends nothing to a machine that it does not know."""
+    """Wait for the leader's greeting, which a machine that the leader does not know never receives."""
     try:
         greeting = await reader.readexactly(len(GREETING))
     except (OSError, asyncio.IncompleteReadError) as error:

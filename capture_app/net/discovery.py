@@ -281,7 +281,7 @@ async def _answering(found: Sequence[FoundLeader], trust: Trust) -> list[FoundLe
 
 
 def _best(answered: Sequence[FoundLeader]) -> list[FoundLeader]:
-    """Return the known ones if there are any, and of these only the leaders if there are any."""
+    """Return the known ones, or all if none is known; of these the leaders, or all if there is no leader."""
     known = [one for one in answered if one.is_known] or list(answered)
     return [one for one in known if not one.is_relay] or known
 

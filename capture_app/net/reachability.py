@@ -184,7 +184,7 @@ def obstacle(leader: Address, by_udp: Answer, by_tcp: Answer, *, is_there: bool 
 
 
 async def _why_unknown(leader: Address, address: Address, trust: Trust, silence_s: float) -> Obstacle | None:
-    """Return an obstacle if the two machines are not paired, or the leader says nothing; else None.
+    """Return the obstacle if the two machines are not paired, or the leader does not answer; else None.
 
     It is also None where pairing is not required.
     """

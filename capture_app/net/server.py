@@ -124,7 +124,7 @@ class TransferServer(Generic[M]):
         return admitted
 
     def _admit_peer(self, stream: Channel[M]) -> bool:
-        """Return whether an identified stream may stay; its machine may lose a less useful one for it."""
+        """Return whether an identified stream may stay; another one of its machine may be closed for it."""
         who = stream.who
         if who.pin and (who.may(Role.OPERATOR) or (who.may(Role.RELAY) and not stream.is_beyond)):
             return True

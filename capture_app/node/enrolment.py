@@ -1,4 +1,4 @@
-"""Pairing: the part of a leader or a relay, the part of the joining machine, and the refusal of others."""
+"""Pairing of machines: the leader's or relay's side, the joining machine's side, and refusals."""
 
 import asyncio
 import socket
@@ -189,7 +189,7 @@ def speaks_for(who: Peer, message: Message) -> pairing_messages.SpeaksFor | None
 
 
 async def is_known(leader: Address, trust: Trust) -> bool:
-    """Return whether this machine and a leader know each other. Raises NetworkError if it does not answer."""
+    """Return whether this machine and a leader know each other. Raises NetworkError if none answers."""
     try:
         async with await connect(leader, messages.FromLeader, trust=trust):
             return True

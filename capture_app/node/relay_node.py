@@ -1,4 +1,4 @@
-"""A relay: leads its own nodes in its leader's time, and forwards between both sides."""
+"""A relay: it leads its own nodes in its leader's time, and forwards streams between them and the leader."""
 
 import asyncio
 import random

@@ -158,7 +158,7 @@ class LightModel:
         return off, max(float(np.median(sums)), float(np.percentile(light, 98)) - off)
 
     def fit(self, shares: Floats, lamp_light: float, tones: Floats = TONES) -> tuple[Floats, Floats]:
-        """Evaluate each row of `shares` (times, lamps) at its best-fitting tone curve.
+        """Fit each row of `shares` (times, lamps), the lit fractions at one time, with its best tone curve.
 
         Returns log-likelihoods (times,) and residuals in sigmas (times, lamps).
         """

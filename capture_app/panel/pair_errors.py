@@ -56,7 +56,7 @@ class PairTable(Struct, frozen=True, kw_only=True):
 
 
 class Held(Struct, frozen=True, kw_only=True):
-    """Coverage of an error bar: cases within it, out of `count`."""
+    """Coverage of an error bar: number of cases in which it contained the true error, out of `count`."""
 
     held: int
     count: int

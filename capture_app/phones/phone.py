@@ -319,7 +319,7 @@ class Phone:
     def take_binary(
         self, message: wire.Ping | wire.FrameReport | wire.PictureBytes, received_ns: int
     ) -> None:
-        """Process a ping that has been answered, a frame, or an image."""
+        """Process a binary message of the page: a frame, an image, or a ping that is answered already."""
         match message:
             case wire.Ping():
                 self.clock.note_ping(message, received_ns)

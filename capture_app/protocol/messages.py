@@ -77,7 +77,8 @@ class CameraReport(Message, frozen=True, kw_only=True, tag="camera-report"):
     burst: Number
     plan: CameraPlan
     """Plan stored in the session; for frames sent as they arrive, `instants` lists the frames still to be
-    sent."""
+    sent.
+    """
     events: Annotated[
         tuple[Annotated[dict[EventField, EventValue], Meta(max_length=16)], ...], Meta(max_length=MAX_EVENTS)
     ] = ()
@@ -131,7 +132,7 @@ class ImageAck(Message, frozen=True, kw_only=True, tag="image-ack"):
 
 
 class ImageReceipt(Message, frozen=True, kw_only=True):
-    """What the leader has of an image: all of it, stored on its disk, or the first bytes."""
+    """Amount of an image that the leader has: all of it, stored on disk, or its first bytes."""
 
     instant: Count
     sha256: Sha256
@@ -208,7 +209,8 @@ class BurstRequest(Message, frozen=True, kw_only=True, tag="burst-request"):
     """Minimum number of nodes that must be ready."""
     spare: Count | None = None
     """Number of further instants that replace those some camera misses; 0: instants must be consecutive,
-    None: the leader chooses."""
+    None: the leader chooses.
+    """
     before: Count = 0
     """Number of frames taken before the leader receives this request; 0 leaves nodes time to prepare."""
     name: Text = ""

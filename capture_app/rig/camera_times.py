@@ -41,10 +41,11 @@ class MeasuredTimes(msgspec.Struct, frozen=True, kw_only=True):
 async def calibrate(
     leader: Address, session: Session, measured: MeasuredTimes | None = None
 ) -> tuple[MeasuredTimes, dict[str, SaveStamp], dict[str, bool]]:
-    """Measure a session's camera times, unless `measured` has them, and have each node store its camera's.
+    """Measure the camera times of a session, unless `measured` has them, and have each node store its own.
 
-    Return what was measured, what each node was given by camera, and whether the node could save it. Raises
-    the errors of `measure_session`, NetworkError, and the leader's own errors.
+    Return the measurements, the timestamp delay or path asymmetry sent to each camera's node, and by camera
+    whether the node saved it.
+    Raises the errors of `measure_session`, NetworkError, and the leader's own errors.
     """
     records = {record.name: record for record in session.manifest.cameras}
     if measured is None:
@@ -93,8 +94,8 @@ async def measure_session(session: Path, reference: str | None) -> MeasuredTimes
 def measured_stamps(records: Mapping[str, CameraRecord], measured: MeasuredTimes) -> dict[str, StampAccuracy]:
     """Return the newly measured timestamp accuracy of each camera that was not known better before.
 
-    Each measurement is relative to the reference. If the reference's own timestamp delay is unmeasured, it is
-    taken as assumed before, and the other cameras are accurate relative to the reference only.
+    Each measurement is relative to the reference camera. If the reference's own timestamp delay is
+    unmeasured, its assumed delay is used, and the other cameras are accurate only relative to it.
     """
     own = records[measured.reference].facts.stamp_accuracy
     is_known = own.source not in UNMEASURED

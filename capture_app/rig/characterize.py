@@ -160,7 +160,7 @@ class StreamWatch:
         return self._place(sequence) - before_ns, phase.last_latency_frames if moved else None
 
     def _place(self, sequence: int) -> float:
-        """Return when frame `sequence` would have come by the newest frames, without outliers."""
+        """Return the time at which frame `sequence` would start, extrapolated from the newest frames."""
         period_ns = self.phase.period_ns
         places = [stamp_ns - period_ns * (number - sequence) for number, stamp_ns in self._stamps]
         middle, noise_ns = median(places), max(self.phase.noise_ns, 1_000.0)
@@ -294,7 +294,7 @@ def _command(
 
 
 def _with_rows(seen: Moves, facts: CameraFacts, history: InjectionHistory) -> Moves:
-    """Return the result with row times, as derived from the step and the injections."""
+    """Return `seen` with the row time from its step, and the effect of long frames from the injections."""
     if facts.phase_control is PhaseControl.FRAME_DURATION:
         return replace(seen, row_time_ns=seen.step_ns)
     if not history.moved:

@@ -195,7 +195,7 @@ async def _announced_leader(found: FoundLeader) -> Finding:
 
 
 def warnings_for_leader(host: str, port: int, root: Path = Path("/")) -> list[str]:
-    """Return what on this machine would block or degrade other machines' cameras of a leader here.
+    """Return warnings about this machine as a leader's: what would block or degrade other machines' cameras.
 
     Nothing for a leader that only this machine can reach. `root` is the root of the machine's files.
     """

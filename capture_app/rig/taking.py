@@ -123,7 +123,7 @@ class Moved(TakeEvent, frozen=True):
 
 
 class Waiting(TakeEvent, frozen=True):
-    """The take waits, for this reason: the rig is not ready, or nothing moves."""
+    """The take waits; the text gives the reason: the rig is not ready, or nothing moves."""
 
     reason: str
 
@@ -363,7 +363,9 @@ class Taking:
             self._last_begun.set()
 
     async def _find_again(self, number: int, last: BurstStatus, error: NetworkError) -> BurstStatus:
-        """Follow a take whose leader is lost by the rig's status: it may continue, or resume on a restart.
+        """Follow a take after the connection to its leader was lost, in the rig's status once that is back.
+
+        The take may have continued, or resume when the leader restarts.
 
         Raises NetworkError on timeout.
         """

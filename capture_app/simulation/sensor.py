@@ -129,7 +129,7 @@ class Sensor:
         self._length_rows[self._obeying(true_ns)] = max(rows, exposed)
 
     def _obeying(self, true_ns: int) -> int:
-        """Return the sequence number of the frame that obeys a command arriving at a true time in ns."""
+        """Return the sequence number of the first frame that a command can change, arriving at `true_ns`."""
         latency = self._command_rng.randint(*self.profile.command_latency_frames)
         after_last = max(self._exposure_rows or self._length_rows, default=-1) + 1
         since_last_ns = true_ns - self._start_of(self._rows)

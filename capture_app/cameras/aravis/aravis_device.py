@@ -175,7 +175,7 @@ class DeviceControl:
 
     @property
     def bounds(self) -> tuple[float, float]:
-        """Min and max."""
+        """Min and max of the control's value."""
         lowest, highest = self._call(f"get_{self._value}_bounds")
         return lowest, highest
 

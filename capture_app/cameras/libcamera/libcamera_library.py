@@ -64,7 +64,7 @@ class Library:
             self._handlers.pop(request.cookie, None)
 
     def listen(self) -> None:
-        """Dispatch finished requests on the running loop, until `hush` finds no handler left."""
+        """Dispatch finished requests on the running event loop, until `hush` finds no handler left."""
         asyncio.get_running_loop().add_reader(self._manager.event_fd, self.dispatch)
 
     def hush(self) -> None:

@@ -139,7 +139,7 @@ class RequestStream:
             self._camera.queue_request(request)
 
     def start_again_at(self, start_ns: int, period_ns: int, closing: threading.Event) -> None:
-        """Start at `start_ns` of the monotonic clock, or whole periods after it; not at all once closing."""
+        """Start at `start_ns` (monotonic clock), or whole periods later; do nothing once `closing` is set."""
         for request in self._requests:
             request.reuse()
         if wait_for_start(start_ns, period_ns, closing, self._clock.now_ns):

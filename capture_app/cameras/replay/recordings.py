@@ -184,7 +184,7 @@ class SessionRecording(Recording):
 
     @staticmethod
     def _at_ns(image: ImageRecord, instants_ns: Sequence[int], period_ns: int | None) -> int:
-        """Return a frame's start since the first instant; with a period, instants are that far apart."""
+        """Return a frame's start, ns since the first instant; `period_ns` replaces the instants' spacing."""
         start_ns = image.exposure_start_ns
         if start_ns is None:
             start_ns = image.leader_ns - image.alignment_offset_ns

@@ -424,9 +424,10 @@ class BurstSession:
         return min(self.burst.frames, max(ends, default=0))
 
     def _passed(self, now_ns: int) -> int:
-        """Return how many instants a camera can have seen by now; the times of an earlier run may differ.
+        """Return the largest number of instants that a camera can have seen by now.
 
-        A camera that learns late of the burst's end has seen more than the burst has now.
+        A camera that learns late of the burst's end has seen more instants than the burst has now. In a
+        resumed burst the number is not limited, because the leader's clock of the earlier run may differ.
         """
         first_ns, *further_ns = self.burst.instants_ns[:2]
         step_ns = further_ns[0] - first_ns if further_ns else self.burst.period_ns

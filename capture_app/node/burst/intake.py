@@ -149,7 +149,7 @@ class Intake:
         self._work: asyncio.Task[None] | None = None
 
     def find(self, camera: str, instant: int) -> "asyncio.Future[str] | None":
-        """Return the future of an image that is saved or being saved; None for any other."""
+        """Return the future checksum of an image that is saved or being saved; None for any other image."""
         saved = self._writer.image(camera, instant)
         return self._saving.get((camera, instant)) if saved is None else known(saved.sha256)
 

@@ -95,7 +95,7 @@ class InstantChoice:
         return tuple(self.chosen) if self._burst.spare and self.chosen is not None else None
 
     def end(self, burst: Burst) -> None:
-        """Note that a streamed burst ends earlier than it was ordered."""
+        """Commit to the instants of `burst`, a streamed burst that ends earlier than ordered."""
         self._burst, self.chosen = burst, range(burst.frames)
 
     def find(self, awaited: Collection[CameraPlan | None]) -> tuple[int, ...] | None:

@@ -347,7 +347,7 @@ class BurstUpload:
         self.report = self.report.with_plan(instants=instants, missing=(*plan.missing, *missing))
 
     def commit(self, requested: Collection[int] | None) -> list[Path]:
-        """Keep only the `requested` instants, None for all; return the dropped images' files."""
+        """Restrict the upload to the `requested` instants (None: all); return the dropped images' files."""
         first, self.is_committed = not self.is_committed, True
         self.requested = None if requested is None else frozenset(requested)
         if first and not self.streamed:

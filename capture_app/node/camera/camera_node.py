@@ -339,7 +339,7 @@ def camera_record(
     device: DeviceClock | None = None,
     held: Mapping[Control, float] | None = None,
 ) -> CameraRecord:
-    """Return a camera's manifest record at a burst; `corrections` counts the phase corrections until then.
+    """Return a camera's manifest record for a burst; `corrections` counts the phase corrections before it.
 
     `tolerance_ns` is the phase tolerance on the rig's grid; `device` is the camera's own clock, if it
     timestamps by one; `held` are the controls that a user set.

@@ -17,7 +17,7 @@ from capture_app.sync.phase.frame_grid import FrameGrid
 
 @dataclass(frozen=True, slots=True)
 class SharedGrid:
-    """A rig's grid as known on this machine; without a time map this machine's clock is the rig's time."""
+    """A rig's frame grid, and the map from this machine's clock to the rig's time (None: they are equal)."""
 
     grid: FrameGrid
     time_map: TimeMap | None = None

@@ -28,7 +28,10 @@ def node_statuses(
     spools: Mapping[str, SpoolSpace] | None = None,
     local: Collection[str] = (),
 ) -> tuple[NodeStatus, ...]:
-    """Return these nodes' statuses, placed in the tree of all; `local` run on the leader's machine."""
+    """Return the statuses of `members`, with their parents among `all_members`.
+
+    `local` names the nodes that are processes of the leader's machine.
+    """
     by_name = {member.name: member for member in all_members or members}
     known = spools or {}
     return tuple(

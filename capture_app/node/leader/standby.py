@@ -1,4 +1,4 @@
-"""Several leaders of one rig, of which one leads: when this one leads, and what it does as standby."""
+"""Leaders of one rig by rank: the best one that is alive leads, and the others follow it as standbys."""
 
 import asyncio
 import ipaddress
@@ -110,7 +110,7 @@ class RankedLeader:
             self._changed.set()
 
     def _taken_over(self) -> LeaderOptions:
-        """Return the options to lead with now, continuing the lost leader's time if that is known."""
+        """Return the options for leading from now on; they continue the lost leader's time if it is known."""
         options, continued = self._make_options(), self._engine.continued
         if continued is None:
             return options

@@ -97,7 +97,7 @@ class Viewfinders:
         return {name: stream.health for name, stream in self._streams.items()}
 
     async def want(self, operator: object, request: PreviewRequest | None) -> None:
-        """Store which previews an operator requests, None for none, and request them from the nodes."""
+        """Store which previews an operator requests (None: none), and request them from the nodes."""
         self._requests.pop(operator, None)
         if request is not None and request.fps > 0:
             self._requests[operator] = request
@@ -134,7 +134,7 @@ class Viewfinders:
         await _send(stream.channel, RemoveCamera(name=camera))
 
     async def _ask(self, name: str) -> None:
-        """Send a node the combined requests of all operators, if they have changed."""
+        """Send a node the combined preview request of all operators, if it has changed."""
         stream = self._streams.get(name)
         if stream is None:
             return

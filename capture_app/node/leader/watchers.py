@@ -95,7 +95,7 @@ class RigState:
     def _room(self, now_ns: int) -> int | None:
         """Return the free space of the sessions' disk, read at intervals.
 
-        None if the disk does not answer. A status need not follow each byte.
+        None if the disk does not answer. Reading it at intervals suffices for a status.
         """
         if self._free_bytes is None or now_ns - self._looked_ns >= LOOK_EVERY_NS:
             self._looked_ns, self._free_bytes = now_ns, None

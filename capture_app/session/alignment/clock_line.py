@@ -58,7 +58,9 @@ def fit_clock_line(
 
 
 def chain_cameras(names: Sequence[str], against: Callable[[str, str], CameraTimes]) -> dict[str, CameraTimes]:
-    """Return each camera's times against the first's; `against` measures the second of two against the first.
+    """Return each camera's times against those of the first camera, through a chain of measured pairs.
+
+    `against(first, second)` measures the second camera's times against the first's.
 
     Each camera uses the chain of pairs with the smallest uncertainty; the uncertainties of a chain add up.
     """

@@ -1,4 +1,4 @@
-"""`burst.json`: the plan of a burst, on disk before its first image, to finish it by after a crash."""
+"""`burst.json`: the plan of a burst, written before its first image, so that a burst survives a crash."""
 
 from collections.abc import Sequence
 from pathlib import Path
@@ -19,7 +19,7 @@ PLAN_VERSION = 2
 
 
 class MissingRun(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Instants in a row of which a camera has no frame, all for one reason."""
+    """Consecutive instants without a frame of a camera, all for one reason."""
 
     first: Count
     count: Count
@@ -29,63 +29,63 @@ class MissingRun(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class InstantRange(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The instants of a burst whose frames are sent as they come, which may be millions; times in ns."""
+    """Evenly spaced instants of a streamed burst, which may have millions; times in ns."""
 
     first_ns: TimeNs
     step_ns: Positive
     count: Positive
     video: bool = False
-    """The frames go into a video for each camera."""
+    """Whether frames are stored in a video for each camera."""
 
 
 class CameraPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """What is known of one camera of a burst."""
+    """One camera's part of a burst: its record, its announced images, and its missing ones."""
 
     camera: CameraRecord
-    """With the records of its clock and phase once it has reported."""
+    """The camera's record; it has clock and phase once the camera has reported."""
     reported: bool = False
     instants: tuple[Count, ...] = ()
-    """The images that it has announced."""
+    """Instants of the images that the camera has announced."""
     missing: tuple[MissingImage, ...] = ()
-    """The images that it has reported missing."""
+    """Images that the camera has reported missing."""
     picking: bool = False
-    """Further frames will be picked and announced."""
+    """Whether the node will select and announce further frames."""
     picked: Count | None = None
-    """The instant before which all frames that are sent as they come are there or missing."""
+    """Of a streamed burst: all instants below this number are announced or missing."""
     missing_runs: tuple[MissingRun, ...] = ()
     calibration: CameraCalibration | None = None
     true_clock: SimulatedClock | None = None
-    """A simulated camera's clock as it really is."""
+    """True parameters of a simulated camera's clock."""
 
 
 class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A burst in progress: its number, its cameras, and what they have reported."""
+    """Plan of a burst in progress: its instants, its cameras, and the reports of these cameras."""
 
     name: Name
     created: str
     """RFC 3339, UTC."""
     software: str
     leader: Count
-    """The run of the leader that ordered it; a restarted leader is another one."""
+    """Id of the leader's run that ordered the burst; a restarted leader has a new one."""
     number: Count
     """The burst's number in that run."""
     burst: BurstRecord
     cameras: tuple[CameraPlan, ...]
     pins: dict[str, str] = {}
-    """By camera, the pin of the only machine that may deliver its part; empty on an open rig."""
+    """Pin of the only machine that may deliver each camera's images, by camera; empty on an open rig."""
     note: str = ""
-    """What the manifest is to keep as a note."""
+    """Note for the manifest."""
     spare: Count = 0
     """Number of extra instants, which replace incomplete ones."""
     chosen: tuple[Count, ...] | None = None
-    """The instants that the session has; None while that is not settled, or where it has all."""
+    """Numbers of the ordered instants that the session has; None while undecided, or for all of them."""
     streamed: InstantRange | None = None
-    """The instants, where `burst` has none: frames are sent as they come."""
+    """Instants of a streamed burst, whose frames are sent as they are captured; `burst` then has none."""
     schema_version: int = PLAN_VERSION
 
     @property
     def instants_ns(self) -> Sequence[int]:
-        """The leader times of the instants that were ordered, in ns."""
+        """Leader times of the ordered instants, ns."""
         of = self.streamed
         if of is None:
             return self.burst.instants_ns
@@ -93,7 +93,7 @@ class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
     @property
     def key(self) -> tuple[int, int]:
-        """What identifies the burst on nodes: the leader's run and the burst's number."""
+        """Key that identifies the burst on nodes: the leader's run and the burst's number."""
         return self.leader, self.number
 
 
@@ -102,9 +102,9 @@ class _UncheckedPlan(BurstPlan, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 def read_plan(folder: Path) -> BurstPlan:
-    """Read a session's plan, without the cameras whose part is not valid; its note names them.
+    """Read a session's plan; cameras with an invalid part are left out and named in its note.
 
-    Raises BadInputError if there is no plan, or if no camera of it is valid.
+    Raises BadInputError if there is no plan, or if none of its cameras is valid.
     """
     unchecked = read_struct(folder / PLAN, _UncheckedPlan, PLAN_VERSION)
     check_name(unchecked.name, "session")

@@ -38,7 +38,7 @@ class CameraCalibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields
     distortion: Annotated[tuple[Real, ...], Meta(max_length=20)] = (0.0, 0.0, 0.0, 0.0, 0.0)
 
     def matrix(self, width: int, height: int) -> "NDArray[np.float64]":
-        """The camera matrix, 3 x 3, for pictures of width x height px, which may be others than its own."""
+        """Return the camera matrix (3 x 3), scaled to images of `width` x `height` px."""
         import numpy as np  # slow to import, and this module is in every command's way
 
         sx, sy = width / self.width, height / self.height
@@ -48,7 +48,7 @@ class CameraCalibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields
 
 
 def check_lens(where: str, camera: CameraCalibration) -> None:
-    """Raise BadInputError, its message beginning with `where`, for numbers that no such lens has."""
+    """Raise BadInputError, its message beginning with `where`, for parameters that no lens can have."""
     import numpy as np  # slow to import, and this module is in every command's way
 
     rotation, distortion = np.array(camera.rotation), camera.distortion
@@ -76,5 +76,5 @@ class Calibration(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
     @property
     def source_words(self) -> str:
-        """Where it came from, for people: one that does not say is the session's own."""
+        """Describe the calibration's source for people; without one, it is the session's own."""
         return self.source or "the session's own"

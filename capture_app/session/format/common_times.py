@@ -1,4 +1,4 @@
-"""Whether the cameras' times of a recording are of one clock, and what was done to make them so."""
+"""Common times of a recording's cameras: whether their times share a clock, and how they were aligned."""
 
 import math
 from typing import Annotated, Literal
@@ -9,17 +9,17 @@ from capture_app.common.bounds import Count
 from capture_app.common.names import Name
 
 NOT_SYNCHRONIZED = "not synchronized, offsets unknown"
-"""What is said of a recording without common times, everywhere."""
+"""Text for a recording without common times, in all messages."""
 
 ROUGH_FRAMES = 1.5
-"""An alignment whose 95 % error is more frames than this does not say which pictures belong together."""
+"""Frame periods; an alignment with a larger 95 % error does not determine which images belong together."""
 
 REFERENCE = "reference"
-"""The source of the camera whose times all others are brought to."""
+"""`source` of the camera to whose times all others are converted."""
 
 
 TimesState = Literal["unknown", "given", "recorded", "aligned"]
-"""How the times of a recording's cameras go together.
+"""Relation between the times of a recording's cameras.
 
 unknown    each camera has times of its own, with unknown offsets between them
 given      stated at import, by a frame rate, a shift or an uncertainty
@@ -29,10 +29,10 @@ aligned    measured after it was recorded; see the cameras
 
 
 class CameraTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """How a camera's own times become the recording's: leader = local + offset + rate * (local - epoch).
+    """Conversion of a camera's own time to the recording's: leader = local + offset + rate * (local - epoch).
 
-    `uncertainty_ns` and `rate_uncertainty_ppm` are 95 % errors, against the reference; the former is at the
-    epoch, where the error of the rate has no part in it. What is not known is None, and `reason` says why.
+    `uncertainty_ns` and `rate_uncertainty_ppm` are 95 % errors against the reference camera; the former holds
+    at the epoch, where the rate's error does not count. Unknown values are None, with the `reason`.
     """
 
     offset_ns: int | None = None
@@ -41,17 +41,17 @@ class CameraTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     rate_uncertainty_ppm: Annotated[float, Meta(ge=0)] | None = None
     epoch_local_ns: int = 0
     source: str = ""
-    """What it was measured by: sound, flash, gopro (GPS), timecode, motion, or reference."""
+    """Method of the measurement: sound, flash, gopro (GPS), timecode or motion; `reference` for none."""
     reason: str = ""
 
     def leader_from_local(self, local_ns: int) -> int:
-        """The recording's time in ns of a camera's own; its own time where the offset is not known."""
+        """Convert a camera's own time to the recording's, ns; return it unchanged if that is unknown."""
         if self.offset_ns is None:
             return local_ns
         return local_ns + self.offset_ns + round(self.rate_ppm * 1e-6 * (local_ns - self.epoch_local_ns))
 
     def uncertainty_at_ns(self, local_ns: int) -> int | None:
-        """The 95 % error of `leader_from_local` there."""
+        """Return the 95 % error of `leader_from_local` at a camera's own time, ns; None if unknown."""
         if self.uncertainty_ns is None:
             return None
         drift_ns = (self.rate_uncertainty_ppm or 0.0) * 1e-6 * (local_ns - self.epoch_local_ns)
@@ -59,13 +59,13 @@ class CameraTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
 
 
 class CommonTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The state of a recording's times, and each camera's offset and rate where they were aligned."""
+    """State of a recording's times and, if they were aligned, the offset and rate of each camera."""
 
     state: TimesState
     reason: str = ""
-    """What the state rests on."""
+    """Reason for the state, for people."""
     reference: str = ""
-    """The camera whose own times the recording's are."""
+    """Camera whose own times are the recording's."""
     cameras: dict[Name, CameraTimes] = {}
 
     @property
@@ -75,7 +75,7 @@ class CommonTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
 
     @property
     def words(self) -> str:
-        """The state in a short sentence without a full stop."""
+        """The state as a short sentence for people, without a full stop."""
         words = {
             "unknown": NOT_SYNCHRONIZED,
             "given": "times taken as common as given",
@@ -85,7 +85,10 @@ class CommonTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         return f"{words}: {self.reason}" if self.reason else words
 
     def why_not_synchronized(self, period_ns: int) -> str:
-        """Why pictures are not called synchronized: offsets unknown, or to some frames only; else empty."""
+        """Return why images do not count as synchronized: offsets unknown or too uncertain; empty if they do.
+
+        `period_ns` is the frame period.
+        """
         if self.unknown:
             return self.words
         worst_ns = max((of.uncertainty_ns or 0 for of in self.cameras.values()), default=0)

@@ -1,7 +1,7 @@
-"""The record `simulshot.json` of a session in each export, from which the export can be imported again.
+"""`simulshot.json`, the session's record in every export, from which the export can be imported again.
 
-The record is all that the other program's format has no place for; `frames.csv` beside it says where each
-image is in the export.
+It holds what the other program's format cannot; `frames.csv` beside it lists the place of each image in the
+export.
 """
 
 from pathlib import Path
@@ -14,13 +14,14 @@ from capture_app.session.format.manifest import ImageRecord, Manifest, check_ref
 
 RECORD = "simulshot.json"
 FRAMES = "frames.csv"
-"""In every export: where each image is in the export, with its time in ns of the leader's clock."""
+"""Table in every export: the place of each image in the export, and its leader time in ns."""
 
 
 class ExportRecord(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """The format of an export, and the session's manifest and calibration as they were.
+    """Record of an export: its format, and the session's manifest and calibration.
 
-    Frames of videos are images in it. Cameras whose pictures were redrawn have the new ones' calibration.
+    Frames of videos are listed as images. If a camera's images were resampled for another lens, its
+    calibration is that of the resampled images.
     """
 
     format: str
@@ -44,7 +45,7 @@ def with_images_listed(manifest: Manifest) -> Manifest:
 
 
 def read_record(folder: Path) -> ExportRecord:
-    """Read the record of an export. Raises BadInputError where it is broken or contradicts itself."""
+    """Read the record of an export. Raises BadInputError if it is malformed or contradicts itself."""
     record = read_struct(folder / RECORD, ExportRecord, 1)
     check_references(folder / RECORD, record.manifest)
     return record

@@ -21,12 +21,12 @@ class TrueTime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
 
 
 class TrueTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """True times of the images, and by camera its clock as it really is."""
+    """True times of the images, and the true clock of each camera by name."""
 
     images: tuple[TrueTime, ...] = ()
     clocks: dict[str, SimulatedClock] = {}
 
 
 def ground_truth_path(camera: str, instant: int) -> str:
-    """Path of an image's ground truth inside its session."""
+    """Return the path of an image's ground truth, relative to its session."""
     return f"{GROUND_TRUTH}/{camera}/{instant:06d}.npz"

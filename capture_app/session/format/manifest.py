@@ -1,6 +1,6 @@
 """The manifest of a session, `session.json`: one burst of one rig, with the error bar of every image.
 
-Its sync record is computed here, and what any manifest must hold is checked.
+This module also computes a manifest's sync record, and checks the rules that every manifest must satisfy.
 """
 
 from __future__ import annotations
@@ -36,18 +36,18 @@ IMAGES = "images"
 VIDEOS = "videos"
 RIG = "rig1"
 NO_INSTANT = -1
-"""The instant of a frame that belongs to none of the recording."""
+"""Instant number of a frame that belongs to no instant of the recording."""
 IMAGE_SUFFIXES = (".jpg", ".jpeg", ".png", ".tif", ".tiff")
 
 Sha256 = Annotated[str, Meta(pattern=r"^[0-9a-f]{64}$")]
 MAX_INTEGER, MAX_REAL = 2**63, 1e15
-"""Numbers of a manifest are smaller: sums and products of them then stay numbers everywhere."""
+"""Limits of all numbers in a manifest, so that their sums and products stay finite."""
 MAX_WRITTEN, MAX_LASTING_NS = 4 * 10**18, 10**15
-"""Numbers, and durations of exposure and readout, that are written: their sums are below MAX_INTEGER."""
+"""Limits of written numbers, and of exposure and readout durations: their sums stay below MAX_INTEGER."""
 
 
 class ClockRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """A camera's clock against the leader's when the burst was taken."""
+    """A camera's clock relative to the leader's when the burst was taken; see `leader_from_local`."""
 
     epoch_local_ns: TimeNs
     offset_ns: TimeNs
@@ -61,17 +61,17 @@ class ClockRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
     relative_uncertainty_ns: Count | None = None
     """Only in old sessions: 95 % error against the clocks of those cameras."""
     device_uncertainty_ns: Count | None = None
-    """95 % error of the clock that the camera itself stamps by, as a phone does, against its node's."""
+    """95 % error of the camera's own clock, such as a phone's, against the clock of its node."""
     device_hard_bound_ns: Count | None = None
-    """The most that it can be."""
+    """Hard bound of that error."""
 
     def leader_from_local(self, local_ns: int) -> int:
-        """Leader time in ns of a local time in ns."""
+        """Convert a time of the camera's clock to leader time; both in ns."""
         return local_ns + self.offset_ns + round(self.skew_ppm * 1e-6 * (local_ns - self.epoch_local_ns))
 
 
 class PhaseRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How a camera's stream was moved onto the rig's grid of instants."""
+    """Phase of a camera's stream on the rig's grid of instants, and how often it was corrected."""
 
     residual_ns: TimeNs
     period_ns: Positive
@@ -83,7 +83,7 @@ class PhaseRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
 
 class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One camera of the rig: what it is, and how its clock and phase stood when the burst was taken."""
+    """One camera of the rig: its properties, and the state of its clock and phase during the burst."""
 
     name: Name
     facts: CameraFacts
@@ -98,13 +98,13 @@ class CameraRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
             raise ValueError(f"{self.name} has no pixels: {self.facts.width}x{self.facts.height}")
 
     def is_late(self, residual_ns: int) -> bool:
-        """Whether an image taken `residual_ns` from its instant is beyond the camera's phase tolerance."""
+        """Return whether an image taken `residual_ns` from its instant exceeds the camera's tolerance."""
         tolerance_ns = self.phase.tolerance_ns if self.phase else None
         return tolerance_ns is not None and abs(residual_ns) > tolerance_ns
 
 
 class SkippedFrame(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A camera's frame that kept an instant from being complete, and why it was not there."""
+    """A frame whose absence made an instant incomplete, and the reason."""
 
     camera: Name
     reason: Sentence
@@ -113,23 +113,23 @@ class SkippedFrame(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True
 
 
 class SkippedInstant(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """A moment that was left out of the burst, as not every camera had its frame."""
+    """An instant that was left out of the burst because at least one camera had no frame."""
 
     leader_ns: TimeNs
     missing: tuple[SkippedFrame, ...]
 
 
 class BurstRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True, omit_defaults=True):
-    """The instants of the burst, in ns of the leader's clock, and what was asked for."""
+    """Instants of the burst and the moment requested, in ns of the leader's clock."""
 
     instants_ns: tuple[TimeNs, ...]
     period_ns: Positive
     """Spacing of the rig's grid; instants are whole multiples of it apart."""
     requested_ns: TimeNs | None = None
     skipped: tuple[SkippedInstant, ...] = ()
-    """Moments that would have been instants, had every camera had its frame; later ones took their place."""
+    """Instants left out because a camera had no frame; later instants replaced them."""
     common_times: CommonTimes | None = None
-    """Whether an imported recording's times are of one clock; None where they always were."""
+    """State of an imported recording's times; None for a session of one rig, whose times share a clock."""
 
 
 class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -147,41 +147,41 @@ class ImageRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
     uncertainty_ns: Count | None = None
     hard_bound_ns: Count | None = None
     exposure_start_ns: TimeNs | None = None
-    """Leader time at which the first row's exposure begins; None if the camera's stamps do not say."""
+    """Leader time at which the first row's exposure begins; None if the timestamps do not determine it."""
     exposure_ns: Count | None = None
     gain: Real | None = None
     white_balance: tuple[Real, Real] | None = None
     sequence: Count | None = None
     outlier_ns: TimeNs = 0
-    """The driver's timestamp minus `local_ns`: not 0 where the stamp was off the line of its stream."""
+    """Correction of an outlier: the driver's timestamp minus the time on the line of its stream; mostly 0."""
     alignment_offset_ns: TimeNs = 0
-    """Time from the frame's stamp to `local_ns`: not 0 where the middle of a row's exposure is aligned."""
+    """Time from the frame's timestamp to `local_ns`; not 0 if the rig aligns mid-exposures."""
     substitute: bool = False
-    """The camera dropped the frame nearest to the instant; this is the next best one."""
+    """Whether this is the next best frame, because the camera dropped the one nearest to the instant."""
     late: bool = False
-    """It was taken further from its instant, before or after, than the camera's tolerance."""
+    """Whether the image's time differs from its instant, either way, by more than the camera's tolerance."""
 
 
 class FrameRecord(ImageRecord, frozen=True, kw_only=True, omit_defaults=True):
-    """A frame of a video as an image of its session: `path` is the video's; no manifest lists one.
+    """A frame of a video as an image of its session; `path` is the video's. Manifests do not list frames.
 
-    The file beside the video has a line for each frame, without the fields that the video and the instants
-    give.
+    The file beside the video has a line for each frame. The line omits the fields that follow from the video
+    and the instants.
     """
 
     offset: Count
-    """Where its first byte is in the video."""
+    """Offset of the frame's first byte in the video."""
     camera: Name = ""
     path: FilePath = ""
     instant: Count = NO_INSTANT
     true_ns: TimeNs | None = None
-    """True start of the first row's exposure, of a simulated frame, in the host's clock."""
+    """True start of the first row's exposure in the host's clock, for a simulated frame."""
 
 
 class VideoRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """One camera's recording: every frame is a JPEG file of its own, one behind the other (MJPEG).
+    """One camera's video: its frames as consecutive JPEG files (MJPEG).
 
-    Where each begins, and when it was taken, is in the file beside it, a `FrameRecord` a line.
+    The file beside it has one line, a `FrameRecord`, for each frame.
     """
 
     camera: Name
@@ -191,23 +191,24 @@ class VideoRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True)
 
 
 class MissingImage(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """An image of the burst that is missing, and why."""
+    """An image that is missing from the burst, and the reason."""
 
     camera: Name
     instant: Count
     reason: Sentence
     dropped: bool = False
-    """The camera dropped the frame, rather than that it was lost on its way."""
+    """Whether the camera dropped the frame; False if it was lost later."""
 
 
 class SyncRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """How well the burst is synchronized over its cameras, computed from its images' records; times in ns."""
+    """Synchronization of a burst's cameras, computed from the records of its images; times in ns."""
 
     spread_ns: tuple[Count, ...]
-    """For each instant: from the first to the last of its images' `leader_ns`; 0 for fewer than two."""
+    """Time from the first to the last image (`leader_ns`) of each instant; 0 for fewer than two images."""
     row_spread_ns: Count | None = None
-    """Largest difference between cameras in the middle of one row's exposure, over all instants. It includes
-    differences between rolling shutters. None unless two cameras report their exposure and row time."""
+    """Largest time between two cameras' mid-exposures of the same row, over all instants. It includes
+    differences between rolling shutters. None unless two cameras report their exposure and row time.
+    """
     uncertainty_ns: Count | None = None
     """Largest uncertainty of an image's time against the others; None if any is unknown.
 
@@ -216,13 +217,13 @@ class SyncRecord(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     """
     hard_bound_ns: Count | None = None
     dropped: Count = 0
-    """Images that are missing because their camera dropped the frame."""
+    """Number of images that are missing because their camera dropped the frame."""
     substituted: Count = 0
     late: Count = 0
 
 
 class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """`session.json`: written last, so that its presence means that the session is complete."""
+    """Contents of `session.json`, which is written last: a session that has it is complete."""
 
     name: Name
     created: str
@@ -239,16 +240,16 @@ class Manifest(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
     schema_version: int = SCHEMA_VERSION
     note: str = ""
     videos: tuple[VideoRecord, ...] = ()
-    """A recording's, one for each camera; their frames are images of the session, and not in `images`."""
+    """Videos of a recording, one for each camera; their frames are images, but are not listed in `images`."""
 
 
 def image_path(camera: str, instant: int, suffix: str = ".jpg") -> str:
-    """Path of an image inside its session; as in COLMAP's rigs, images of one instant share a file name."""
+    """Return an image's path inside its session; images of one instant share a file name, as in COLMAP."""
     return f"{IMAGES}/{RIG}/{camera}/{instant:06d}{suffix}"
 
 
 def check_image_path(record: ImageRecord) -> str:
-    """Return the suffix of an image's path. Raises BadInputError where that is another one than its own."""
+    """Return the suffix of an image's path. Raises BadInputError if the path is not that image's."""
     suffix = PurePosixPath(record.path).suffix
     own = image_path(record.camera, record.instant, suffix)
     if suffix not in IMAGE_SUFFIXES or record.path != own:
@@ -257,7 +258,7 @@ def check_image_path(record: ImageRecord) -> str:
 
 
 def video_path(camera: str) -> str:
-    """Path of a camera's video inside its session."""
+    """Return the path of a camera's video inside its session."""
     return f"{VIDEOS}/{RIG}/{camera}.mjpeg"
 
 
@@ -271,16 +272,16 @@ class RowExposures:
     rows: int
 
     def start_ns(self, row: int) -> int:
-        """When the exposure of a row begins."""
+        """Return the start of a row's exposure."""
         return self.first_start_ns + row * self.row_time_ns
 
     def middle_ns(self, row: int) -> int:
-        """The middle of a row's exposure: the moment that its pixels show."""
+        """Return the middle of a row's exposure: the moment that its pixels show."""
         return self.start_ns(row) + self.exposure_ns // 2
 
 
 def row_exposures(camera: CameraRecord, image: ImageRecord) -> RowExposures | None:
-    """When the rows of an image were exposed; None where its start, exposure or row time is not known."""
+    """Return the exposures of an image's rows; None if its start, exposure or row time is unknown."""
     row_time_ns, rows = camera.facts.row_time_ns, camera.facts.height
     if image.exposure_start_ns is None or image.exposure_ns is None or row_time_ns is None:
         return None
@@ -295,8 +296,8 @@ def sync_record(
 ) -> SyncRecord:
     """Compute the sync record of a burst from its images' records, over all cameras and instants.
 
-    The images of an instant must follow each other, as in a manifest: a recording's images need not all be
-    in memory.
+    The images of an instant must be consecutive, as in a manifest. `images` may be an iterator, so that a
+    recording's images need not all be in memory.
     """
     by_name = {camera.name: camera for camera in cameras}
     facts = {name: camera.facts for name, camera in by_name.items()}
@@ -332,13 +333,13 @@ def sync_record(
 
 
 def computed_sync(manifest: Manifest) -> SyncRecord:
-    """The sync record of a manifest's images, whatever their order and whatever record it keeps."""
+    """Compute the sync record of a manifest's images in any order, ignoring the record that it stores."""
     images = sorted(manifest.images, key=lambda image: image.instant)
     return sync_record(manifest.cameras, manifest.burst, images, manifest.missing)
 
 
 def _worse(worst: int | None, number: int | None) -> int | None:
-    """The larger of two; None, which stays so, where either is not known."""
+    """Return the larger of two numbers; None if either is None."""
     return None if worst is None or number is None else max(worst, number)
 
 
@@ -347,7 +348,7 @@ def _spread(times_ns: Sequence[int]) -> int:
 
 
 def _row_scatter(images: Sequence[tuple[CameraRecord, ImageRecord]]) -> int | None:
-    """The largest time between equal rows of the images: linear in the row, so the first and last suffice."""
+    """Return the largest time between mid-exposures of equal rows; the first and last row suffice."""
     rows = [known for camera, image in images if (known := row_exposures(camera, image)) is not None]
     if len(rows) < 2:
         return None
@@ -356,9 +357,9 @@ def _row_scatter(images: Sequence[tuple[CameraRecord, ImageRecord]]) -> int | No
 
 
 def inside(folder: Path, path: str) -> Path:
-    """The file of a path that a manifest gives, which need not be there.
+    """Return the file at a path that a manifest states; the file need not exist.
 
-    Raises BadInputError where it leads out of the folder, or is a pipe or a device.
+    Raises BadInputError if the path leads out of the folder, or is a pipe or a device.
     """
     parts = PurePosixPath(path).parts
     odd = not parts or path.startswith("/") or ".." in parts or "\\" in path or "\0" in path
@@ -380,9 +381,9 @@ def inside(folder: Path, path: str) -> Path:
 
 
 def check_references(path: Path, manifest: Manifest) -> None:
-    """Check the names and numbers, and that images are of cameras and instants of the manifest at `path`.
+    """Check a manifest's names and numbers, and that its images belong to its cameras and instants.
 
-    Raises BadInputError for the first that is not.
+    Raises BadInputError, with `path`, for the first violation.
     """
     check_numbers(path, manifest)
     if not manifest.burst.instants_ns:
@@ -404,9 +405,9 @@ def check_references(path: Path, manifest: Manifest) -> None:
 
 
 def check_numbers(path: Path, record: msgspec.Struct | None) -> None:
-    """Raise BadInputError if the manifest at `path`, or this part of it, has a number that no session has.
+    """Raise BadInputError if the manifest at `path`, or this part of it, has an impossible number.
 
-    Such a number is not finite or has over 64 bits.
+    A number is impossible if it is not finite or needs more than 64 bits.
     """
     numbers = _numbers(msgspec.to_builtins(record))
     if not all(abs(one) < (MAX_INTEGER if isinstance(one, int) else MAX_REAL) for one in numbers):
@@ -416,7 +417,7 @@ def check_numbers(path: Path, record: msgspec.Struct | None) -> None:
 
 
 def check_written(record: CameraRecord | ImageRecord) -> None:
-    """Raise BadInputError, naming the camera or the image, if a number or duration of it is too large."""
+    """Raise BadInputError, naming the camera or the image, if a number or duration in it is too large."""
     if isinstance(record, CameraRecord):
         what, facts = f"camera {record.name}", record.facts
         lasting_ns = max(facts.exposure_ns or 0, (facts.row_time_ns or 0) * facts.height)
@@ -441,7 +442,7 @@ def _numbers(value: Any) -> Iterator[int | float]:
 
 
 def session_schema() -> dict[str, Any]:
-    """The JSON schema (draft 2020-12) of a session's manifest."""
+    """Return the JSON schema (draft 2020-12) of a session's manifest."""
     schema = msgspec.json.schema(Manifest)
     for struct in schema["$defs"].values():
         if "description" in struct:
@@ -455,5 +456,5 @@ def session_schema() -> dict[str, Any]:
 
 
 def session_schema_text() -> str:
-    """The schema as `docs/session.schema.json` holds it."""
+    """Return the schema as the text of `docs/session.schema.json`."""
     return pretty_json(session_schema()).decode() + "\n"

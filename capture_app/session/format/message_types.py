@@ -10,12 +10,12 @@ ROS_BAGS = "ROS bags"
 
 
 def foxglove_message(name: str) -> Any:
-    """The class of a message of Foxglove's, such as CompressedImage. Raises NotAvailableError."""
+    """Return the class of a Foxglove message, such as CompressedImage. Raises NotAvailableError."""
     return getattr(load_optional(f"foxglove_schemas_protobuf.{name}_pb2", "export", "MCAP"), name)
 
 
 @cache
 def ros_messages() -> Any:
-    """The messages of ROS 2, as of Humble. Raises NotAvailableError without rosbags."""
+    """Return the types of ROS 2's messages, as of Humble. Raises NotAvailableError without rosbags."""
     typesys = load_optional("rosbags.typesys", "ros", ROS_BAGS)
     return typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)

@@ -163,9 +163,9 @@ def _at_common_time(frame: TimedFrame, times: CameraTimes) -> TimedFrame:
 def _against(
     match: Callable[[Any, Any], CameraTimes], read: Mapping[str, Any], first: str, second: str
 ) -> CameraTimes:
-    """Return the second camera's times against the first's from what was read of both.
+    """Return the second camera's times against the first's, by `match` of what `read` found in both.
 
-    Without a result, its reason is given.
+    If there is no result, its `reason` explains why.
     """
     if isinstance(read[first], str):
         return CameraTimes(reason=f"{first}: {read[first]}")

@@ -46,7 +46,11 @@ def camera_records(
     timeline: Timeline,
     exported: Manifest | None,
 ) -> list[CameraRecord]:
-    """Return a record of each camera; `sizes` are widths and heights in px."""
+    """Return a manifest record of each source's camera.
+
+    `exported` is the manifest of an exported session, whose own records are kept. `sizes` are widths and
+    heights in px, by camera; `timeline` has the measured periods.
+    """
     known = {
         camera.name: structs.replace(
             camera,
@@ -77,7 +81,7 @@ def camera_records(
 def burst_record(
     instants: Sequence[Instant], timeline: Timeline, common: CommonTimes | None, exported: Manifest | None
 ) -> BurstRecord:
-    """Return the burst of these instants; if they are all of an exported session's, its own burst record."""
+    """Return the burst record of these instants; an exported session with all its instants keeps its own."""
     times_ns = tuple(instant.leader_ns for instant in instants)
     if exported is not None and exported.burst.instants_ns == times_ns:
         return exported.burst

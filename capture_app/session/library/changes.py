@@ -48,7 +48,7 @@ def results_folder(session: Path, root: Path | None = None) -> Path:
 
 
 def move_result_folder(folder: Path, target: Path) -> None:
-    """Move a folder of results to `target`, replacing leftovers there; it stays in place on an error."""
+    """Move a folder of results to `target`, replacing leftovers there; on an error it stays where it is."""
     if not folder.is_dir():
         return
     with suppress(OSError):

@@ -44,7 +44,7 @@ def arc_order(session: Session) -> tuple[str, ...]:
 
 
 def _angles(centres: "NDArray[np.float64]", directions: "NDArray[np.float64]") -> "NDArray[np.float64]":
-    """Return the angles of the cameras around the point that they look at, in the plane of cameras and axes.
+    """Return the cameras' angles around the point that they look at, in the plane of their optical axes.
 
     The point is the one nearest to all optical axes; for parallel axes it is far in front of the cameras.
     """

@@ -113,7 +113,7 @@ def judge(manifest: Manifest) -> Verdict:
 
 
 def is_incomplete(missing: int, expected: int) -> bool:
-    """Return whether so many images are missing that the take is poor."""
+    """Return whether more images are missing than a take can lose without the verdict "poor"."""
     return missing > MAX_MISSING * expected
 
 
@@ -147,7 +147,7 @@ def pixels(time_ns: int, px_per_s: float = PX_PER_S) -> str:
 
 
 def grade_of(spread_ns: int | None, error_ns: int | None) -> tuple[Grade, float | None]:
-    """Return the grade of a spread with its error, and the motion in px/s displaced by less than 1 px."""
+    """Return the grade of a spread with its error, and the motion (px/s) that it displaces by 1 px."""
     if spread_ns is None or error_ns is None:
         return "unknown", None
     sure_ns = max(1, spread_ns + error_ns)

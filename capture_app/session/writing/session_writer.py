@@ -69,7 +69,7 @@ def reserve_room(folder: Path, plan: BurstPlan) -> None:
 
 
 def encode_manifest(folder: Path, manifest: Manifest, frames: Iterable[ImageRecord] = ()) -> bytes:
-    """Add the sync record and encode the manifest; `frames` are its videos' frames, in the order of instants.
+    """Add the sync record and encode the manifest; `frames` are the frames of its videos, by instant.
 
     Raises BadInputError if the records contradict each other.
     """

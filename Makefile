@@ -18,7 +18,7 @@
 # make bench-multiview   depth from many views, beside SGBM (BENCH="--scene plain ...")
 # make bench-verdicts   what is said of takes whose lateness is known: certified, denied, not told, error bars (20 min; BENCH="--seeds 1 --cache DIR")
 # make bench-pairs   wrong pixels of rectified pairs with a truth, beside OpenCV's SGBM (BENCH="FOLDER ...": other pairs)
-# make bench-folders   twenty folders of videos as strangers have them: offset, error bar, truth and what was said (3 min; BENCH="--only lamp")
+# make bench-folders   thirty folders of recordings as strangers have them: offset, error bar, truth and what was said (3 min; BENCH="--only lamp")
 # make bench-panel   the time read off 200 rendered photographs of LED panels and 200 of screens, and whether its error bar holds (15 min; BENCH="--count 20")
 # make test-crash   writers and outputs killed at every step, every bit flipped (slow)
 # make bench-relay   a rig with cameras below a relay, over two emulated WiFi links (root, 6 min)

@@ -1,4 +1,4 @@
-"""Twenty folders of videos as strangers have them: what is typed, what is found, and how right it is.
+"""Thirty folders of recordings as strangers have them: what is typed, what is found, and how right it is.
 
 Rendered clips (simulated) of 6 s at known offsets that are no whole frames, each folder imported by
 `capture-app sessions import FOLDER` without an option: python -m benchmarks.sessions.folders
@@ -27,6 +27,7 @@ COLUMNS = {
     "bar_ms": ("bar ms", ".2f"),
     "truth_ms": ("truth ms", ".2f"),
     "held": ("held", ""),
+    "lines": ("lines", ""),
     "said": ("said, code", ""),
 }
 
@@ -44,12 +45,14 @@ def main() -> None:
 def _import(name: str, folder: Folder) -> list[dict[str, Any]]:
     with tempfile.TemporaryDirectory() as temporary:
         root, out, talk = Path(temporary) / "footage", Path(temporary) / "out", io.StringIO()
-        folder.make(root)
+        path = folder.make(root)
         with redirect_stdout(io.StringIO()), redirect_stderr(talk):
-            code = run(["sessions", "import", str(root), "--out", str(out)])
+            code = run(["sessions", "import", str(path), "--out", str(out)])
         sessions = [Session.open(one.folder) for one in list_sessions(out)] if out.is_dir() else []
-        said = _last(talk.getvalue().splitlines(), temporary)
-        about = {"folder": name, "files": len(folder.clips) + len(folder.others), "said": f"{said}, {code}"}
+        lines = talk.getvalue().splitlines()
+        files = sum(path.is_file() for path in root.rglob("*"))
+        said = f"{_last(lines, temporary)}, {code}"
+        about = {"folder": name, "files": files, "lines": len(lines), "said": said}
         return [about | row for row in _offsets(folder, sessions)] or [about]
 
 

@@ -75,7 +75,8 @@ def align_recording(
         reasons = [unknown.reason, *(f"not aligned by {method}: {text}" for method, text in said.items())]
         return CommonTimes(state=unknown.state, reason=", ".join(reasons))
     for method, text in said.items():
-        talk(f"by {method}: {text}")
+        if text:
+            talk(f"by {method}: {text}")
     for name in cameras.keys() - aligned.keys():
         talk(f"left out {name}: it cannot be aligned; --align none imports all, not synchronized")
     used = sorted({of.source for of in aligned.values()} - {REFERENCE})
@@ -101,7 +102,10 @@ def _largest_chain(
 
 
 def _describe(against: Callable[[str, str], CameraTimes], cameras: Mapping[str, CameraTimes]) -> str:
-    """Describe one method's result for each camera against the first; equal reasons are listed once."""
+    """Describe one method's result for each camera against the first; equal reasons are listed once.
+
+    Why it found nothing matters only for a camera that no other method aligned.
+    """
     first, *others = cameras
     found: dict[str, list[str]] = {}
     for name in others:
@@ -112,6 +116,8 @@ def _describe(against: Callable[[str, str], CameraTimes], cameras: Mapping[str, 
             text = (
                 f"{of.offset_ns / 1e6:+.1f} ± {bar_ms:.1f} ms{'' if agrees else ', not taken: others differ'}"
             )
+        elif cameras[name].offset_ns is not None:
+            continue
         found.setdefault(text, []).append(name)
     return "; ".join(f"{', '.join(of)}: {text}" for text, of in found.items())
 

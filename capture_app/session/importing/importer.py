@@ -6,6 +6,7 @@ recognizes are plain images and videos.
 """
 
 import re
+import shlex
 from collections import Counter
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, fields, replace
@@ -13,7 +14,7 @@ from functools import cache
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError
-from capture_app.common.names import check_name, is_name, natural_order
+from capture_app.common.names import is_name, name_like, natural_order
 from capture_app.common.plugins import load_plugins
 from capture_app.common.text import count
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
@@ -112,7 +113,7 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
             sources += _sources_in(path, png, recording)
         else:
             own = path.resolve().name if path.is_dir() else path.stem
-            sources.append(_source(name or own, path, png, recording))
+            sources.append(_source(name or name_like(own, "cam0"), path, png, recording))
     names = [source.name for source in sources]
     for name in names:
         if names.count(name) > 1:
@@ -158,7 +159,6 @@ def _flat_images(folder: Path, images: Sequence[Path]) -> BadInputError:
 
 
 def _source(name: str, path: Path, png: bool, recording: str | None) -> Source:
-    check_name(name, "camera")
     for importer in load_importers():
         if importer.is_camera(path):
             return importer.open_camera(name, path, png=png, recording=recording)
@@ -168,7 +168,7 @@ def _source(name: str, path: Path, png: bool, recording: str | None) -> Source:
         folder = path.with_suffix("")
         raise BadInputError(
             f"{path} is an archive",
-            hint=f"unpack it into {folder}, then: capture-app sessions import {folder}",
+            hint=f"unpack it into {folder}, then: capture-app sessions import {shlex.quote(str(folder))}",
         )
     return Video(name, path, png=png)
 
@@ -186,4 +186,7 @@ def _sources_in(folder: Path, png: bool, recording: str | None) -> list[Source]:
     if videos and folders:
         raise BadInputError(f"{folder} has both videos and folders of images", hint="name them: NAME=PATH")
     named = [(path.stem, path) for path in videos] + [(path.name, path) for path in folders]
-    return [_source(name, path, png, recording) for name, path in named]
+    return [
+        _source(name_like(name, f"cam{number}"), path, png, recording)
+        for number, (name, path) in enumerate(named)
+    ]

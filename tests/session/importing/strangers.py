@@ -1,16 +1,22 @@
-"""Twenty folders of videos as strangers have them, and what an import of each must say.
+"""Thirty folders of recordings as strangers have them, and what an import of each must say.
 
 Names are those that the apps give by their manuals: GoPro's GX/GH and chapter before the number, its cards'
 DCIM/100GOPRO, iPhones' IMG_0042.MOV, Android's PXL_ and VID_ with a date, macOS's ._ files. Clips are cut at
 known offsets that are no whole frames.
 """
 
+import struct
+import zipfile
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+import av
+import numpy as np
+
 from capture_app.common.names import name_like
 from tests.importers.test_layouts import CAMERA
-from tests.session.alignment.cut_apart import Phone, Take
+from tests.session.alignment.cut_apart import SOUND_HZ, Phone, Take
+from tests.session.conftest import jpeg
 
 CLAPS = Take(claps_s=(2.2, 3.31, 4.17))
 FLASH, LAMP = Take(flashes_s=(3.1,)), Take(lamp_s=(2.9,))
@@ -22,7 +28,7 @@ C = Phone("c", start_s=0.517, fps=25, exposure_s=0.02, size=(96, 64), seed=3)
 
 @dataclass(frozen=True)
 class Folder:
-    """What lies in it: by path, the phone that took it and what happened; other files; the answer."""
+    """What is in it: by path, the phone that took it and what happened; other files; the answer."""
 
     clips: dict[str, tuple[Phone, Take]]
     others: dict[str, str] = field(default_factory=dict)
@@ -33,13 +39,69 @@ class Folder:
     said: str = ""
     sound: bool = True
     calibrated: bool = False
+    mute: tuple[str, ...] = ()
+    """Clips without a track of sound, by path."""
+    upside_down: tuple[str, ...] = ()
+    """Clips whose header has players turn them by 180 degrees, by path."""
+    images: tuple[str, ...] = ()
+    recorder: str = ""
+    """A sound recorder's file of the same claps."""
+    packed: bool = False
+    """Everything is in a zip archive beside the folder, which is what is imported."""
 
-    def make(self, root: Path) -> None:
-        """Render it."""
+    @property
+    def refused(self) -> bool:
+        """Whether nothing of it can become a session."""
+        return self.sessions == ()
+
+    def make(self, root: Path) -> Path:
+        """Render it, and return the path that a user would import."""
+        root.mkdir()
         for path, (phone, take) in self.clips.items():
-            phone.record(take, root / path, 2 if path == "cat.mp4" else 6, sound=self.sound)
+            sound = self.sound and path not in self.mute
+            phone.record(take, root / path, 2 if path == "cat.mp4" else 6, sound=sound)
         for path, text in self.others.items():
             (root / path).write_text(text)
+        for number, path in enumerate(self.images):
+            (root / path).parent.mkdir(exist_ok=True)
+            (root / path).write_bytes(jpeg(number))
+        for path in self.upside_down:
+            turn_upside_down(root / path)
+        if self.recorder:
+            record_sound(CLAPS, root / self.recorder)
+        if not self.packed:
+            return root
+        archive = root.with_suffix(".zip")
+        with zipfile.ZipFile(archive, "w") as packed:
+            for file in sorted(root.rglob("*.*")):
+                packed.write(file, file.relative_to(root))
+        return archive
+
+
+def turn_upside_down(path: Path) -> None:
+    """Write a rotation by 180 degrees into the first track's header (ISO 14496-12, tkhd's matrix)."""
+    data = path.read_bytes()
+    matrix = data.index(b"tkhd") + 4 + 40
+    assert data[matrix : matrix + 4] == struct.pack(">i", 1 << 16)
+    turned = struct.pack(">9i", -1 << 16, 0, 0, 0, -1 << 16, 0, 0, 0, 1 << 30)
+    path.write_bytes(data[:matrix] + turned + data[matrix + 36 :])
+
+
+def record_sound(take: Take, path: Path) -> None:
+    """Write six seconds of a sound recorder's WAV file."""
+    with av.open(str(path), "w") as container:
+        track = container.add_stream("pcm_s16le", rate=SOUND_HZ, layout="mono")
+        heard = take.sound(np.arange(6 * SOUND_HZ) / SOUND_HZ)
+        samples = np.clip(heard * 20_000, -32_768, 32_767).astype(np.int16)[None]
+        spoken = av.AudioFrame.from_ndarray(samples, format="s16", layout="mono")
+        spoken.sample_rate = SOUND_HZ
+        container.mux(track.encode(spoken))
+        container.mux(track.encode(None))
+
+
+def next_chapter(phone: Phone) -> Phone:
+    """The camera that goes on after its first six seconds, as a GoPro does in another file."""
+    return replace(phone, start_s=float(phone.true_s(6.0)))
 
 
 def dated(phone: Phone, second: float) -> Phone:
@@ -155,6 +217,63 @@ FOLDERS = {
         sources=("sound",),
         said="calibration.toml is not taken",
     ),
+    "two chapters of three cameras": Folder(
+        {
+            f"GoPro {n}/DCIM/100GOPRO/GX0{chapter}00{n}1.MP4": (
+                next_chapter(phone) if chapter == 2 else phone,
+                CLAPS,
+            )
+            for n, phone in ((1, A), (2, B), (3, C))
+            for chapter in (1, 2)
+        },
+        sources=("sound",),
+        sessions=(3,),
+        said="goes on in GX020011.MP4",
+    ),
+    "one of three is mute": Folder(
+        {"a.mp4": (A, CLAPS), "b.mp4": (B, CLAPS), "c.mp4": (C, CLAPS)},
+        mute=("c.mp4",),
+        sources=("sound",),
+        said="left out c: it cannot be aligned",
+    ),
+    "one upside down": Folder(
+        {"left.mp4": (A, CLAPS), "right.mp4": (B, CLAPS)},
+        upside_down=("right.mp4",),
+        sources=("sound",),
+    ),
+    "a zip": Folder(
+        {"left.mp4": (A, Take()), "right.mp4": (B, Take())}, packed=True, sessions=(), said="is an archive"
+    ),
+    "a variable frame rate beside a constant one": Folder(
+        {"phone.mp4": (replace(A, jitter_s=0.012), CLAPS), "camera.mp4": (B, CLAPS)}, sources=("sound",)
+    ),
+    "shoots of two days": Folder(
+        {
+            f"{day}_{name}.mp4": (replace(phone, created=f"2026-05-0{day}T10:00:0{k}.000000Z"), CLAPS)
+            for day in (1, 2)
+            for k, (name, phone) in enumerate((("left", A), ("right", B)))
+        },
+        sources=("sound",),
+        sessions=(2, 2),
+    ),
+    "a sound recorder beside two phones": Folder(
+        {"left.mp4": (A, CLAPS), "right.mp4": (B, CLAPS)}, recorder="ZOOM0001.WAV", sources=("sound",)
+    ),
+    "a folder of images a camera": Folder(
+        {},
+        images=tuple(f"{side}/{n:04}.jpg" for side in ("left", "right") for n in range(5)),
+        sound=False,
+        sessions=(),
+        said="--fps",
+    ),
+    "images of two cameras in one folder": Folder(
+        {},
+        images=tuple(f"{side}_{n:04}.jpg" for side in ("L", "R") for n in range(5)),
+        sound=False,
+        sessions=(),
+        said="mv L*.jpg L/",
+    ),
+    "nothing that was filmed": Folder({}, others={"notes.txt": "shot 1"}, sessions=(), said="no "),
 }
 
 

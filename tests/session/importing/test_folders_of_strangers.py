@@ -21,11 +21,15 @@ from tests.session.importing.strangers import FOLDERS, MIDDLE_NS, true_offset_ms
 @pytest.mark.parametrize("name", FOLDERS)
 def test_one_command_without_an_option(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, root = FOLDERS[name], tmp_path / "my shoot"
-    folder.make(root)
     out = tmp_path / "out"
-    assert run(["sessions", "import", str(root), "--out", str(out)]) == ExitCode.OK
+    code = run(["sessions", "import", str(folder.make(root)), "--out", str(out)])
     printed = capsys.readouterr()
     assert folder.said in printed.out + printed.err
+    assert len(printed.err.splitlines()) <= 24 * max(1, len(folder.sessions))
+    assert code == (ExitCode.BAD_INPUT if folder.refused else ExitCode.OK)
+    if folder.refused:
+        assert not out.exists()
+        return
     assert "next: " in printed.err
     made = [Session.open(one.folder) for one in list_sessions(out)]
     assert [len(session.manifest.cameras) for session in made] == list(folder.sessions)

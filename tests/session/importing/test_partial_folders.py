@@ -100,3 +100,9 @@ def test_what_is_no_recording_is_named_with_what_would_read_it(
     talk = refused(single, capsys)
     assert "3 images of one camera" in talk
     assert f"capture-app sessions import cam0={single} --fps" in talk
+
+
+def test_a_file_whose_name_is_no_camera_name_gets_one_like_it(tmp_path: Path) -> None:
+    write_video(tmp_path / "in" / "My clip (1).mp4", (0, 33_000, 66_000))
+    session = imported(tmp_path / "in" / "My clip (1).mp4")
+    assert [camera.name for camera in session.manifest.cameras] == ["My-clip-1-"]

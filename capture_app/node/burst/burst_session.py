@@ -21,6 +21,7 @@ from capture_app.node.burst.plans import (
     burst_of,
     check_machine,
     check_report,
+    check_truth,
     instant_range,
     plan_of,
     result_text,
@@ -174,15 +175,10 @@ class BurstSession:
         return self._writer.folder
 
     def mean_image_bytes(self) -> dict[str, int]:
-        """Return the mean size in bytes of each camera's images, for cameras that have any."""
+        """Return the mean size in bytes of each camera's images and their ground truth, where any arrived."""
         videos = self._writer.videos.records()
         means = {video.camera: video.bytes // video.frames for video in videos if video.frames}
-        for name, delivery in self._deliveries.items():
-            instants = () if name in means else delivery.instants
-            images = [self._writer.image(name, instant) for instant in instants]
-            if sizes := [image.bytes for image in images if image is not None]:
-                means[name] = sum(sizes) // len(sizes)
-        return means
+        return means | self._intake.mean_bytes()
 
     def silent_cameras(self) -> set[str]:
         """Return the cameras that have delivered nothing and were given up because they were silent."""
@@ -263,6 +259,11 @@ class BurstSession:
         path = image_path(record.camera, number, check_image_path(record))
         upload = replace(upload, record=replace(record, instant=number, path=path))
         delivery = self._delivery(record.camera)
+        try:
+            check_truth(upload, delivery.plan.camera.facts)
+        except BadInputError as error:
+            await self.give_up_camera(delivery.name, error.what)
+            raise
         if (others := self._intake.find(delivery.name, number)) is not None:
             return others
         try:

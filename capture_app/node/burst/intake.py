@@ -161,6 +161,10 @@ class Intake:
         """Return the number of bytes received of that camera's images."""
         return sum(self._arrived[camera].values())
 
+    def mean_bytes(self) -> dict[str, int]:
+        """Return the mean size in bytes of each camera's received images with their ground truth."""
+        return {camera: sum(sizes.values()) // len(sizes) for camera, sizes in self._arrived.items() if sizes}
+
     async def receive(self, upload: ImageUpload, payload: AsyncIterator[bytes]) -> "asyncio.Future[str]":
         """Receive an image as it arrives and save it, unless another upload of it was faster: see `add`.
 

@@ -3,9 +3,11 @@
 import asyncio
 from collections.abc import Collection, Mapping, Sequence
 
+from capture_app.common.camera_facts import SIMULATED, CameraFacts
 from capture_app.common.errors import BadInputError, TryAgainError
 from capture_app.common.tasks import has_come
 from capture_app.common.text import count
+from capture_app.protocol.messages import ImageUpload
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan, InstantRange
 from capture_app.session.format.calibration import check_lens
 from capture_app.session.format.manifest import (
@@ -19,6 +21,8 @@ from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
 
 MIN_SPARE = 4
+MAX_TRUTH_BYTES, MAX_TRUTH_BYTES_PER_PIXEL = 16 << 20, 8
+"""More than the uncompressed depth, object and mover of a pixel."""
 
 
 def default_spare(frames: int) -> int:
@@ -203,6 +207,16 @@ def check_report(plan: CameraPlan, burst: Burst, latest: int) -> None:
         raise BadInputError(f"{name} sent an invalid report of burst {burst.number}: {problem}")
     if plan.calibration is not None:
         check_lens(f"the calibration of {name}", plan.calibration)
+
+
+def check_truth(upload: ImageUpload, facts: CameraFacts) -> None:
+    """Raise BadInputError for more ground truth than the pixels of a simulated camera can have."""
+    pixels = facts.width * facts.height if facts.kind == SIMULATED else 0
+    if upload.truth_bytes > min(MAX_TRUTH_BYTES, pixels * MAX_TRUTH_BYTES_PER_PIXEL):
+        raise BadInputError(
+            f"{upload.camera} sent an image with {upload.truth_bytes} bytes of ground truth",
+            hint="only simulated cameras have some, of a few bytes per pixel: update that machine",
+        )
 
 
 def check_machine(plan: BurstPlan, camera: str, pin: str) -> None:

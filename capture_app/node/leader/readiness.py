@@ -5,11 +5,13 @@ import math
 from collections.abc import AsyncGenerator, Mapping, Sequence
 from pathlib import Path
 
+from capture_app.common.camera_facts import SIMULATED, CameraFacts
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import DiskFullError, IncompleteError
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import count, duration, megabytes
 from capture_app.common.timeouts import DEGRADED_WAIT_S
+from capture_app.net.channel import MAX_PAYLOAD_BYTES
 from capture_app.node.leader.snapshots import present_cameras
 from capture_app.protocol.log import off_rate_line
 from capture_app.protocol.messages import SpoolSpace
@@ -23,6 +25,7 @@ from capture_app.sync.timekeeping.rates import LEADER, HostOffRate, RateVote
 CHECK_EVERY_S = 0.1
 GUESSED_PIXELS_PER_BYTE = 4
 """Pixels per byte of JPEG that a camera is assumed to have before its first image."""
+GUESSED_PIXELS_PER_BYTE_OF_TRUTH = 2
 MARGIN = 1.1
 _UNAVAILABLE = (NodeState.FAILED, NodeState.LOST)
 _IN_PROGRESS = (
@@ -90,10 +93,16 @@ async def reasons_until_ready(
 def expected_image_bytes(members: Sequence[Member], known: Mapping[str, int]) -> dict[str, int]:
     """Return the expected image size in bytes of each present camera, from earlier images if any."""
     return {
-        member.name: known.get(member.name)
-        or member.camera.width * member.camera.height // GUESSED_PIXELS_PER_BYTE
+        member.name: known.get(member.name) or _guessed_bytes(member.camera)
         for member in present_cameras(members)
     }
+
+
+def _guessed_bytes(camera: CameraFacts) -> int:
+    pixels = camera.width * camera.height
+    truth = pixels // GUESSED_PIXELS_PER_BYTE_OF_TRUTH if camera.kind == SIMULATED else 0
+    # A camera that claims to be huge must not make every burst too large.
+    return min(MAX_PAYLOAD_BYTES, pixels // GUESSED_PIXELS_PER_BYTE + truth)
 
 
 def check_room(

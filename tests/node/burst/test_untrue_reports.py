@@ -8,17 +8,23 @@ import pytest
 from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.node_state import NodeState
 from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS, CAMERA_STALLED_NS
+from capture_app.net.channel import MAX_PAYLOAD_BYTES
 from capture_app.node.burst.burst_session import BurstSession
+from capture_app.node.leader.readiness import expected_image_bytes
 from capture_app.protocol.messages import CameraReport, ImageUpload, SpoolSpace
 from capture_app.session.format.burst_plan import MissingRun
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.format.manifest import ClockRecord, MissingImage
+from capture_app.session.format.manifest import CameraRecord, ClockRecord, MissingImage
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from capture_app.sync.rig.frame_selection import Burst
+from capture_app.sync.rig.roster import Member
+from capture_app.sync.wire.datagrams import Report
 from tests.facts import make_facts
 from tests.node.bursts import (
+    CAMERA,
     DISK,
     IMAGE,
     INSTANTS_NS,
@@ -168,3 +174,39 @@ def test_the_text_of_a_spool_has_a_length() -> None:
     space = SpoolSpace(camera="a", free_bytes=0, spool="/", problem="x" * 1001)
     with pytest.raises(msgspec.ValidationError):
         msgspec.json.decode(msgspec.json.encode(space), type=SpoolSpace)
+
+
+@pytest.mark.parametrize(("kind", "truth_bytes"), [("v4l2", 1), ("sim", 20_000_000)])
+async def test_ground_truth_is_a_simulated_cameras_and_of_its_pixels(
+    tmp_path: Path, kind: str, truth_bytes: int
+) -> None:
+    facts = make_facts(kind=kind, width=640, height=480)
+    burst = Burst(1, INSTANTS_NS, PERIOD_NS, INSTANTS_NS[0], ("a", "b"))
+    writer = SessionWriter.create(tmp_path, "burst-001")
+    session = BurstSession.begin(burst, {"a": facts, "b": CAMERA}, writer, DISK)
+    for name, of in (("a", facts), ("b", CAMERA)):
+        record = CameraRecord(name=name, facts=of)
+        await session.accept_report(report(name, 0, 1).with_plan(camera=record), now_ns=0)
+    with pytest.raises(BadInputError, match="ground truth"):
+        await session.take_image(replace(upload("a", 0), truth_bytes=truth_bytes), pieces(IMAGE), 0)
+    for instant in (0, 1):
+        await receive_image(session, upload("b", instant), pieces(IMAGE))
+    assert session.session is not None, "its camera is left out, and the others are saved"
+
+
+async def test_ground_truth_counts_in_the_room_that_the_next_burst_needs(tmp_path: Path) -> None:
+    facts = make_facts(kind="sim", width=640, height=480)
+    burst = Burst(1, INSTANTS_NS, PERIOD_NS, INSTANTS_NS[0], ("a",))
+    session = BurstSession.begin(burst, {"a": facts}, SessionWriter.create(tmp_path, "burst-001"), DISK)
+    record, truth = CameraRecord(name="a", facts=facts), b"depth" * 100
+    await session.accept_report(report("a", 0, 1).with_plan(camera=record), now_ns=0)
+    for instant in (0, 1):
+        with_truth = replace(upload("a", instant), truth_bytes=len(truth), true_ns=1)
+        await receive_image(session, with_truth, pieces(IMAGE + truth))
+    assert session.mean_image_bytes() == {"a": len(IMAGE) + len(truth)}
+
+
+def test_a_camera_that_claims_to_be_huge_does_not_make_every_burst_too_large() -> None:
+    facts, ready = make_facts(width=1 << 20, height=1 << 20), Report(state=NodeState.READY)
+    huge = Member("a", 1, 1, ("10.0.0.2", 5), facts, ready, 0, 0.0)
+    assert expected_image_bytes([huge], {}) == {"a": MAX_PAYLOAD_BYTES}

@@ -191,7 +191,7 @@ def rectifying_rotations(reference: View, other: View) -> tuple[Array, Array, fl
 def canvas_bounds(reference: View, other: View) -> tuple[Array, Array]:
     """Return the minimum and maximum x and y of the reference's image on the common plane, px from centre.
 
-    Not mirrored, and at the reference's own resolution.
+    The canvas is not mirrored, and has the reference's own resolution.
 
     Raises:
         ValueError: the pair cannot be rectified, or its canvas is too large; the message has sizes.

@@ -29,7 +29,8 @@ class KnownMachine(Struct, frozen=True, kw_only=True):
     roles: tuple[Role, ...]
     certificate: bytes | None = None
     """The machine's certificate in DER; None for a machine added by its pin, until it presents the
-    certificate."""
+    certificate.
+    """
     added_unix_s: int = 0
     vouched_by: str = ""
     """Pin of the leader that alone vouches for it; empty for a machine confirmed here."""
@@ -104,7 +105,7 @@ class KnownMachines:
         return next(machine for machine in self._change(change) if machine.pin == pin)
 
     def vouched_for(self, who: str) -> tuple[KnownMachine, ...]:
-        """Return the machines to vouch for to the machine with that pin: standbys; to a standby, all."""
+        """Return the machines to vouch for to the machine `who` (a pin): all to a standby, else standbys."""
         asks, own = self.find(who), [one for one in self.all() if not one.vouched_by and one.pin != who]
         if asks is not None and Role.STANDBY in asks.roles:
             return tuple(own)
@@ -112,7 +113,7 @@ class KnownMachines:
         return tuple(replace(one, roles=(Role.LEADER,), certificate=None) for one in standbys)
 
     def take_trust_of(self, of: str, offered: Collection[KnownMachine]) -> None:
-        """Replace the machines that the leader with that pin vouches for by `offered`.
+        """Replace the machines that the leader with pin `of` vouches for by `offered`.
 
         Nothing changes unless that leader was confirmed here. A leader that is also a standby here may
         introduce machines with any role, another one only leaders. Machines confirmed here, or known through

@@ -155,7 +155,7 @@ class DatagramsRefused:
 
     @property
     def name(self) -> None:
-        """None: the camera is not known."""
+        """Always None: refused datagrams belong to no known camera."""
 
     def __str__(self) -> str:
         what = "a datagram" if self.count == 1 else f"{self.count} datagrams"

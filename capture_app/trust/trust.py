@@ -23,7 +23,7 @@ _IN_USE: ContextVar["Trust | None"] = ContextVar("trust", default=None)
 
 @dataclass(frozen=True, slots=True)
 class Peer:
-    """Other end of a stream, as far as it is known."""
+    """Machine at the other end of a stream, with its pin, name and roles; without roles it is unknown."""
 
     pin: str = ""
     name: str = ""
@@ -35,11 +35,11 @@ class Peer:
 
     @property
     def is_unknown(self) -> bool:
-        """Whether the machine is unknown."""
+        """Whether the machine is unknown, that is, has no role."""
         return not self.roles
 
     def may(self, role: Role) -> bool:
-        """Whether it has a role."""
+        """Whether the machine has this role."""
         return role in self.roles
 
 

@@ -159,7 +159,7 @@ class SimulshotApp(App[None]):
             self.run_worker(self.runs.read(), group="jobs", exclusive=True)
 
     async def on_unmount(self) -> None:
-        """End the runs; each result is complete or absent."""
+        """Stop the runs of commands; each result is then complete or absent."""
         await self.runs.close()
 
     def _mode_screen(self, mode: str) -> ModeScreen:
@@ -199,7 +199,7 @@ class SimulshotApp(App[None]):
             self._send(LinkLost(self._record.lost))
 
     def _notify_run(self, run: Run | None) -> None:
-        """Tell all modes that runs have changed; show a message if `run` is done or has failed."""
+        """Notify all modes that runs have changed; show a message if `run` is done or has failed."""
         self._send(self.runs)
         if run is None or run.kind == MOMENT.name or run.state not in (RunState.DONE, RunState.FAILED):
             return

@@ -40,7 +40,7 @@ def program_checksum() -> str:
 
 @dataclass(frozen=True, kw_only=True)
 class BatchOptions:
-    """What to compute for every session; `instants` None = all at which the burst contains the condition."""
+    """Options of a batch; `instants` None: every instant for which the burst has the condition's images."""
 
     conditions: tuple[Condition, ...] = (Condition(SYNCED),)
     instants: tuple[int, ...] | None = None

@@ -39,7 +39,7 @@ FIRST = "Session and condition"
 
 
 def depth_sheets(root: Path, rows: Sequence[Row]) -> list[dict[str, Any]]:
-    """Return the pictures of each `session` that has any, up to `MAX_SHEETS`, for the page.
+    """Return a sheet of small depth pictures for each `session` that has any, at most `MAX_SHEETS`.
 
     Each sheet's `rows` has an entry for each condition, with a picture or None for each of the `instants`.
     """

@@ -49,7 +49,7 @@ MAX_STRETCH = 8.0
 
 
 def impossible(camera: CameraCalibration) -> str:
-    """Return why no real camera can have this calibration; empty if it is plausible."""
+    """Return the reason why no real camera can have this calibration; empty if it is plausible."""
     rotation, translation = np.array(camera.rotation), np.array(camera.translation)
     lens = np.array([camera.fx, camera.fy, camera.cx, camera.cy, *camera.distortion])
     if not all(np.isfinite(numbers).all() for numbers in (rotation, translation, lens)):

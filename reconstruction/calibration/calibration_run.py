@@ -189,7 +189,7 @@ def _rescaled(dataset: Dataset, found: Calibration, options: CalibrateOptions) -
 
 
 def _keep(dataset: Dataset, calibration: Calibration) -> bool:
-    """Store the calibration for later sessions; on failure say so, as the session itself has it."""
+    """Store the calibration for later sessions of the rig; return False, after a message, if that fails."""
     try:
         keep_calibration(dataset, calibration)
     except BadInputError as error:

@@ -1,4 +1,4 @@
-"""Check of a calibration against points at rest: whether it still holds, and which camera has moved.
+"""Check of a calibration against static points: whether it is still valid, and which camera has moved.
 
 A camera that turned along the line to its neighbour violates no epipolar constraint of a pair. The check
 therefore also uses points that three cameras see.
@@ -218,7 +218,10 @@ def reprojection_errors(view: View, points: Array, at: Array) -> Array:
 
 
 def _blamed(groups: Sequence[_Group], limit: float) -> list[tuple[str, ...]]:
-    """Return the fewest cameras that explain all inconsistencies; cameras blamed equally form one group."""
+    """Return few moved cameras that explain all inconsistencies, found greedily.
+
+    An entry with several names means one of these cameras: the points cannot tell which.
+    """
     blamed: list[tuple[str, ...]] = []
     left = list(groups)
     while bad := [group for group in left if group.deviation > limit]:

@@ -1,6 +1,6 @@
 """Calibrations of rigs, stored in the user's data folder and found by cameras and modes.
 
-A session without a calibration uses its rig's, if that one still holds.
+A session without a calibration uses the stored one of its rig, if that is still valid.
 """
 
 import hashlib
@@ -27,7 +27,7 @@ GLANCE = 320, 500
 
 
 class CameraMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    """Model and mode of a camera for which its calibration holds."""
+    """Model and mode of a camera; a stored calibration is valid for this mode only."""
 
     kind: str
     model: str

@@ -89,7 +89,7 @@ class View:
         return np.asarray((rays * depth[:, None] - self.translation) @ self.rotation)
 
     def grid(self) -> Array:
-        """Return every pixel of the image, row by row, (height * width, 2)."""
+        """Return the coordinates of every pixel of the image, row by row, (height * width, 2)."""
         ys, xs = np.mgrid[0 : self.height, 0 : self.width]
         return np.column_stack([xs.ravel(), ys.ravel()]).astype(np.float64)
 

@@ -101,11 +101,11 @@ class MemoryBudget:
 
     @property
     def notes(self) -> tuple[str, ...]:
-        """What the budget changed, one sentence each; empty if nothing."""
+        """Sentences on what was reduced to meet the budget; empty if nothing was."""
         return tuple(self._notes)
 
     def note(self, text: str) -> None:
-        """Note a change due to the budget, for the user and the result."""
+        """Record what was reduced to meet the budget, for the user and the result."""
         self._notes[text] = None
 
     def fit_scale(self, what: str, bytes_at: Callable[[float], float], *, fraction: float = 1.0) -> float:
@@ -132,7 +132,7 @@ class MemoryBudget:
         return scale
 
     def fit_count(self, bytes_each: float, max_count: int, *, fraction: float = 1.0) -> int:
-        """Return the number of such items that fit into `fraction` of the budget; 1 to `max_count`."""
+        """Return how many items of `bytes_each` fit into `fraction` of the budget, from 1 to `max_count`."""
         return max(1, min(max_count, int(fraction * self.limit_bytes // max(bytes_each, 1.0))))
 
 

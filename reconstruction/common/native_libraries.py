@@ -47,7 +47,7 @@ def foreign_calls(library: str, purpose: str) -> Iterator[None]:
 
 @contextmanager
 def opencv_calls(purpose: str) -> Iterator[None]:
-    """Run code that calls OpenCV among other things, and convert only OpenCV's exceptions.
+    """Run code that also calls OpenCV, and convert OpenCV's exceptions, but no others.
 
     Raises:
         ForeignError: OpenCV raised an exception.

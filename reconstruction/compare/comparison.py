@@ -209,7 +209,7 @@ def _waves(studies: Mapping[str, Study]) -> Iterator[list[str]]:
 
 
 def _limited(known: Known, study: Study) -> Known:
-    """Return the part of the known results that a study needs."""
+    """Return the known results without those that a study does not need."""
     needed = {name: known.studies[name] for name in study.needs if name in known.studies}
     if TIMING in study.needs:
         return replace(known, studies=needed)

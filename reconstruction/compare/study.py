@@ -55,7 +55,7 @@ class Context:
 
 @dataclass(frozen=True, kw_only=True)
 class Known:
-    """What is known when a study runs: a first look at the session, and the results that the study needs."""
+    """Results available to a study when it runs: a first look at the session, and the studies it needs."""
 
     moving_share: float = 1.0
     uncalibrated: str = ""
@@ -107,7 +107,7 @@ class Study(StudyReport, ABC):
         """
 
     def unasked(self) -> str:
-        """Return why the study was not requested, by its options and `known`; empty if it is to be made."""
+        """Return why the study is not to be made, by its options and `known`; empty if it is."""
         return ""
 
     @abstractmethod
@@ -142,7 +142,7 @@ class Study(StudyReport, ABC):
             require_reconstruction(package, self.text.subject)
 
     def skipped(self, why: str, *, unasked: bool = False) -> StudyResult[Any]:
-        """Return a result without measures that states this reason."""
+        """Return a result without measures, with `why` as its reason."""
         return StudyResult(name=self.text.name, skipped=why, unasked=unasked)
 
 
@@ -156,7 +156,7 @@ class ConditionStudy(Study):
 
     @abstractmethod
     def prepare(self) -> None:
-        """Fix all that is equal in every condition, from images around the context's middle instant.
+        """Compute everything that all conditions share, from images around the context's middle instant.
 
         Raises:
             ValueError: these cameras do not allow the measurement.
@@ -172,7 +172,7 @@ class ConditionStudy(Study):
         """
 
     def adopt(self, ours: Self) -> None:
-        """Copy what two sessions must share from the same study of the comparison's own session."""
+        """Adopt what both sessions must share from `ours`: the same study of the comparison's own session."""
 
     def measure(self) -> StudyResult[Any]:
         """Prepare the study and compare its default condition; see `Study.measure`."""

@@ -46,7 +46,7 @@ LOSS = 0.1
 
 
 def curve_measure(points: Sequence[Point]) -> str:
-    """Return the curve's measure: right depth if the truth is known, else any depth."""
+    """Return the name of the curve's measure: correct depth if the true depth is known, else any depth."""
     true = any(point.value("mover_within_2pct") is not None for point in points)
     return "mover_within_2pct" if true else "mover_coverage"
 
@@ -105,7 +105,11 @@ def is_decreasing(points: Sequence[Point], measure: str) -> bool:
 
 
 def tolerable_offset_ms(points: Sequence[Point], measure: str, speed_px_per_ms: float | None) -> float | None:
-    """Return the offset at which a tenth is lost or half of what moves moved by a pixel; None = neither."""
+    """Return the tolerable offset, ms; None if the curve does not reach it.
+
+    There a tenth of the measure is lost, or half of the moving pixels have moved by one pixel, whichever
+    comes first.
+    """
     limits = []
     for curve in _both_directions(points, measure):
         threshold = (1 - LOSS) * curve[0][1].value if curve else 0.0

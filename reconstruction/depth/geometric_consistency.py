@@ -51,8 +51,8 @@ def consistent_and_visible_views(
 ) -> tuple[Array, Array]:
     """Count the other views whose surfaces agree at each pixel, and the views that could see it.
 
-    Both uint8 height x width. A view cannot see points outside its image, behind its own surface, or from a
-    very different direction.
+    Both counts are uint8 height x width. A view cannot see points outside its image, behind its own surface,
+    or from a very different direction.
     """
     count, able = (np.zeros(surface.inverse_depth.shape, np.uint8) for _ in range(2))
     for source_view, other in others:

@@ -70,7 +70,7 @@ def find_rough_scene(images: Mapping[str, CalibratedImage]) -> RoughScene:
 
 
 def choose_neighbours(overlaps: Mapping[str, ViewOverlap]) -> tuple[str, ...]:
-    """Return the views with the most overlap with one over all depths, best first."""
+    """Return the views that overlap most with a given view, over all depths, best first."""
     fit = [other for other, overlap in overlaps.items() if overlap.score >= MIN_SCORE and overlap.span[1] > 0]
     return tuple(sorted(fit, key=lambda other: (-overlaps[other].typical_score, other))[:MAX_NEIGHBOURS])
 

@@ -41,7 +41,7 @@ class StillScene:
         """Grey levels when depth was found; `OUTSIDE` if something moved or hid the pixel from a source."""
 
     def look(self, images: Mapping[str, CalibratedImage]) -> None:
-        """Compare an instant's images with the known ones, and mark moving and changed pixels to be swept."""
+        """Compare an instant's images with earlier ones, and mark moving and changed pixels to be swept."""
         before, self._cameras, self._new = self._cameras, set(images), {}
         for name, known in self._pictures.items() if before == self._cameras else ():
             moved, grey = known == OUTSIDE, images[name].grey

@@ -154,7 +154,7 @@ def match_all_views(
 
 
 def _matched_depth(surface: Surface, confirmed: Array) -> Array:
-    """Return depth where a view's own windows match but others did not confirm it, elsewhere 0."""
+    """Return depth where a view's own windows match and other views did not confirm it; elsewhere 0."""
     found = (confirmed <= 0) & (surface.cost < MAX_PROPOSED_COST)
     return np.where(found, 1 / np.maximum(surface.inverse_depth, 1e-12), 0).astype(np.float32)
 
@@ -166,7 +166,7 @@ def _confirmed_depths(
     surfaces: Mapping[str, Surface],
     engine: SweepEngine,
 ) -> dict[str, Array]:
-    """Return every view's depth where others confirm it, elsewhere 0; float32 height x width."""
+    """Return every view's depth where other views confirm it, elsewhere 0; float32 height x width."""
 
     def confirm(name: str) -> Array:
         surface = surfaces[name]

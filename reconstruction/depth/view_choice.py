@@ -29,7 +29,7 @@ MAX_SOURCES = 4
 
 @dataclass(frozen=True)
 class ViewOverlap:
-    """Overlap of a view with another; all but the span at the depth where they suit each other best."""
+    """Overlap of two views over all depths, and its values at the depth where they suit each other best."""
 
     score: float
     """Fraction of the image that the other sees too, reduced for unsuitable angles; 0 to 1."""

@@ -58,7 +58,7 @@ OURS = {*FILES, RESULT, "depth", WORKSPACE, FUSED, f"{FUSED}.vis", "cloud.ply", 
 
 @dataclass(frozen=True, kw_only=True)
 class MultiviewOptions:
-    """What to compute; `offsets_ms` holds one offset per camera in the session's order, or is empty."""
+    """Options of a multiview model; `offsets_ms` has one offset per camera of the session, or none."""
 
     instant: int = 0
     offsets_ms: tuple[float, ...] = ()
@@ -206,7 +206,7 @@ def _match_instant(
 
 
 def _figures(view: ViewResult) -> dict[str, Any]:
-    """Return the figures of a view that represent its instant."""
+    """Return those results of the reference view that represent its instant."""
     return {name: getattr(view, name) for name in ("coverage", *DepthShares.__struct_fields__)}
 
 

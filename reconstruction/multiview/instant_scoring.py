@@ -1,4 +1,4 @@
-"""Scores of an instant's depth and cloud, on moving objects and on the constant still control."""
+"""Scores of an instant's depth and cloud, on moving objects and on the control (static pixels)."""
 
 from collections.abc import Mapping, Sequence
 
@@ -48,7 +48,7 @@ class InstantScorer:
     ) -> dict[str, Measurements]:
         """Measure moving objects and control by condition: `synced`, or `offset` with instants `shown`.
 
-        The control is equal in both: no moving object is in front of it in any image of either.
+        Both conditions use the same control: pixels without a moving object in front in any image of either.
         """
         moving = self.undistorted.moving(self.reference, instant)
         hidden = {

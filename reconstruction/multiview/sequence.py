@@ -239,7 +239,7 @@ def _read(path: Path, form: type[Form]) -> Form | None:
 
 @dataclass(frozen=True, kw_only=True)
 class SequenceOptions:
-    """Which instants to reconstruct, and how; the instant and offsets of `each` are ignored."""
+    """Options of a sequence: the instants, and the options `each` of one instant, without its own instant."""
 
     instants: Sequence[int] | None = None
     """The instants; None = all."""

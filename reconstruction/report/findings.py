@@ -70,7 +70,7 @@ def _offset_sentences(timing: Timing, by: str) -> str:
 
 
 def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
-    """Return which cameras besides the `pair` are certainly offset, and the correction; empty if none is."""
+    """Return a sentence on cameras besides the `pair` that are certainly offset; empty if none is."""
     named = () if pair is None else pair.cameras
     late = [one for one in rig.cameras if one.offset and one.other not in named]
     if not late:
@@ -103,7 +103,7 @@ def rig_judgement(timing: Timing) -> str:
 
 
 def motion_sentence(timing: Timing) -> str:
-    """Return that cameras moved while recording; empty if none did."""
+    """Return a sentence about cameras that moved while recording; empty if none did."""
     moving = timing.moving_cameras
     if not moving:
         return ""
@@ -189,7 +189,7 @@ def describe_delays(study: StudyResult[Any]) -> str:
 
 
 def verdict(result: CompareResult) -> str:
-    """Return a few sentences for a reader who does not know what synchronization is.
+    """Return the comparison's verdict in a few sentences, for a reader who knows nothing of synchronization.
 
     Images are said to show one instant only if their timing was found to.
     """
@@ -206,13 +206,13 @@ def verdict(result: CompareResult) -> str:
 
 
 def _guess_sentence(result: CompareResult) -> str:
-    """Return that the calibration was estimated from images alone, with its possible error; else empty."""
+    """Return a sentence on a calibration that was estimated from images alone; empty for any other."""
     _, guess, errors = result.calibration.partition(GUESS)
     return f"The calibration is {guess}{errors}." if guess else ""
 
 
 def _skipped_sentence(result: CompareResult) -> str:
-    """Return which requested studies could not be made, and why; empty if all were made."""
+    """Return a sentence on requested studies that could not be made, with reasons; empty if all were made."""
     skipped = [
         f"{study_reports()[one.name].text.subject} ({one.skipped})"
         for one in result.studies

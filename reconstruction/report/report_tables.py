@@ -165,7 +165,7 @@ def _intervals(studies: Sequence[StudyResult[Any]], side: str) -> dict[tuple[str
 
 
 def _is_drawn(one: ConditionResult) -> bool:
-    """Return whether it is the built-in condition of the studies of all cameras."""
+    """Return whether a condition's delays are drawn at random, as in the built-in one of all cameras."""
     return not one.offsets_ms and not one.session
 
 

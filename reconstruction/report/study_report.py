@@ -117,7 +117,7 @@ class StudyReport:
 
     @classmethod
     def placeholders(cls, found: StudyResult[Any]) -> dict[str, str]:
-        """Return values for the names in braces in its caption, measures and engine."""
+        """Return the values that replace names in braces in the study's caption, measures and engine."""
         return {
             "subject": cls.text.subject[0].upper() + cls.text.subject[1:],
             "names": " and ".join(found.cameras),
@@ -138,7 +138,7 @@ class StudyReport:
 
     @classmethod
     def control_sentence(cls, result: CompareResult, found: StudyResult[Any]) -> str:
-        """Return whether timing alone explains the difference, by the control; empty if unknown."""
+        """Return a sentence on whether the control shows that timing alone made the difference, if known."""
         return ""
 
     @classmethod
@@ -148,7 +148,10 @@ class StudyReport:
 
     @classmethod
     def view(cls, found: StudyResult[Any], heads: Mapping[str, str], out: Path) -> dict[str, Any]:
-        """Return what its section reads besides the results; `heads` names both conditions."""
+        """Return the data that the study's section of the page shows besides the results.
+
+        `heads` are both conditions with their column heads, `out` the report's folder.
+        """
         return {}
 
     @classmethod

@@ -15,7 +15,7 @@ PERCENT, PIXELS, COUNT, DEGREES, PLAIN = "%", "px", "count", "°", ""
 
 
 def measured(value: float | None, unit: str) -> str:
-    """Return a value in its unit."""
+    """Format a value with its unit."""
     if unit == PERCENT:
         return percentage(value)
     if unit == COUNT:

@@ -23,7 +23,8 @@ class Interval(Struct, frozen=True, kw_only=True):
 class Measure(Struct, frozen=True, kw_only=True):
     """One measure in both conditions; None if nothing could be measured.
 
-    `mover_*` counts pixels or points of moving things. `static_*` is the control, which stands still.
+    Names that begin with `mover_` are of pixels or points on moving objects, those with `static_` of the
+    control.
     """
 
     name: str

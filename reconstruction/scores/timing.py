@@ -235,7 +235,7 @@ def with_depth(timing: Timing, depth: StudyResult[Any]) -> Timing:
 
 
 def found_shares(depth: StudyResult[Any]) -> tuple[float | None, float | None]:
-    """Return the fractions of moving and still pixels found as recorded; correctly, if the truth is known."""
+    """Return the fractions of moving and of still pixels with a depth (correct, if known) as recorded."""
     measure = "coverage" if depth.value("mover_within_2pct") is None else "within_2pct"
     return depth.value(f"mover_{measure}"), depth.value(f"static_{measure}")
 

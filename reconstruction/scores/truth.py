@@ -29,7 +29,7 @@ def fraction_right(depth: Array, truth: Array, mask: Array | None = None) -> flo
 
 
 class DepthShares(Struct, frozen=True, kw_only=True):
-    """Accuracy of a depth map over pixels of known true depth; empty ones are wrong; None = no truth."""
+    """Accuracy of a depth map over pixels of known true depth; pixels without depth count as wrong."""
 
     within_2pct: float | None = None
     mover_within_2pct: float | None = None

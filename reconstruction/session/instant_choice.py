@@ -89,9 +89,9 @@ def instants_shown(dataset: Dataset, condition: Condition, reference: str, insta
 def complete_instants(
     dataset: Dataset, condition: Condition, reference: str, cameras: Sequence[str], min_cameras: int = 1
 ) -> list[ShownInstant]:
-    """Return the instants with images of the most cameras, both synchronized and under `condition`.
+    """Return the instants with images of the most cameras, both synchronized and in `condition`.
 
-    At least `min_cameras` cameras must have them. An instant is that of the camera `reference`.
+    At least `min_cameras` cameras must have both images. Instants are numbered as the `reference` shows them.
 
     Raises:
         ValueError: there is no such instant, or the condition is the synchronized one under another name.

@@ -321,7 +321,7 @@ class MultiviewStudy(ConditionStudy):
         return 1 + 2 * min(limit, len(self.dataset.instants_ns)) if limit else 0
 
     def unasked(self) -> str:
-        """Return that the study was not requested, if it has no instants; see `Study.unasked`."""
+        """Return a reason if the options allow the study no instants, else empty; see `Study.unasked`."""
         return "" if self.options.multiview_instants else UNASKED
 
     def adopt(self, ours: Self) -> None:

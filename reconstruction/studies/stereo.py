@@ -84,7 +84,7 @@ class StereoInstant:
     matcher: StereoPair
 
     def shown(self, side: str) -> int:
-        """Return the instant that the second camera shows."""
+        """Return the instant that the second camera shows in a condition (`synced` or `offset`)."""
         return self.now if side == "synced" else self.later
 
 

@@ -100,7 +100,7 @@ Positions (3, n, 2) px, NaN where a point could not be tracked; times (3, n) ms.
 def find_crossings(views: tuple[View, View], instant: int, a: Path, b: Path, counts: Array) -> Crossings:
     """Find where B's paths cross the epipolar lines of A's points at an instant, and A's paths those of B's.
 
-    `counts` (n,): the number of points that each one counts for.
+    `counts` (n,) is the weight of each pair of points: the number of points that it stands for.
     """
     later = _crossed(views, a, b)
     earlier = _crossed(views[::-1], b, a)

@@ -185,7 +185,7 @@ class PairOffsets:
     def _path(
         self, times: "ImageTimes", image: Image, points: MovingPoints, corners: Array, objects: Array
     ) -> Path:
-        """Return the paths of selected points and objects of an image."""
+        """Return the positions, before, at and after an image, of its selected points and objects."""
         camera, instant = image
         before, after = self._neighbours(camera, instant)
         outlines = self._outlines(camera, instant)
@@ -265,7 +265,7 @@ class ImageTimes:
         )
 
     def at_ms(self, camera: str, instant: int) -> float:
-        """Return the image's one time."""
+        """Return the single time that the session records for an image, ms."""
         return (self.dataset.record(camera, instant).leader_ns - self._epoch_ns) / 1e6
 
     def middle_ms(self, camera: str, instant: int) -> float:

@@ -73,7 +73,7 @@ class PathAsymmetry:
     """Minimum round-trip delay when this was measured; any change since may be in one direction only."""
 
     def sigma(self, gap: float) -> float | None:
-        """Return one sigma of `late_ns` at a minimum round-trip delay of `gap`.
+        """Return the standard deviation of `late_ns` on a path of minimum round-trip delay `gap`; all in ns.
 
         None if this is no better than the default asymmetry, unless `late_ns` exceeds three sigma: then the
         link is known to be more asymmetric than the default assumes.

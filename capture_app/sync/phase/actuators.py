@@ -74,7 +74,7 @@ class PhaseActuator:
 
     @property
     def problem(self) -> str:
-        """Reason in plain words why this camera can never be moved though it should be; empty if it can."""
+        """Reason why this camera's phase cannot be moved although it should be; empty if it can."""
         return ""
 
     @property

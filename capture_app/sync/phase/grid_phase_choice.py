@@ -52,7 +52,7 @@ class WeightedDrift:
 
 
 def weight_inside(drifts: Sequence[WeightedDrift], ahead_ns: float, period_ns: int) -> int:
-    """Return the weight of the cameras that will be within their tolerance of the grid in `ahead_ns`."""
+    """Return the total weight of the cameras that will be within tolerance of the grid in `ahead_ns`."""
     half = period_ns / 2
     return sum(
         drift.weight

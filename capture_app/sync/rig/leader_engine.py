@@ -77,7 +77,8 @@ class LeaderConfig:
     rig: RigConfig = field(default_factory=RigConfig)
     exchanges_per_s: float = 20_000.0
     """Maximum rate of time requests of all clients together; more clients each send fewer. An overloaded
-    leader accepts fewer."""
+    leader accepts fewer.
+    """
     continues: UpstreamMap | None = None
     """Map from this leader's clock to the clock of the leader that it replaces."""
     grid: FrameGrid | None = None
@@ -87,8 +88,8 @@ class LeaderConfig:
 class Leader:
     """Leader side of the protocol; `now_ns` is the leader's clock, which is the rig's time.
 
-    The leader of a relay has an `summary`: it forwards the clients' messages there, and receives bursts from
-    there.
+    The leader side of a relay has a `summary`, to which it forwards the clients' messages and from which it
+    receives bursts.
     """
 
     def __init__(
@@ -332,7 +333,7 @@ class Leader:
             self.acknowledge(member)
 
     def _review_grid(self, now_ns: int) -> bool:
-        """Lay the grid to suit most cameras, except near a burst; return whether it has changed.
+        """Change the grid's period if another suits more cameras, except near a burst; return whether it did.
 
         A camera that has sent only hellos has no vote if a confirmed one is present.
         """
@@ -343,7 +344,10 @@ class Leader:
         return self.current.follow_cameras(voters, now_ns)
 
     def _update_grid(self, now_ns: int) -> bool:
-        """Move the grid to suit immovable cameras, except near a burst; return whether it has changed."""
+        """Shift the grid's phase to suit cameras that can only be restarted, except near a burst.
+
+        Return whether the grid has changed.
+        """
         shared, immovable = self.current.grid_choice, len(self.roster.immovable)
         is_given = self.current.upstream is not None or self.config.rig.grid_phase_ns is not None
         if shared is None or is_given or self.orders.is_busy(now_ns):

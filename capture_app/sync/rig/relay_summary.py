@@ -44,12 +44,14 @@ class RelaySummary:
         self._introduced: dict[int, Hello] = {}
         self._refused: dict[tuple[str, str | int], str] = {}
         """Parent's reason for each rejected client, by name and machine pin; by name and instance on an open
-        rig."""
+        rig.
+        """
         self._reports: dict[int, Report] = {}
         """Newest unsent report of each member, by its number at the parent; longest waiting first."""
         self._lost: dict[int, Report] = {}
         """Last report of each earlier instance of a member, until the parent confirms that it no longer knows
-        it."""
+        it.
+        """
         self._reported: dict[int, tuple[str, bool]] = {}
         """State last sent for each member; a change of it is reported at once."""
         self._report_due_ns = self._acks_due_ns = NEVER_NS
@@ -68,7 +70,7 @@ class RelaySummary:
 
     @property
     def remembered(self) -> int:
-        """Number of stored clients that the parent has not admitted."""
+        """Number of clients whose admission the parent has not answered yet, or has refused."""
         return len(self._introduced) + len(self._refused)
 
     # Up

@@ -20,7 +20,8 @@ class RigConfig:
     """Frame period; None: the period of most cameras."""
     align_row: float | None = None
     """Row whose middle of exposure is aligned, as a fraction of the height; None for the first row's
-    start."""
+    start.
+    """
     max_delay_ns: int = 0
     """Maximum delay of a burst requested for now, to reach the best predicted alignment."""
     grid_phase_ns: int | None = None
@@ -50,7 +51,7 @@ class CurrentConfig:
         return None if self.grid_choice is None else self.grid_choice.grid
 
     def lay_grid(self, camera: CameraFacts, now_ns: int) -> bool:
-        """Lay the grid at the rate of the first camera; return whether it has changed."""
+        """Create the grid with the period of the first camera; return whether it has changed."""
         is_camera = camera.kind not in WITHOUT_CAMERA
         if self.grid_choice is not None and (self.grid_is_of_cameras or not is_camera):
             return False
@@ -69,7 +70,7 @@ class CurrentConfig:
         return grid is not None and can_hold(camera.period_ns, grid.period_ns)
 
     def follow_cameras(self, cameras: Sequence[Member], now_ns: int) -> bool:
-        """Lay the grid again if another period suits these cameras better; return whether it has changed.
+        """Create the grid again if another period suits these cameras better; return whether it has changed.
 
         On an open rig each camera counts as a machine. Without any camera the next one determines the grid.
         """

@@ -49,7 +49,7 @@ LONGEST_TRY_NS = 15_000_000_000
 
 
 class Progress(NamedTuple):
-    """What a schedule of requests needs to know of a node's estimate of its leader's clock."""
+    """State of a node's estimate of its leader's clock, by which a schedule spaces its requests."""
 
     synced: bool
     samples: int
@@ -149,7 +149,7 @@ class SteadySchedule:
 
 
 class TreeSchedule(SteadySchedule):
-    """Ever rarer requests, so that one leader serves many nodes and their requests arrive evenly."""
+    """Time requests at growing intervals, so that one leader can serve many nodes, at an even load."""
 
     min_samples = synced_samples = MIN_EXCHANGES
 
@@ -163,7 +163,7 @@ class TreeSchedule(SteadySchedule):
         self._began_ns = max(self._began_ns, now_ns - CALM_NS) if self.time_is_known else now_ns
 
     def restart(self, now_ns: int) -> None:
-        """Start again as at first."""
+        """Begin again with requests in quick succession, because a clock has stepped."""
         super().restart(now_ns)
         self.begin(now_ns)
 

@@ -60,7 +60,7 @@ class Runs:
 
     @property
     def has_foreign(self) -> bool:
-        """Whether another screen runs jobs, of which this one learns from the disk."""
+        """Whether another screen on this machine runs jobs, which this one sees on the disk."""
         return any(run.is_foreign for run in self.all)
 
     @property

@@ -21,7 +21,7 @@ SLOW_S = 60.0
 async def begin(runs: Runs | None, sheet: TakeSheet) -> None:
     """Start the depth of a take's middle instant, and cancel an earlier depth that still waits.
 
-    `runs` is None if depth is off, here and below. As with all runs, bursts have precedence.
+    `runs` is None if depth is off, in all functions of this module. As with all runs, bursts have precedence.
     """
     if runs is None or len(sheet.cameras) < 2:
         return

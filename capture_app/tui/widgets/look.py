@@ -33,7 +33,7 @@ _MOVING: dict[Motion, tuple[str, float]] = {
 
 
 def ping_pong(things: Sequence[T]) -> list[T]:
-    """Return the sequence forth and back, without repeating either end."""
+    """Return the sequence forwards and then backwards, without repeating either end."""
     return [*things, *things[-2:0:-1]]
 
 

@@ -39,7 +39,8 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
         contents.update(_split_pair(_load(pair), pair, cameras, contents))
     elif len(contents) > 1 and all(_find(content, _ROTATION) is None for content in contents.values()):
         raise BadInputError(
-            "these calibrations have no R and T", hint="give the stereo calibration's file too"
+            "these calibrations have no R and T",
+            hint="add the pair's file with the R and T of cv2.stereoCalibrate: --calibration FILE",
         )
     if len(contents) == 1 and len(cameras) == 1:
         contents = {name: {**_IDENTITY, **content} for name, content in contents.items()}
@@ -116,7 +117,7 @@ def _split_pair(
     if rotation is None or translation is None:
         raise BadInputError(
             f"{path} has no R and T; it has {', '.join(content) or 'nothing'}",
-            hint="give the stereo calibration's file, with R and T",
+            hint="save the R and T of cv2.stereoCalibrate in it",
         )
     if len(cameras) != 2:
         raise BadInputError(
@@ -140,7 +141,8 @@ def _view(where: str, content: Content) -> View:
         raise BadInputError(f"{where} has no 3x3 camera matrix", hint=f"save it as {' or '.join(_MATRIX)}")
     if rotation is None or translation is None:
         raise BadInputError(
-            f"{where} has no R and T", hint="give the stereo calibration's file, with R and T"
+            f"{where} has no R and T",
+            hint="add the camera's pose as R and T, or give the pair's file of cv2.stereoCalibrate",
         )
     if rotation.size not in (3, 9) or translation.size != 3:
         shapes = f"{rotation.shape} and {translation.shape}"

@@ -41,6 +41,7 @@ async def ask(
     answer = await receive_answer(channel, timeout_s)
     if not isinstance(answer, kind):
         raise NetworkError(
-            f"the leader at {channel.peer} sent a {type(answer).__name__}, not a {kind.__name__}"
+            f"the leader at {channel.peer} sent a {type(answer).__name__}, not a {kind.__name__}",
+            hint="install the same version of simulshot on both machines",
         )
     return answer

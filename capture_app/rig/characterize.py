@@ -184,7 +184,10 @@ class StreamWatch:
                     hint="check its cable, and close other programs that use it",
                 ) from None
             if self._failure is not None:
-                raise CameraError(f"the camera failed: {self._failure}")
+                raise CameraError(
+                    f"the camera failed: {self._failure}",
+                    hint="check its power and cable, and close other programs that use it",
+                )
 
     def _add(self, frame: CapturedFrame) -> None:
         self.deliveries_ns.append(self._clock.now_ns() - frame.timestamp_ns)

@@ -164,7 +164,10 @@ async def synchronize(
                 hint="the link loses most messages: check its signal with capture-app doctor",
             ) from None
         if link.problem:
-            raise NetworkError(f"{address} refused this client: {link.problem}") from None
+            raise NetworkError(
+                f"{address} refused this client: {link.problem}",
+                hint=f"see capture-app doctor --leader {address}",
+            ) from None
         raise NetworkError(
             f"no answer from {address}",
             hint="start the other end with `capture-app link --serve`",

@@ -155,8 +155,14 @@ class Saved(TakeEvent, frozen=True):
 
         session = local_session(self.status)
         if session is None:
-            what = f"the images are on the leader's machine, in {self.session or 'its phones'}"
-            raise NotAvailableError(what, hint="copy the session to this machine, and open it")
+            on_phones = self.session is None
+            what = f"the images are on {'the phones' if on_phones else f'the leader: {self.session}'}"
+            raise NotAvailableError(
+                what,
+                hint="copy each phone's folder here and run capture-app sessions import"
+                if on_phones
+                else "copy that folder to this machine, and open the copy",
+            )
         return OpenSession.open(session.folder)
 
 

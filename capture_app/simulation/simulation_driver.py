@@ -150,7 +150,10 @@ class SimulatedControls:
         elif control is Control.GAIN and value is not None:
             self.gain = min(max(value, 1.0), MAX_GAIN)
         else:
-            raise CameraError(f"a simulated camera does not choose its {control}, or has none")
+            raise CameraError(
+                f"a simulated camera does not choose its {control}, or has none",
+                hint="give its exposure, gain or white balance a value: capture-app cameras set gain=4",
+            )
 
     def _whole(self, exposure_ns: float) -> int:
         """Return the exposure in whole rows, limited so that it stretches no frame."""

@@ -83,8 +83,13 @@ class Admission:
         if not secrets.compare_digest(offered, _digest(self.secret)):
             raise UnknownMachineError("This code has expired: scan the one that the leader shows now.")
         if len(self._devices) >= MAX_DEVICES:
+            phone, other = (
+                "remove one by capture-app cameras remove NAME",
+                "end and restart capture-app monitor",
+            )
+            remedy = phone if self._kind == "phone" else other
             raise UnknownMachineError(
-                f"{MAX_DEVICES} {self._kind}s are already connected: disconnect one first."
+                f"{MAX_DEVICES} {self._kind}s are already connected: {remedy} on the leader's machine."
             )
         admitted = self._devices[digest] = Admitted(self._free_name(requested_name), digest)
         self._spent[offered] = digest

@@ -250,7 +250,7 @@ class AravisCamera(ThreadedCamera):
                 return frame
         raise CameraError(
             f"{device.address} is there but sends no whole picture",
-            hint="a firewall that drops UDP, a bandwidth too small, or an exposure of seconds would do that",
+            hint="run capture-app doctor for the firewall, or give a smaller width=, height= or exposure_us=",
         )
 
     def _facts_of(self, facts: CameraFacts) -> CameraFacts:

@@ -67,7 +67,10 @@ class AccessUnits:
             for piece in self._pieces(_payload(packet)):
                 self._data += piece
             if len(self._data) > MAX_UNIT_BYTES:
-                raise CameraError(f"sends a picture of over {MAX_UNIT_BYTES >> 20} MiB")
+                raise CameraError(
+                    f"sends a picture of over {MAX_UNIT_BYTES >> 20} MiB",
+                    hint="choose a smaller picture or a lower bit rate in the camera's settings",
+                )
         except (IndexError, struct.error):
             self._whole = False
         return [*done, *(self._finish() if packet[1] & 0x80 else [])]

@@ -133,10 +133,10 @@ class RtspCamera(ThreadedCamera):
         except DISCONNECTED as error:
             self._fail(f"{self._connection.host} is gone: {error or 'it hung up'}")
         except CameraError as error:
-            self._fail(f"{self._connection.host} {error}")
+            self._fail(f"{self._connection.host} {error.what}", error.hint)
 
-    def _fail(self, what: str) -> None:
-        error = CameraError(what, hint="it is tried again; check its power and cable")
+    def _fail(self, what: str, hint: str = "") -> None:
+        error = CameraError(what, hint=hint or "it is tried again; check its power and cable")
         if not self._ready.done():
             self._ready.set_exception(error)
         elif self._tasks and not self._has_failed:
@@ -160,7 +160,10 @@ class RtspCamera(ThreadedCamera):
                 for ticks in reported_ticks(data):
                     self._clock.add_report(ticks, arrival_ns)
                 if self._clock.contradicts_itself:
-                    raise CameraError("jumps in time: its sender reports contradict earlier ones")
+                    raise CameraError(
+                        "jumps in time: its sender reports contradict earlier ones",
+                        hint="it is tried again; restart the camera if that repeats",
+                    )
             else:
                 for unit in units.add(data, arrival_ns):
                     await self._waiting.put((self._clock.add_frame(unit.ticks, unit.arrival_ns), unit))
@@ -208,7 +211,10 @@ class RtspCamera(ThreadedCamera):
         """Return frames per second: requested or stated if the stream confirms it, else measured."""
         step_ns = median(after - before for before, after in pairwise(self._begun_with))
         if step_ns <= 0:
-            raise CameraError("gives all its pictures the same time")
+            raise CameraError(
+                "gives all its pictures the same time",
+                hint="choose another stream of this camera, or a fixed frame rate in its settings",
+            )
         seen = 1e9 / step_ns
         nominal_fps = self._asked_fps or self._connection.stream.fps
         if nominal_fps and abs(seen / nominal_fps - 1) <= RATE_FRACTION:

@@ -253,7 +253,9 @@ def check_image_path(record: ImageRecord) -> str:
     suffix = PurePosixPath(record.path).suffix
     own = image_path(record.camera, record.instant, suffix)
     if suffix not in IMAGE_SUFFIXES or record.path != own:
-        raise BadInputError(f"{record.path!r} is not a valid path for an image of {record.camera}")
+        raise BadInputError(
+            f"{record.path!r} is not a valid path for an image of {record.camera}", hint=RESTORE
+        )
     return suffix
 
 
@@ -425,7 +427,10 @@ def check_written(record: CameraRecord | ImageRecord) -> None:
         what, lasting_ns = f"image {record.instant} of camera {record.camera}", record.exposure_ns or 0
     numbers = map(abs, _numbers(msgspec.to_builtins(record)))
     if max(numbers, default=0) > MAX_WRITTEN or lasting_ns > MAX_LASTING_NS:
-        raise BadInputError(f"{what} has a time or a number out of range")
+        raise BadInputError(
+            f"{what} has a time or a number out of range",
+            hint="correct the times, exposure and size that its camera or recording states",
+        )
 
 
 def _numbers(value: Any) -> Iterator[int | float]:

@@ -33,7 +33,10 @@ GROUP = "simulshot.importers"
 
 
 def _cannot_open(name: str, path: Path, *, png: bool, recording: str | None) -> Source:
-    raise BadInputError(f"{path} is not a camera of a known program")
+    raise BadInputError(
+        f"{path} is not a camera of a known program",
+        hint="capture-app sessions import --help lists them",
+    )
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)

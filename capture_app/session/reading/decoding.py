@@ -71,7 +71,9 @@ def encode_image(image: "NDArray[np.uint8]", suffix: str = ".jpg", quality: int 
     options = [cv2.IMWRITE_JPEG_QUALITY, quality] if suffix == ".jpg" else []
     made, data = cv2.imencode(suffix, image, options)
     if not made:
-        raise BadInputError(f"the picture cannot be written as {suffix[1:].upper()}")
+        raise BadInputError(
+            f"the picture cannot be written as {suffix[1:].upper()}", hint="write a .jpg or .png"
+        )
     return bytes(data.tobytes())
 
 

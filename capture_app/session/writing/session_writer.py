@@ -208,7 +208,9 @@ class SessionWriter:
                 f"{suffix!r} is not a supported image format", hint=f"use {', '.join(IMAGE_SUFFIXES)}"
             )
         if not data:
-            raise BadInputError(f"camera {camera} sent an empty image of instant {instant}")
+            raise BadInputError(
+                f"camera {camera} sent an empty image of instant {instant}", hint="give the bytes of its file"
+            )
         record = ImageRecord(
             camera=camera,
             instant=instant,

@@ -115,7 +115,7 @@ class Orders:
         Raises BadInputError for an impossible burst, NoCameraHereError without a camera to take it.
         """
         if grid is None or not self._cameras(order):
-            raise NoCameraHereError("no camera is here")
+            raise NoCameraHereError("no camera is here", hint="start one: capture-app cameras add SPEC")
         if not is_possible_burst(order.frames, order.spacing * grid.period_ns, streamed=order.streamed):
             max_frames, max_ns = MAX_FRAMES, MAX_BURST_NS
             if order.streamed:

@@ -4,7 +4,7 @@
                                                          one, and two rooms with nearly blank walls
     python -m benchmarks.reconstruction.multiview --size 1920x1440 --condition synced
 
-Where there is a GPU that CuPy can use, the package's sweep is measured on it too.
+Where there is a GPU that passes its test, the package's sweep is measured on it too.
 Each method runs in a process of its own, on the same pictures, after the other; the package's five times with
 grey levels that differ by a hundred-thousandth (means, and the spread of the first share). Shares are of all
 pixels that have a true depth, empty ones counted as wrong, of the rig's middle camera. Simulated pictures.

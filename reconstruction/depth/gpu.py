@@ -1,206 +1,268 @@
-"""Sweep engine for NVIDIA GPUs: CuPy runs the cost and semi-global scan kernels of `kernels.cu`."""
+"""Sweep engine for GPUs of any vendor: wgpu-py runs the WebGPU kernels of `kernels.wgsl`."""
 
 import importlib
+import os
 import threading
-from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from collections.abc import Callable, Sequence
 from copy import copy
-from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
-from typing import Any
-from weakref import ref
+from typing import Any, TypeVar
+from weakref import WeakKeyDictionary
 
+import cv2
 import numpy as np
 
 from capture_app.common.errors import NotAvailableError
-from capture_app.common.text import first_line
 from capture_app.console.terminal import talk
-from reconstruction.common.geometry import Array
-from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
+from reconstruction.common.geometry import Array, View
+from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, SourceView
 from reconstruction.depth.compiled import CPU
-from reconstruction.depth.cost_volume import BETTER_OF_TWO, WORST_COST
-from reconstruction.depth.sweep_engine import SweepEngine
+from reconstruction.depth.cost_volume import BETTER_OF_TWO
+from reconstruction.depth.sweep_engine import JUMP_GREY, MIN_JUMP, SweepEngine
 
-KERNELS = Path(__file__).with_name("kernels.cu")
-TILE, DEPTHS = (32, 8), 16
-WARP = 32
-SCAN_THREADS = 64
-CHOICE_THREADS = 128
-
-
-@dataclass(frozen=True, eq=False)
-class GpuVolume:
-    """Costs on the GPU (height x width x depths, uint8); depths beyond `count` pad to a multiple of 4."""
-
-    costs: Any
-    count: int
-
-
-@contextmanager
-def _gpu_errors() -> Iterator[None]:
-    """Convert any GPU failure into NotAvailableError; CuPy's errors have no common base."""
-    try:
-        yield
-    except Exception as error:
-        hint = "CUDA_VISIBLE_DEVICES= (empty) keeps to the CPU"
-        raise NotAvailableError(f"the GPU failed: {first_line(error)}", hint=hint) from error
+GPU = "SIMULSHOT_GPU"
+"""Environment variable: part of the name of the GPU to use; empty for none."""
+KERNELS = Path(__file__).with_name("kernels.wgsl")
+HARDWARE = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU")
+"""Kinds of adapters that are used without being named, best first."""
+MAX_BAND_BYTES = 1 << 26
+"""Maximum size of a band's totals: a driver resets a GPU that is busy with one command for seconds."""
+ALIGNED = 256
+"""Offsets of bindings are multiples of this many bytes; a dispatch's parameters fit."""
+TASK, PICTURES, TABLE, COSTS, TOTAL, CARRIED, FOUND = range(7)
+"""The kernels' bindings; the first three are only read."""
+COPIED_STORAGE, IN_KERNELS = 0x4 | 0x8 | 0x80, 0x4
+"""WebGPU's flags: buffers are copied from and to and bound as storage; kernels see bindings."""
+COSTS_OFF, PLACE_OFF, MIN_RIGHT = 1, 0.05, 0.99
+"""To pass the test: maximum difference of costs and places from the CPU's, at this fraction of pixels."""
+T = TypeVar("T")
+GpuVolume = tuple[Sequence[SourceView], Array | None, Array]
+"""The arguments of `cost_volume`: costs are computed when they are used, and stay on the GPU."""
 
 
 class GpuEngine(SweepEngine):
-    """Engine of the sweep on the current CUDA device; `cupy` is the module, or one with its interface."""
+    """Engine of the sweep on an adapter of wgpu-py; after a failure of the GPU it goes on with the CPU."""
 
     # Plane fits, votes and warps along a surface run on the CPU.
+    aggregate = staticmethod(CPU.aggregate)
     fit_planes = staticmethod(CPU.fit_planes)
     warp = staticmethod(CPU.warp)
     compare = staticmethod(CPU.compare)
 
-    def __init__(self, cupy: Any, note: str = "") -> None:
-        super().__init__(note)
-        self._cupy = cupy
-        self._uploads: dict[int, tuple[ref[Array], Any]] = {}
+    def __init__(self, adapter: Any, max_band_bytes: int = MAX_BAND_BYTES) -> None:
+        super().__init__(f"on {adapter.info['device']}")
+        limits = {key: adapter.limits[key] for key in ("max-buffer-size", "max-storage-buffer-binding-size")}
+        self.device = adapter.request_device_sync(required_limits=limits)
+        self._band_bytes = min(max_band_bytes, *limits.values())
+        self._layout = self.device.create_bind_group_layout(entries=list(map(_binding, range(7))))
+        self._buffers: dict[int, Any] = {}
+        self._uploads: WeakKeyDictionary[CalibratedImage, dict[object, Any]] = WeakKeyDictionary()
         self._lock = threading.Lock()
         self._compiled = cache(self._compile)
 
-    @_gpu_errors()
     def cost_volume(
         self, source_views: Sequence[SourceView], base: Array | None, offsets: Array
     ) -> GpuVolume:
-        """Compute costs as the CPU's `cost_volume`, except for rounding."""
-        xp = self._cupy
-        reference = source_views[0].reference
-        height, width = reference.grey.shape
-        pictures = [one.source.grey for one in source_views]
-        begins = np.cumsum([0, *(picture.size for picture in pictures[:-1])])
-        info = [(begin, p.shape[1], p.shape[0]) for begin, p in zip(begins, pictures, strict=True)]
-        numbers = np.concatenate([one.numbers for one in source_views])
-        count = len(offsets)
-        padded = -(-count // 4) * 4
-        out = xp.empty((height, width, padded), np.uint8)
-        grid = tuple(-(-size // of) for size, of in ((width, TILE[0]), (height, TILE[1]), (padded, DEPTHS)))
-        self._kernel("costs", half_window=reference.window // 2)(
-            grid,
-            (*TILE, 1),
-            (
-                self._upload(reference.grey),
-                self._upload(reference.mean),
-                self._upload(reference.deviation),
-                xp.zeros((height, width), np.float32) if base is None else self._copy(base),
-                xp.asarray(offsets, np.float32),
-                np.int32(count),
-                xp.concatenate([self._upload(picture).reshape(-1) for picture in pictures]),
-                xp.asarray(info, np.int32),
-                xp.asarray(numbers, np.float32),
-                np.int32(len(source_views)),
-                np.int32(height),
-                np.int32(width),
-                np.int32(padded),
-                np.float32(OUTSIDE),
-                np.float32(BETTER_OF_TWO),
-                out,
-            ),
-        )
-        return GpuVolume(out, count)
+        """Return the arguments; `find_cheapest` computes the costs as on the CPU, except for rounding."""
+        return source_views, base, offsets
 
-    @_gpu_errors()
     def find_cheapest(self, volume: GpuVolume, grey: Array, small: int, large: int) -> tuple[Array, Array]:
-        """Find the cheapest depths, bit-identical to the CPU's."""
-        xp = self._cupy
-        height, width, padded = volume.costs.shape
-        depths, lanes = _lanes(padded)
-        total = xp.zeros((height, width, padded), np.int16)
-        warps = -(-(height + width - 1) // (WARP // lanes))
-        sizes = (np.int32(size) for size in (height, width, volume.count, padded, lanes, small, large))
-        self._kernel("scan", lane_depths=depths)(
-            (-(-warps * WARP // SCAN_THREADS), 8, 1),
-            (SCAN_THREADS, 1, 1),
-            (volume.costs, total, self._upload(grey), *sizes),
-        )
-        place, own = (xp.empty((height, width), np.float32) for _ in range(2))
-        sizes = (np.int32(size) for size in (height * width, volume.count, padded))
-        self._kernel("cheapest")(
-            (-(-height * width // CHOICE_THREADS), 1, 1),
-            (CHOICE_THREADS, 1, 1),
-            (volume.costs, total, *sizes, place, own),
-        )
-        return xp.asnumpy(place), xp.asnumpy(own)
+        """Find the cheapest depths as on the CPU; `grey` is that of the volume's reference."""
+        found = self._try(lambda: self.cheapest(volume, small, large))
+        return CPU.find_cheapest(CPU.cost_volume(*volume), grey, small, large) if found is None else found
 
     def costs_along(self, source_views: Sequence[SourceView], inverse_depth: Array) -> Array:
         """Compute costs along a surface as on the CPU, except for rounding."""
-        volume = self.cost_volume(source_views, inverse_depth, np.zeros(1))
-        with _gpu_errors():
-            return np.ascontiguousarray(self._cupy.asnumpy(volume.costs)[..., 0])
+        costs = self._try(lambda: self.costs((source_views, inverse_depth, np.zeros(1))))
+        return CPU.costs_along(source_views, inverse_depth) if costs is None else costs[:, 0]
 
-    def _copy(self, array: Array) -> Any:
-        """Copy an array to the GPU in row-major order, as kernels expect; CuPy would keep its order here."""
-        return self._cupy.asarray(np.ascontiguousarray(array, np.float32))
-
-    def _kernel(self, name: str, *, half_window: int = 2, lane_depths: int = 4) -> Any:
+    def _try(self, compute: Callable[[], T]) -> T | None:
+        """Return what the GPU computes, or None from its first failure on (lost, no memory)."""
         with self._lock:
-            return self._compiled(half_window, lane_depths).get_function(name)
+            try:
+                return None if self.device is None else compute()
+            # wgpu's errors have no common base.
+            except Exception as error:  # noqa: BLE001
+                talk(f"the GPU failed ({_cause(error)}): depth goes on with the CPU")
+                self.device = None
+                self._buffers.clear()
+                self._uploads.clear()
+                return None
 
-    def _compile(self, half_window: int, lane_depths: int) -> Any:
-        options = f"-DR={half_window}", f"-DLV={lane_depths}", "--fmad=false"
-        return self._cupy.RawModule(code=KERNELS.read_text(), options=options)
+    def costs(self, volume: GpuVolume) -> Array:
+        """Return the costs (height x depths x width, uint8); errors are wgpu's."""
+        found = self._run(volume, 0, 0, scan=False).reshape(*volume[0][0].reference.grey.shape, -1)
+        return np.ascontiguousarray(found[..., : len(volume[2])].transpose(0, 2, 1))
 
-    def _upload(self, array: Array) -> Any:
-        """Return an array's copy on the GPU, uploaded once during the array's lifetime."""
-        with self._lock:
-            known = self._uploads.get(id(array))
-            if known is not None and known[0]() is array:
-                return known[1]
-            self._uploads = {key: held for key, held in self._uploads.items() if held[0]() is not None}
-            there = self._copy(array)
-            self._uploads[id(array)] = ref(array), there
-            return there
+    def cheapest(self, volume: GpuVolume, small: int, large: int) -> tuple[Array, Array]:
+        """Return place and cost of the cheapest depths; errors are wgpu's."""
+        found = self._run(volume, small, large).view(np.float32)
+        place, own = found.reshape(2, *volume[0][0].reference.grey.shape)
+        return place, own
+
+    def _run(self, volume: GpuVolume, small: int, large: int, *, scan: bool = True) -> Array:
+        """Return the bytes of the cheapest depths' places and costs; without a scan those of all costs."""
+        source_views, base, offsets = volume
+        reference = source_views[0].reference
+        height, width = reference.grey.shape
+        words = -(-len(offsets) // 4)
+        lanes = 1 << (words - 1).bit_length()
+        rows = min(max(1, self._band_bytes // (8 * words * width)), height)
+        used = 4 * words * width * rows
+        band = -(-used // ALIGNED) * ALIGNED
+        tops = range(0, height, rows)
+        begin = 4 * height * width
+        pictures = self._buffer(PICTURES, 4 * (begin + sum(one.source.grey.size for one in source_views)))
+        surface = np.zeros((height, width)) if base is None else base
+        self.device.queue.write_buffer(pictures, 3 * begin, np.ascontiguousarray(surface, np.float32))
+        encoder = self.device.create_command_encoder()
+        shown = self._upload(reference, "grey", "mean", "deviation")
+        encoder.copy_buffer_to_buffer(shown, 0, pictures, 0, shown.size)
+        table = [_bits(offsets)]
+        for one in source_views:
+            grey = self._upload(one.source, "grey")
+            encoder.copy_buffer_to_buffer(grey, 0, pictures, 4 * begin, grey.size)
+            table += np.array([begin, *one.source.grey.shape[::-1]], np.int32), _bits(one.numbers)
+            begin += one.source.grey.size
+        # wgpu takes what is bound at offsets for unwritten, and would clear new costs before they are read.
+        for part, size in ((COSTS, band), (TOTAL, 2 * band)):
+            encoder.clear_buffer(self._buffer(part, size * len(tops)))
+        steps = [("match_windows", i, 0, (-(-width // 16), -(-rows // 8), words)) for i in range(len(tops))]
+        if scan:
+            paths = -(-(width + rows) * lanes // 128)
+            for i in range(len(tops)):
+                steps += ("scan", i, 0, (paths, 5, 1)), ("scan", len(tops) - 1 - i, 5, (paths, 3, 1))
+            steps += (("choose", i, 0, (-(-width // 64), rows, 1)) for i in range(len(tops)))
+        same = height, width, len(offsets), words, len(source_views), small, large
+        tasks = np.zeros((len(steps), ALIGNED // 4), np.int32)
+        tasks[:, :11] = [(tops[i], min(rows, height - tops[i]), i % 2, way, *same) for _, i, way, _ in steps]
+        bound = [
+            (self._write(TASK, tasks), ALIGNED),
+            (pictures, 4 * begin),
+            (self._write(TABLE, np.concatenate(table)), 4 * (len(offsets) + 16 * len(source_views))),
+            (self._buffers[COSTS], band),
+            (self._buffers[TOTAL], 2 * band),
+            (self._buffer(CARRIED, ALIGNED * width * words), ALIGNED * width * words),
+            (self._buffer(FOUND, 8 * height * width), 8 * height * width),
+        ]
+        entries = [
+            {"binding": i, "resource": {"buffer": buffer, "offset": 0, "size": size}}
+            for i, (buffer, size) in enumerate(bound)
+        ]
+        group = self.device.create_bind_group(layout=self._layout, entries=entries)
+        run = encoder.begin_compute_pass()
+        for number, (name, i, _, groups) in enumerate(steps):
+            run.set_pipeline(self._compiled(name, reference.window // 2, lanes))
+            run.set_bind_group(0, group, [number * ALIGNED, i * band, 2 * i * band])
+            run.dispatch_workgroups(*groups)
+        run.end()
+        self.device.queue.submit([encoder.finish()])
+        read, size = (FOUND, 8 * height * width) if scan else (COSTS, band * len(tops))
+        found = np.frombuffer(self.device.queue.read_buffer(self._buffers[read], 0, size), np.uint8)
+        if scan:
+            return found
+        return found.reshape(len(tops), -1)[:, :used].reshape(-1)[: 4 * words * width * height]
+
+    def _buffer(self, binding: int, size: int) -> Any:
+        """Return the buffer of a binding, kept between calls and replaced by a larger one when needed."""
+        if binding not in self._buffers or self._buffers[binding].size < size:
+            self._buffers[binding] = self.device.create_buffer(size=size, usage=COPIED_STORAGE)
+        return self._buffers[binding]
+
+    def _write(self, binding: int, array: Array) -> Any:
+        self.device.queue.write_buffer(self._buffer(binding, array.nbytes), 0, array)
+        return self._buffers[binding]
+
+    def _upload(self, image: CalibratedImage, *parts: str) -> Any:
+        """Return arrays of an image one after the other on the GPU, uploaded once in the image's lifetime."""
+        held = self._uploads.setdefault(image, {})
+        if parts not in held:
+            data = np.stack([getattr(image, part) for part in parts]).astype(np.float32)
+            held[parts] = self.device.create_buffer_with_data(data=data, usage=COPIED_STORAGE)
+        return held[parts]
+
+    def _compile(self, name: str, half_window: int, lanes: int) -> Any:
+        constants = {"R": half_window, "LANES": lanes, "OUTSIDE": OUTSIDE, "BETTER": BETTER_OF_TWO}
+        constants |= {"JUMP_GREY": float(JUMP_GREY), "MIN_JUMP": MIN_JUMP}
+        text = "".join(f"const {key} = {value};\n" for key, value in constants.items()) + KERNELS.read_text()
+        kernel = {"module": self.device.create_shader_module(code=text), "entry_point": name}
+        layout = self.device.create_pipeline_layout(bind_group_layouts=[self._layout])
+        return self.device.create_compute_pipeline(layout=layout, compute=kernel)
 
 
-def on_cpu(why: str) -> SweepEngine:
-    """Return the CPU's engine with a note that says why no GPU is used."""
-    engine = copy(CPU)
-    engine.note = "; ".join(filter(None, (f"on the CPU: {why}", CPU.note)))
+def _bits(floats: Array) -> Array:
+    return floats.astype(np.float32).view(np.int32)
+
+
+def _binding(number: int) -> dict[str, Any]:
+    """Return the layout of a binding: what changes from dispatch to dispatch is bound at an offset."""
+    access = "read-only-storage" if number < COSTS else "storage"
+    buffer = {"type": access, "has_dynamic_offset": number in (TASK, COSTS, TOTAL)}
+    return {"binding": number, "visibility": IN_KERNELS, "buffer": buffer}
+
+
+def _cause(error: Exception) -> str:
+    """Return the last line of an error: wgpu's begin with the chain of calls."""
+    return (str(error).strip() or type(error).__name__).splitlines()[-1].strip()
+
+
+def find_adapters() -> Sequence[Any]:
+    """Return the adapters of wgpu-py; raises ImportError where it is not installed."""
+    extras = importlib.import_module("wgpu.backends.wgpu_native.extras")
+    # Mesa's choice of a default complains on machines without a screen; OpenGL lacks what the kernels need.
+    os.environ.setdefault("NODEVICE_SELECT", "1")
+    extras.set_instance_extras(backends=("Primary",))
+    return list(importlib.import_module("wgpu").gpu.enumerate_adapters_sync())
+
+
+def open_gpu(adapters: Sequence[Any], named: str = "") -> GpuEngine:
+    """Return the engine of the best of wgpu's adapters: hardware, or any `named` by a part of its name.
+
+    Raises NotAvailableError if there is none or it computes wrongly; other errors are wgpu's.
+    """
+    kinds = (*HARDWARE, "CPU") if named else HARDWARE
+    fitting = [one for one in adapters if one.info["adapter_type"] in kinds]
+    fitting = [one for one in fitting if named.lower() in one.info["device"].lower()]
+    if not fitting:
+        raise NotAvailableError(f"no GPU named {named}" if named else "no GPU with Vulkan, Metal or DX12")
+    engine = GpuEngine(min(fitting, key=lambda one: kinds.index(one.info["adapter_type"])))
+    if not computes_correctly(engine):
+        raise NotAvailableError(f"errors in a test {engine.note}")
     return engine
 
 
-def use_gpu(cupy: Any) -> SweepEngine:
-    """Return the first GPU's engine if it passes a test, else the CPU's; `cupy` is the module."""
-    try:
-        if not cupy.cuda.runtime.getDeviceCount():
-            return on_cpu("CuPy finds no GPU")
-        name = cupy.cuda.runtime.getDeviceProperties(0)["name"].decode()
-        engine = GpuEngine(cupy, f"on {name}")
-        costs = np.full((4, 4, 4), WORST_COST, np.uint8)
-        costs[..., 2] = 0
-        place, _ = engine.find_cheapest(GpuVolume(cupy.asarray(costs), 4), np.zeros((4, 4), np.float32), 1, 2)
-    # No driver, an old driver, no compiler, no free memory.
-    except Exception as error:  # noqa: BLE001
-        cause = error.__cause__ if isinstance(error, NotAvailableError) else error
-        said = first_line(cause if isinstance(cause, Exception) else error)
-        return on_cpu(f"the GPU cannot be used ({said})")
-    if not (place == 2).all():
-        return on_cpu(f"{name} computes wrongly")
-    return engine
+def computes_correctly(engine: GpuEngine) -> bool:
+    """Return whether costs, scan and choice of a small sweep are the CPU's, except for rounding."""
+    rng = np.random.default_rng(1)
+    places = [np.array([x, 0.05 * x, 0]) for x in (0.0, -0.1, 0.1)]
+    views = (View(64, 48, np.diag([60.0, 60, 1]), np.zeros(5), np.eye(3), place) for place in places)
+    # Unlike images: the cheapest depths, and the steps between them, are all there are.
+    reference, *sources = (
+        CalibratedImage(view, cv2.blur(rng.random((48, 64), np.float32) * 255, (3, 3)), 5, 9.0)
+        for view in views
+    )
+    source_views = [SourceView(reference, source) for source in sources]
+    volume = source_views, None, np.linspace(0, 1, 9)
+    costs, found = engine.costs(volume), engine.cheapest(volume, 20, 800)
+    exact = CPU.find_cheapest(costs, reference.grey, 20, 800)
+    costs_off = np.abs(costs.astype(int) - CPU.cost_volume(*volume))
+    same = (np.abs(found[0] - exact[0]) < PLACE_OFF) & (found[1] == exact[1])
+    return bool(min(np.mean(costs_off <= COSTS_OFF), np.mean(same)) > MIN_RIGHT)
 
 
 @cache
 def find_engine() -> SweepEngine:
-    """Return a GPU's engine if CuPy and a GPU are available, else the CPU's; searched and reported once."""
+    """Return a GPU's engine if wgpu-py and a GPU are there, else the CPU's; searched and reported once."""
+    named, engine = os.environ.get(GPU), CPU
     try:
-        engine = use_gpu(importlib.import_module("cupy"))
-    except ImportError:
-        engine = CPU
-    # A CuPy built for another NumPy, or without its libraries, may raise anything.
+        if named != "":
+            engine = open_gpu(find_adapters(), named or "")
+    # A wgpu without its library, an old driver or a full memory may raise anything.
     except Exception as error:  # noqa: BLE001
-        engine = on_cpu(f"CuPy is broken ({first_line(error)})")
+        if named or not isinstance(error, ImportError):
+            engine = copy(CPU)
+            engine.note = "; ".join(filter(None, (f"on the CPU ({_cause(error)})", CPU.note)))
     if engine.note:
         talk(f"depth {engine.note}")
     return engine
-
-
-def _lanes(padded: int) -> tuple[int, int]:
-    """Return the depths per lane of a path, and the lanes per path (a power of two)."""
-    depths = 4 * max(1, -(-padded // (4 * WARP)))
-    lanes = 1
-    while lanes * depths < padded:
-        lanes *= 2
-    return depths, lanes

@@ -73,6 +73,8 @@ class _Node:
     due_ns: int | None = None
     """Local time at which the timer is due."""
     alive: bool = True
+    queued: list[tuple[bytes, Address]] | None = None
+    """Datagrams for a frozen node; None if what arrives while it is not alive is lost."""
     datagrams: int = 0
 
 
@@ -141,10 +143,16 @@ class Tree:
         """Silence a node."""
         self.nodes[name, 0].alive = False
 
+    def freeze(self, name: str) -> None:
+        """Halt a node, like a stopped process whose sockets fill."""
+        self.nodes[name, 0].alive, self.nodes[name, 0].queued = False, []
+
     def revive(self, name: str) -> None:
-        """Let a silenced node continue where it stopped."""
+        """Let a silenced or frozen node continue where it stopped."""
         node = self.nodes[name, 0]
-        node.alive = True
+        queued, node.alive, node.queued = node.queued or (), True, None
+        for data, sender in queued:
+            self._act(node, data, sender)
         self._act(node)
 
     def act(self, name: str) -> None:
@@ -195,6 +203,8 @@ class Tree:
     def _act(self, node: _Node, data: bytes | None = None, sender: Address = ROOT) -> None:
         """Let a node process a datagram or run its timers, and send what is due."""
         if not node.alive:
+            if node.queued is not None and data is not None:
+                node.queued.append((data, sender))
             return
         true_ns = self.now_true_ns
         if data is not None:

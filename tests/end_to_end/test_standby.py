@@ -1,6 +1,7 @@
 """Two ranked leaders as processes: one is killed, the other leads in its time, and back again."""
 
 import asyncio
+import signal
 import socket
 from contextlib import suppress
 from pathlib import Path
@@ -89,6 +90,24 @@ async def test_a_standby_leads_when_the_leader_is_killed_and_the_other_way_round
     await standing_by.kill()
     assert (await returned.next_json())["leader"] == first
     check(await take(addresses))
+
+
+@pytest.mark.slow
+async def test_a_leader_that_was_frozen_follows_the_one_that_took_over(start: Start, tmp_path: Path) -> None:
+    first, second = addresses = free_addresses(2)
+    leading = await ranked(start, first, addresses, tmp_path / "a")
+    assert (await leading.next_json())["leader"] == first
+    standing_by = await ranked(start, second, addresses, tmp_path / "b")
+    await standing_by.says(f"{first} leads")
+    await asyncio.gather(*(join(start, f"cam{i}", *addresses) for i in range(CAMERAS)))
+    check(await take(addresses))
+
+    leading.process.send_signal(signal.SIGSTOP)
+    assert (await standing_by.next_json())["leader"] == second
+    check(await take([second]))
+    leading.process.send_signal(signal.SIGCONT)
+    await leading.says(f"{second} leads")
+    check(await take([second]))
 
 
 async def test_a_leader_that_is_not_among_those_named_says_so(start: Start, tmp_path: Path) -> None:

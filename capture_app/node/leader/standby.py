@@ -89,7 +89,9 @@ class RankedLeader:
                     self._serving = asyncio.ensure_future(_serve(self._taken_over(), lead))
                     self._serving.add_done_callback(lambda _: self._changed.set())
                 elif not self._engine.leads and self._serving is not None:
-                    self._event_log.say("another leader of higher rank leads too: this one stops leading")
+                    self._event_log.say(
+                        "this one stops leading: a leader of higher rank leads, or it was frozen for too long"
+                    )
                     await end(self._serving)
                     self._serving = None
                 await self._changed.wait()

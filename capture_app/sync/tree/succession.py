@@ -1,8 +1,8 @@
 """Succession of a rig's ranked leaders: the first live one leads, and the others follow its clock meanwhile.
 
 There is no preemption. A leader that returns follows the active one, whatever its rank, as every change of
-leader costs the bursts under way (VRRP without preemption, RFC 9568). If two lead, as after a split network,
-the one of lower rank gives way.
+leader costs the bursts under way (VRRP without preemption, RFC 9568). A frozen leader returns, too, if its
+members did not wait for it. If two lead, as after a split network, the one of lower rank gives way.
 """
 
 import random
@@ -11,9 +11,11 @@ from dataclasses import dataclass
 from msgspec.structs import replace
 
 from capture_app.common.node_state import RELAY
+from capture_app.common.timeouts import LEADER_SILENT_NS
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.sync_engine import Address
+from capture_app.sync.timekeeping.poll_schedule import NEVER_NS
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.wire.datagrams import CLOCK, UpstreamMap
 
@@ -23,6 +25,8 @@ AGAIN_NS = 300_000_000
 """Time for which a lost leader is asked once more."""
 FIRST_NS, EACH_BETTER_NS = 2_000_000_000, 500_000_000
 """Waiting times before leading. At first per other leader and per better one; later per live better one."""
+GIVE_WAY_NS = 2 * SILENT_NS
+"""Time for which a leader follows a better one before it gives way: one that was frozen stops meanwhile."""
 STANDBY = replace(CLOCK, kind=RELAY, model="standby: leads when this leader is gone")
 """Description of a standby to the active leader: a member whose loss must be noticed within seconds."""
 
@@ -62,8 +66,10 @@ class Succession:
         self._leaders, self._rank = leaders, rank
         self._followed: int | None = None
         """Index in `leaders` of the one followed last."""
-        self._lead_ns: int | None = None
-        """Time at which it begins to lead unless another leader answers; None if one does, or if it leads."""
+        self._change_ns: int | None = None
+        """Time at which it begins to lead, or gives way; None if neither is pending."""
+        self._due_ns = NEVER_NS
+        """Time of the next timer, as of the last call."""
 
     @property
     def leader(self) -> Address | None:
@@ -72,39 +78,53 @@ class Succession:
 
     def receive_datagram(self, data: bytes, address: Address, now_ns: int) -> None:
         """Process a datagram from one of the other leaders that arrived at `now_ns`."""
+        self._note_absence(now_ns)
         self.member.receive_datagram(data, address, now_ns)
         self._look(now_ns)
 
     def handle_timer(self, now_ns: int) -> None:
         """Run the actions that are due; call it at `next_timer`, or at any time."""
+        self._note_absence(now_ns)
         self.member.handle_timer(now_ns)
         self._look(now_ns)
 
     def next_timer(self) -> int:
         """Return the local time in ns at which `handle_timer` is to be called."""
         due_ns = self.member.next_timer()
-        return due_ns if self._lead_ns is None else min(due_ns, self._lead_ns)
+        return due_ns if self._change_ns is None else min(due_ns, self._change_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
         """Return datagrams with their destinations; a time request carries `now_ns`, so send them at once."""
         return self.member.datagrams_to_send(now_ns)
 
+    def _note_absence(self, now_ns: int) -> None:
+        """Stop leading after a pause, as of a suspended machine, in which the members have left."""
+        if self.leads and now_ns > self._due_ns + LEADER_SILENT_NS:
+            self.leads, self._followed, self._change_ns = False, None, None
+
     def _look(self, now_ns: int) -> None:
         """Update which leader is active."""
         other = self._leaders.index(self.member.parent)
-        if self.member.time.is_member:
-            self.leads = self.leads and other >= self._rank
-            if not self.leads:
-                self._followed, self._lead_ns = other, None
-        elif not self.leads and self._lead_ns is None:
-            wait_ns = FIRST_NS * (len(self._leaders) + self._rank)
-            if self._followed is not None:
-                # Better leaders that also followed come first.
-                wait_ns = AGAIN_NS + EACH_BETTER_NS * (self._rank - (self._followed < self._rank))
-            self._lead_ns = now_ns + wait_ns
-        if self._lead_ns is not None and now_ns >= self._lead_ns:
-            self.leads, self._lead_ns = True, None
-            self.continued = self._take_over(now_ns)
+        if not self.member.time.is_member:
+            if self.leads:
+                self._change_ns = None
+            elif self._change_ns is None:
+                wait_ns = FIRST_NS * (len(self._leaders) + self._rank)
+                if self._followed is not None:
+                    # Better leaders that also followed come first.
+                    wait_ns = AGAIN_NS + EACH_BETTER_NS * (self._rank - (self._followed < self._rank))
+                self._change_ns = now_ns + wait_ns
+        elif not self.leads:
+            self._followed, self._change_ns = other, None
+        elif other >= self._rank:
+            self._change_ns = None
+        elif self._change_ns is None:
+            self._change_ns = now_ns + GIVE_WAY_NS
+        if self._change_ns is not None and now_ns >= self._change_ns:
+            self.leads, self._change_ns = not self.leads, None
+            if self.leads:
+                self.continued = self._take_over(now_ns)
+        self._due_ns = self.next_timer()
 
     def _take_over(self, now_ns: int) -> Continued | None:
         """Return the time and grid of the lost leader; None if its time is unknown."""

@@ -210,6 +210,35 @@ def test_a_split_that_heals_leaves_the_leader_of_the_better_rank() -> None:
     rig.check_burst("a")
 
 
+@pytest.mark.parametrize("frozen_s", [3.0, 30.0])
+def test_a_frozen_leader_that_wakes_does_not_take_the_cameras_back(frozen_s: float) -> None:
+    rig = ready_rig(cameras=2)
+    rig.tree.freeze("a")
+    for _ in rig.steps(frozen_s):
+        pass
+    assert {rig.followed(camera) for camera in rig.cameras.values()} == {"b"}
+    rig.until(rig.all_ready)
+    rig.tree.revive("a")
+    for _ in rig.steps(20.0):
+        rig.check_time()
+        assert {rig.followed(camera) for camera in rig.cameras.values()} == {"b"}
+    assert rig.leading() == "b"
+    assert rig.machines["a"].succession.leader == ("b", 0)
+    rig.check_burst("b")
+
+
+def test_a_frozen_leader_without_a_standby_leads_again() -> None:
+    rig = ready_rig(cameras=1)
+    rig.kill("b")
+    rig.tree.freeze("a")
+    for _ in rig.steps(10.0):
+        pass
+    rig.tree.revive("a")
+    assert rig.until(lambda: rig.all_follow("a")) < 8.0
+    rig.until(rig.all_ready)
+    rig.check_burst("a")
+
+
 def test_of_three_each_waits_for_the_better_ones() -> None:
     rig = ready_rig("abc", cameras=1)
     rig.kill("a")

@@ -3,6 +3,7 @@
 from dataclasses import dataclass
 from typing import ClassVar
 
+from benchmarks.simulated.links import DelayLaw
 from benchmarks.simulated.wireless import (
     LATE_FRACTION,
     LATE_NS,
@@ -11,7 +12,6 @@ from benchmarks.simulated.wireless import (
     QUICK_FRACTION,
     GammaDelay,
 )
-from capture_app.simulation.links import DelayLaw
 
 
 @dataclass(frozen=True, slots=True)

@@ -21,9 +21,9 @@ from benchmarks.paper.reproduction import Measured, Reproduction
 from benchmarks.paper.result import error_figures, new_figure, save
 from benchmarks.paper.trials import call_all, share_of
 from benchmarks.paper.values import FIGURE_S2, LEAST_ROUND_TRIP, TABLE_2, TABLE_3
+from benchmarks.simulated.links import START_TRUE_NS, TURNAROUND_NS
 from benchmarks.simulated.wireless import LATE_NS, PAPER_LINK, POLL_INTERVAL_NS
 from capture_app.console.terminal import talk
-from capture_app.simulation.links import START_TRUE_NS, TURNAROUND_NS
 
 if TYPE_CHECKING:
     pass

@@ -7,6 +7,7 @@ from dataclasses import dataclass, field, replace
 from benchmarks.paper.clock_estimators import ClockEstimator, estimator_family
 from benchmarks.paper.result import error_figures
 from benchmarks.simulated.changing_clocks import draw_wandering_clock
+from benchmarks.simulated.links import START_TRUE_NS, DelayLaw, Link, exchanges, exchanges_at
 from benchmarks.simulated.wifi_laws import LINKS_BY_LAW, BimodalDelay
 from benchmarks.simulated.wireless import (
     PAPER_LINK,
@@ -16,7 +17,6 @@ from benchmarks.simulated.wireless import (
     wireless,
 )
 from capture_app.common.clock import SimulatedClock
-from capture_app.simulation.links import START_TRUE_NS, DelayLaw, Link, exchanges, exchanges_at
 from capture_app.sync.clock.clock_filter import ClockFilter
 from capture_app.sync.timekeeping import poll_schedule
 

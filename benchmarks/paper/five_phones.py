@@ -8,6 +8,7 @@ from functools import partial
 from benchmarks.paper.reproduction import Measured, Reproduction
 from benchmarks.paper.trials import call_all, share_of
 from benchmarks.paper.values import BURST, START_UP, WORST_PAIR
+from benchmarks.simulated.links import TURNAROUND_NS
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wifi_laws import LOOPBACK
 from benchmarks.simulated.wireless import PAPER_LINK
@@ -15,7 +16,6 @@ from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import IncompleteError
 from capture_app.console.terminal import talk
 from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
-from capture_app.simulation.links import TURNAROUND_NS
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 
 TRIALS = 100

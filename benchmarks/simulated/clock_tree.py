@@ -13,9 +13,9 @@ from math import nan
 from time import perf_counter_ns
 
 from benchmarks.simulated.changing_clocks import WanderingClock, draw_wandering_clock
+from benchmarks.simulated.links import Channel, Link
 from benchmarks.simulated.virtual_rig import Timer, VirtualTime
 from benchmarks.simulated.wireless import PAPER_LINK
-from capture_app.simulation.links import Channel, Link
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.sync_engine import Address, Engine

@@ -9,10 +9,10 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass, field, replace
 from typing import Any
 
+from benchmarks.simulated.links import Channel, Link
 from benchmarks.simulated.wireless import WIFI
 from capture_app.common.clock import NodeClock
 from capture_app.common.node_state import NodeState
-from capture_app.simulation.links import Channel, Link
 from capture_app.simulation.profiles import SensorProfile, facts_of
 from capture_app.simulation.sensor import DELIVERY_NS, Sensor, SensorFrame
 from capture_app.sync.phase.actuators import InjectionProfile

@@ -5,6 +5,7 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 from math import log
 
+from benchmarks.simulated.links import DelayLaw, Link
 from benchmarks.simulated.wireless import (
     LATE_FRACTION,
     LATE_NS,
@@ -13,7 +14,6 @@ from benchmarks.simulated.wireless import (
     PAPER_LINK,
     GammaDelay,
 )
-from capture_app.simulation.links import DelayLaw, Link
 
 LOOPBACK = Link(GammaDelay(30_000, 45_000), GammaDelay(30_000, 45_000))
 """From the leader's own camera to the leader: another process of the same machine."""

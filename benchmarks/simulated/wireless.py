@@ -4,7 +4,7 @@ import random
 from dataclasses import dataclass
 from math import log
 
-from capture_app.simulation.links import Channel, DelayLaw, Direction, Link
+from benchmarks.simulated.links import Channel, DelayLaw, Direction, Link
 
 _64_BITS = (1 << 64) - 1
 

@@ -1,10 +1,12 @@
 """Clock errors over a real or a recorded link: trials of the engine's own client, and their statistics."""
 
 import asyncio
+import csv
 import random
 import time
 from collections.abc import AsyncIterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
+from operator import itemgetter
 from pathlib import Path
 from statistics import fmean, pstdev
 from typing import Literal
@@ -13,11 +15,10 @@ from msgspec import Struct
 
 from capture_app.common.address import Address, resolve
 from capture_app.common.clock import HostClock, NodeClock, SimulatedClock
-from capture_app.common.errors import NetworkError
+from capture_app.common.errors import BadInputError, NetworkError
 from capture_app.common.timeouts import JOIN_TIMEOUT_S
 from capture_app.net.server import bind_port
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
-from capture_app.simulation.links import START_TRUE_NS, Link, ReplayedDelay, exchanges, read_trace
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.events import Joined, LeaderNotice
@@ -31,6 +32,14 @@ PAUSE_S = 0.25
 """Idle time of the link between two trials, as a link may be slower at first."""
 REPLAYED_SKEW_PPM = 20.0
 """Standard deviation of the simulated clocks' skew on a recorded link; offsets are hours."""
+
+COLUMNS = ("t_s", "rtt_ms")
+MIN_ROWS = 50
+MAX_NUMBER = 1e10
+"""Upper bound of a recording's times in s, and of its round trips in ms."""
+TURNAROUND_NS = 30_000
+"""Time that a leader takes from the receipt of a request to the reply."""
+START_TRUE_NS = 10**12
 
 Kind = Literal["simulated", "emulated link", "real"]
 
@@ -208,6 +217,68 @@ async def measure(
         await asyncio.sleep(PAUSE_S)
 
 
+@dataclass(frozen=True, slots=True)
+class RecordedLink:
+    """One-way delays of a recorded link in ns, one of each direction for each `every_ns` of true time."""
+
+    there_ns: tuple[int, ...]
+    back_ns: tuple[int, ...]
+    every_ns: int
+
+    def exchanges(self, clock: NodeClock, start: int, count: int) -> list[tuple[int, ClockSample]]:
+        """Return the samples of `count` messages of a client with this clock, in order of arrival.
+
+        Each comes with the true time in ns at which its reply arrives. The recording is replayed from row
+        `start` on, in a loop; the leader's clock is the true time.
+        """
+        found = []
+        for sent_ns in range(START_TRUE_NS, START_TRUE_NS + count * self.every_ns, self.every_ns):
+            t1_ns = sent_ns + self._delay_ns(self.there_ns, start, sent_ns)
+            t2_ns = t1_ns + TURNAROUND_NS
+            t3_ns = t2_ns + self._delay_ns(self.back_ns, start, t2_ns)
+            local_ns = clock.local_from_true(sent_ns), clock.local_from_true(t3_ns)
+            found.append((t3_ns, ClockSample(local_ns[0], t1_ns, t2_ns, local_ns[1])))
+        return sorted(found, key=itemgetter(0))
+
+    def _delay_ns(self, delays_ns: tuple[int, ...], start: int, true_ns: int) -> int:
+        return delays_ns[(start + true_ns // self.every_ns) % len(delays_ns)]
+
+
+def read_trace(path: Path, rng: random.Random) -> RecordedLink:
+    """Read a CSV with the columns t_s and rtt_ms as a link with one message a row, at its mean interval.
+
+    A recording does not show how a round trip divides. Both directions get half of the minimum round trip;
+    each row's excess over it is divided at random. Raises BadInputError.
+    """
+    try:
+        with path.open(newline="", encoding="utf-8") as file:
+            rows = [tuple(float(row[name]) for name in COLUMNS) for row in csv.DictReader(file)]
+    except (OSError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
+        raise BadInputError(
+            f"cannot read the recorded link {path}: {error}", hint=f"a CSV with columns {', '.join(COLUMNS)}"
+        ) from None
+    if len(rows) < MIN_ROWS:
+        raise BadInputError(f"{path} has {len(rows)} rows", hint=f"{MIN_ROWS} or more are needed")
+    if not all(abs(number) < MAX_NUMBER for row in rows for number in row):
+        raise BadInputError(
+            f"{path} has numbers that are not finite, or too large for times", hint="leave lost messages out"
+        )
+    times_s, round_trips_ms = zip(*rows, strict=True)
+    every_ns = round((times_s[-1] - times_s[0]) / (len(rows) - 1) * 1e9)
+    min_ms = min(round_trips_ms)
+    if every_ns <= 0 or not min_ms > 0:
+        raise BadInputError(
+            f"{path} has times that do not ascend, or round trips that are not positive",
+            hint="sort the rows by t_s, and leave lost messages out",
+        )
+    there_ns, back_ns = [], []
+    for round_trip_ms in round_trips_ms:
+        part_ms = rng.random() * (round_trip_ms - min_ms)
+        there_ns.append(round((min_ms / 2.0 + part_ms) * 1e6))
+        back_ns.append(round((round_trip_ms - min_ms / 2.0 - part_ms) * 1e6))
+    return RecordedLink(tuple(there_ns), tuple(back_ns), every_ns)
+
+
 def replay(recording: Path, messages: int, *, trials: int = REPLAYED_TRIALS, seed: int) -> list[LinkTrial]:
     """Synchronize simulated clocks over a recorded link, each from a random start in the recording.
 
@@ -215,23 +286,19 @@ def replay(recording: Path, messages: int, *, trials: int = REPLAYED_TRIALS, see
     BadInputError.
     """
     link = read_trace(recording, random.Random(f"{seed} trace"))
-    there, back = link.to_leader, link.to_client
-    assert isinstance(there, ReplayedDelay)
-    assert isinstance(back, ReplayedDelay)
     done = []
     for number in range(trials):
         rng = random.Random(f"{seed} recorded {number}")
-        start = rng.randrange(len(there.delays_ns))
-        part = Link(replace(there, start=start), replace(back, start=start))
+        start = rng.randrange(len(link.there_ns))
         clock = SimulatedClock(round(rng.uniform(-36e12, 36e12)), rng.gauss(0.0, REPLAYED_SKEW_PPM), 10**12)
-        received = exchanges(part, clock, rng, count=messages, poll_interval_ns=there.every_ns)
+        received = link.exchanges(clock, start, messages)
         engine = ClockFilter()
-        for message in received:
-            engine.add(message.sample)
-        time_map = engine.time_map(received[-1].sample.t3_ns)
+        for _, sample in received:
+            engine.add(sample)
+        arrived_true_ns, last = received[-1]
+        time_map = engine.time_map(last.t3_ns)
         assert time_map is not None
-        seconds = (received[-1].arrived_true_ns - START_TRUE_NS) / 1e9
-        samples = [message.sample for message in received]
+        seconds, samples = (arrived_true_ns - START_TRUE_NS) / 1e9, [sample for _, sample in received]
         done.append(judge(Synchronization(samples, time_map, seconds, messages), clock))
     return done
 

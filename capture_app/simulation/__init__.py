@@ -1,1 +1,1 @@
-"""Simulated cameras, sensors and network links, with rendered images."""
+"""Simulated cameras and sensors, with rendered images."""

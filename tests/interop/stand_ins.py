@@ -4,12 +4,12 @@ import random
 from collections.abc import Callable
 from typing import Any
 
+from benchmarks.simulated.links import Channel, Direction, Link
 from benchmarks.simulated.virtual_rig import Timer, VirtualTime
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.common.clock import SimulatedClock
 from capture_app.interop.app_leader import AppLeader
 from capture_app.interop.app_protocol import CALL_PORT, TIME_PORT
-from capture_app.simulation.links import Channel, Direction, Link
 from tests.interop.app_phone import StandInPhone
 
 S = 1_000_000_000

@@ -1,6 +1,7 @@
 """Both ends of the measured link: over loopback, and step by step without a socket."""
 
 import asyncio
+import csv
 import json
 import random
 from collections.abc import AsyncIterator
@@ -11,13 +12,15 @@ import pytest
 from capture_app.cli import run
 from capture_app.common.address import Address
 from capture_app.common.clock import HostClock, SimulatedClock
-from capture_app.common.errors import ExitCode, NetworkError
+from capture_app.common.errors import BadInputError, ExitCode, NetworkError
 from capture_app.net.server import bind_port
 from capture_app.rig import link_measurement as measuring
 from capture_app.rig.link_measurement import (
     LinkClient,
+    RecordedLink,
     Synchronization,
     judge,
+    read_trace,
     replay,
     serve,
     sum_up,
@@ -200,3 +203,39 @@ def test_what_is_no_round_trip_in_a_recording_is_told(
 def test_a_recording_that_is_not_there_is_told(capsys: pytest.CaptureFixture[str]) -> None:
     assert run(["link", "--replay", "nowhere.csv"]) == ExitCode.BAD_INPUT
     assert "nowhere.csv" in capsys.readouterr().err
+
+
+def test_a_recorded_link_is_split_into_its_two_directions(tmp_path: Path) -> None:
+    path = tmp_path / "link.csv"
+    with path.open("w", newline="") as file:
+        writer = csv.writer(file)
+        writer.writerow(("t_s", "rtt_ms"))
+        for i in range(100):
+            writer.writerow((i * 0.2, 3.0 if i == 50 else 2.0))
+    link = read_trace(path, random.Random(1))
+    ways = link.there_ns[50], link.back_ns[50]
+    assert sum(ways) == pytest.approx(3.0 * MS, abs=2)
+    assert min(ways) > 1.0 * MS
+    assert link.there_ns[40] == link.back_ns[40] == MS
+
+
+def test_a_recorded_link_is_replayed_by_the_time_in_a_loop() -> None:
+    link, clock = RecordedLink((5, 6, 7), (1, 1, 1), 100_000), SimulatedClock(0, 0.0, 0)
+    ways = [sample.t1_ns - sample.t0_ns for _, sample in link.exchanges(clock, 2, 4)]
+    assert ways == [5, 6, 7, 5]
+
+
+@pytest.mark.parametrize("text", ["", "t_s,rtt_ms\n1,2\n", "t_s,rtt_ms\n1,x\n", "t_s\n1\n"])
+def test_what_is_no_recorded_link_is_refused(text: str, tmp_path: Path) -> None:
+    path = tmp_path / "link.csv"
+    path.write_text(text)
+    with pytest.raises(BadInputError, match=r"link\.csv"):
+        read_trace(path, random.Random(1))
+
+
+@pytest.mark.shared
+def test_the_recording_of_a_real_link_is_read(shared: Path) -> None:
+    link = read_trace(shared / "footage" / "timing" / "wifi_rtt_offset_good.csv", random.Random(1))
+    assert len(link.there_ns) == 2987
+    assert link.every_ns == pytest.approx(200 * MS, rel=0.05)
+    assert min(link.there_ns) > 0

@@ -16,14 +16,14 @@ from benchmarks.paper.result import Table
 from benchmarks.paper.trials import call_all
 from benchmarks.report import new_parser, print_table
 from benchmarks.simulated.changing_clocks import ChangingClock, RateSpell
-from benchmarks.simulated.link_spells import LAWS, recorded_laws
+from benchmarks.simulated.links import DelayLaw, Link
 from benchmarks.simulated.wifi_laws import LOOPBACK
 from benchmarks.simulated.wireless import PAPER_LINK, wireless
 from capture_app.common.node_state import NodeState
 from capture_app.console.terminal import print_json, print_line
-from capture_app.simulation.links import DelayLaw, Link
 from capture_app.sync.timekeeping.clock_events import ClockChanged
 from tests.simulation.clock_pair import START_TRUE_NS, ClockPair, LongerFrom
+from tests.simulation.link_spells import LAWS, recorded_laws
 
 _S = 1_000_000_000
 CRYSTAL_PPM = 20.0

@@ -5,9 +5,9 @@ from collections.abc import Callable
 from dataclasses import dataclass
 
 from benchmarks.simulated.changing_clocks import ChangingClock
+from benchmarks.simulated.links import DelayLaw, Direction, Link
 from benchmarks.simulated.virtual_rig import Timer, VirtualTime
 from capture_app.common.node_state import NodeState
-from capture_app.simulation.links import DelayLaw, Direction, Link
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig

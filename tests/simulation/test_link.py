@@ -1,15 +1,13 @@
 """Links in virtual time: each law has the minimum and mean it says, and memory where it says so."""
 
-import csv
 import random
 from itertools import pairwise
-from pathlib import Path
 
 import pytest
 
+from benchmarks.simulated.links import Link
 from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay, TroubleSpells, WirelessLink
-from capture_app.common.errors import BadInputError
-from capture_app.simulation.links import Link, ReplayedDelay, read_trace
+from tests.simulation.link_spells import ReplayedDelay
 
 MS, S = 1_000_000, 1_000_000_000
 STEADY = GammaDelay(500_000, 500_001, 1.0)
@@ -42,34 +40,3 @@ def test_trouble_comes_in_bursts() -> None:
 def test_a_replayed_law_goes_by_the_time() -> None:
     law, rng = ReplayedDelay((5, 6, 7), 100, start=1), random.Random(1)
     assert [law.draw(rng, t) for t in (0, 99, 100, 200, 300)] == [6, 6, 7, 5, 6]
-
-
-def test_a_recorded_link_is_split_into_its_two_directions(tmp_path: Path) -> None:
-    path = tmp_path / "link.csv"
-    with path.open("w", newline="") as file:
-        writer = csv.writer(file)
-        writer.writerow(("t_s", "rtt_ms"))
-        for i in range(100):
-            writer.writerow((i * 0.2, 3.0 if i == 50 else 2.0))
-    link, rng = read_trace(path, random.Random(1)), random.Random(2)
-    ways = [law.draw(rng, 50 * 200 * MS) for law in (link.to_leader, link.to_client)]
-    assert sum(ways) == pytest.approx(3.0 * MS, abs=2)
-    assert min(ways) > 1.0 * MS
-    assert link.to_client.draw(rng, 40 * 200 * MS) == link.to_leader.draw(rng, 40 * 200 * MS) == MS
-
-
-@pytest.mark.parametrize("text", ["", "t_s,rtt_ms\n1,2\n", "t_s,rtt_ms\n1,x\n", "t_s\n1\n"])
-def test_what_is_no_recorded_link_is_refused(text: str, tmp_path: Path) -> None:
-    path = tmp_path / "link.csv"
-    path.write_text(text)
-    with pytest.raises(BadInputError, match=r"link\.csv"):
-        read_trace(path, random.Random(1))
-
-
-@pytest.mark.shared
-def test_the_recording_of_a_real_link_is_read(shared: Path) -> None:
-    link = read_trace(shared / "footage" / "timing" / "wifi_rtt_offset_good.csv", random.Random(1))
-    assert isinstance(link.to_leader, ReplayedDelay)
-    assert len(link.to_leader.delays_ns) == 2987
-    assert link.to_leader.every_ns == pytest.approx(200 * MS, rel=0.05)
-    assert min(link.to_leader.delays_ns) > 0

@@ -6,6 +6,7 @@ from statistics import mean, pstdev, stdev
 
 import pytest
 
+from benchmarks.simulated.links import Channel, Direction, Link, exchanges
 from benchmarks.simulated.wifi_laws import LINKS, LinkStatistics
 from benchmarks.simulated.wireless import (
     LATE_NS,
@@ -16,7 +17,6 @@ from benchmarks.simulated.wireless import (
     WirelessLink,
 )
 from capture_app.common.clock import SimulatedClock
-from capture_app.simulation.links import Channel, Direction, Link, exchanges
 
 TRIALS = {300: 30, 1000: 10, 10_000: 2}
 SIGMAS = 4.0

@@ -11,6 +11,7 @@ from concurrent.futures import Executor, Future
 from dataclasses import dataclass
 from typing import Any, cast
 
+from benchmarks.simulated.links import Link
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.cameras.libcamera.libcamera_driver import LibcameraCamera
 from capture_app.cameras.libcamera.libcamera_library import Library
@@ -20,7 +21,6 @@ from capture_app.common.node_state import NodeState
 from capture_app.net.udp import Pump
 from capture_app.node.camera.supervisor import CameraStream, CameraSupervisor, NodeOptions
 from capture_app.protocol.log import Log
-from capture_app.simulation.links import Link
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from tests.cameras.libcamera.double import libcamera_double

@@ -4,10 +4,10 @@ from collections.abc import Sequence
 from typing import Any
 
 from benchmarks.simulated.changing_clocks import WanderingClock
+from benchmarks.simulated.links import Link
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wireless import GammaDelay
 from capture_app.common.clock import NodeClock
-from capture_app.simulation.links import Link
 from capture_app.sync.clock.time_map import TimeMap
 
 MS, S = 1_000_000, 1_000_000_000

@@ -1,10 +1,10 @@
 """A rig never calls a camera ready by what was true before its leader was gone."""
 
+from benchmarks.simulated.links import Link
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wireless import GammaDelay
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.node_state import NodeState
-from capture_app.simulation.links import Link
 from capture_app.simulation.profiles import PROFILES
 
 S = 1_000_000_000

@@ -3,10 +3,10 @@
 import random
 from dataclasses import replace
 
+from benchmarks.simulated.links import Link
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wireless import GammaDelay
 from capture_app.common.clock import SimulatedClock
-from capture_app.simulation.links import Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.simulation.sensor import SensorFrame
 from capture_app.sync.rig.events import PhaseCorrected

@@ -3,13 +3,13 @@
 import re
 from dataclasses import replace
 
+from benchmarks.simulated.links import Link
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wifi_laws import LognormalDelay
 from benchmarks.simulated.wireless import TroubleSpells, WirelessLink
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.node_state import NodeState
-from capture_app.simulation.links import Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.timekeeping.clock_events import ClockSynced
 from capture_app.sync.timekeeping.poll_schedule import FIRST_SAMPLES

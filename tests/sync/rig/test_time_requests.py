@@ -6,10 +6,10 @@ from functools import partial
 
 import pytest
 
+from benchmarks.simulated.links import Channel, Direction, Link
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualRig
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.common.clock import SimulatedClock
-from capture_app.simulation.links import Channel, Direction, Link
 from capture_app.simulation.profiles import PROFILES
 from capture_app.sync.rig.roster import van_der_corput
 from capture_app.sync.timekeeping.clock_events import ClockChanged, ClockSynced

@@ -1,26 +1,16 @@
-"""WiFi links whose delays come in spells, in virtual time.
+"""WiFi links whose delays come in spells, in virtual time, and recorded links replayed."""
 
-`python -m benchmarks.simulated.link_spells TRACE` prints the two-state chain that a recording shows, the
-basis of RECORDED_SPELLS.
-"""
-
-import argparse
 import random
 from collections.abc import Callable
 from dataclasses import dataclass, replace
-from itertools import groupby
 from pathlib import Path
-from statistics import fmean, median
 
+from benchmarks.simulated.links import Direction, Link
 from benchmarks.simulated.wireless import WIFI, GammaDelay, TroubleSpells, WirelessLink
-from capture_app.console.terminal import print_line
-from capture_app.simulation.links import Direction, Link, ReplayedDelay
 
 MS, S = 1_000_000, 1_000_000_000
 RECORDED_INTERVAL_NS = 200 * MS
 """Interval of the exchanges of the recorded link (roc-streaming)."""
-MODE_ROWS = 8
-"""Rows of a recording whose minimum shows the floor that its link has at that time."""
 BEACON_NS = 102_400_000
 """Interval of an access point's beacons (100 time units): a dozing client gets its messages then."""
 
@@ -107,7 +97,7 @@ RECORDED_SPELLS = WirelessLink(
     GammaDelay(782_000, 1_120_000, 2.0, 0.012, 5 * MS, 400 * MS),
     spells=Raised(calm_ns=18_800 * MS, trouble_ns=25_700 * MS, extra_ns=329_000),
 )
-"""The chain of the recorded link, as this module's command prints it."""
+"""The chain of the recorded link (roc-streaming): two floors, and the mean times for which it has each."""
 _LINKS: dict[str, Link] = {
     "independent": WIFI,
     "two states as recorded": RECORDED_SPELLS,
@@ -130,6 +120,19 @@ def _always(link: Link) -> DrawLink:
 
 LAWS: dict[str, DrawLink] = {name: _always(link) for name, link in _LINKS.items()}
 """The same links, drawn as those of recordings are."""
+
+
+@dataclass(frozen=True, slots=True)
+class ReplayedDelay:
+    """Recorded delays in ns, one for each `every_ns` of true time, in a loop from index `start`."""
+
+    delays_ns: tuple[int, ...]
+    every_ns: int
+    start: int = 0
+
+    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
+        """Return the delay recorded for that time, in ns."""
+        return self.delays_ns[(self.start + true_ns // self.every_ns) % len(self.delays_ns)]
 
 
 @dataclass(frozen=True, slots=True)
@@ -162,33 +165,3 @@ def recorded_laws(path: Path) -> dict[str, DrawLink]:
         "recording, in order": lambda rng: in_order(RECORDED_INTERVAL_NS, rng),
         "recording, 20 times as fast": lambda rng: in_order(RECORDED_INTERVAL_NS // 20, rng),
     }
-
-
-def describe(delays_ns: tuple[int, ...], interval_ns: int) -> str:
-    """Return the two floors of a recorded direction, and the mean times for which it has each of them."""
-    floors = [min(delays_ns[max(0, i - MODE_ROWS) : i + MODE_ROWS]) for i in range(len(delays_ns))]
-    middle = (min(floors) + max(floors)) / 2.0
-    runs = [(high, len(list(run))) for high, run in groupby(floor > middle for floor in floors)]
-    parts = []
-    for state in (False, True):
-        level_us = median([floor for floor in floors if (floor > middle) is state]) / 1e3
-        lengths_s = [count * interval_ns / S for high, count in runs if high is state]
-        parts.append(f"{level_us:.0f} us for {fmean(lengths_s):.1f} s ({len(lengths_s)} times)")
-    late = sum(delay > 5 * median(delays_ns) for delay in delays_ns) / len(delays_ns)
-    return (
-        f"floors {', '.join(parts)}; median {median(delays_ns) / 1e3:.0f} us; {late:.1%} over five times that"
-    )
-
-
-def main() -> None:
-    """Print the chain of a recording."""
-    parser = argparse.ArgumentParser(description=__doc__)
-    parser.add_argument("trace", type=Path, help="recorded delays: two columns in us")
-    for name, delays_ns in zip(
-        ("to leader", "to client"), read_recording(parser.parse_args().trace), strict=True
-    ):
-        print_line(f"{name}: {describe(delays_ns, RECORDED_INTERVAL_NS)}")
-
-
-if __name__ == "__main__":
-    main()

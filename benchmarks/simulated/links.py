@@ -1,24 +1,15 @@
-"""Network links in virtual time, also replayed from a recording, and time messages over them.
+"""Network links in virtual time: distributions of one-way delays, loss, and time messages over them.
 
-A link has distributions of one-way delays, and loss; times are true times.
-
-A link with memory, such as WiFi, gives each node that opens it its own channel.
+Times are true times. A link with memory, such as WiFi, gives each node that opens it its own channel.
 """
 
-import csv
 import random
 from collections.abc import Iterable
 from dataclasses import dataclass
-from pathlib import Path
 from typing import Literal, Protocol
 
-from capture_app.common.errors import BadInputError
 from capture_app.sync.clock.clock_filter import ClockSample
 
-COLUMNS = ("t_s", "rtt_ms")
-MIN_ROWS = 50
-MAX_NUMBER = 1e10
-"""Upper bound of a recording's times in s, and of its round trips in ms."""
 TURNAROUND_NS = 30_000
 """Time that a leader takes from the receipt of a request to the reply."""
 START_TRUE_NS = 10**12
@@ -29,19 +20,6 @@ class DelayLaw(Protocol):
 
     def draw(self, rng: random.Random, true_ns: int = 0) -> int:
         """Return the delay in ns of one datagram sent at a true time in ns."""
-
-
-@dataclass(frozen=True, slots=True)
-class ReplayedDelay:
-    """Recorded delays in ns, one for each `every_ns` of true time, in a loop from index `start`."""
-
-    delays_ns: tuple[int, ...]
-    every_ns: int
-    start: int = 0
-
-    def draw(self, rng: random.Random, true_ns: int = 0) -> int:
-        """Return the delay recorded for that time, in ns."""
-        return self.delays_ns[(self.start + true_ns // self.every_ns) % len(self.delays_ns)]
 
 
 Direction = Literal["to_leader", "to_client"]
@@ -74,41 +52,6 @@ class Link:
         copies = 2 if rng.random() < self.duplication else 1
         law = self.to_leader if direction == "to_leader" else self.to_client
         return [law.draw(rng, true_ns) for _ in range(copies)]
-
-
-def read_trace(path: Path, rng: random.Random) -> Link:
-    """Read a CSV with the columns t_s and rtt_ms as a link that replays it row by row, at its mean interval.
-
-    A recording does not show how a round trip divides. Both directions get half of the minimum round trip;
-    each row's excess over it is divided at random. Raises BadInputError.
-    """
-    try:
-        with path.open(newline="", encoding="utf-8") as file:
-            rows = [tuple(float(row[name]) for name in COLUMNS) for row in csv.DictReader(file)]
-    except (OSError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
-        raise BadInputError(
-            f"cannot read the recorded link {path}: {error}", hint=f"a CSV with columns {', '.join(COLUMNS)}"
-        ) from None
-    if len(rows) < MIN_ROWS:
-        raise BadInputError(f"{path} has {len(rows)} rows", hint=f"{MIN_ROWS} or more are needed")
-    if not all(abs(number) < MAX_NUMBER for row in rows for number in row):
-        raise BadInputError(
-            f"{path} has numbers that are not finite, or too large for times", hint="leave lost messages out"
-        )
-    times_s, round_trips_ms = zip(*rows, strict=True)
-    every_ns = round((times_s[-1] - times_s[0]) / (len(rows) - 1) * 1e9)
-    min_ms = min(round_trips_ms)
-    if every_ns <= 0 or not min_ms > 0:
-        raise BadInputError(
-            f"{path} has times that do not ascend, or round trips that are not positive",
-            hint="sort the rows by t_s, and leave lost messages out",
-        )
-    there_ns, back_ns = [], []
-    for round_trip_ms in round_trips_ms:
-        part_ms = rng.random() * (round_trip_ms - min_ms)
-        there_ns.append(round((min_ms / 2.0 + part_ms) * 1e6))
-        back_ns.append(round((round_trip_ms - min_ms / 2.0 - part_ms) * 1e6))
-    return Link(ReplayedDelay(tuple(there_ns), every_ns), ReplayedDelay(tuple(back_ns), every_ns))
 
 
 class LocalClock(Protocol):

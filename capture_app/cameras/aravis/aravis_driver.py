@@ -65,47 +65,11 @@ OPTIONS = {
 }
 
 
-class FrameClock:
-    """Maps frames to host times by arrival alone; base class for counters that allow better estimates."""
-
-    is_readable = False
-    """Whether the counter is read while the camera streams."""
-
-    def add_reading(self, sent_ns: int, counter_ns: int, answered_ns: int) -> None:
-        """Add a counter reading that was taken between two host times."""
-
-    def stamp_ns(self, frame: DeviceFrame) -> int | None:
-        """Return the host's time of a frame; None while it is unknown."""
-        return frame.arrival_ns
-
-    def uncertainty_ns(self, host_ns: int) -> int:
-        """Return the 95 % error of a host time from counter readings; 0 without readings."""
-        return 0
-
-    def accuracy(self, now_ns: int) -> DeviceClock | None:
-        """Return the accuracy of the counter at a host time; None if it is not read."""
-        return None
-
-
-class ArrivalLine(FrameClock):
-    """Clock of a counter that cannot be read: a line fit to its stamps and their arrivals."""
-
-    def __init__(self) -> None:
-        self._clock = ArrivalClock()
-
-    def stamp_ns(self, frame: DeviceFrame) -> int | None:
-        """Return the host's time of a frame, late by the minimum delay of all arrivals."""
-        self._clock.add_arrival(frame.counter_ns, frame.arrival_ns)
-        return self._clock.host_ns(frame.counter_ns)
-
-
-class LatchedClock(FrameClock):
+class LatchedClock:
     """Clock of a counter that can be read: each reading falls between a request and its answer.
 
     The sync engine's clock filter fits the readings, like time messages between two machines.
     """
-
-    is_readable = True
 
     def __init__(self) -> None:
         self._filter = ClockFilter()
@@ -120,20 +84,11 @@ class LatchedClock(FrameClock):
         """Return the host's time of a counter reading; None before the first reading."""
         return None if self._map is None else self._map.local_from_leader(counter_ns)
 
-    def stamp_ns(self, frame: DeviceFrame) -> int | None:
-        """Return the host's time of a frame's stamp; None before the first reading."""
-        return self.host_ns(frame.counter_ns)
-
-    def uncertainty_ns(self, host_ns: int) -> int:
-        """Return the 95 % error of a host time that `host_ns` returned."""
-        return 0 if self._map is None else round(self._map.uncertainty_at(host_ns))
-
-    def accuracy(self, now_ns: int) -> DeviceClock | None:
-        """Return the accuracy of the counter at a host time; None before the first reading."""
-        if self._map is None:
-            return None
-        bound_ns = round(self._map.hard_bound_at(now_ns))
-        return DeviceClock(uncertainty_ns=self.uncertainty_ns(now_ns), hard_bound_ns=bound_ns)
+    def accuracy(self, host_ns: int) -> DeviceClock:
+        """Return the accuracy of a host time by the readings, of which there is at least one."""
+        assert self._map is not None
+        uncertainty_ns, bound_ns = self._map.uncertainty_at(host_ns), self._map.hard_bound_at(host_ns)
+        return DeviceClock(uncertainty_ns=round(uncertainty_ns), hard_bound_ns=round(bound_ns))
 
 
 class FrameNumbers:
@@ -171,7 +126,10 @@ class AravisCamera(ThreadedCamera):
         self._silence_ns = silence_ns
         self._fetching: threading.Thread | None = None
         self._device: AravisDevice
-        self._clock = FrameClock()
+        self._readings: LatchedClock | None = None
+        """Clock of a counter that can be read."""
+        self._arrivals: ArrivalClock | None = None
+        """Clock of one that cannot; without either, frames are stamped by their arrival."""
         self._target_ns: deque[int] = deque()
         """Requested durations, each for one coming frame, that are not yet sent to the camera."""
         self._restore_at_ns: int | None = None
@@ -180,7 +138,7 @@ class AravisCamera(ThreadedCamera):
     @property
     def device_clock(self) -> DeviceClock | None:
         """Accuracy of the camera's counter against the host's clock; None if it cannot be read."""
-        return self._clock.accuracy(time.monotonic_ns())
+        return None if self._readings is None else self._readings.accuracy(time.monotonic_ns())
 
     async def controls(self) -> tuple[ControlState, ...]:
         """Return the current exposure and gain. Raises CameraError."""
@@ -237,9 +195,9 @@ class AravisCamera(ThreadedCamera):
         # The first stamp may not be valid yet.
         by_latch_ns = latched.host_ns(second.counter_ns) if reads else None
         if by_latch_ns is not None and abs(by_latch_ns - second.arrival_ns) < NEAR_NS:
-            self._clock = latched
+            self._readings = latched
         elif second.counter_ns != first.counter_ns:
-            self._clock = ArrivalLine()
+            self._arrivals = ArrivalClock()
         self._facts = self._facts_of(device.facts)
 
     def _first_frame(self, device: AravisDevice) -> DeviceFrame:
@@ -255,7 +213,7 @@ class AravisCamera(ThreadedCamera):
 
     def _facts_of(self, facts: CameraFacts) -> CameraFacts:
         """Add to the facts which moment of a frame the timestamps mark, if the device's clock can be read."""
-        if not self._clock.is_readable:
+        if self._readings is None:
             return facts
         # GenICam's SFNC stamps a frame at its start; some cameras stamp the end of its exposure.
         error_ns = facts.period_ns if facts.exposure_ns is None else facts.exposure_ns
@@ -285,19 +243,19 @@ class AravisCamera(ThreadedCamera):
             fresh_ns = now_ns if fresh else fresh_ns
             self._change_duration(now_ns, fresh=fresh)
             poll_interval_ns = READING_NS if now_ns - begun_ns > SETTLING_NS else SOON_NS
-            if now_ns - read_ns >= poll_interval_ns and self._clock.is_readable:
+            if now_ns - read_ns >= poll_interval_ns and self._readings is not None:
                 read_ns = now_ns
-                self._say(self._read_counter)
+                self._say(self._read_counter, self._readings)
 
     def _take(self, frame: DeviceFrame) -> None:
         sequence = self._numbers.count(frame.number)
         if frame.data is None or sequence is None:
             return  # its number is missing from the stream, as with any dropped frame
-        stamp_ns = self._clock.stamp_ns(frame)
+        stamp_ns = self._stamp_ns(frame)
         if stamp_ns is None or abs(stamp_ns - frame.arrival_ns) > NEAR_NS:
             _log.debug("frame %d has a stamp of another time", frame.number)
             return
-        facts = self.facts
+        facts, readings = self.facts, self._readings
         picture = machine_picture(frame.data, (facts.width, facts.height), facts.pixel_format)
         captured = CapturedFrame(
             sequence=sequence,
@@ -305,9 +263,18 @@ class AravisCamera(ThreadedCamera):
             timestamp_ns=stamp_ns,
             picture=picture,
             exposure_ns=facts.exposure_ns,
-            clock_uncertainty_ns=self._clock.uncertainty_ns(stamp_ns),
+            clock_uncertainty_ns=0 if readings is None else readings.accuracy(stamp_ns).uncertainty_ns,
         )
         self._call_in_loop(self._deliver, captured)
+
+    def _stamp_ns(self, frame: DeviceFrame) -> int | None:
+        """Return the host's time of a frame, by arrivals late by their minimum delay; None while unknown."""
+        if self._readings is not None:
+            return self._readings.host_ns(frame.counter_ns)
+        if self._arrivals is None:
+            return frame.arrival_ns
+        self._arrivals.add_arrival(frame.counter_ns, frame.arrival_ns)
+        return self._arrivals.host_ns(frame.counter_ns)
 
     def _change_duration(self, now_ns: int, *, fresh: bool) -> None:
         """Set the requested duration when a frame has come, and restore the period when the next one has.
@@ -333,16 +300,16 @@ class AravisCamera(ThreadedCamera):
                 failure = error
         self._call_in_loop(self._fail, str(failure))
 
-    def _read_counter(self) -> None:
+    def _read_counter(self, clock: LatchedClock) -> None:
         try:
             reading = self._device.read_counter()
         except CameraError as error:
             _log.debug("the counter was not read: %s", error)  # the heartbeat detects a lost camera
             return
         if reading is not None:
-            self._clock.add_reading(*reading)
+            clock.add_reading(*reading)
 
-    def _say(self, command: Callable[..., None], *arguments: int) -> None:
+    def _say(self, command: Callable[..., None], *arguments: object) -> None:
         with contextlib.suppress(RuntimeError):  # the worker was shut down
             self._worker.submit(command, *arguments)
 

@@ -3,6 +3,7 @@
 import asyncio
 from collections import deque
 from collections.abc import Callable, Sequence
+from functools import partial
 from math import e, log, pi, sqrt
 from statistics import fmean, median
 
@@ -317,41 +318,24 @@ def _reason(effective: int, step_ns: float | None) -> str:
 
 
 async def characterize(
-    spec: str, *, seconds: float, starts: int, moves: int, keep: bool, talk: Callable[[str], None]
+    spec: str,
+    *,
+    seconds: float,
+    starts: int,
+    moves: int,
+    keep: bool,
+    talk: Callable[[str], None],
+    clock: NodeClock | None = None,
 ) -> Character:
     """Measure a camera of this machine, and with `keep` save what nodes use to this user's profiles.
 
-    It is watched for `seconds`, started `starts` times, and shifted `moves` times. Raises BadInputError for
-    an unusable spec, CameraError where it cannot be opened or delivers no frames.
+    It is watched for `seconds`, started `starts` times, and shifted `moves` times; its timestamps are in
+    `clock`, by default the host's. Raises BadInputError for an unusable spec, CameraError where it cannot be
+    opened or delivers no frames.
     """
-    clock = HostClock()
-
-    def reopen() -> Camera:
-        return open_camera(spec, clock=clock, name="characterize")
-
-    found = await measure_camera(
-        spec, reopen, clock, modes=modes_of(spec), seconds=seconds, starts=starts, moves=moves, talk=talk
-    )
-    return save(found, DeviceProfiles()) if keep else found
-
-
-async def measure_camera(
-    spec: str,
-    open_camera: Callable[[], Camera],
-    clock: NodeClock,
-    *,
-    modes: str = "",
-    seconds: float = 10.0,
-    starts: int = 8,
-    moves: int = MOVES,
-    talk: Callable[[str], None] = lambda _: None,
-) -> Character:
-    """Open the camera of `spec` and measure it; `clock` is its timestamps' clock, `modes` its modes.
-
-    It is watched for `seconds`, started `starts` times, and shifted `moves` times. Raises CameraError where
-    it cannot be opened or delivers no frames, and the errors of `open_camera`.
-    """
-    watch = StreamWatch(open_camera(), clock)
+    clock = clock or HostClock()
+    reopen = partial(open_camera, spec, clock=clock, name="characterize")
+    watch = StreamWatch(reopen(), clock)
     latencies_ns: list[int] = []
     try:
         talk("starting")
@@ -371,7 +355,7 @@ async def measure_camera(
         character = Character(
             spec=spec,
             camera=facts,
-            modes=modes,
+            modes=modes_of(spec),
             frames=phase.frames,
             drops=phase.drops,
             period_ns=phase.period_ns,
@@ -393,14 +377,15 @@ async def measure_camera(
                 latencies_ns.append(await watch.restart(delay_ns))
             else:
                 await watch.camera.stop()
-                watch = StreamWatch(open_camera(), clock)
+                watch = StreamWatch(reopen(), clock)
                 latencies_ns.append(await watch.start())
             await watch.frames(AFTER_START_FRAMES)
     finally:
         await watch.camera.stop()
-    if not latencies_ns:
-        return character
-    return replace(character, starts=Starts(latencies_ns=tuple(latencies_ns), by_restart=by_restart))
+    if latencies_ns:
+        taken = Starts(latencies_ns=tuple(latencies_ns), by_restart=by_restart)
+        character = replace(character, starts=taken)
+    return save(character, DeviceProfiles()) if keep else character
 
 
 def save(character: Character, profiles: DeviceProfiles) -> Character:

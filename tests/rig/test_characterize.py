@@ -8,25 +8,20 @@ from statistics import median
 import pytest
 from msgspec.structs import replace
 
-from capture_app.cameras.base import Camera
-from capture_app.cameras.specs import open_camera
 from capture_app.cli import run
 from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.errors import CameraError
 from capture_app.node.camera.device_profiles import DeviceProfiles
-from capture_app.rig.characterize import Character, common_step, measure_camera, save
+from capture_app.rig.characterize import Character, characterize, common_step, save
 from capture_app.simulation.profiles import PROFILES
 from tests.simulation.simulation_driver.stepped import LoopClock, in_stepped_time
 
 
 @in_stepped_time
 async def measured(spec: str, *, seconds: float = 10.0, starts: int = 0, moves: int = 0) -> Character:
-    clock = LoopClock(7)
-
-    def reopen() -> Camera:
-        return open_camera(spec, clock=clock, name="cam")
-
-    return await measure_camera(spec, reopen, clock, seconds=seconds, starts=starts, moves=moves)
+    return await characterize(
+        spec, seconds=seconds, starts=starts, moves=moves, keep=False, talk=lambda _: None, clock=LoopClock(7)
+    )
 
 
 def test_a_webcam_is_watched_and_restarted() -> None:
@@ -88,10 +83,9 @@ def test_a_common_step_is_found_or_none_is_claimed(seed: int) -> None:
 
 @in_stepped_time
 async def test_a_camera_without_frames_is_an_error_in_words() -> None:
-    clock = LoopClock(7)
-    spec = "sim:perfect,drops=1"
+    spec, clock = "sim:perfect,drops=1", LoopClock(7)
     with pytest.raises(CameraError, match="delivered no frames for 15 s"):
-        await measure_camera(spec, lambda: open_camera(spec, clock=clock, name="cam"), clock)
+        await characterize(spec, seconds=1.0, starts=0, moves=0, keep=False, talk=lambda _: None, clock=clock)
 
 
 def kept(folder: Path, facts: CameraFacts) -> tuple[object, int]:

@@ -43,23 +43,6 @@ class NodeErrors(Struct, frozen=True, kw_only=True):
     hard_bound_ns: int
 
 
-class SyncErrors(Struct, frozen=True, kw_only=True):
-    """True synchronization errors of a simulated rig."""
-
-    nodes: tuple[NodeErrors, ...]
-    max_total_error_ns: int
-
-
-class DemoResult(Struct, frozen=True, kw_only=True):
-    """Output of `capture-app demo --json`; `compare` is the comparison's `metrics.json`."""
-
-    session: str
-    report: str
-    seconds: float
-    sync: SyncErrors
-    compare: dict[str, Any]
-
-
 @click.command(epilog=examples("capture-app demo", "capture-app demo --cameras 3 --out /tmp/demo"))
 @click.option("--cameras", type=click.IntRange(2, 7), default=5, metavar="N", help="Simulated cameras.")
 @click.option(
@@ -76,7 +59,7 @@ def demo(cameras: int, out: Path, as_json: bool) -> None:
     Each camera is a process whose clock is hours off; they communicate over this machine's network.
     """
     result = run_until_stopped(run_demo(out, cameras, _show_line))
-    answer(as_json, result, _lines(result), said=f"done in {result.seconds:.0f} s")
+    answer(as_json, result, _lines(result), said=f"done in {result['seconds']:.0f} s")
 
 
 def _show_line(line: str) -> None:
@@ -87,20 +70,22 @@ def _show_line(line: str) -> None:
         show_progress(step)
 
 
-def _lines(result: DemoResult) -> Iterator[str]:
+def _lines(result: dict[str, Any]) -> Iterator[str]:
     head = ("camera", "clock error µs", "phase error µs", "total error µs", "hard bound µs")
     rows = []
-    for node in result.sync.nodes:
+    for node in result["sync"]["nodes"]:
         times_ns = (node.clock_error_ns, node.phase_error_ns, node.total_error_ns, node.hard_bound_ns)
         rows.append((node.name, *(f"{time_ns / 1000:.1f}" for time_ns in times_ns)))
     yield table(head, rows)
-    yield "\n" + textwrap.fill(str(result.compare.get("verdict", "")), 88) + "\n"
-    yield f"session  {result.session}"
-    yield f"report   {result.report}"
+    yield "\n" + textwrap.fill(str(result["compare"].get("verdict", "")), 88) + "\n"
+    yield f"session  {result['session']}"
+    yield f"report   {result['report']}"
 
 
-async def run_demo(out: Path, cameras: int, talk: Talk) -> DemoResult:
-    """Take a burst of `cameras` simulated cameras into a session in `out`, and compare it.
+async def run_demo(out: Path, cameras: int, talk: Talk) -> dict[str, Any]:
+    """Take a burst of `cameras` simulated cameras into a session in `out`, compare it, and return the result.
+
+    `compare` is the comparison's `metrics.json`.
 
     Raises SimulshotError where a part of it fails; what is saved by then stays.
     """
@@ -108,13 +93,14 @@ async def run_demo(out: Path, cameras: int, talk: Talk) -> DemoResult:
     session = await capture(out, cameras, talk)
     report = free_name(out / "compare")
     compared = await compare(session.folder, report, talk)
-    return DemoResult(
-        session=str(session.folder),
-        report=str(report / "report.html"),
-        seconds=round(time.monotonic() - began_s, 2),
-        sync=measure_sync_errors(session),
-        compare=compared,
-    )
+    nodes = measure_sync_errors(session)
+    return {
+        "session": str(session.folder),
+        "report": str(report / "report.html"),
+        "seconds": round(time.monotonic() - began_s, 2),
+        "sync": {"nodes": nodes, "max_total_error_ns": max(abs(node.total_error_ns) for node in nodes)},
+        "compare": compared,
+    }
 
 
 async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio") -> "Session":
@@ -164,7 +150,7 @@ async def compare(session: Path, out: Path, talk: Talk) -> dict[str, Any]:
     return metrics
 
 
-def measure_sync_errors(session: "Session") -> SyncErrors:
+def measure_sync_errors(session: "Session") -> tuple[NodeErrors, ...]:
     """Return each camera's errors at its worst image in a simulated session, against the ground truth.
 
     The leader's clock is the host's, which is the true time. Raises BadInputError where the session has no
@@ -188,5 +174,4 @@ def measure_sync_errors(session: "Session") -> SyncErrors:
         known = worst.get(image.camera)
         if known is None or abs(errors.total_error_ns) > abs(known.total_error_ns):
             worst[image.camera] = errors
-    nodes = tuple(worst[name] for name in sorted(worst))
-    return SyncErrors(nodes=nodes, max_total_error_ns=max(abs(node.total_error_ns) for node in nodes))
+    return tuple(worst[name] for name in sorted(worst))

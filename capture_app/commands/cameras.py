@@ -35,9 +35,9 @@ NAMES = tuple(str(control) for control in Control)
 @json_option
 def controls(save: Path | None, leader: Address, as_json: bool) -> None:
     """Show exposure, gain, white balance and focus of all cameras of a rig."""
-    from capture_app.rig.rig_link import read_all
+    from capture_app.rig.rig_link import set_cameras
 
-    found = asyncio.run(read_all(leader))
+    found = asyncio.run(set_cameras(leader, {}))
     if save is not None:
         profile: Profile = {camera: {} for camera in found}
         for camera, state in found.items():

@@ -62,23 +62,21 @@ def make_known(leaders: Sequence[Address], pin: str | None, code: str | None) ->
         return
     for leader in leaders:
         try:
-            if asyncio.run(membership.needs_pairing(leader)):
-                _introduce(leader, code)
-                code = None
+            if not asyncio.run(membership.needs_pairing(leader)):
+                continue
+            if code is not None:
+                pair_with(leader, code)
+                code = None  # it is good once
+            elif sys.stdin.isatty():
+                talk(f"This machine is not paired with the leader at {leader}.")
+                talk(
+                    "On the leader's machine, capture-app trust invite or i in the terminal UI shows a code."
+                )
+                ask_and_pair(leader)
         except UnknownMachineError:
             raise
         except NetworkError:
             continue
-
-
-def _introduce(leader: Address, code: str | None) -> None:
-    """Pair this machine with a leader by the one-time code, or by one asked for at the terminal."""
-    if code is not None:
-        pair_with(leader, code)
-    elif sys.stdin.isatty():
-        talk(f"This machine is not paired with the leader at {leader}.")
-        talk("On the leader's machine, capture-app trust invite or i in the terminal UI shows a code.")
-        ask_and_pair(leader)
 
 
 def pair_with(leader: Address, code: str) -> tuple[Role, ...]:

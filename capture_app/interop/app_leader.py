@@ -8,6 +8,8 @@ from collections import deque
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
+from msgspec.structs import replace
+
 from capture_app.common.names import name_like
 from capture_app.common.text import duration
 from capture_app.interop.app_protocol import (
@@ -24,6 +26,7 @@ from capture_app.interop.app_protocol import (
 )
 from capture_app.protocol.log import FollowerEvent
 from capture_app.protocol.status import FollowerStatus
+from capture_app.sync.clock.time_map import TimeMap
 
 Address = tuple[str, int]
 MAX_PHONES = 32
@@ -61,15 +64,10 @@ class AppLeader:
         """Order a still from all phones at the instants that the app can serve, and return those instants."""
         return self.orders.add_stills(instants_ns, period_ns, now_ns) if self.present() else ()
 
-    def start_recording(self) -> None:
-        """Order phones with RecSync to start a video; not repeated, as the app cannot handle a repeat."""
-        self.orders.is_recording = True
-        self._call_all(Method.START_RECORDING)
-
-    def stop_recording(self) -> None:
-        """Order phones with RecSync to stop their video."""
-        self.orders.is_recording = False
-        self._call_all(Method.STOP_RECORDING)
+    def record(self, is_recording: bool) -> None:
+        """Order phones with RecSync to start or stop a video; not repeated, as the app cannot handle it."""
+        self.orders.is_recording = is_recording
+        self._call_all(Method.START_RECORDING if is_recording else Method.STOP_RECORDING)
 
     def set_exposure(self, exposure_ns: int, iso: int) -> None:
         """Set exposure time (ns) and sensitivity (ISO) of all phones."""
@@ -196,29 +194,30 @@ def _uncertainty_ns(phone: AppPhone, now_ns: int) -> float | None:
     """Return the 95 % uncertainty of a phone's leader time, half a second from its offset's reference."""
     if phone.time_map is None or not phone.synced:
         return None
-    return phone.time_map.uncertainty_at(now_ns) + abs(phone.time_map.skew) * REPORT_INTERVAL_NS / 2.0
+    return phone.time_map.uncertainty_at(now_ns) + _slack_ns(phone.time_map)
+
+
+def _slack_ns(time_map: TimeMap) -> float:
+    """Return the drift of a phone's clock in half a second, between two offsets."""
+    return abs(time_map.skew) * REPORT_INTERVAL_NS / 2.0
 
 
 def _status(phone: AppPhone, now_ns: int) -> FollowerStatus:
     state = "lost" if phone.lost else "synced" if phone.synced else "synchronizing"
-    seen_ns, time_map, uncertainty_ns = (
-        now_ns - phone.last_heard_ns,
-        phone.time_map,
-        _uncertainty_ns(phone, now_ns),
-    )
-    if time_map is None or uncertainty_ns is None:
-        return FollowerStatus(
-            name=phone.name, address=phone.host, state=state, samples=phone.samples, last_seen_ns=seen_ns
-        )
-    slack_ns = abs(time_map.skew) * REPORT_INTERVAL_NS / 2.0
-    return FollowerStatus(
+    status = FollowerStatus(
         name=phone.name,
         address=phone.host,
         state=state,
+        samples=phone.samples,
+        last_seen_ns=now_ns - phone.last_heard_ns,
+    )
+    time_map, uncertainty_ns = phone.time_map, _uncertainty_ns(phone, now_ns)
+    if time_map is None or uncertainty_ns is None:
+        return status
+    return replace(
+        status,
         uncertainty_ns=round(uncertainty_ns),
-        hard_bound_ns=round(time_map.hard_bound_at(now_ns) + slack_ns),
+        hard_bound_ns=round(time_map.hard_bound_at(now_ns) + _slack_ns(time_map)),
         skew_ppm=time_map.skew * 1e6,
         round_trip_ns=time_map.round_trip_ns,
-        samples=phone.samples,
-        last_seen_ns=seen_ns,
     )

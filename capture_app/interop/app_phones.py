@@ -123,13 +123,13 @@ class AppPhones(RigFollower):
         self._advance_burst()
 
     async def _record(self, ends_ns: Callable[[], int], finished: asyncio.Event) -> None:
-        self._engine.start_recording()
+        self._engine.record(True)
         self._advance_burst()
         try:
             while not finished.is_set() and self._clock.now_ns() <= ends_ns():
                 await has_come(finished, LOOK_EVERY_S)
         finally:
-            self._engine.stop_recording()
+            self._engine.record(False)
             self._advance_burst()
 
     def _advance_burst(self) -> None:

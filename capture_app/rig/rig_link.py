@@ -54,17 +54,6 @@ async def ask_leader(leader: Address, request: Message, kind: type[A]) -> A:
         return await ask(channel, request, kind, timeout_s)
 
 
-async def ask_controls(
-    leader: Address, camera: str, values: Mapping[Control, ControlValue]
-) -> CameraControls:
-    """Set the `values` controls of a camera, none if empty; return the resulting state of all.
-
-    Raises NetworkError, and the leader's own errors.
-    """
-    request = orders.ControlsRequest(camera=camera, values=dict(values))
-    return (await ask_leader(leader, request, orders.ControlsAnswer)).state
-
-
 async def give_order(leader: Address, order: orders.Order) -> tuple[str, ...]:
     """Give an order; return the names of cameras that it started, once it is carried out.
 
@@ -93,15 +82,10 @@ CamerasControls = dict[str, CameraControls]
 """Current controls of each camera of the rig, with the requests that failed."""
 
 
-async def read_all(leader: Address) -> CamerasControls:
-    """Return the controls of all present cameras. Raises NetworkError."""
-    return await _each(leader, present_cameras(await ask_status(leader)), {})
-
-
 async def set_cameras(
     leader: Address, values: Mapping[Control, ControlValue], cameras: Sequence[str] = ()
 ) -> CamerasControls:
-    """Set controls of these cameras, or of all present ones.
+    """Set the `values` controls of these cameras, or of all present ones; return the state of all controls.
 
     Raises BadInputError for a camera that is not here, NetworkError.
     """
@@ -110,7 +94,9 @@ async def set_cameras(
         raise BadInputError(
             f"the rig has no camera {', '.join(unknown)}", hint="list them with: capture-app status"
         )
-    return await _each(leader, cameras or here, values)
+    names = cameras or here
+    states = await asyncio.gather(*(_ask_camera(leader, name, values) for name in names))
+    return dict(zip(names, states, strict=True))
 
 
 async def match_cameras(
@@ -138,16 +124,10 @@ def present_cameras(rig: RigStatus) -> list[str]:
     ]
 
 
-async def _each(
-    leader: Address, cameras: Sequence[str], values: Mapping[Control, ControlValue]
-) -> CamerasControls:
-    states = await asyncio.gather(*(_ask_camera(leader, name, values) for name in cameras))
-    return dict(zip(cameras, states, strict=True))
-
-
 async def _ask_camera(leader: Address, name: str, values: Mapping[Control, ControlValue]) -> CameraControls:
+    request = orders.ControlsRequest(camera=name, values=dict(values))
     try:
-        return await ask_controls(leader, name, values)
+        return (await ask_leader(leader, request, orders.ControlsAnswer)).state
     except IncompleteError as error:
         return CameraControls(problems=dict.fromkeys(values, error.what))
 

@@ -16,10 +16,8 @@ from textual.widgets import Button, Input, OptionList, Static
 from textual.widgets.option_list import Option
 
 from capture_app.common.text import printable
-from capture_app.protocol.status import RigStatus
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.session.reading.verdict import GRADE_LIMITS
-from capture_app.tui.rig_record import RecordChanged
 
 Result = TypeVar("Result")
 
@@ -96,22 +94,16 @@ class Question(BoxDialog[str | None]):
     Question Button { margin-right: 1; min-width: 0; padding: 0 1; }
     """
 
-    def __init__(self, text: str | Callable[[], str], answers: Sequence[Answer], *, title: str = "") -> None:
-        """The first answer has the focus; a callable text is evaluated again on each rig update."""
-        self._answers, self._text = tuple(answers), text if callable(text) else lambda: text
-        self._words = Static(Content(printable(self._text())), classes="question")
+    def __init__(self, text: str, answers: Sequence[Answer], *, title: str = "") -> None:
+        """The first answer has the focus."""
+        self._answers = tuple(answers)
         fits = sum(len(answer.label) + BUTTON_EXTRA for answer in answers) <= BESIDE
         buttons = [
             Button(Content(f"{answer.key} {answer.label}"), id=f"answer-{answer.value}", compact=True)
             for answer in answers
         ]
         row = (Horizontal if fits else Vertical)(*buttons, id="answers")
-        super().__init__(title, self._words, row)
-
-    def on_record_changed(self, message: RecordChanged) -> None:
-        """Update the text."""
-        if isinstance(message.what, RigStatus):
-            self._words.update(Content(printable(self._text())))
+        super().__init__(title, Static(Content(printable(text)), classes="question"), row)
 
     def on_key(self, event: events.Key) -> None:
         """Return the answer whose key was pressed."""
@@ -154,11 +146,9 @@ class ListQuestion(BoxDialog[str | None]):
 class TextQuestion(BoxDialog[str | None]):
     """Question with a line of text as answer; None after Escape."""
 
-    def __init__(
-        self, text: str, value: str = "", *, check: Callable[[str], str] | None = None, title: str = ""
-    ) -> None:
+    def __init__(self, text: str, value: str, *, check: Callable[[str], str], title: str = "") -> None:
         """`check` returns an error message for a text, or an empty string."""
-        self._check = check or (lambda _: "")
+        self._check = check
         self._wrong = Static("", classes="wrong")
         self._line, self._value = Input(select_on_focus=False), value
         super().__init__(title, Static(Content(printable(text)), classes="question"), self._line, self._wrong)

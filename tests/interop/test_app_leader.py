@@ -158,13 +158,13 @@ def test_no_phone_moves_its_phase_near_a_picture() -> None:
 def test_phones_record_and_stay_as_they_are_meanwhile() -> None:
     rig = rig_of(20.0, aligns=True)
     wait_until_synced(rig)
-    rig.leader.start_recording()
+    rig.leader.record(True)
     rig.turn()
     rig.run(1.0)
     before = rig.phones[0].alignments
     rig.run(15.0)
     assert rig.phones[0].alignments == before
-    rig.leader.stop_recording()
+    rig.leader.record(False)
     rig.leader.set_exposure(4_000_000, 200)
     rig.turn()
     rig.run(10.0)

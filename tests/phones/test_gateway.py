@@ -10,12 +10,12 @@ from urllib.parse import urlsplit
 import aiohttp
 import pytest
 
-from capture_app.common.camera_facts import MICROSECONDS, CameraControls, Control, StampSource
+from capture_app.common.camera_facts import MICROSECONDS, CameraControls, Control, ControlValue, StampSource
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.phones.gateway import REPLACED
-from capture_app.protocol.orders import RemoveCamera
-from capture_app.rig.rig_link import ask_controls, give_order
+from capture_app.protocol.orders import ControlsAnswer, ControlsRequest, RemoveCamera
+from capture_app.rig.rig_link import ask_leader, give_order
 from capture_app.session.reading.verify import verify
 from capture_app.web import paired_page
 from capture_app.web.paired_page import MAX_GREETED, MAX_UNKNOWN
@@ -101,9 +101,9 @@ async def test_controls_are_set_by_the_page_and_told(place: Place) -> None:
         async with time_limit("the controls of the camera"):
             while True:
                 with contextlib.suppress(SimulshotError):  # its viewfinder may not be open yet
-                    return await ask_controls(
-                        leader, "left", {Control(name): wanted[name] for name in wanted}
-                    )
+                    values: dict[Control, ControlValue] = {Control(name): wanted[name] for name in wanted}
+                    request = ControlsRequest(camera="left", values=values)
+                    return (await ask_leader(leader, request, ControlsAnswer)).state
                 await asyncio.sleep(0.05)
 
     told = (await controls()).state(Control.EXPOSURE)

@@ -11,7 +11,8 @@ import pytest
 
 from capture_app.common.camera_facts import Control
 from capture_app.common.node_state import NodeState
-from capture_app.rig.rig_link import ask_controls
+from capture_app.protocol.orders import ControlsAnswer, ControlsRequest
+from capture_app.rig.rig_link import ask_leader
 from capture_app.session.reading.verify import verify
 from tests.browser import CHROMIUM, Browser
 from tests.phones.places import Place, burst, measured, serving
@@ -122,7 +123,8 @@ async def test_a_browser_that_was_hidden_or_killed_comes_back(place: Place, tmp_
     phone = PhoneBrowser(tmp_path / "profile", ALLOW)
     try:
         await join(phone, place)
-        set_to = await ask_controls(place.leader.own_address, "window", {Control.EXPOSURE: 4_000.0})
+        request = ControlsRequest(camera="window", values={Control.EXPOSURE: 4_000.0})
+        set_to = (await ask_leader(place.leader.own_address, request, ControlsAnswer)).state
         assert set_to.problems == {}
         exposure = set_to.state(Control.EXPOSURE)
         assert exposure is not None

@@ -67,7 +67,7 @@ async def test_a_text_is_taken_only_where_nothing_is_wrong_with_it() -> None:
         await pilot.press("backspace", "enter")
         await pilot.pause()
         assert app.answers == ["abc"]
-    app = AskingApp(TextQuestion("Name?", "kept"))
+    app = AskingApp(TextQuestion("Name?", "kept", check=lambda _: ""))
     async with app.run_test(size=(80, 24)) as pilot:
         await pilot.press("x", "escape")
         await pilot.pause()

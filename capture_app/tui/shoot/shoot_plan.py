@@ -12,6 +12,7 @@ from capture_app.common.names import is_name
 from capture_app.common.text import duration, printable
 from capture_app.rig.motion_watch import WHOLE, Region
 from capture_app.rig.taking import TakePlan
+from capture_app.session.library.changes import MAX_NOTE
 from capture_app.tui.question import TextQuestion
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.lines import Lines
@@ -20,7 +21,6 @@ V = TypeVar("V")
 MAX_BEFORE = 60
 """Max frames before the key press: a node stores frames of 3 s, and the order needs time to reach it."""
 MAX_FRAMES = 300
-MAX_NOTE = 1000
 COUNTDOWNS_S = (0.0, 3.0, 5.0, 10.0, 20.0)
 INTERVALS_S = (2.0, 5.0, 10.0, 30.0, 60.0, 300.0)
 LENGTHS_S = (0.0, 5.0, 10.0, 20.0, 30.0, 60.0, 120.0, 300.0, 600.0, 1800.0, 3600.0)

@@ -55,9 +55,9 @@ class ContactSheet(ScrollView, can_focus=True):
     }
     """
 
-    def __init__(self, sheet: TakeSheet | None = None, *, id: str | None = None) -> None:
+    def __init__(self, *, id: str | None = None) -> None:
         super().__init__(id=id)
-        self.sheet = sheet
+        self.sheet: TakeSheet | None = None
         self.cursor = Offset(0, 0)
         """Indices of camera and instant."""
         self._thumbs: dict[tuple[int, int], CellPicture | None] = {}

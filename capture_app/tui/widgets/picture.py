@@ -146,7 +146,6 @@ class Picture(Widget):
 
     def __init__(
         self,
-        source: Source | None = None,
         *,
         words: str = "",
         noise: int = 0,
@@ -154,7 +153,7 @@ class Picture(Widget):
     ) -> None:
         """`noise`: max difference of cells that are left unchanged, see NOISE."""
         super().__init__(id=id)
-        self._source = source
+        self._source: Source | None = None
         self._noise = noise
         self._words = printable(words)
         self._aids: tuple[Aid, ...] = ()
@@ -166,7 +165,7 @@ class Picture(Widget):
         self._request = 0
         """Counter of requests, which identifies outdated work."""
         self._drawing = False
-        self._stale = source is not None
+        self._stale = False
 
     def show(self, source: Source | None, words: str | None = None, *, sharp: Source | None = None) -> None:
         """Show this image, unless it is already shown.

@@ -12,7 +12,8 @@ from capture_app.common.camera_facts import TIMES, CameraControls, Control
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
-from capture_app.rig.rig_link import ask_controls, match_cameras, read_all, set_cameras
+from capture_app.protocol.orders import ControlsAnswer, ControlsRequest
+from capture_app.rig.rig_link import ask_leader, match_cameras, set_cameras
 from tests.node.camera.controlled_camera import EXPOSURE, GAIN, ControlledCamera, ShownNode
 from tests.node.joining import joined
 from tests.waiting import until
@@ -58,7 +59,8 @@ async def _answered(leader: Address, name: str) -> None:
     async def ask() -> None:
         while not found:
             try:
-                found.append(await ask_controls(leader, name, {}))
+                request = ControlsRequest(camera=name, values={})
+                found.append((await ask_leader(leader, request, ControlsAnswer)).state)
             except IncompleteError:
                 await asyncio.sleep(0.05)
 
@@ -68,7 +70,7 @@ async def _answered(leader: Address, name: str) -> None:
 
 
 async def test_all_controls_are_read(rig: Rig) -> None:
-    found = await read_all(rig.leader)
+    found = await set_cameras(rig.leader, {})
     assert set(found) == {"a", "b", "c"}
     assert found["a"].state(Control.EXPOSURE) == EXPOSURE
     assert [state.control for state in found["c"].controls] == [Control.EXPOSURE]

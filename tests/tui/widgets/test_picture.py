@@ -16,10 +16,14 @@ RED = np.full((48, 64, 3), (0, 0, 255), np.uint8)
 class PictureApp(App[None]):
     def __init__(self, source: Source | None, words: str = "") -> None:
         super().__init__()
-        self.picture = Picture(source, words=words)
+        self.source = source
+        self.picture = Picture(words=words)
 
     def compose(self) -> ComposeResult:
         yield self.picture
+
+    def on_mount(self) -> None:
+        self.picture.show(self.source)
 
 
 async def settle(app: App[None], pilot: Pilot[None]) -> None:

@@ -25,10 +25,14 @@ SAMPLE = Path(__file__).parents[3] / "sample_sessions" / "jumper"
 class SheetApp(App[None]):
     def __init__(self, sheet: TakeSheet) -> None:
         super().__init__()
-        self.contact = ContactSheet(sheet)
+        self.sheet = sheet
+        self.contact = ContactSheet()
 
     def compose(self) -> ComposeResult:
         yield self.contact
+
+    def on_mount(self) -> None:
+        self.contact.show(self.sheet)
 
 
 def looked_at(app: App[None]) -> tuple[str, int]:

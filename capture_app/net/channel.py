@@ -132,6 +132,10 @@ class UnreadableMessageError(NetworkError):
     """The peer sent a message of no known type, or with a value out of range."""
 
 
+class TooLargeMessageError(NetworkError):
+    """A message that no peer would accept was not sent; the stream goes on."""
+
+
 class Channel(Generic[M]):
     """One open stream of messages; `M` is the union of messages that may arrive."""
 
@@ -272,7 +276,10 @@ class Channel(Generic[M]):
         header = _ENCODER.encode(message)
         payload_bytes = sum(map(len, payloads))
         if len(header) > MAX_HEADER_BYTES or payload_bytes > MAX_PAYLOAD_BYTES:
-            raise NetworkError(f"a message of {len(header)} + {payload_bytes} bytes is too large to send")
+            raise TooLargeMessageError(
+                f"a message of {len(header)} + {payload_bytes} bytes is too large to send",
+                hint="use fewer cameras in one rig, or shorter names",
+            )
         try:
             self._writer.write(_PREFIX.pack(MAGIC, len(header), payload_bytes) + header)
             # Without a wait in between, because other tasks may send on this stream too.

@@ -31,7 +31,7 @@ from capture_app.node.key_requests import KeyRequester
 from capture_app.node.leader.followers import SharedGrid
 from capture_app.node.leader.leader_options import PortOptions
 from capture_app.node.leader.readiness import rig_advice
-from capture_app.node.leader.snapshots import node_statuses, page_of
+from capture_app.node.leader.snapshots import fitted, node_statuses, page_of
 from capture_app.protocol.log import follower_line
 from capture_app.protocol.messages import (
     FromLeader,
@@ -160,13 +160,16 @@ class RelayNode:
         """Id of this run of the relay, which distinguishes it from the next one."""
         return self._engine.leader.config.instance
 
-    def status(self, after: str | None = None) -> RigStatus:
-        """Return the relay's own status: its nodes or a page of them, and the state of its time."""
+    def status(self, after: str = "") -> RigStatus:
+        """Return the relay's own status: a page of its nodes, and the state of its time."""
+        return fitted(lambda nodes: self._page(after, nodes))
+
+    def _page(self, after: str, max_nodes: int) -> RigStatus:
         now_ns = self._clock.now_ns()
         member, leader = self._engine.member, self._engine.leader
         time_map, nodes = member.time.time_map, leader.roster.by_name()
         message = self._holdover_message(now_ns)
-        page, further, words = page_of(nodes, after)
+        page, further, words = page_of(nodes, after, max_nodes)
         return RigStatus(
             leader=str(self.address),
             is_open=self.options.trust.is_open,

@@ -9,16 +9,18 @@ from pathlib import Path
 import msgspec
 import pytest
 
+from capture_app.common.camera_facts import StampAccuracy, StampSource
 from capture_app.common.errors import DiskFullError, NetworkError
 from capture_app.common.node_state import NodeState
 from capture_app.common.pairing_codes import Role
 from capture_app.net.channel import MAX_HEADER_BYTES, connect
 from capture_app.net.server import MAX_STREAMS_PER_MACHINE
 from capture_app.node.leader.leader_node import LeaderNode
-from capture_app.node.leader.snapshots import MAX_PER_PAGE
+from capture_app.node.leader.snapshots import MAX_PER_PAGE, fitted_burst
 from capture_app.protocol import messages as wire
 from capture_app.protocol import orders
 from capture_app.protocol.messages import BurstRequest, FromLeader, NodeStream, SpoolSpace, StatusAnswer
+from capture_app.protocol.status import BurstStatus, CameraTransfer
 from capture_app.rig.rig_link import ask_status
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.roster import MAX_CAMERAS_PER_MACHINE
@@ -67,7 +69,12 @@ asyncio.run(send(Trust(Path(sys.argv[1])), Address("127.0.0.1", int(sys.argv[2])
 """
 
 
-def join_many(leader: LeaderNode, pin: str, names: list[str], period_ns: int = 33_333_333) -> None:
+LONG = "\N{GRINNING FACE}" * 200
+
+
+def join_many(
+    leader: LeaderNode, pin: str, names: list[str], period_ns: int = 33_333_333, message: str = ""
+) -> None:
     """Let one machine's nodes say hello and a first word, as their keys would let them."""
     engine = leader.engine
     for instance, name in enumerate(names, 1):
@@ -78,7 +85,7 @@ def join_many(leader: LeaderNode, pin: str, names: list[str], period_ns: int = 3
         )
         member = engine.roster.members.get(name)
         if member is not None and member.instance == instance:
-            report = Heartbeat(member.number, Report(state=NodeState.READY))
+            report = Heartbeat(member.number, Report(state=NodeState.READY, message=message))
             engine.receive_datagram(encode(report), address, now_ns, who)
     engine.handle_timer(leader.bursts.now_ns())
     list(engine.datagrams_to_send(leader.bursts.now_ns()))
@@ -121,6 +128,54 @@ async def test_the_status_of_a_large_rig_comes_in_pages_and_fits_a_message(
         rig = await ask_status(leader.own_address)
     assert [node.name for node in rig.nodes] == sorted(leader.engine.roster.members)
     assert (rig.further, rig.message) == (0, "")
+
+
+async def test_nodes_with_long_texts_leave_a_status_that_operators_get(
+    trust: Trust, leader: LeaderNode, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """250 of them ended each operator's stream without a word."""
+    monkeypatch.setattr(Trust, "of_user", classmethod(lambda _: trust))
+    for machine in range(3):
+        names = [f"cam-{machine}-{n:03d}" for n in range(MAX_CAMERAS_PER_MACHINE)]
+        join_many(leader, f"pin-{machine}", names, message=LONG)
+    # What else a status has of a node is as long, and comes by streams.
+    stamp = StampAccuracy(bias_ns=0, uncertainty_ns=1, source=StampSource.LIGHT, against=LONG)
+    for member in leader.engine.roster.members.values():
+        member.camera = make_facts(kind=LONG, model=LONG, pixel_format=LONG, stamp=stamp)
+    async with await connect(leader.own_address, FromLeader) as channel:
+        await channel.send(orders.WatchRequest())
+        told = await channel.receive_header()
+        assert isinstance(told, StatusAnswer)
+        assert len(told.rig.nodes) + told.rig.further == 300
+        assert f"and {told.rig.further} more nodes, not listed here" in told.rig.message
+    assert len((await ask_status(leader.own_address)).nodes) == 300
+
+
+async def test_a_burst_of_cameras_with_long_problems_is_reported_without_their_list() -> None:
+    transfer = tuple(
+        CameraTransfer(camera=f"cam{n}", received=0, expected=1, problem="x" * 200) for n in range(2000)
+    )
+    status = BurstStatus(
+        burst=1, name="b", cameras=2000, instants=1, received=0, expected=2000, message="y" * 10**6,
+        transfer=transfer,
+    )  # fmt: skip
+    sent = fitted_burst(status)
+    assert len(msgspec.json.encode(sent)) < 10_000
+    assert sent.message.endswith("too long to be listed")
+    few = msgspec.structs.replace(status, transfer=transfer[:10], message="")
+    assert fitted_burst(few) == few
+
+
+async def test_a_status_that_fits_no_message_is_an_error_that_says_so(
+    trust: Trust, leader: LeaderNode
+) -> None:
+    leader.bursts.saved.append("/" + "x" * MAX_HEADER_BYTES)
+    async with await connect(leader.own_address, FromLeader, trust=trust) as channel:
+        for request in (wire.StatusRequest(), orders.WatchRequest()):
+            answer = await ask(channel, request)
+            assert isinstance(answer, wire.Refusal)
+            assert "too large to send" in answer.what
+            assert answer.hint
 
 
 async def test_streams_of_one_machine_leave_room_for_operators_and_others(

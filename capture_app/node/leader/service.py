@@ -17,7 +17,7 @@ from capture_app.common.errors import (
 )
 from capture_app.common.tasks import end
 from capture_app.common.timeouts import DEPARTURE_TIMEOUT_S, UNDECIDED_S
-from capture_app.net.channel import Channel, UnreadableMessageError
+from capture_app.net.channel import Channel, TooLargeMessageError, UnreadableMessageError
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.enrolment import Asked, Enrolment, is_node
@@ -25,6 +25,7 @@ from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.camera_settings import RigSettings
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.local_nodes import LocalNodes
+from capture_app.node.leader.snapshots import fitted_burst
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.node.leader.watchers import RigState, Watcher
 from capture_app.protocol import messages, orders
@@ -123,7 +124,8 @@ class LeaderService:
                     await answers.drain()
                     await self._answer(channel, message, working_on)
                 except (SimulshotError, OSError) as error:
-                    if isinstance(error, NetworkError) and not isinstance(error, UnknownMachineError):
+                    answerable = UnknownMachineError | TooLargeMessageError
+                    if isinstance(error, NetworkError) and not isinstance(error, answerable):
                         raise
                     # Network errors are NetworkErrors, so this one is the disk's.
                     what = (
@@ -235,7 +237,7 @@ class LeaderService:
             case messages.BurstRequest():
                 async with contextlib.aclosing(self._bursts.take(message)) as progress:
                     async for status in progress:
-                        await channel.send(messages.BurstAnswer(burst=status))
+                        await channel.send(messages.BurstAnswer(burst=fitted_burst(status)))
             case orders.WatchRequest():
                 await Watcher(channel, self._rig, self._options.log, self._viewfinders).serve()
             case messages.NodeStream():

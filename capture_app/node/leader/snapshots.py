@@ -2,21 +2,25 @@
 
 from bisect import bisect_right
 from collections import Counter
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 
+import msgspec
 from msgspec.structs import asdict, replace
 
 from capture_app.common.address import Address
 from capture_app.common.bounds import cut
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.text import count
+from capture_app.net.channel import MAX_HEADER_BYTES
 from capture_app.protocol.messages import SpoolSpace
 from capture_app.protocol.orders import CameraHealth
-from capture_app.protocol.status import NodeStatus
+from capture_app.protocol.status import BurstStatus, NodeStatus, RigStatus
 from capture_app.sync.rig.roster import Member, relays_above
 from capture_app.sync.wire.datagrams import Report
 
 MAX_PER_PAGE = 250
+MAX_STATUS_BYTES, MAX_BURST_BYTES = MAX_HEADER_BYTES * 3 // 4, MAX_HEADER_BYTES // 4
+MAX_BURST_TEXT = 4_000
 
 
 def node_statuses(
@@ -51,15 +55,34 @@ def node_statuses(
     )
 
 
-def page_of(members: tuple[Member, ...], after: str | None) -> tuple[tuple[Member, ...], int, str]:
+def fitted(make: Callable[[int], RigStatus]) -> RigStatus:
+    """Return `make(n)` with as many nodes as a page has and a message can carry."""
+    nodes = MAX_PER_PAGE
+    while len(msgspec.json.encode(status := make(nodes))) > MAX_STATUS_BYTES and nodes > 1:
+        nodes //= 2
+    return status
+
+
+def fitted_burst(burst: BurstStatus) -> BurstStatus:
+    """Return the status of a burst without the parts that are too long for a message; its text says so."""
+    burst = replace(burst, message=cut(burst.message, MAX_BURST_TEXT))
+    if len(msgspec.json.encode(burst)) <= MAX_BURST_BYTES:
+        return burst
+    text = "; ".join(filter(None, (burst.message, "the progress of each camera is too long to be listed")))
+    return replace(burst, message=text, transfer=(), skipped=())
+
+
+def page_of(
+    members: tuple[Member, ...], after: str | None, max_nodes: int = MAX_PER_PAGE
+) -> tuple[tuple[Member, ...], int, str]:
     """Return a page of nodes after the name `after`, the number of further nodes, and a summary of those.
 
-    With `after` None the page has all nodes. A page is short enough for a message.
+    With `after` None the page has all nodes.
     """
     if after is None:
         return members, 0, ""
     rest = members[bisect_right(members, after, key=lambda member: member.name) :] if after else members
-    page, further = rest[:MAX_PER_PAGE], rest[MAX_PER_PAGE:]
+    page, further = rest[:max_nodes], rest[max_nodes:]
     states = Counter(str(member.report.state) for member in further)
     words = ", ".join(f"{number} {state}" for state, number in sorted(states.items()))
     text = f"and {count(len(further), 'more node')}, not listed here: {words}" if further else ""

@@ -14,7 +14,7 @@ from capture_app.node.leader.bursts import ActiveBursts
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.local_nodes import LocalNodes
 from capture_app.node.leader.readiness import review_rates, rig_advice
-from capture_app.node.leader.snapshots import node_statuses, page_of
+from capture_app.node.leader.snapshots import fitted, fitted_burst, node_statuses, page_of
 from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import StatusAnswer, ToLeader
@@ -56,10 +56,13 @@ class RigState:
 
     def status(self, after: str | None = None) -> RigStatus:
         """Return the current status; with `after`, only a page of the nodes after that name."""
+        return self._page(after, 0) if after is None else fitted(lambda nodes: self._page(after, nodes))
+
+    def _page(self, after: str | None, max_nodes: int) -> RigStatus:
         options, engine, bursts = self._options, self._engine, self._bursts
         now_ns = options.clock.now_ns()
         grid, members = engine.grid, engine.roster.by_name()
-        page, further, words = page_of(members, after)
+        page, further, words = page_of(members, after, max_nodes)
         return RigStatus(
             leader=str(self._address),
             is_open=options.trust.is_open,
@@ -76,7 +79,7 @@ class RigState:
                 spools=bursts.spools,
                 local=() if self._local is None else self._local.names,
             ),
-            burst=None if bursts.newest is None else bursts.newest.status,
+            burst=None if bursts.newest is None else fitted_burst(bursts.newest.status),
             ahead=bursts.ahead,
             app_phones=tuple(status for follower in options.followers for status in follower.statuses()),
             sessions=tuple(bursts.saved),

@@ -32,7 +32,10 @@ class Squares:
     def __post_init__(self) -> None:
         """Raise BadInputError for impossible squares."""
         if not 0 < self.square_m < 10:
-            raise BadInputError(f"squares of {1000 * self.square_m:g} mm", hint="as measured on the print")
+            raise BadInputError(
+                f"squares of {1000 * self.square_m:g} mm",
+                hint="give the printed side of a square: --square-mm 34.3",
+            )
 
     @property
     def shape(self) -> str:
@@ -56,24 +59,26 @@ class CharucoBoard(Squares):
         """Raise BadInputError for an unknown dictionary or an undetectable shape."""
         words = DICTIONARIES.get(self.dictionary.upper())
         if words is None:
-            raise BadInputError(f"unknown dictionary {self.dictionary!r}", hint="such as 4X4_50 or 6X6_250")
+            raise BadInputError(
+                f"unknown dictionary {self.dictionary!r}", hint="use one of OpenCV's, such as 4X4_50"
+            )
         super().__post_init__()
         if not 0 < self.marker_m < self.square_m:
             raise BadInputError(
                 "a board's markers must be smaller than its squares",
-                hint="such as --square-mm 30 --marker-mm 22",
+                hint="give smaller markers, such as --square-mm 30 --marker-mm 22",
             )
         if min(self.across, self.down) < 3 or self.corners < MIN_CORNERS:
             raise BadInputError(
                 f"a board of {self.shape} squares has {max(self.corners, 0)} inner corners; "
                 f"{MIN_CORNERS} are needed",
-                hint="such as 7x5",
+                hint="use a larger board, such as --board 7x5",
             )
         if self.markers > words:
             raise BadInputError(
                 f"a board of {self.shape} squares has {self.markers} markers; {self.dictionary} has {words}, "
                 "so that some would look alike",
-                hint="fewer squares, or a larger dictionary, such as 5X5_250",
+                hint="use fewer squares, or a larger dictionary, such as 5X5_250",
             )
 
     @property
@@ -120,7 +125,9 @@ class Checkerboard(Squares):
         """Raise BadInputError for a shape whose corners cannot be numbered."""
         super().__post_init__()
         if min(self.across, self.down) < 4:
-            raise BadInputError(f"a checkerboard of {self.shape} squares is too small", hint="such as 10x7")
+            raise BadInputError(
+                f"a checkerboard of {self.shape} squares is too small", hint="use a larger one: --board 10x7"
+            )
         if self.across == self.down:
             raise BadInputError(
                 f"a checkerboard of {self.shape} squares looks the same from all four sides",

@@ -55,7 +55,7 @@ class Webcam:
         if not self._capture.isOpened():
             raise CameraError(
                 f"webcam {index} does not open",
-                hint="it is not there, in use, or this program may not use cameras (the system's settings)",
+                hint="check its number, close other programs that use it, and let this one use cameras",
             )
         for prop, value in (
             (cv2.CAP_PROP_FRAME_WIDTH, request.width),

@@ -158,7 +158,10 @@ def measure_sync_errors(session: "Session") -> tuple[NodeErrors, ...]:
     """
     truth = session.true_times()
     if truth is None or not truth.clocks:
-        raise BadInputError(f"{session.folder} has no ground truth", hint="only simulated sessions have it")
+        raise BadInputError(
+            f"{session.folder} has no ground truth",
+            hint="give a simulated session, such as sample_sessions/jumper",
+        )
     true_ns = {(time.camera, time.instant): time.true_ns for time in truth.images}
     worst: dict[str, NodeErrors] = {}
     for image in session.manifest.images:

@@ -161,7 +161,10 @@ def repair(path: Path, wait_s: float, listen: Address, as_json: bool) -> None:
     answer(as_json, result, map(_describe_result, repaired))
     failed = [one for one in repaired if not one.ok]
     if failed:
-        raise BadInputError(f"{failed[0].session}: {failed[0].what}", hint="its images stay as they are")
+        raise BadInputError(
+            f"{failed[0].session}: {failed[0].what}",
+            hint="its images stay as they are; capture-app sessions verify shows what is wrong",
+        )
 
 
 def _describe_result(one: "RepairResult") -> str:

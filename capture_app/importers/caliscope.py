@@ -63,9 +63,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     tables = inner if isinstance(inner, dict) else content
     found = {key: table for key, table in tables.items() if isinstance(table, dict) and "matrix" in table}
     if not found:
-        raise BadInputError(
-            f"{path} has no camera with a matrix", hint="is it Caliscope's camera_array.toml?"
-        )
+        raise BadInputError(f"{path} has no camera with a matrix", hint="give Caliscope's camera_array.toml")
     views = {}
     for key, table in found.items():
         label = str(table.get("name", table.get("cam_id", table.get("port", key))))

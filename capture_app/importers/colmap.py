@@ -89,7 +89,7 @@ def read_colmap(folder: Path, cameras: Sequence[str]) -> Views:
     images: list[Image] = _read(folder, "images")
     rigs: list[Rig] = _read(folder, "rigs") if _file(folder, "rigs") else []
     if not images:
-        raise BadInputError(f"{folder} has no images", hint="is the model empty?")
+        raise BadInputError(f"{folder} has no images", hint="give a model with registered images")
 
     def view(name: str, number: int, pose: Pose) -> View:
         where = f"{folder}: {name}"

@@ -54,7 +54,10 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     labels = [f"{one:g}" if isinstance(one, int | float) else str(one) for one in listed or ()]
     labels = [label for label in labels if label not in ("", "none")]
     if not labels:
-        raise BadInputError(f"{folder / INTRINSICS} has no list of cameras, names", hint="is it EasyMocap's?")
+        raise BadInputError(
+            f"{folder / INTRINSICS} has no list of cameras, names",
+            hint="give the intri.yml and extri.yml that EasyMocap wrote",
+        )
     return Views({name: _view(folder, name, content) for name in labels}, f"{INTRINSICS}, {EXTRINSICS}")
 
 

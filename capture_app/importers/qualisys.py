@@ -32,7 +32,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
         label = camera.get("serial") or str(number)
         views[label] = _view(f"{path}: camera {label}", camera)
     if not views:
-        raise BadInputError(f"{path} has no cameras", hint="is it a Qualisys calibration?")
+        raise BadInputError(f"{path} has no cameras", hint="give a .qca.txt that Qualisys exported")
     return Views(views, path.name, "mm")
 
 

@@ -24,9 +24,9 @@ async def receive_answer(channel: Channel[Any], timeout_s: float = ANSWER_TIMEOU
             hint=f"look for the cause: capture-app doctor --leader {channel.peer}",
         ) from error
     if answer is None:
-        asks = ", or does it require pairing? then leave out --open" if Trust.of_user().is_open else "?"
+        asks = "; if it requires pairing, leave out --open" if Trust.of_user().is_open else ""
         raise NetworkError(
-            f"the leader at {channel.peer} closed the connection", hint=f"was it stopped{asks}"
+            f"the leader at {channel.peer} closed the connection", hint=f"check that it runs{asks}"
         )
     if isinstance(answer, messages.Refusal):
         raise answer.as_error()

@@ -250,7 +250,7 @@ class Channel(Generic[M]):
             message = self._decoder.decode(printable_json(header))
         except (*UNREADABLE, SimulshotError) as error:
             raise UnreadableMessageError(
-                f"unreadable message: {error}", hint="do both ends run the same version?"
+                f"unreadable message: {error}", hint="install the same version of simulshot on both machines"
             ) from error
         self.has_spoken = True
         return message

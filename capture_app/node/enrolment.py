@@ -75,7 +75,7 @@ class Enrolment:
     def invite(self, role: Role) -> pairing_messages.Invited:
         """Create a code for one machine. Raises UnknownMachineError where machines need none."""
         if self._trust.is_open:
-            raise UnknownMachineError(OPEN_NEEDS_NO_CODE, hint="it runs with --open")
+            raise UnknownMachineError(OPEN_NEEDS_NO_CODE, hint="start the other machine with --open")
         invitation = self._invitations.invite(role)
         return pairing_messages.Invited(code=invitation.code, good_for_s=GOOD_FOR_S)
 
@@ -142,7 +142,7 @@ class Enrolment:
 
     async def _answer_spake2(self, channel: Channel[Any], message: pairing_messages.PairingMessage) -> None:
         if self._trust.is_open:
-            raise UnknownMachineError(OPEN_NEEDS_NO_CODE, hint="it runs with --open")
+            raise UnknownMachineError(OPEN_NEEDS_NO_CODE, hint="start this machine with --open")
         own_pin, pin = self._trust.identity.pin, pin_of(message.certificate)
         # The computation takes a while, and other nodes request the time meanwhile.
         spake2_message, invitation, key = await asyncio.to_thread(

@@ -249,5 +249,7 @@ def panel_of_marker(number: int) -> Panel | None:
 def panel_named(name: str) -> Panel:
     """Return the panel of a name. Raises BadInputError if it is unknown."""
     if name not in PANELS:
-        raise BadInputError(f"there is no panel {name!r}", hint=f"such as {', '.join(list(PANELS)[:3])}")
+        raise BadInputError(
+            f"there is no panel {name!r}", hint=f"use one such as {', '.join(list(PANELS)[:3])}"
+        )
     return PANELS[name]

@@ -77,7 +77,7 @@ def lenses_of_recordings(dataset: Dataset, board: Board, paths: Sequence[Path]) 
         if not shared:
             raise BadInputError(
                 f"{recording.name} was taken by other cameras ({', '.join(recording.cameras)})",
-                hint=f"{dataset.name} has {', '.join(dataset.cameras)}",
+                hint=f"give a recording of {', '.join(dataset.cameras)}",
             )
         refuse_other_sizes(recording, dataset, shared)
         for name in shared:

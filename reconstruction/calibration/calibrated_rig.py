@@ -232,7 +232,7 @@ def sound_views(dataset: Dataset, calibration: Calibration) -> tuple[dict[str, V
     if not calibration.cameras.keys() & set(dataset.cameras):
         raise BadInputError(
             f"{dataset.name}'s calibration is of other cameras ({', '.join(calibration.cameras)})",
-            hint=f"the session has {', '.join(dataset.cameras)}",
+            hint=f"calibrate its own cameras: {', '.join(dataset.cameras)}",
         )
     views, faults = {}, []
     for name in dataset.cameras:

@@ -82,7 +82,7 @@ def refuse_bad_calibration(quality: CalibrationQuality, cameras: int) -> None:
     if why:
         raise BadInputError(
             f"this calibration is not good enough: {why}",
-            hint="were the cameras moved, or is it another rig's? record a board from several places",
+            hint="record a board from several places, in front of this rig, and calibrate again",
         )
 
 

@@ -76,13 +76,13 @@ def refuse_odd_lenses(found: Mapping[str, CameraCalibration], focal_px: Mapping[
             raise NotApplicableError(
                 f"{name} would see {view_deg:.0f} degrees wide, not {likely_deg:.0f} as it likely does: "
                 "the static scene has too little depth to determine its lens",
-                hint="calibrate with a board; or is --field-of-view, or the pictures' EXIF, wrong?",
+                hint="calibrate with a board, or correct --field-of-view or the pictures' EXIF",
             )
         if likely is None and view_deg > WIDEST_DEG:
             raise NotApplicableError(
                 f"{name} would see {view_deg:.0f} degrees wide, which is unlikely: "
                 "the static scene has too little depth to determine its lens",
-                hint="say how wide it sees with --field-of-view, or calibrate with a board",
+                hint="give its horizontal view with --field-of-view, or calibrate with a board",
             )
 
 

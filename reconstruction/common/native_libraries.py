@@ -40,7 +40,10 @@ def foreign_calls(library: str, purpose: str) -> Iterator[None]:
     except (SimulshotError, OSError):
         raise
     except MemoryError as error:
-        raise ForeignError(f"{library} has too little memory for {purpose}", hint="see --memory") from error
+        raise ForeignError(
+            f"{library} has too little memory for {purpose}",
+            hint="give it less with --memory, or end other programs",
+        ) from error
     except Exception as error:
         raise ForeignError(f"{library} failed at {purpose}: {_first_words(error)}") from error
 

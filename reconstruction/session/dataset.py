@@ -235,7 +235,8 @@ class Dataset:
         except cv2.error as error:
             path = self.ground_truth_file(camera, instant)
             raise BadInputError(
-                f"{path} is not a ground-truth file: {error}", hint="capture-app sessions verify checks it"
+                f"{path} is not a ground-truth file: {error}",
+                hint="restore it from a copy, or delete it: only scores need it",
             ) from error
         return np.asarray(depth), np.asarray(moving) > 0
 
@@ -309,18 +310,18 @@ class Dataset:
     def _check(self, record: ImageRecord) -> None:
         path = self.session.image_file(record)
         if not path.is_file():
-            hint = "capture-app sessions verify shows all that is missing"
+            hint = "restore it from a copy; capture-app sessions verify lists all that is missing"
             raise IncompleteError(f"{path} is missing", hint=hint)
         if isinstance(record, FrameRecord):
             if path.stat().st_size < record.offset + record.bytes:
                 raise IncompleteError(
                     f"{path} ends before the frame of instant {record.instant}",
-                    hint="capture-app sessions verify checks every frame",
+                    hint="restore it from a copy; capture-app sessions verify lists all damage",
                 )
         elif path.stat().st_size != record.bytes:
             raise IncompleteError(
                 f"{path} has {path.stat().st_size} bytes, not {record.bytes}",
-                hint="capture-app sessions verify checks every image",
+                hint="restore it from a copy; capture-app sessions verify lists all damage",
             )
 
     def _image_cache(self) -> ByteCache:
@@ -342,6 +343,6 @@ class Dataset:
         if found != (width, height):
             raise BadInputError(
                 f"{path} is {found[0]}x{found[1]}, but {camera} is {width}x{height}",
-                hint="the image does not belong to this session's manifest",
+                hint="restore the image from a copy, or import the recording again",
             )
         return image

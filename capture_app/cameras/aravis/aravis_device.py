@@ -339,7 +339,7 @@ class AravisDevice:
         if not (min_width <= width <= max_size[0] and min_height <= height <= max_size[1]):
             raise CameraError(
                 f"{self.address} has no pictures of {width}x{height}",
-                hint=f"at most {max_size[0]}x{max_size[1]}",
+                hint=f"ask for at most {max_size[0]}x{max_size[1]}",
             )
         camera.set_region((max_size[0] - width) // 8 * 4, (max_size[1] - height) // 8 * 4, width, height)
         _x, _y, *taken = camera.get_region()
@@ -360,7 +360,7 @@ class AravisDevice:
             if not min_us <= exposure_us <= max_us:
                 raise CameraError(
                     f"{self.address} cannot expose for {exposure_us:g} us",
-                    hint=f"from {min_us:g} to {max_us:g} us",
+                    hint=f"give exposure_us= from {min_us:g} to {max_us:g}",
                 )
             exposure.set(exposure_us)
         return self._exposure()
@@ -386,14 +386,14 @@ class AravisDevice:
         if self._rate is None:
             raise CameraError(
                 f"{self.address} has no frame rate that can be set",
-                hint="such cameras are not supported yet; others can be triggered by a cable",
+                hint="use a camera with AcquisitionFrameRate: docs/hardware.md",
             )
         min_fps, max_fps = camera.get_frame_rate_bounds()
         rate = min(max(30.0, min_fps), max_fps) if fps is None else fps
         if not min_fps <= rate <= max_fps:
             raise CameraError(
                 f"{self.address} does not run at {rate:g} frames a second",
-                hint=f"from {min_fps:g} to {max_fps:g}",
+                hint=f"give fps= from {min_fps:g} to {max_fps:g}",
             )
         period_ns = round(1e9 / rate)
         # First through the library, which sets what vendors require before it; later by a single write.

@@ -31,7 +31,7 @@ class Library:
             oldest = ".".join(map(str, MIN_VERSION))
             raise NotAvailableError(
                 f"libcamera {version} is too old: {oldest} or newer is needed",
-                hint="Debian 13 and an up-to-date Raspberry Pi OS have it",
+                hint="install Debian 13 or an up-to-date Raspberry Pi OS",
             )
         self._handlers: dict[int, OnRequest] = {}
         self._cookies = count()

@@ -132,11 +132,13 @@ class Connection:
             raise CameraError(f"{self.host} {error.what}", hint=error.hint) from error
         except TimeoutError as error:
             raise CameraError(
-                f"{self.host} does not answer within {TIMEOUT_S:g} s", hint="is its address right, is it on?"
+                f"{self.host} does not answer within {TIMEOUT_S:g} s",
+                hint="check its address, power and network",
             ) from error
         except DISCONNECTED as error:
             raise CameraError(
-                f"{self.host}, port {self._port}: no camera speaks RTSP there", hint=str(error)[:100]
+                f"{self.host}, port {self._port}: no camera speaks RTSP there ({str(error)[:100]})",
+                hint="check its address and its RTSP port, 554 by default",
             ) from error
 
     async def next_packet(self) -> tuple[int, bytes, int]:
@@ -172,7 +174,9 @@ class Connection:
         setup, _ = await self._ask("SETUP", track, "Transport: RTP/AVP/TCP;unicast;interleaved=0-1")
         self._session = setup.get("session", "").partition(";")[0]
         if "interleaved=0-1" not in setup.get("transport", "").replace(" ", ""):
-            raise CameraError("does not send over TCP", hint="look into its settings")
+            raise CameraError(
+                "does not send over TCP", hint="allow RTP over TCP (interleaved) in its settings"
+            )
         await self._ask("PLAY", base, "Range: npt=0.000-")
 
     async def _ask(self, method: str, url: str, *headers: str) -> tuple[dict[str, str], str]:

@@ -72,7 +72,8 @@ def export_session(
             (output.folder / RECORD).write_bytes(indented(encode_checked(record)))
     except OSError as error:
         raise SimulshotError(
-            f"cannot write {error.filename or out}: {error.strerror or error}", hint="nothing was exported"
+            f"cannot write {error.filename or out}: {error.strerror or error}",
+            hint="make room or choose another --out; nothing was exported",
         ) from error
     return ExportReport(folder=str(out), format=name, images=len(burst.images), notes=tuple(burst.notes))
 

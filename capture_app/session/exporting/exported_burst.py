@@ -22,7 +22,7 @@ Redraw = Callable[[Picture], Picture]
 Progress = Callable[[int, int], None]
 """Called with the number of images written so far and the total."""
 
-_VERIFY = "capture-app sessions verify shows all that is wrong"
+_VERIFY = "restore it from a copy; capture-app sessions verify lists all such files"
 
 
 @dataclass(frozen=True, slots=True)

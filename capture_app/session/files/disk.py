@@ -75,7 +75,10 @@ def disk_error(error: OSError, folder: Path) -> DiskError:
         what = f"the disk of {folder} is full"
         return DiskFullError(what, hint="what was saved before is intact; make room, and it can go on")
     where = error.filename or folder
-    return DiskError(f"cannot write {where}: {error.strerror}", hint="what was saved before is intact")
+    return DiskError(
+        f"cannot write {where}: {error.strerror}",
+        hint="check the disk: capture-app doctor; what was saved before is intact",
+    )
 
 
 @contextmanager

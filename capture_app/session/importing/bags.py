@@ -133,7 +133,7 @@ def read_bag(path: Path) -> Bag:
     if not first:
         raise BadInputError(
             f"{path} has no foxglove.CompressedImage in protobuf and no pictures of sensor_msgs",
-            hint="images of other schemas are not read",
+            hint="record one of these, or import videos or folders of images",
         )
     names = _camera_names({topic: of.frame_id for topic, of in first.items()})
     return Bag(

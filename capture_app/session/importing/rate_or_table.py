@@ -206,7 +206,7 @@ def _number_rows(path: Path, name: str, rows: Sequence[_Row], count: int) -> lis
         if not 0 <= number < count:
             raise BadInputError(
                 f"{path} names frame {number} of camera {name}, which has {count} frames",
-                hint="frames count from 0",
+                hint="correct the column frame, which counts from 0",
             )
     if len(set(numbers)) < len(numbers):
         raise BadInputError(f"{path} names a frame of camera {name} twice", hint="remove one of the two rows")

@@ -28,7 +28,7 @@ def realign_session(session: Session, cameras: Mapping[str, CameraTimes], source
     if manifest.origin != "imported":
         raise NotApplicableError(
             f"{manifest.name} was not imported: its times are not each camera's own",
-            hint="the times of a captured session were measured when it was taken",
+            hint="leave out --apply: a captured session has measured times already",
         )
     if manifest.videos:
         raise NotApplicableError(f"{manifest.name} stores its frames in videos", hint="import them again")

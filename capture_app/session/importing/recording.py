@@ -299,7 +299,7 @@ def _calibration_of(record: ExportRecord, sizes: Mapping[str, tuple[int, int]]) 
             was, now = f"{camera.width}x{camera.height}", "x".join(map(str, sizes[name]))
             raise BadInputError(
                 f"{name} was exported with {was} pixels and has {now} now",
-                hint="--calibration takes one that fits",
+                hint="give one that fits: --calibration PATH",
             )
     return record.calibration
 

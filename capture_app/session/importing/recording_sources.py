@@ -99,7 +99,9 @@ def image_folder(name: str, path: Path) -> Images:
     found = [path] if path.is_file() else images_in(path)
     files = sorted(found, key=lambda file: natural_order(file.name))
     if not files:
-        raise BadInputError(f"no images in {path}", hint=f"looked for {', '.join(IMAGE_SUFFIXES)}")
+        raise BadInputError(
+            f"no images in {path}", hint=f"name a folder with images of a kind of {', '.join(IMAGE_SUFFIXES)}"
+        )
     suffixes = {file.suffix.lower() for file in files}
     if len(suffixes) > 1:
         raise BadInputError(f"{path} mixes {' and '.join(sorted(suffixes))}", hint="keep one kind of image")

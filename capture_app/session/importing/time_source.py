@@ -81,7 +81,9 @@ def _own(source: Source, times: TimeSource) -> list[TimedFrame]:
     """Return the frames of one source with the times in its own files."""
     if times == "video":
         if not isinstance(source, Video):
-            raise BadInputError(f"{source.path} is not a video", hint="--times video is for videos")
+            raise BadInputError(
+                f"{source.path} is not a video", hint="--times name or exif takes images' times"
+            )
         of_video = source.use_embedded_times() if has_video_times() else ()
         if of_video:
             return [TimedFrame(number, at_ns) for number, at_ns in enumerate(of_video)]
@@ -89,7 +91,9 @@ def _own(source: Source, times: TimeSource) -> list[TimedFrame]:
         source.note = f"{source.path.name}: a constant {source.fps:g} frames a second is assumed: {lack}"
         return times_by_rate([source], source.fps)[source.name]
     if not isinstance(source, Images) or source.kind != FOLDER:
-        raise BadInputError(f"{source.path} is not a folder of images", hint=f"--times {times} is for images")
+        raise BadInputError(
+            f"{source.path} is not a folder of images", hint="--times video takes videos' times"
+        )
     read = name_time_ns if times == "name" else exif_time_ns
     return [TimedFrame(number, read(file)) for number, file in enumerate(source.files)]
 

@@ -202,7 +202,10 @@ def is_being_written(folder: Path) -> bool:
 
 def _without_manifest(folder: Path) -> BadInputError | IncompleteError:
     if not (folder / JOURNAL).is_file():
-        return BadInputError(f"{folder} is not a session", hint=f"it has no {MANIFEST}")
+        return BadInputError(
+            f"{folder} is not a session",
+            hint=f"it has no {MANIFEST}; capture-app sessions list shows sessions",
+        )
     if is_being_written(folder):
         return IncompleteError(f"{folder} is still being written", hint="wait until the burst is saved")
     return IncompleteError(

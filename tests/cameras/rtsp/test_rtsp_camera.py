@@ -248,4 +248,4 @@ async def test_packets_before_the_first_answer_are_not_collected() -> None:
     async with source.running():
         with pytest.raises(CameraError) as refused:
             await RtspCamera(source.url()).start(lambda frame: None, lambda error: None)
-        assert "packets instead of an answer" in refused.value.hint
+        assert "packets instead of an answer" in refused.value.what

@@ -26,8 +26,8 @@ from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cl
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.depth.view_choice import choose_source_views, seen_points, smallest_group
-from reconstruction.multiview.cloud_accuracy import PointIndex, visible_points
 from reconstruction.multiview.input_images import InputImage, undistort_image
+from reconstruction.multiview.instant_scoring import PointIndex, visible_points
 
 SEEN_WITHIN_DEG = 35.0
 RIGHT, WRONG = 0.01, 0.02

@@ -6,7 +6,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
-from reconstruction.multiview.cloud_accuracy import TOLERANCE_M, visible_points
+from reconstruction.multiview.instant_scoring import TOLERANCE_M, visible_points
 
 
 def cloud_scores(cloud: Path, views: dict[str, View], depth: dict[str, Array]) -> dict[str, float]:

@@ -166,7 +166,7 @@ def times_by_panel(session: "Session", reference: str | None = None) -> "Measure
 def _rows_of(
     found: "MeasuredTimes", orders: "dict[str, SaveStamp]", saved: dict[str, bool]
 ) -> Iterator[tuple[str, str]]:
-    from capture_app.session.reading.stamp_words import describe_stamp
+    from capture_app.common.camera_facts import describe_stamp
 
     for name, time in found.cameras.items():
         if name not in orders:
@@ -228,7 +228,7 @@ def characterize(spec: str, seconds: float, starts: int, moves: int, save: bool,
 
 
 def _rows(found: "Character") -> list[tuple[str, str]]:
-    from capture_app.session.reading.stamp_words import describe_stamp
+    from capture_app.common.camera_facts import describe_stamp
 
     facts = found.camera
     rows = [

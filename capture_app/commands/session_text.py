@@ -5,13 +5,13 @@ from collections.abc import Iterator, Sequence
 from statistics import median
 from typing import Any
 
+from capture_app.common.camera_facts import describe_stamp
 from capture_app.common.text import count, duration
 from capture_app.console.terminal import table
 from capture_app.session.format.common_times import REFERENCE, CameraTimes, CommonTimes
 from capture_app.session.format.manifest import CameraRecord, Manifest
 from capture_app.session.library.listing import SessionCard
 from capture_app.session.reading.reader import Session
-from capture_app.session.reading.stamp_words import describe_stamp
 from capture_app.session.reading.verdict import PX_PER_S, find_sync_record, judge, pixels, skipped_text
 
 

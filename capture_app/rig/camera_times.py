@@ -7,7 +7,7 @@ from pathlib import Path
 import msgspec
 
 from capture_app.common.address import Address
-from capture_app.common.camera_facts import StampAccuracy, StampSource
+from capture_app.common.camera_facts import UNMEASURED, StampAccuracy, StampSource
 from capture_app.common.child import Child
 from capture_app.common.errors import NotApplicableError
 from capture_app.common.text import UNREADABLE
@@ -15,7 +15,6 @@ from capture_app.protocol.orders import SaveStamp, StampSaved
 from capture_app.rig.rig_link import ask_leader
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.reading.reader import Session
-from capture_app.session.reading.stamp_words import UNMEASURED
 from capture_app.sync.clock.clock_filter import SIGMAS_95, PathAsymmetry
 from capture_app.sync.clock.likely_line import ASYMMETRY
 

@@ -12,7 +12,7 @@ import msgspec
 from capture_app.common.errors import BadInputError, NotApplicableError
 from capture_app.common.text import pretty_json
 from capture_app.session.files.durable import write_atomic
-from reconstruction.batch.rows import Row
+from reconstruction.batch.summary import Row
 from reconstruction.batch.units import RESULT, Unit
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.native_libraries import library_versions

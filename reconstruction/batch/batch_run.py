@@ -12,8 +12,15 @@ from capture_app.console.terminal import talk
 from capture_app.session.files.locks import lock_file
 from capture_app.session.files.output_folder import replaces_only
 from reconstruction.batch.batch_plan import DEPTH_TASK, BatchOptions, plan
-from reconstruction.batch.rows import BatchResult, Row, completed_row, group_medians, judged_rows
-from reconstruction.batch.summary import NAMES, write_summary
+from reconstruction.batch.summary import (
+    NAMES,
+    BatchResult,
+    Row,
+    completed_row,
+    group_medians,
+    judged_rows,
+    write_summary,
+)
 from reconstruction.batch.units import UNITS, WORK, Outcome, Unit, is_done, remove_leftovers
 from reconstruction.batch.workers import Workers
 

@@ -1,4 +1,4 @@
-"""`reconstruct multiview`: depth of every camera at an instant, a fused point cloud, and a mesh."""
+"""`reconstruct multiview`: depth of every camera at an instant, a fused point cloud, a mesh, and a page."""
 
 import time
 from collections.abc import Mapping, Sequence
@@ -14,15 +14,17 @@ from capture_app.common.errors import NotApplicableError
 from capture_app.common.optional_packages import require_reconstruction
 from capture_app.common.text import pretty_json
 from capture_app.console.terminal import Progress
+from capture_app.session.exporting.point_cloud import PointCloud, write_ply
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import OutputFolder, replaces_only
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.drawing import colour_depth, display_range
+from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import write_image
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.depth.calibrated_image import CalibratedImage
-from reconstruction.depth.colmap_workspace import fuse_depth_maps, write_workspace
+from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
 from reconstruction.depth.mesh import build_mesh
 from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
 from reconstruction.depth.still_scene import StillScene
@@ -34,8 +36,13 @@ from reconstruction.depth.view_choice import (
     seen_points,
     smallest_group,
 )
-from reconstruction.multiview.cloud_accuracy import score_moving
-from reconstruction.multiview.input_images import InputImage, load_input_images, undistorted_truth
+from reconstruction.multiview.input_images import (
+    InputImage,
+    find_moving,
+    load_input_images,
+    undistorted_truth,
+)
+from reconstruction.multiview.instant_scoring import score_moving
 from reconstruction.multiview.matcher import (
     ChosenMatcher,
     Matcher,
@@ -44,13 +51,18 @@ from reconstruction.multiview.matcher import (
     image_views,
     match_cameras,
 )
-from reconstruction.multiview.moment import FILES, measured_fraction, write_moment
 from reconstruction.multiview.result import MultiviewResult, ViewResult
+from reconstruction.report.embedding import view_clouds
+from reconstruction.report.page import REPORT, Section, render_page, write_page
+from reconstruction.report.wording import percentage
+from reconstruction.scores.study_result import InstantClouds
 from reconstruction.scores.truth import DepthShares, depth_shares
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion
 from reconstruction.session.picture_checksums import picture_checks
 
+POINTS = "points.ply"
+FILES = (POINTS, REPORT)
 RESULT = "multiview.json"
 FUSED, WORKSPACE = "fused.ply", "workspace"
 OURS = {*FILES, RESULT, "depth", WORKSPACE, FUSED, f"{FUSED}.vis", "cloud.ply", "mesh.ply", "turntable.png"}
@@ -278,3 +290,39 @@ def multiview(
         raise NotApplicableError(what, hint="run reconstruct calibrate first; docs/calibration.md shows how")
     with output:
         return model_instant(dataset, matcher, options, output.folder, progress)
+
+
+def measured_fraction(image: InputImage, depth: Array, motion: SceneMotion) -> float | None:
+    """Return the fraction of an image's moving pixels with depth; None if nothing moves or it is unknown."""
+    moving = find_moving(image, motion)
+    return None if moving is None or not moving.any() else round(float((depth[moving] > 0).mean()), 4)
+
+
+def write_moment(result: MultiviewResult, image: InputImage, depth: Array, fused: Path) -> None:
+    """Write `FILES` beside a fused cloud: its points, and the page that shows them in 3D.
+
+    `image` and `depth` belong to the reference camera.
+    """
+    points, colours, _ = read_fused_cloud(fused, len(result.views))
+    write_ply(fused.with_name(POINTS), PointCloud(points, colours))
+    view = image.calibrated.view
+    clouds = InstantClouds(
+        instant=result.instant,
+        synced=POINTS,
+        rotation=tuple(view.rotation.ravel().tolist()),
+        centre=tuple(view.centre.tolist()),
+        focal=view.focal / view.width,
+        pivot=tuple(np.median(points, axis=0).tolist()),
+    )
+    measured = result.moving_measured
+    moving = "" if measured is None else f" {percentage(measured)} of what moves was measured."
+    page = {
+        "title": f"{result.session}, instant {result.instant}",
+        "kicker": "One instant in space",
+        "name": result.session,
+        "verdict": f"{result.fused_points:,} points from {len(result.views)} cameras.{moving}",
+        "numbers_in": ("multiview.json",),
+        "cloud": view_clouds(clouds, fused.parent, result.reference, len(result.views)),
+        "scripts": ("cloud.js",),
+    }
+    write_page(render_page(page, [Section("cloud.html")]), fused.parent)

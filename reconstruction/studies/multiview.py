@@ -20,10 +20,10 @@ from reconstruction.compare.study import UNASKED, ConditionStudy, Context, Pictu
 from reconstruction.depth.mesh import draw_clouds
 from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
+from reconstruction.multiview.input_images import UndistortedSession
 from reconstruction.multiview.instant_depth import InstantDepth, compute_instant_depth
 from reconstruction.multiview.instant_scoring import InstantScorer
 from reconstruction.multiview.matcher import Matcher, choose_matcher
-from reconstruction.multiview.undistorted_session import UndistortedSession
 from reconstruction.report import wording
 from reconstruction.report.embedding import view_clouds
 from reconstruction.report.findings import EACH_DELAYED, depth_sentence

@@ -5,7 +5,7 @@ import math
 from collections.abc import AsyncGenerator, Mapping, Sequence
 from pathlib import Path
 
-from capture_app.common.camera_facts import SIMULATED, CameraFacts
+from capture_app.common.camera_facts import SIMULATED, CameraFacts, unmeasured_stamps
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import DiskFullError, IncompleteError
 from capture_app.common.node_state import NodeState
@@ -17,7 +17,6 @@ from capture_app.protocol.log import off_rate_line
 from capture_app.protocol.messages import SpoolSpace
 from capture_app.protocol.status import REPORT_LOST_NS
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
-from capture_app.session.reading.stamp_words import unmeasured_stamps
 from capture_app.sync.rig.leader_engine import Leader
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.timekeeping.rates import LEADER, HostOffRate, RateVote

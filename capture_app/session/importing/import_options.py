@@ -1,14 +1,26 @@
-"""User's options for an import: times, instants, and calibration of the recording."""
+"""User's options for an import, and the times and the state of the clocks that follow from them."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 
+from capture_app.common.errors import BadInputError
+from capture_app.session.format.common_times import CommonTimes, TimesState
 from capture_app.session.importing.aligning import AlignBy
 from capture_app.session.importing.calibrations import Fit
-from capture_app.session.importing.embedded_times import TimeSource
-from capture_app.session.importing.frame_matching import Timeline
+from capture_app.session.importing.embedded_times import (
+    TimeSource,
+    exif_time_ns,
+    has_video_times,
+    name_time_ns,
+)
+from capture_app.session.importing.frame_matching import TimedFrame, Timeline, timeline_by_times
+from capture_app.session.importing.rate_or_table import timeline_by_rate, timeline_by_table, times_by_rate
+from capture_app.session.importing.recording_sources import FOLDER, Images, Source, Video
 
+ASSUMED_FPS = 30.0
+"""Assumed rate of images that are matched by their numbers, frames/s."""
+EQUAL_NUMBERS = "frames of equal number are taken as of one instant"
 SOUND_DISTANCE_M = 1.0
 SOUND_DELAY_MS = 20.0
 """Assumed: there is no measurement of the cameras' sound delay."""
@@ -55,3 +67,122 @@ class ImportOptions:
     def report_times(self) -> bool:
         """Whether the user specified the source of the times."""
         return self.fps is not None or self.timestamps is not None or self.times != "auto"
+
+
+def make_timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline:
+    """Compute every frame's time and match frames to instants; each assumption is noted in its source.
+
+    Raises BadInputError if there is no source of times, or more than one.
+    """
+    _check_options([source.name for source in sources], options)
+    if options.timestamps is not None:
+        return _shifted(timeline_by_table(sources, options.timestamps), options, str(options.timestamps))
+    if options.fps is not None and not options.offsets_ms:
+        return timeline_by_rate(sources, options.fps)
+    if options.fps is not None:
+        return _by_times("the recording", times_by_rate(sources, options.fps), options)
+    if options.times != "auto":
+        frames = {source.name: _own(source, options.times) for source in sources}
+        return _by_times("the recording", frames, options)
+    if options.known is not None:
+        return _shifted(options.known, options, "the recording")
+    recorded = {source.name: times for source in sources if (times := source.embedded_times()) is not None}
+    if len(recorded) == len(sources):
+        return _by_times("the recording", recorded, options)
+    return _by_videos(sources, options)
+
+
+def _check_options(names: Sequence[str], options: ImportOptions) -> None:
+    for name in options.offsets_ms:
+        if name not in names:
+            raise BadInputError(
+                f"--time-shift-ms names {name}, which the recording lacks", hint=f"it has {', '.join(names)}"
+            )
+    given = (options.fps is not None, options.timestamps is not None, options.times != "auto")
+    if sum(given) > 1:
+        raise BadInputError(
+            "give either the rate, --fps, or a table of times, --timestamps, or --times",
+            hint="leave out all of them but one",
+        )
+
+
+def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:
+    """Return the times of files without a common clock: each video's own, with the user's corrections."""
+    rates = {source.fps for source in sources if isinstance(source, Video)}
+    if options.synchronized:
+        if not rates:
+            sources[0].note = f"{ASSUMED_FPS:g} frames a second are assumed: --fps says otherwise"
+        return timeline_by_rate(sources, max(rates, default=ASSUMED_FPS))
+    if options.offsets_ms or all(isinstance(source, Video) for source in sources):
+        frames = {source.name: _own(source, "video") for source in sources}
+        return _by_times("the recording", frames, options)
+    if all(isinstance(one, Images) and one.kind == FOLDER and len(one.files) == 1 for one in sources):
+        alone = {source.name: [TimedFrame(0, 0)] for source in sources}
+        return timeline_by_times("the recording", alone)
+    raise BadInputError(
+        "give either the rate, --fps, or a table of times, --timestamps",
+        hint="--times name or exif takes the images' own",
+    )
+
+
+def _own(source: Source, times: TimeSource) -> list[TimedFrame]:
+    """Return the frames of one source with the times in its own files."""
+    if times == "video":
+        if not isinstance(source, Video):
+            raise BadInputError(
+                f"{source.path} is not a video", hint="--times name or exif takes images' times"
+            )
+        of_video = source.use_embedded_times() if has_video_times() else ()
+        if of_video:
+            return [TimedFrame(number, at_ns) for number, at_ns in enumerate(of_video)]
+        lack = "it has no times of its own" if has_video_times() else "for want of PyAV"
+        source.note = f"{source.path.name}: a constant {source.fps:g} frames a second is assumed: {lack}"
+        return times_by_rate([source], source.fps)[source.name]
+    if not isinstance(source, Images) or source.kind != FOLDER:
+        raise BadInputError(
+            f"{source.path} is not a folder of images", hint="--times video takes videos' times"
+        )
+    read = name_time_ns if times == "name" else exif_time_ns
+    return [TimedFrame(number, read(file)) for number, file in enumerate(source.files)]
+
+
+def _by_times(where: str, cameras: Mapping[str, Sequence[TimedFrame]], options: ImportOptions) -> Timeline:
+    """Match frames by their times after adding the user's shift for each camera."""
+    offsets_ns = {name: round(options.offsets_ms.get(name, 0.0) * 1e6) for name in cameras}
+    shifted = {
+        name: [replace(frame, leader_ns=frame.leader_ns + offsets_ns[name]) for frame in frames]
+        for name, frames in cameras.items()
+    }
+    return timeline_by_times(where, shifted)
+
+
+def _shifted(timeline: Timeline, options: ImportOptions, where: str) -> Timeline:
+    """Return the timeline, matched again if the user shifts a camera's times."""
+    return _by_times(where, timeline.cameras(), options) if options.offsets_ms else timeline
+
+
+def clock_state(sources: Sequence[Source], options: ImportOptions) -> CommonTimes | None:
+    """Return the state of the times that `make_timeline` computes; None for a single camera.
+
+    The rate of videos does not determine when each started; the rate of numbered images does match them.
+    """
+    if len(sources) < 2:
+        return None
+    videos = any(isinstance(source, Video) for source in sources)
+    by_program = options.known is not None and not options.report_times and not options.offsets_ms
+    by_table = not options.report_times and all(source.embedded_times() is not None for source in sources)
+    table = options.timestamps and f"the table {options.timestamps.name}"
+    rules: tuple[tuple[object, TimesState, str], ...] = (
+        (table, "recorded", str(table)),
+        (by_program, "recorded", "the times that its program wrote"),
+        (options.synchronized, "given", EQUAL_NUMBERS),
+        (options.offsets_ms, "given", "--time-shift-ms"),
+        (options.uncertainty_ms is not None, "given", "--uncertainty-ms"),
+        (options.fps is not None and not videos, "given", EQUAL_NUMBERS),
+        (options.times == "name", "given", "the times in file names are taken as of one clock"),
+        (by_table, "recorded", "the recording's own table of times"),
+        (options.times == "exif", "unknown", "EXIF times are by each camera's own clock"),
+        (not videos, "unknown", "these images have no times"),
+        (True, "unknown", "each video counts from its own beginning"),
+    )
+    return next(CommonTimes(state=state, reason=reason) for applies, state, reason in rules if applies)

@@ -23,7 +23,7 @@ from capture_app.session.importing.aligning import align_recording, with_common_
 from capture_app.session.importing.calibrations import fit_calibration, read_views
 from capture_app.session.importing.clips import find_calibration, find_shoots
 from capture_app.session.importing.frame_matching import Instant, Timeline, with_own_times
-from capture_app.session.importing.import_options import ImportOptions
+from capture_app.session.importing.import_options import ImportOptions, clock_state, make_timeline
 from capture_app.session.importing.importer import (
     is_program_camera,
     open_sources,
@@ -32,7 +32,6 @@ from capture_app.session.importing.importer import (
     split_name,
 )
 from capture_app.session.importing.recording_sources import Layout, Source
-from capture_app.session.importing.time_source import clock_state, make_timeline
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 

@@ -6,6 +6,7 @@ from typing import Literal
 
 from msgspec import Struct
 
+from capture_app.common.camera_facts import unmeasured_stamps
 from capture_app.common.text import count, duration
 from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from capture_app.session.format.manifest import (
@@ -14,7 +15,6 @@ from capture_app.session.format.manifest import (
     SyncRecord,
     computed_sync,
 )
-from capture_app.session.reading.stamp_words import unmeasured_stamps
 
 PX_PER_S = 1000.0
 """Motion assumed in verdicts, px/s: a person who runs through the image in one or two seconds."""

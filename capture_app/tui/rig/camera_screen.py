@@ -10,14 +10,13 @@ from textual.containers import Container, Vertical
 from textual.content import Content
 from textual.notifications import SeverityLevel
 
-from capture_app.common.camera_facts import Control, describe
+from capture_app.common.camera_facts import Control, describe, describe_stamp
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import WITHOUT_CAMERA
 from capture_app.common.text import NO_VALUE, clock_offset, count, duration, printable
 from capture_app.protocol.orders import DetailRequest
 from capture_app.protocol.status import NodeDetail, NodeStatus, Preview
 from capture_app.rig.rig_link import RigLink
-from capture_app.session.reading.stamp_words import describe_stamp
 from capture_app.tui.question import Dialog
 from capture_app.tui.rig_record import RecordChanged, RigRecord, showing_errors
 from capture_app.tui.signs import SIGNS

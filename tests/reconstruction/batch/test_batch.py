@@ -21,8 +21,7 @@ from capture_app.common.errors import BadInputError, DiskFullError, ExitCode, No
 from capture_app.session.reading.reader import Session
 from reconstruction.batch.batch_plan import DEPTH_TASK, BatchOptions, plan
 from reconstruction.batch.batch_run import batch, exit_code
-from reconstruction.batch.rows import Row
-from reconstruction.batch.summary import depth_sheets
+from reconstruction.batch.summary import Row, depth_sheets
 from reconstruction.batch.units import run_unit
 from reconstruction.batch.workers import NO_DASHBOARD, Workers
 from reconstruction.multiview.matcher import Matcher

@@ -13,14 +13,14 @@ from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.compare.study import Context
 from reconstruction.depth.colmap_workspace import ENVIRONMENT
-from reconstruction.multiview.cloud_accuracy import (
+from reconstruction.multiview.input_images import InputImage
+from reconstruction.multiview.instant_depth import SWEEP, InstantDepth
+from reconstruction.multiview.instant_scoring import (
     PointIndex,
     points_on_masks,
     points_on_moving,
     true_surfaces,
 )
-from reconstruction.multiview.input_images import InputImage
-from reconstruction.multiview.instant_depth import SWEEP, InstantDepth
 from reconstruction.multiview.matcher import (
     ChosenMatcher,
     Matcher,

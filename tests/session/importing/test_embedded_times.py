@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
-from capture_app.session.importing import time_source as timeline_module
+from capture_app.session.importing import import_options
 from capture_app.session.importing.embedded_times import name_time_ns
 from capture_app.session.importing.frame_matching import TimedFrame, timeline_by_times
 from capture_app.session.importing.import_options import ImportOptions
@@ -81,7 +81,7 @@ def test_without_pyav_a_constant_rate_is_assumed_and_said(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
     write_video(tmp_path / "rec" / "cam0.mp4", [40_000 * n for n in range(4)])
-    monkeypatch.setattr(timeline_module, "has_video_times", lambda: False)
+    monkeypatch.setattr(import_options, "has_video_times", lambda: False)
     said: list[str] = []
     options = ImportOptions(times="video")
     session = import_recording([str(tmp_path / "rec")], tmp_path, "s", options, talk=said.append)

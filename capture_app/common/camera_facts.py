@@ -1,4 +1,4 @@
-"""Camera properties, capabilities and controls, as structs for drivers, messages and sessions; and in words."""
+"""Camera properties, capabilities and controls, as structs for drivers, messages and sessions."""
 
 from collections.abc import Mapping
 from enum import StrEnum

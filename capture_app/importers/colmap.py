@@ -15,6 +15,7 @@ from typing import Any
 import numpy as np
 
 from capture_app.common.errors import BadInputError
+from capture_app.session.files.untrusted_files import read_input
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.views import (
     EXPORT_AGAIN,
@@ -168,16 +169,12 @@ def _file(folder: Path, name: str) -> Path | None:
 def _read(folder: Path, name: str) -> list[Any]:
     """Read a file of a model. Raises BadInputError, with the file, if it is malformed or missing."""
     path = _file(folder, name) or folder / f"{name}.txt"
+    data = read_input(path)
     try:
-        data = path.read_bytes()
         if path.suffix == ".bin":
             return list(_BINARY[name](BytesIO(data)))
         lines = data.decode("utf-8").splitlines()
         return list(_TEXT[name]([line.split() for line in lines if not line.startswith("#")]))
-    except OSError as error:
-        raise BadInputError(
-            f"cannot read {path}: {error.strerror}", hint="check the path and its permissions"
-        ) from error
     except (ValueError, IndexError, KeyError, OverflowError, struct.error) as error:
         raise BadInputError(f"{path} is not COLMAP's: {error}", hint=EXPORT_AGAIN) from error
 

@@ -15,6 +15,7 @@ from typing import Any
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import natural_order
+from capture_app.session.files.untrusted_files import read_input
 from capture_app.session.importing.importer import Importer, open_sources
 from capture_app.session.importing.recording_sources import Layout, videos_in
 from capture_app.session.importing.views import View, Views, numbers
@@ -111,12 +112,9 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
 
 
 def _view(file: Path) -> View:
+    data = io.BytesIO(read_input(file))
     try:
-        content = _ArraysOnly(io.BytesIO(file.read_bytes())).load()
-    except OSError as error:
-        raise BadInputError(
-            f"cannot read {file}: {error.strerror}", hint="check the path and its permissions"
-        ) from error
+        content = _ArraysOnly(data).load()
     except Exception as error:  # a malformed pickle may raise anything
         raise BadInputError(
             f"cannot read the calibration {file}: {error}", hint="download the session from OpenCap again"

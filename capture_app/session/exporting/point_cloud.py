@@ -8,6 +8,7 @@ from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.session.exporting.lens import Array
+from capture_app.session.files.untrusted_files import read_input
 
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",
@@ -38,14 +39,9 @@ def read_ply(path: Path) -> PointCloud:
 
     Raises IncompleteError if it is missing, BadInputError if it is not a PLY of points.
     """
-    try:
-        data = path.read_bytes()
-    except FileNotFoundError:
-        raise IncompleteError(f"{path} is missing", hint="a point cloud as PLY belongs there") from None
-    except OSError as error:
-        raise BadInputError(
-            f"cannot read {path}: {error.strerror}", hint="check the path and its permissions"
-        ) from error
+    if not path.exists():
+        raise IncompleteError(f"{path} is missing", hint="a point cloud as PLY belongs there")
+    data = read_input(path)
     try:
         vertices = _vertices(data)
         points = np.stack([vertices[name].astype(np.float64) for name in ("x", "y", "z")], axis=1)

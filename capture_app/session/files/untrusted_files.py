@@ -42,14 +42,16 @@ def read_regular(path: Path) -> bytes:
         return file.read()
 
 
+def read_input(path: Path) -> bytes:
+    """Return the bytes of a regular file. Raises BadInputError if it cannot be read."""
+    with reading(path):
+        return read_regular(path)
+
+
 def read_text(path: Path, *, encoding: str = "utf-8") -> str:
     """Return the text of a file. Raises BadInputError if it cannot be read or is not text."""
     try:
-        return read_regular(path).decode(encoding)
-    except OSError as error:
-        raise BadInputError(
-            f"cannot read {path}: {error.strerror or error}", hint="check the path and its permissions"
-        ) from error
+        return read_input(path).decode(encoding)
     except UnicodeDecodeError as error:
         raise BadInputError(f"cannot read {path}: {error}", hint="save it as UTF-8 text") from error
 
@@ -58,18 +60,14 @@ def read_arrays(path: Path) -> "dict[str, NDArray[np.generic]]":
     """Return the arrays of a .npz file by name. Raises BadInputError if it cannot be read as one."""
     import numpy as np  # slow to import, and every command imports this module
 
+    data = io.BytesIO(read_input(path))
     try:
-        data = io.BytesIO(read_regular(path))
         with zipfile.ZipFile(data) as archive:
             size = sum(member.file_size for member in archive.infolist())
         if size > MAX_BYTES:
             raise ValueError(f"its arrays have {size} bytes, and {MAX_BYTES} at most are read")
         with np.load(data, allow_pickle=False) as file:
             return {name: np.asarray(file[name]) for name in file.files}
-    except OSError as error:
-        raise BadInputError(
-            f"cannot read {path}: {error.strerror or error}", hint="check the path and its permissions"
-        ) from error
     except Exception as error:  # zipfile, its decompressors and numpy raise a dozen kinds
         reason = " ".join(str(error).split()) or type(error).__name__
         raise BadInputError(
@@ -84,9 +82,7 @@ def read_struct(path: Path, kind: type[_T], newest: int | None = None) -> _T:
     Raises BadInputError if the file cannot be read, is not JSON, has a newer version, or does not fit the
     struct; the message gives the place.
     """
-    with reading(path):
-        data = read_regular(path)
-    return decode_struct(path, data, kind, newest)
+    return decode_struct(path, read_input(path), kind, newest)
 
 
 def decode_struct(path: Path, data: bytes, kind: type[_T], newest: int | None = None) -> _T:

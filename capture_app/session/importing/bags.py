@@ -16,7 +16,7 @@ from typing import Any, BinaryIO, NamedTuple
 
 import numpy as np
 
-from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.errors import BadInputError, SimulshotError, reading
 from capture_app.common.names import is_name, name_like
 from capture_app.common.optional_packages import load_optional
 from capture_app.session.files.untrusted_files import open_regular
@@ -279,11 +279,8 @@ def _decode(kind: str, data: bytes) -> Any:
 def intact(path: Path) -> Iterator[None]:
     """Convert any error of a reader on a damaged recording to BadInputError."""
     try:
-        yield
-    except OSError as error:
-        raise BadInputError(
-            f"cannot read {path}: {error.strerror}", hint="check the path and its permissions"
-        ) from error
+        with reading(path):
+            yield
     except SimulshotError:
         raise
     except Exception as error:  # the readers raise a dozen kinds on a damaged file

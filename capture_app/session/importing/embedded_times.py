@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.optional_packages import load_optional
+from capture_app.session.files.untrusted_files import read_input
 from capture_app.session.reading.file_headers import read_exif
 
 _DATE = re.compile(
@@ -109,11 +110,7 @@ def name_time_ns(path: Path) -> int:
 def exif_time_ns(path: Path) -> int:
     """Return a JPEG's capture time in EXIF, ns. Raises BadInputError if there is none."""
     try:
-        exif = read_exif(path.read_bytes())
-    except OSError as error:
-        raise BadInputError(
-            f"cannot read {path}: {error.strerror}", hint="check the path and its permissions"
-        ) from error
+        exif = read_exif(read_input(path))
     except ValueError as error:
         raise BadInputError(f"the EXIF of {path} is broken: {error}", hint=_OTHER_TIMES) from error
     found = _DATE.search(exif.date)

@@ -15,7 +15,7 @@ import numpy as np
 import yaml
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.files.untrusted_files import read_regular
+from capture_app.session.files.untrusted_files import read_input
 from capture_app.session.importing.views import Array
 
 MAX_BYTES = 8 << 20
@@ -29,16 +29,11 @@ def read_storage(path: Path) -> dict[str, Any]:
 
     Raises BadInputError if the file cannot be read or is not in this format.
     """
+    data = read_input(path)
     try:
-        data = read_regular(path)
         if len(data) > MAX_BYTES:
             raise ValueError(f"it has {len(data)} bytes, too many for a calibration")
         content = _read_xml(data) if path.suffix.lower() == ".xml" else _read_yaml(data)
-    except OSError as error:
-        raise BadInputError(
-            f"cannot read the calibration {path}: {error.strerror or error}",
-            hint="check the path and its permissions",
-        ) from error
     except (yaml.YAMLError, ET.ParseError, ValueError, OverflowError, RecursionError) as error:
         reason = " ".join(str(error).split()) or "not OpenCV's format"
         raise BadInputError(

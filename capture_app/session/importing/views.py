@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import UNREADABLE
-from capture_app.session.files.untrusted_files import read_regular
+from capture_app.session.files.untrusted_files import read_input
 
 Array = NDArray[np.float64]
 SAME_ROTATION, SAME_PLACE = 1e-5, 1e-5
@@ -50,11 +50,7 @@ def read_json(path: Path) -> Any:
     if path.suffix.lower() != ".json":
         return None
     try:
-        return msgspec.json.decode(read_regular(path))
-    except OSError as error:
-        raise BadInputError(
-            f"cannot read {path}: {error.strerror}", hint="check the path and its permissions"
-        ) from error
+        return msgspec.json.decode(read_input(path))
     except UNREADABLE as error:
         raise BadInputError(f"{path} is not JSON: {error}", hint=EXPORT_AGAIN) from error
 

@@ -11,7 +11,7 @@ import msgspec
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.common.names import is_name
 from capture_app.common.text import UNREADABLE
-from capture_app.session.files.untrusted_files import read_arrays, read_regular, read_struct
+from capture_app.session.files.untrusted_files import read_arrays, read_input, read_regular, read_struct
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.ground_truth import TIMES, TrueTime, TrueTimes, ground_truth_path
 from capture_app.session.format.journal import frame_of_line, frames_path
@@ -120,12 +120,7 @@ class Session:
         """Return the records of a video's frames, in order. Raises BadInputError for a malformed file."""
         path = inside(self.folder, frames_path(video.path))
         try:
-            return msgspec.json.Decoder(FrameRecord).decode_lines(read_regular(path))
-        except OSError as error:
-            raise BadInputError(
-                f"cannot read {path}: {error.strerror}",
-                hint=f"capture-app sessions verify {self.folder} shows all problems",
-            ) from error
+            return msgspec.json.Decoder(FrameRecord).decode_lines(read_input(path))
         except UNREADABLE as error:
             raise BadInputError(
                 f"{path} does not hold the frames of a video: {error}",

@@ -6,9 +6,9 @@ from pathlib import Path
 from capture_app.session.exporting.csv_tables import renaming_notes, toml_table
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import VIDEOS, Exporter
-from capture_app.session.exporting.lens import distortion_of, matrix_of, rodrigues, rotation_of
 from capture_app.session.exporting.videos import at_own_times, write_camera
 from capture_app.session.format.calibration import METRES, Calibration
+from capture_app.session.format.lens import distortion_of, matrix_of, rodrigues, rotation_of
 
 
 def write(burst: ExportedBurst, folder: Path) -> None:

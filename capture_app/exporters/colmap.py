@@ -10,7 +10,9 @@ from capture_app.common.text import count
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import Exporter, SceneOptions
 from capture_app.session.exporting.files import place, suffix_for, write_mask
-from capture_app.session.exporting.lens import (
+from capture_app.session.exporting.point_cloud import PointCloud, read_ply
+from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.lens import (
     Array,
     distortion_of,
     picture_rays,
@@ -19,8 +21,6 @@ from capture_app.session.exporting.lens import (
     rotation_of,
     translation_of,
 )
-from capture_app.session.exporting.point_cloud import PointCloud, read_ply
-from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.manifest import RIG
 
 _HALF_PIXEL = 0.5  # COLMAP's first pixel has its centre at (0.5, 0.5)

@@ -13,9 +13,9 @@ from capture_app.session.exporting.csv_tables import (
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import Exporter, ImageOptions
 from capture_app.session.exporting.files import place, suffix_for, write_mask
-from capture_app.session.exporting.lens import distortion_of, matrix_of, redrawing
 from capture_app.session.exporting.videos import spacing_notes
 from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.format.lens import distortion_of, matrix_of, redrawing
 
 _HALF_PIXEL = 0.5  # EasyVolcap's rays leave the first pixel at (0.5, 0.5)
 

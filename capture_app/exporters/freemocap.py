@@ -5,10 +5,10 @@ from pathlib import Path
 import msgspec
 
 from capture_app.session.exporting.csv_tables import camera_tables, paired_names, renaming_notes
-from capture_app.session.exporting.exported_burst import ExportedBurst, Redraw
+from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import VIDEOS, Exporter
-from capture_app.session.exporting.lens import redrawing, without_k3
 from capture_app.session.exporting.videos import write_paired_videos
+from capture_app.session.format.lens import Redraw, redrawing, without_k3
 
 _EXACT_PX = 0.01
 """Maximum error of a fitted lens for which images need not be redrawn."""

@@ -18,7 +18,10 @@ import numpy as np
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import Exporter, ExportOptions, Option
 from capture_app.session.exporting.files import jpeg_or_png
-from capture_app.session.exporting.lens import (
+from capture_app.session.files.untrusted_files import indented
+from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration
+from capture_app.session.format.export_record import with_images_listed
+from capture_app.session.format.lens import (
     Array,
     centre_of,
     distortion_of,
@@ -26,9 +29,6 @@ from capture_app.session.exporting.lens import (
     quaternion,
     rotation_of,
 )
-from capture_app.session.files.untrusted_files import indented
-from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration
-from capture_app.session.format.export_record import with_images_listed
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
 from capture_app.session.format.message_types import foxglove_message, ros_messages
 

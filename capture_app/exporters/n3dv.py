@@ -12,9 +12,13 @@ from capture_app.common.errors import BadInputError
 from capture_app.session.exporting.csv_tables import renaming_notes
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import VIDEOS, Exporter, ExportOptions, Option, Points
-from capture_app.session.exporting.lens import (
+from capture_app.session.exporting.point_cloud import PointCloud, read_ply, write_ply
+from capture_app.session.exporting.videos import at_instants, spacing_notes, write_camera
+from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.format.lens import (
     Array,
     centre_of,
+    nearest_point,
     picture_rays,
     project_rays,
     rays_of,
@@ -22,9 +26,6 @@ from capture_app.session.exporting.lens import (
     rotation_of,
     translation_of,
 )
-from capture_app.session.exporting.point_cloud import PointCloud, read_ply, write_ply
-from capture_app.session.exporting.videos import at_instants, spacing_notes, write_camera
-from capture_app.session.format.calibration import CameraCalibration
 
 WIDTH, HEIGHT = 2704, 2028
 """Size of Neural 3D Video's own videos; its loaders assume this size for every video and scale by it."""
@@ -99,11 +100,9 @@ def focus_depths(cameras: Mapping[str, CameraCalibration]) -> dict[str, float]:
     """
     centres = np.array([centre_of(camera) for camera in cameras.values()])
     axes = np.array([rotation_of(camera)[2] for camera in cameras.values()])
-    across = np.eye(3) - axes[:, :, None] * axes[:, None, :]
-    normal = across.sum(axis=0)
     widest = max((float(np.linalg.norm(a - b)) for a in centres for b in centres), default=0.0)
-    if np.linalg.cond(normal) < 1e4:
-        point = np.linalg.solve(normal, np.einsum("nij,nj->i", across, centres))
+    point = nearest_point(centres, axes, 1e4)
+    if point is not None:
         depths = np.einsum("nj,nj->n", axes, point - centres)
         if depths.min() > 0:
             return dict(zip(cameras, map(float, depths), strict=True))

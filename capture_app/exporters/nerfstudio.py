@@ -8,9 +8,9 @@ import numpy as np
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import Exporter, SceneOptions
 from capture_app.session.exporting.files import place, suffix_for, write_mask
-from capture_app.session.exporting.lens import centre_of, distortion_of, rotation_of
 from capture_app.session.exporting.point_cloud import read_ply, write_ply
 from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.format.lens import centre_of, distortion_of, rotation_of
 from capture_app.session.format.manifest import ImageRecord
 
 _POINTS = "sparse_pc.ply"

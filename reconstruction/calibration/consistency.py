@@ -12,6 +12,7 @@ import cv2
 import numpy as np
 from msgspec import Struct
 
+from capture_app.session.format.lens import triangulate_rays
 from reconstruction.common.geometry import Array, View, angle_deg, angles_deg
 from reconstruction.pairs import MIN_MATCHES, Features, match_features, size_above_features
 
@@ -193,19 +194,15 @@ def triangulate(views: Sequence[View], pixels: Array) -> Array:
     The method is Hartley and Sturm's. If the rays diverge, so that a point would be behind a view, the point
     is put far away between them.
     """
-    rows, towards = [], np.zeros((pixels.shape[1], 3))
-    for view, at in zip(views, pixels, strict=True):
-        rays = view.rays(at)
-        matrix = np.column_stack([view.rotation, view.translation])
-        rows += [rays[:, i, None] * matrix[2] - matrix[i] for i in (0, 1)]
-        towards += rays / np.linalg.norm(rays, axis=1, keepdims=True) @ view.rotation
-    system = np.stack(rows, axis=1)
-    system /= np.linalg.norm(system, axis=2, keepdims=True).clip(1e-12)
-    found = np.linalg.svd(system)[2][:, -1]
+    rays = [view.rays(at) for view, at in zip(views, pixels, strict=True)]
+    poses = [np.column_stack([view.rotation, view.translation]) for view in views]
+    found = triangulate_rays((ray[:, :2], pose) for ray, pose in zip(rays, poses, strict=True))
     scale = np.where(np.abs(found[:, 3]) < 1e-12, 1e-12, found[:, 3])
     points = found[:, :3] / scale[:, None]
     behind = np.any([points @ view.rotation[2] + view.translation[2] <= 0 for view in views], axis=0)
-    points[behind] = MAX_RELATIVE_DISTANCE * towards[behind]
+    units = (ray / np.linalg.norm(ray, axis=1, keepdims=True) for ray in rays)
+    towards = sum(unit @ view.rotation for unit, view in zip(units, views, strict=True))
+    points[behind] = MAX_RELATIVE_DISTANCE * np.asarray(towards)[behind]
     return np.asarray(points)
 
 

@@ -8,12 +8,10 @@ import numpy as np
 import numpy.typing as npt
 
 from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.format.lens import undistort_pixels
 
 Array = npt.NDArray[Any]
 """An array; its type and shape are in the docstring of what uses it."""
-
-UNDISTORT = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-8)
-"""Iterate until convergence: OpenCV's default of five leaves 30 px at the border of a 100 degree lens."""
 
 
 @dataclass(frozen=True)
@@ -71,8 +69,7 @@ class View:
 
     def rays(self, pixels: Array) -> Array:
         """Return the directions (n, 3) with z = 1, in the camera's frame, of distorted pixels (n, 2)."""
-        points = np.asarray(pixels, np.float64).reshape(-1, 1, 2)
-        flat = cv2.undistortPoints(points, self.matrix, self.distortion, criteria=UNDISTORT).reshape(-1, 2)
+        flat = undistort_pixels(pixels, self.matrix, self.distortion)
         return np.column_stack([flat, np.ones(len(flat))])
 
     def project(self, points: Array) -> Array:

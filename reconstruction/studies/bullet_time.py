@@ -10,6 +10,7 @@ import cv2
 import msgspec
 import numpy as np
 
+from capture_app.session.format.lens import nearest_point
 from capture_app.session.reading.sheet_pictures import encode_animation
 from reconstruction.common.drawing import EMPTY, fit_canvas
 from reconstruction.common.geometry import Array, View, resize_view
@@ -167,17 +168,13 @@ def triangulate_subject(views: Mapping[str, View], seen: Mapping[str, Array]) ->
     None if fewer than two cameras saw something. None also if the point is behind a camera, outside its
     image, or farther than `MAX_MISS_FRACTION` from its pixel.
     """
-    matrix, vector = np.zeros((3, 3)), np.zeros(3)
-    for name, pixel in seen.items():
-        view = views[name]
-        ray = view.rays(np.asarray(pixel, float).reshape(1, 2))[0] @ view.rotation
-        ray /= np.linalg.norm(ray)
-        across = np.eye(3) - np.outer(ray, ray)
-        matrix += across
-        vector += across @ view.centre
-    if len(seen) < 2 or np.linalg.cond(matrix) > 1e8:
+    if len(seen) < 2:
         return None
-    point = np.linalg.solve(matrix, vector)
+    rays = np.array([views[name].rays(pixel)[0] @ views[name].rotation for name, pixel in seen.items()])
+    rays /= np.linalg.norm(rays, axis=1, keepdims=True)
+    point = nearest_point(np.array([views[name].centre for name in seen]), rays, 1e8)
+    if point is None:
+        return None
     miss = 0.0
     for name, view in views.items():
         found = project_point(view, point)

@@ -15,8 +15,8 @@ from capture_app.common.errors import BadInputError, ExitCode, IncompleteError
 from capture_app.exporters.freemocap import camera_ids
 from capture_app.exporters.n3dv import POINTS
 from capture_app.session.exporting.csv_tables import yaml_names
-from capture_app.session.exporting.lens import project_rays, rays_of, without_k3
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply, write_ply
+from capture_app.session.format.lens import project_rays, rays_of, without_k3
 from capture_app.session.reading.reader import Session
 from tests.exporters.conftest import HEIGHT, WIDTH, Export, Make
 from tests.exporters.dotted import lens

@@ -9,7 +9,9 @@ from pathlib import Path
 
 from capture_app.common.names import natural_order
 from capture_app.session.exporting.exported_burst import ExportedBurst, Frame
-from capture_app.session.exporting.lens import (
+from capture_app.session.format.calibration import METRES, Calibration
+from capture_app.session.format.export_record import FRAMES
+from capture_app.session.format.lens import (
     Array,
     distortion_of,
     matrix_of,
@@ -17,8 +19,6 @@ from capture_app.session.exporting.lens import (
     rotation_of,
     translation_of,
 )
-from capture_app.session.format.calibration import METRES, Calibration
-from capture_app.session.format.export_record import FRAMES
 from capture_app.session.format.manifest import ImageRecord
 
 _BARE = re.compile(r"[A-Za-z0-9_-]+")

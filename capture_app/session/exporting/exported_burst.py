@@ -6,19 +6,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
-import numpy as np
-from numpy.typing import NDArray
-
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.session.exporting.exporter import ExportOptions
 from capture_app.session.format.calibration import Calibration, CameraCalibration
+from capture_app.session.format.lens import Picture, Redraw
 from capture_app.session.format.manifest import MANIFEST, ImageRecord
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
 
-Picture = NDArray[np.uint8]
-Redraw = Callable[[Picture], Picture]
-"""Function that redraws a camera's image as seen by another lens."""
 Progress = Callable[[int, int], None]
 """Called with the number of images written so far and the total."""
 

@@ -6,8 +6,9 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.common.errors import BadInputError, IncompleteError
-from capture_app.session.exporting.exported_burst import ExportedBurst, Picture, Redraw
+from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.files.untrusted_files import read_regular
+from capture_app.session.format.lens import Picture, Redraw
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
 from capture_app.session.reading.decoding import decode_image, encode_image
 

@@ -7,8 +7,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError, IncompleteError
-from capture_app.session.exporting.lens import Array
 from capture_app.session.files.untrusted_files import read_input
+from capture_app.session.format.lens import Array
 
 _TYPES = {
     "char": "i1", "uchar": "u1", "short": "i2", "ushort": "u2", "int": "i4", "uint": "u4",

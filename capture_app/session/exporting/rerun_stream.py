@@ -5,8 +5,8 @@ from typing import Any
 
 import numpy as np
 
-from capture_app.session.exporting.lens import centre_of, matrix_of, rotation_of
 from capture_app.session.format.calibration import CameraCalibration
+from capture_app.session.format.lens import centre_of, matrix_of, rotation_of
 
 _HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])  # Rerun's first pixel begins at (0, 0)
 

@@ -8,7 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.common.errors import BadInputError, SimulshotError
-from capture_app.session.exporting.exported_burst import ExportedBurst, Frame, Picture, Redraw
+from capture_app.session.exporting.exported_burst import ExportedBurst, Frame
+from capture_app.session.format.lens import Picture, Redraw
 from capture_app.session.format.manifest import ImageRecord
 
 TIME_BASE = Fraction(1, 1_000_000)

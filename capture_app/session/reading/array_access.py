@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture_app.common.errors import BadInputError, IncompleteError, reading
+from capture_app.session.format.lens import triangulate_rays, undistort_pixels
 from capture_app.session.format.manifest import CameraRecord, ImageRecord
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
@@ -170,7 +171,7 @@ class CameraMatrices:
 
     def project(self, points: npt.ArrayLike) -> Numbers:
         """Return the pixels (... x 2) of points (... x 3) in the rig's frame; NaN behind the camera."""
-        import cv2  # slow to import; only these methods need it
+        import cv2  # slow to import; only this method and `undistort` need it
 
         points = np.asarray(points, np.float64)
         seen = points @ self.cam_from_rig[:3, :3].T + self.cam_from_rig[:3, 3]
@@ -186,13 +187,7 @@ class CameraMatrices:
 
     def undistort_points(self, pixels: npt.ArrayLike) -> Numbers:
         """Return pixels (n x 2) as x / z and y / z (n x 2) in the camera's frame."""
-        import cv2
-
-        flat = np.asarray(pixels, np.float64).reshape(-1, 1, 2)
-        # OpenCV's default of five steps leaves pixels of error at the border of a wide lens.
-        until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-8)
-        found = cv2.undistortPoints(flat, self.camera_matrix, self.distortion, criteria=until)
-        return np.asarray(found).reshape(-1, 2)
+        return undistort_pixels(pixels, self.camera_matrix, self.distortion)
 
 
 @dataclass(frozen=True, repr=False)
@@ -288,12 +283,10 @@ class OpenSession(Session):
         """
         if len(pixels) < 2:
             raise BadInputError(f"one camera sees a ray, not a point: {', '.join(pixels)}", hint="name two")
-        rows = []
-        for name, seen in pixels.items():
-            camera = self._named(name).calibration
-            rays = camera.undistort_points(seen)
-            rows.append(rays[:, :, None] * camera.cam_from_rig[2] - camera.cam_from_rig[:2])
-        homogeneous = np.linalg.svd(np.concatenate(rows, axis=1))[2][:, -1]
+        cameras = {name: self._named(name).calibration for name in pixels}
+        homogeneous = triangulate_rays(
+            (of.undistort_points(pixels[name]), of.cam_from_rig[:3]) for name, of in cameras.items()
+        )
         return np.asarray(homogeneous[:, :3] / homogeneous[:, 3:])
 
     @cached_property

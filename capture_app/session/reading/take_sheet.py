@@ -15,8 +15,8 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
-PARALLEL = 1e-3
-"""Mean squared sine of the optical axes' angles to a common direction below which they count as parallel."""
+PARALLEL = 1e3
+"""Condition number of the equations for the point they look at above which optical axes count as parallel."""
 
 
 def arc_order(session: Session) -> tuple[str, ...]:
@@ -50,12 +50,11 @@ def _angles(centres: "NDArray[np.float64]", directions: "NDArray[np.float64]") -
     """
     import numpy as np
 
+    from capture_app.session.format.lens import nearest_point
+
     middle = centres.mean(axis=0)
-    beside = np.eye(3) - directions[:, :, None] * directions[:, None]
-    system = beside.mean(axis=0)
-    if np.linalg.eigvalsh(system)[0] > PARALLEL:
-        target = np.linalg.solve(system, np.einsum("nij,nj->ni", beside, centres).mean(axis=0))
-    else:
+    target = nearest_point(centres, directions, PARALLEL)
+    if target is None:
         target = middle + 1000 * np.abs(centres - middle).max() * directions.mean(axis=0)
     from_target = centres - target
     _, _, axes = np.linalg.svd(np.r_[from_target, centres - middle], full_matrices=False)

@@ -1,14 +1,18 @@
-"""OpenCV's lens model: the closest fit without k3, images redrawn for another lens, other conventions."""
+"""OpenCV's lens model: pixels and rays, points from several cameras, and images redrawn for another lens."""
+
+from collections.abc import Callable, Iterable
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.exporting.exported_burst import Picture, Redraw
 from capture_app.session.format.calibration import CameraCalibration
 
 Array = NDArray[np.float64]
+Picture = NDArray[np.uint8]
+Redraw = Callable[[Picture], Picture]
+"""Function that redraws a camera's image as seen by another lens."""
 _STEPS = 30
 _FOUND_PX = 1e-6
 _GRID = 60
@@ -38,6 +42,41 @@ def distortion_of(camera: CameraCalibration) -> Array:
     """Return OpenCV's k1, k2, p1, p2, k3."""
     given = camera.distortion[:5]
     return np.array([*given, *[0.0] * (5 - len(given))], np.float64)
+
+
+def undistort_pixels(pixels: ArrayLike, matrix: Array, distortion: Array) -> Array:
+    """Return distorted pixels (n, 2) as x / z and y / z (n, 2) in the camera's frame."""
+    import cv2
+
+    points = np.asarray(pixels, np.float64).reshape(-1, 1, 2)
+    # OpenCV's default of five steps leaves 30 px of error at the border of a 100 degree lens.
+    until = (cv2.TERM_CRITERIA_COUNT + cv2.TERM_CRITERIA_EPS, 50, 1e-8)
+    return np.asarray(cv2.undistortPoints(points, matrix, distortion, criteria=until)).reshape(-1, 2)
+
+
+def triangulate_rays(seen: Iterable[tuple[Array, Array]]) -> Array:
+    """Return homogeneous points (n, 4) in the rig's frame from what each camera sees of them.
+
+    Each camera gives its rays, x / z and y / z (n, 2), and its `cam_from_rig` (3, 4). A point minimizes the
+    algebraic error over all cameras (DLT: Hartley and Zisserman, 12.2).
+    """
+    rows = [rays[:, :, None] * pose[2] - pose[:2] for rays, pose in seen]
+    system = np.concatenate(rows, axis=1)
+    system /= np.linalg.norm(system, axis=2, keepdims=True).clip(1e-12)
+    return np.asarray(np.linalg.svd(system)[2][:, -1])
+
+
+def nearest_point(centres: Array, directions: Array, max_condition: float) -> Array | None:
+    """Return the point (3,) with the least squared distances from lines; None if they are nearly parallel.
+
+    The lines go through `centres` (n, 3) along `directions` (n, 3; unit length). They are nearly parallel if
+    the condition number of the equations is over `max_condition`.
+    """
+    across = np.eye(3) - directions[:, :, None] * directions[:, None]
+    system = across.sum(axis=0)
+    if np.linalg.cond(system) > max_condition:
+        return None
+    return np.asarray(np.linalg.solve(system, np.einsum("nij,nj->i", across, centres)))
 
 
 def quaternion(rotation: Array) -> tuple[float, float, float, float]:

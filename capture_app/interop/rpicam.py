@@ -13,8 +13,8 @@ import struct
 import time
 from collections.abc import Callable, Sequence
 
+from capture_app.common.address import own_hosts
 from capture_app.common.clock import NodeClock
-from capture_app.common.interfaces import own_hosts
 from capture_app.common.tasks import end
 from capture_app.node.leader.followers import RigFollower, SharedGrid
 from capture_app.protocol.log import Log

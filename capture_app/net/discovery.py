@@ -17,8 +17,7 @@ from zeroconf import Error, IPVersion, ServiceStateChange, Zeroconf
 from zeroconf.asyncio import AsyncServiceBrowser, AsyncServiceInfo, AsyncZeroconf
 
 from capture_app import __version__
-from capture_app.common.address import ANY_HOST, Address, parse_address
-from capture_app.common.interfaces import own_hosts
+from capture_app.common.address import ANY_HOST, Address, own_hosts, parse_address
 from capture_app.common.names import name_like
 from capture_app.common.pairing_codes import Role
 from capture_app.common.tasks import end

@@ -7,7 +7,7 @@ import struct
 import subprocess
 from pathlib import Path
 
-from capture_app.common.interfaces import interface_of, source_address
+from capture_app.common.address import interface_of, source_address
 
 NETWORKS = Path("/sys/class/net")
 _SIOCGIWPOWER = 0x8B2D

@@ -8,7 +8,7 @@ from dataclasses import dataclass
 from socket import socket
 from typing import Any, Self
 
-from capture_app.common.address import ANY_HOST, Address, reachable_host, resolve
+from capture_app.common.address import ANY_HOST, Address, own_hosts, reachable_host, resolve
 from capture_app.common.clock import HostRate
 from capture_app.common.errors import (
     BadInputError,
@@ -17,7 +17,6 @@ from capture_app.common.errors import (
     TryAgainError,
     UnknownMachineError,
 )
-from capture_app.common.interfaces import own_hosts
 from capture_app.common.tasks import end
 from capture_app.common.text import duration
 from capture_app.common.timeouts import UPSTREAM_TIMEOUT_S

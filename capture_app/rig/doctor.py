@@ -6,6 +6,7 @@ import platform
 import tempfile
 import time
 from collections.abc import Iterator, Sequence
+from dataclasses import dataclass
 from pathlib import Path
 from typing import Literal
 
@@ -17,7 +18,6 @@ from capture_app.common.camera_facts import CameraListing
 from capture_app.common.clock import EVERY_NS, HostRate
 from capture_app.common.errors import DiskError, SimulshotError
 from capture_app.common.text import count, megabytes
-from capture_app.common.usb import UsbCamera, crowded_buses, usb_cameras
 from capture_app.net.discovery import LeaderBrowser, announced_hosts
 from capture_app.net.firewall import MDNS_PORT, Firewall, active_firewalls
 from capture_app.net.reachability import find_obstacle
@@ -30,6 +30,8 @@ from capture_app.sync.rig.status_text import slewing
 from capture_app.sync.wire.codec import VERSION
 from capture_app.trust.trust import Trust
 
+VIDEO_DEVICES = Path("/sys/class/video4linux")
+USB2_MBIT_S = 480
 Grade = Literal["good", "note", "warning", "problem"]
 """A problem prevents this machine from taking part; a warning degrades it or makes it less reliable."""
 SAMPLE_BYTES = 16 << 20
@@ -38,6 +40,41 @@ SLOW_MB_S = 20.0
 LITTLE_BYTES = 1 << 30
 CLOCK_WATCHED_S = 2.2
 LISTEN_S = 1.5
+
+
+@dataclass(frozen=True, slots=True)
+class UsbCamera:
+    """Camera on a USB bus."""
+
+    node: str
+    """Device node, such as /dev/video0."""
+    bus: int
+    speed_mbit_s: int
+    """Negotiated speed of its bus."""
+
+
+def usb_cameras(devices: Path = VIDEO_DEVICES) -> list[UsbCamera]:
+    """Return the USB cameras of this machine, each once, in the order of their device nodes."""
+    found: dict[Path, UsbCamera] = {}
+    for entry in sorted(devices.glob("video*"), key=lambda path: (len(path.name), path.name)):
+        interface = (entry / "device").resolve()
+        # A camera has several device nodes; the first one delivers the images.
+        device = next((path for path in (interface, *interface.parents) if (path / "busnum").is_file()), None)
+        if device is None or device in found:
+            continue
+        try:
+            bus, speed = int((device / "busnum").read_text()), float((device / "speed").read_text())
+        except (OSError, ValueError):
+            continue
+        found[device] = UsbCamera(f"/dev/{entry.name}", bus, round(speed))
+    return list(found.values())
+
+
+def crowded_buses(cameras: list[UsbCamera]) -> list[list[UsbCamera]]:
+    """Return the cameras of each USB 2 bus with several: it is too slow for their uncompressed images."""
+    slow = [camera for camera in cameras if camera.speed_mbit_s <= USB2_MBIT_S]
+    by_bus = ([camera for camera in slow if camera.bus == bus] for bus in sorted({c.bus for c in slow}))
+    return [sharing for sharing in by_bus if len(sharing) > 1]
 
 
 class Finding(Struct, frozen=True):

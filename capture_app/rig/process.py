@@ -16,10 +16,9 @@ import msgspec
 from msgspec import Struct
 from platformdirs import user_state_path
 
-from capture_app.common.address import LOOPBACK_HOSTS, Address, parse_address
+from capture_app.common.address import LOOPBACK_HOSTS, Address, own_hosts, parse_address
 from capture_app.common.child import error_of_exit
 from capture_app.common.errors import NetworkError, SimulshotError
-from capture_app.common.interfaces import own_hosts
 from capture_app.common.passwords import reveal_password
 from capture_app.common.timeouts import RIG_START_TIMEOUT_S
 from capture_app.protocol.orders import AddCamera

@@ -24,9 +24,9 @@ from reconstruction.calibration.calibration_sources import (
     from_still_points,
     open_recordings,
 )
-from reconstruction.calibration.consistency import RigCheck
-from reconstruction.calibration.quality import (
+from reconstruction.calibration.consistency import (
     CalibrationQuality,
+    RigCheck,
     judge_calibration,
     refuse_bad_calibration,
 )

@@ -23,8 +23,7 @@ from reconstruction.calibration.board_calibration import (
     shared_corners,
 )
 from reconstruction.calibration.calibrated_rig import Rig, calibrated_views, refuse_faults, sound_views
-from reconstruction.calibration.consistency import MAX_AXIS_ANGLE_DEG, RigCheck, check_rig
-from reconstruction.calibration.quality import SharedPoints
+from reconstruction.calibration.consistency import MAX_AXIS_ANGLE_DEG, RigCheck, SharedPoints, check_rig
 from reconstruction.calibration.stored import camera_modes, find_calibration
 from reconstruction.calibration.structure_from_motion import calibrate_from_images
 from reconstruction.common.geometry import View, angle_deg

@@ -9,8 +9,8 @@ import numpy as np
 from capture_app.common.errors import BadInputError, NotApplicableError
 from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.calibration.structure_from_motion import guess_calibration
-from reconstruction.common.brightness import noise_level
 from reconstruction.common.geometry import Array, View, resize_view
+from reconstruction.common.image_matching import noise_level
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.worker_pool import SWEEP_BYTES, worker_count
 from reconstruction.depth.calibrated_image import CalibratedImage

@@ -8,8 +8,8 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.common.errors import BadInputError, NotAvailableError
-from reconstruction.common.brightness import match_brightness
 from reconstruction.common.geometry import Array
+from reconstruction.common.image_matching import match_brightness
 from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
 from reconstruction.depth.compiled import CPU

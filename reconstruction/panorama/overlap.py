@@ -8,10 +8,9 @@ import cv2
 import numpy as np
 from msgspec import Struct
 
-from reconstruction.common.brightness import gain_and_bias
 from reconstruction.common.drawing import LOST
 from reconstruction.common.geometry import Array
-from reconstruction.common.point_tracking import track_there_and_back
+from reconstruction.common.image_matching import gain_and_bias, track_there_and_back
 from reconstruction.panorama.composition import Box, Layer, average_layers, part_of
 
 MIN_OVERLAP_PX = 500

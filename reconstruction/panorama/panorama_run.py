@@ -17,7 +17,7 @@ from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions, opencv_calls
 from reconstruction.common.outputs import Provenance, comparison_folder, write_metrics
 from reconstruction.panorama.overlap import Misalignment, Overlaps, OverlapScore
-from reconstruction.panorama.stitcher import MAX_SIDE_PX, PanoramaStitcher
+from reconstruction.panorama.registration import MAX_SIDE_PX, PanoramaStitcher
 from reconstruction.session.conditions import nearest_frame_offset
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion

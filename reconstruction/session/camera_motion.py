@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
-from reconstruction.common.point_tracking import track_there_and_back
+from reconstruction.common.image_matching import track_there_and_back
 from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SHAKE_PX

@@ -7,8 +7,8 @@ shift between the images is therefore measured, and surfaces are smoothed.
 import cv2
 import numpy as np
 
-from reconstruction.common.brightness import noise_level
 from reconstruction.common.geometry import Array
+from reconstruction.common.image_matching import noise_level
 
 BLOCK = 3
 """Side of the matched window, px."""

@@ -12,8 +12,8 @@ from typing import NamedTuple
 import cv2
 import numpy as np
 
-from reconstruction.common.brightness import gain_and_bias_of_shades, match_brightness, noise_level
 from reconstruction.common.geometry import Array, View
+from reconstruction.common.image_matching import gain_and_bias_of_shades, match_brightness, noise_level
 from reconstruction.common.memory import memory_budget
 from reconstruction.pairs import canvas_bounds, rectifying_rotations
 from reconstruction.stereo.matching import (

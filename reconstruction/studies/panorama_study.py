@@ -12,7 +12,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.compare.study import SYNCHRONIZED, Pair, PairStudy, PictureText, write_pictures
 from reconstruction.panorama.composition import Layer, average_layers
 from reconstruction.panorama.overlap import Overlap, known, measure_misalignment, overlap_of
-from reconstruction.panorama.stitcher import PanoramaStitcher
+from reconstruction.panorama.registration import PanoramaStitcher
 from reconstruction.report import wording
 from reconstruction.report.findings import CLEAR_FRACTION, late_text, percent
 from reconstruction.report.study_report import Claim, MeasureText, StudyText

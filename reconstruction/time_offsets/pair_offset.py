@@ -10,7 +10,7 @@ import numpy as np
 from capture_app.session.format.manifest import RowExposures, row_exposures
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array
-from reconstruction.common.point_tracking import track_there_and_back
+from reconstruction.common.image_matching import track_there_and_back
 from reconstruction.pairs import match_at_rest, match_descriptors
 from reconstruction.session.camera_motion import CameraMotion, measure_camera_motion
 from reconstruction.session.conditions import evenly_spaced

@@ -6,8 +6,7 @@ from typing import Any
 
 import pytest
 
-from capture_app.common.address import DEFAULT_PORT, Address, parse_address, reachable_host
-from capture_app.common.interfaces import own_hosts
+from capture_app.common.address import DEFAULT_PORT, Address, own_hosts, parse_address, reachable_host
 
 
 @pytest.mark.parametrize(

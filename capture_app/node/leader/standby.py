@@ -8,10 +8,9 @@ import socket
 from collections.abc import Awaitable, Callable, Sequence
 from dataclasses import dataclass, replace
 
-from capture_app.common.address import Address, resolve
+from capture_app.common.address import Address, own_hosts, resolve
 from capture_app.common.clock import NodeClock
 from capture_app.common.errors import BadInputError
-from capture_app.common.interfaces import own_hosts
 from capture_app.common.names import name_like
 from capture_app.common.tasks import end
 from capture_app.common.text import duration

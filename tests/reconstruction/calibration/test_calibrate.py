@@ -17,7 +17,7 @@ from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from reconstruction.calibration.board_calibration import detect_board
-from reconstruction.calibration.quality import CalibrationQuality, refuse_bad_calibration
+from reconstruction.calibration.consistency import CalibrationQuality, refuse_bad_calibration
 from reconstruction.common.geometry import View, other_from_reference
 from reconstruction.session.dataset import Dataset
 from tests.reconstruction.conftest import (

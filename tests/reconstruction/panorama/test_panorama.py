@@ -11,7 +11,7 @@ from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
 from reconstruction.panorama.overlap import Overlaps
-from reconstruction.panorama.stitcher import PanoramaStitcher
+from reconstruction.panorama.registration import PanoramaStitcher
 from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, texture, write_session
 
 FOCAL = 630.0

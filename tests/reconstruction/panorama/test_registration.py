@@ -10,7 +10,7 @@ from reconstruction.common.geometry import Array, View
 from reconstruction.pairs import Features, choose_panorama_pair, choose_stereo_pair, detect_features
 from reconstruction.panorama.composition import Projection
 from reconstruction.panorama.overlap import known, measure_misalignment, overlap_of
-from reconstruction.panorama.stitcher import PanoramaStitcher
+from reconstruction.panorama.registration import PanoramaStitcher
 from tests.reconstruction.conftest import HEIGHT, VIEWS, WIDTH, Scene, make_view
 
 SIZE = (WIDTH, HEIGHT)

@@ -8,8 +8,8 @@ import pytest
 from capture_app.cameras.v4l2.kernel import driver_error
 from capture_app.common.camera_facts import CameraListing
 from capture_app.common.clock import HostRate
-from capture_app.common.usb import UsbCamera, usb_cameras
 from capture_app.rig import doctor
+from capture_app.rig.doctor import UsbCamera, usb_cameras
 
 SAMPLE_BYTES = 1 << 20
 

@@ -1,4 +1,4 @@
-"""Brightness and noise of images, and matching of one image's brightness to another's."""
+"""Matching of one image to another: brightness, noise, and points tracked there and back."""
 
 import cv2
 import numpy as np
@@ -52,3 +52,19 @@ def gain_and_bias_of_shades(a: Array, b: Array) -> tuple[float, float]:
         return 1.0, 0.0
     gain = float(np.clip(np.polyfit(mine, target, 1)[0], 0.5, 2.0))
     return gain, float(np.mean(target - gain * mine))
+
+
+def track_there_and_back(
+    a: Array, b: Array, at: Array, window_px: int, levels: int = 3
+) -> tuple[Array, Array]:
+    """Track points (n, 2) from grey image a to b and back.
+
+    Returns the points in b, and each one's distance from its start after returning, px (n,), infinite if
+    tracking failed. The method is Lucas-Kanade, in a pyramid up to level `levels`.
+    """
+    start = at.astype(np.float32).reshape(-1, 1, 2)
+    window = (window_px, window_px)
+    there, found, _ = cv2.calcOpticalFlowPyrLK(a, b, start, None, winSize=window, maxLevel=levels)
+    back, returned, _ = cv2.calcOpticalFlowPyrLK(b, a, there, None, winSize=window, maxLevel=levels)
+    drift = np.linalg.norm((back - start).reshape(-1, 2), axis=1)
+    return there.reshape(-1, 2), np.where((found.ravel() > 0) & (returned.ravel() > 0), drift, np.inf)

@@ -13,7 +13,6 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
-from capture_app.common.errors import NotApplicableError
 from capture_app.console.usage import silence
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply
 from capture_app.session.files.untrusted_files import read_arrays
@@ -143,11 +142,7 @@ class ReconstructedSession(OpenSession):
         Raises as `frame` and `Frame.bgr` do, and NotApplicableError if the camera has one frame only.
         """
         found = self.frame(camera, instant).record
-        if len(self._motion.dataset.instants(camera)) < 2:
-            raise NotApplicableError(
-                f"{camera} has one frame: motion shows by comparing two",
-                hint="take a burst of several instants",
-            )
+        self._motion.require_several_images([camera])
         return self._motion.detected_moving(found.camera, found.instant)
 
     def time(self, reference: str | None = None, *, apply: bool = False) -> TimeResult:

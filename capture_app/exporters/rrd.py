@@ -5,7 +5,7 @@ from pathlib import Path
 from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import Exporter
 from capture_app.session.exporting.files import jpeg_or_png
-from capture_app.session.exporting.rerun_stream import log_cameras, set_times
+from capture_app.session.exporting.rerun_stream import rerun_recording, set_times
 
 
 def write(burst: ExportedBurst, folder: Path) -> None:
@@ -13,21 +13,15 @@ def write(burst: ExportedBurst, folder: Path) -> None:
 
     The format cannot hold lens distortion.
     """
-    import rerun
-
     file = f"{burst.name}.rrd"
-    stream = rerun.RecordingStream("simulshot", recording_id=burst.name, send_properties=False)
-    stream.save(folder / file)
-    if burst.calibration is not None:
-        log_cameras(rerun, stream, burst.calibration.cameras)
+    cameras = burst.calibration.cameras if burst.calibration is not None else {}
     images = [image for camera in burst.cameras for image in burst.images_of(camera)]
-    for image in sorted(images, key=lambda image: (image.leader_ns, image.camera)):
-        data, kind = jpeg_or_png(burst, image)
-        set_times(stream, image.leader_ns, image.instant)
-        stream.log(f"rig/{image.camera}", rerun.EncodedImage(contents=data, media_type=f"image/{kind}"))
-        burst.put(image, file, len(burst.frames))
-    stream.flush()
-    stream.disconnect()
+    with rerun_recording(burst.name, folder / file, cameras) as (rerun, stream):
+        for image in sorted(images, key=lambda image: (image.leader_ns, image.camera)):
+            data, kind = jpeg_or_png(burst, image)
+            set_times(stream, image.leader_ns, image.instant)
+            stream.log(f"rig/{image.camera}", rerun.EncodedImage(contents=data, media_type=f"image/{kind}"))
+            burst.put(image, file, len(burst.frames))
 
 
 EXPORTER = Exporter(

@@ -1,16 +1,14 @@
 """`reconstruct batch`: depth of many sessions, instants and conditions, each computed once."""
 
-import os
 import time
 from collections.abc import Iterator, Sequence
 from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
-from capture_app.common.errors import BadInputError, ExitCode, NotApplicableError, SimulshotError
+from capture_app.common.errors import ExitCode, NotApplicableError, SimulshotError
 from capture_app.common.text import ProgressStep
 from capture_app.console.terminal import talk
-from capture_app.session.files.locks import lock_file
-from capture_app.session.files.output_folder import replaces_only
+from capture_app.session.files.output_folder import growing_folder
 from reconstruction.batch.batch_plan import DEPTH_TASK, BatchOptions, plan
 from reconstruction.batch.summary import (
     NAMES,
@@ -39,10 +37,11 @@ def batch(
     Failed units are listed in the result and do not affect the others.
 
     Raises:
-        BadInputError: `out` cannot be used or is in use.
+        BadInputError: `out` cannot be used.
+        TryAgainError: another run is writing to `out`.
     """
     began = time.monotonic()
-    with _locked_folder(out) as root:
+    with growing_folder(out, f"{WORK}/batch.lock", {UNITS, WORK, *NAMES}) as root:
         units, failures = _plan(sessions, options)
         missing = [unit for unit in units if not is_done(unit, root)]
         done = len(units) - len(missing)
@@ -168,25 +167,3 @@ def _duration(seconds: float) -> str:
     if seconds < 90:
         return f"{max(1, round(seconds))} s"
     return f"{round(seconds / 60)} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"
-
-
-@contextmanager
-def _locked_folder(out: Path) -> Iterator[Path]:
-    """Lock the batch's folder for this batch alone."""
-    root = out.resolve()
-    try:
-        if root.exists():
-            replaces_only({UNITS, WORK, *NAMES})(root)
-        lock = lock_file(root / WORK / "batch.lock")
-    except BlockingIOError:
-        raise BadInputError(
-            f"another batch is running in {out}", hint="wait until it ends, or choose another --out"
-        ) from None
-    except OSError as error:
-        raise BadInputError(
-            f"cannot write to {out}: {error.strerror or error}", hint="choose another --out"
-        ) from error
-    try:
-        yield root
-    finally:
-        os.close(lock)

@@ -177,14 +177,8 @@ def _measure(session: Path, stages: Path, options: ToleranceOptions) -> OffsetTo
     study.asked = options.stereo
     try:
         study.prepare()
-    except ValueError as error:
-        raise BadInputError(
-            f"no depth can be made from {session}: {error}",
-            hint="name two overlapping cameras with --pair, or calibrate the rig again",
-        ) from error
-    progress.step("time offset of moving objects")
-    timing = TimingStudy(rig).measure_pair(study.cameras)
-    try:
+        progress.step("time offset of moving objects")
+        timing = TimingStudy(rig).measure_pair(study.cameras)
         curve = measure_curve(type(study), context, study.cameras, steps, timing)
     except ValueError as error:
         raise BadInputError(

@@ -4,33 +4,30 @@ The folder grows cloud by cloud, and a stopped run can be resumed. `plan.json` h
 `instants/<instant>.json` marks an instant as done.
 """
 
-import os
 import shutil
 import time
-from collections.abc import Sequence
-from contextlib import suppress
+from collections.abc import Iterator, Sequence
+from contextlib import contextmanager
 from dataclasses import dataclass, replace
 from pathlib import Path
-from types import TracebackType
 from typing import Self, TypeVar
 
 import msgspec
 import numpy as np
 from msgspec import Struct
 
-from capture_app.common.errors import BadInputError, DiskFullError, TryAgainError
+from capture_app.common.errors import BadInputError
 from capture_app.common.optional_packages import load_optional, require_reconstruction
 from capture_app.common.text import pretty_json
 from capture_app.console.terminal import Progress
 from capture_app.session.exporting.files import mask_path
 from capture_app.session.exporting.point_cloud import read_ply
-from capture_app.session.exporting.rerun_stream import log_cameras, set_times
-from capture_app.session.files.disk import is_full
+from capture_app.session.exporting.rerun_stream import rerun_recording, set_times
 from capture_app.session.files.durable import PART, sync_folder, write_atomic
-from capture_app.session.files.locks import lock_file
-from capture_app.session.files.output_folder import replaces_only
+from capture_app.session.files.output_folder import growing_folder, output_error
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
+from capture_app.session.reading.file_headers import JPEG_BEGIN
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.memory import memory_budget
@@ -45,13 +42,16 @@ from reconstruction.session.moving_pixels import SceneMotion, write_masks
 from reconstruction.session.picture_checksums import picture_checks
 
 RECORDING = "sequence.rrd"
-_JPEG = b"\xff\xd8"
 RESULT = "sequence.json"
 PLAN = "plan.json"
 INSTANTS, CLOUDS, MESHES, DEPTH, MASKS = "instants", "clouds", "meshes", "depth", "movers"
 _WORK, _LOCK = ".work", ".lock"
 _BEGUN = {PLAN, f"{PLAN}{PART}", _WORK, _LOCK}
 OURS = _BEGUN | {RESULT, INSTANTS, CLOUDS, MESHES, DEPTH, MASKS, CALIBRATION, RECORDING}
+OURS |= {f"{RESULT}{PART}", f"{CALIBRATION}{PART}"}
+"""Includes partial files that a killed run leaves."""
+
+Form = TypeVar("Form", bound=Struct)
 
 
 def write_recording(
@@ -61,27 +61,16 @@ def write_recording(
 
     Only one instant is in memory at a time. Raises NotAvailableError without rerun-sdk.
     """
-    rerun = load_optional("rerun", "rerun", "the .rrd format")
-    stream = rerun.RecordingStream("simulshot", recording_id=dataset.name, send_properties=False)
-    stream.save(file)
-    log_cameras(rerun, stream, calibration.cameras)
-    for one in instants:
-        set_times(stream, one.leader_ns, one.instant)
-        cloud = read_ply(out / one.cloud)
-        stream.log("cloud", rerun.Points3D(cloud.points, colors=cloud.colours))
-        for camera in dataset.cameras:
-            if camera in calibration.cameras and dataset.has_image(camera, one.instant):
-                picture = dataset.image_bytes(camera, one.instant)
-                kind = "image/jpeg" if picture.startswith(_JPEG) else "image/png"
-                stream.log(f"rig/{camera}", rerun.EncodedImage(contents=picture, media_type=kind))
-    stream.flush()
-    stream.disconnect()
-
-
-OURS |= {f"{RESULT}{PART}", f"{CALIBRATION}{PART}"}
-"""Includes partial files that a killed run leaves."""
-
-Form = TypeVar("Form", bound=Struct)
+    with rerun_recording(dataset.name, file, calibration.cameras) as (rerun, stream):
+        for one in instants:
+            set_times(stream, one.leader_ns, one.instant)
+            cloud = read_ply(out / one.cloud)
+            stream.log("cloud", rerun.Points3D(cloud.points, colors=cloud.colours))
+            for camera in dataset.cameras:
+                if camera in calibration.cameras and dataset.has_image(camera, one.instant):
+                    picture = dataset.image_bytes(camera, one.instant)
+                    kind = "image/jpeg" if picture.startswith(JPEG_BEGIN) else "image/png"
+                    stream.log(f"rig/{camera}", rerun.EncodedImage(contents=picture, media_type=kind))
 
 
 class SequencePlan(Struct, frozen=True, kw_only=True):
@@ -98,60 +87,55 @@ class SequencePlan(Struct, frozen=True, kw_only=True):
     quick: bool = False
     whole: bool = True
 
-    def require_same(self, earlier: "SequencePlan", out: Path) -> None:
-        """Raise BadInputError if an earlier plan differs."""
+    def difference(self, earlier: "SequencePlan") -> str:
+        """Describe the first setting in which an earlier plan differs; empty if they are equal."""
         for name in self.__struct_fields__:
-            was = getattr(earlier, name)
-            if getattr(self, name) != was:
-                made = f"of {name.replace('_', ' ')} {was!r}, not {getattr(self, name)!r}"
-                if isinstance(was, bool):
-                    made = f"made {'with' if was else 'without'} --{name}"
-                hint = "use the same options, or choose a new folder for --out"
-                raise BadInputError(f"{out} holds clouds {made}", hint=hint)
+            was, now = getattr(earlier, name), getattr(self, name)
+            if was != now:
+                of = f"of {name.replace('_', ' ')} {was!r}, not {now!r}"
+                return f"made {'with' if was else 'without'} --{name}" if isinstance(was, bool) else of
+        return ""
 
 
 class SequenceFolder:
-    """Folder of a sequence, locked against other runs inside its context."""
+    """Folder of a sequence, which this run alone writes to."""
 
     def __init__(self, out: Path, plan: SequencePlan) -> None:
+        """Remove unfinished work of a killed run. Raises BadInputError for clouds with other settings."""
         self.out = out
-        self._plan = plan
-        self._lock = -1
+        earlier = _read(out / PLAN, SequencePlan)
+        if earlier is None and (out / PLAN).exists():
+            raise BadInputError(f"{out / PLAN} is broken", hint="choose a new folder for --out")
+        if earlier is not None and self._has_clouds() and (other := plan.difference(earlier)):
+            hint = "use the same options, or choose a new folder for --out"
+            raise BadInputError(f"{out} holds clouds {other}", hint=hint)
+        shutil.rmtree(out / _WORK, ignore_errors=True)
+        for part in list(out.rglob(f"*{PART}")):
+            part.unlink()
+        if earlier != plan:
+            self._clear()
+            write_atomic(out / PLAN, pretty_json(plan))
+        for folder in (INSTANTS, CLOUDS):
+            (out / folder).mkdir(exist_ok=True)
 
-    def __enter__(self) -> Self:
-        """Lock the folder, create it if missing, and remove unfinished work of a killed run.
+    @classmethod
+    @contextmanager
+    def opened(cls, out: Path, plan: SequencePlan) -> Iterator[Self]:
+        """Open a folder, and create it if missing; at the end remove it if it has no cloud.
 
-        Raises:
-            TryAgainError: another run is writing to it.
-            BadInputError: it has other contents or clouds with other settings, or is not writable.
+        Raises as `growing_folder` and the constructor do.
         """
-        try:
-            if self.out.exists():
-                if not self.out.is_dir():
-                    raise BadInputError(f"{self.out} is a file", hint="choose another --out")
-                replaces_only(OURS if (self.out / PLAN).exists() else _BEGUN)(self.out)
-            self._lock = lock_file(self.out / _LOCK)
+        with growing_folder(out, _LOCK, OURS if (out / PLAN).exists() else _BEGUN) as root:
+            folder = cls(root, plan)
             try:
-                self._begin()
-            except BaseException:
-                self._release()
-                raise
-        except BlockingIOError:
-            what = f"another run is writing to {self.out}"
-            raise TryAgainError(what, hint="wait until it has ended, or choose another --out") from None
-        except OSError as error:
-            raise self._explain(error) from error
-        return self
-
-    def __exit__(
-        self, kind: type[BaseException] | None, error: BaseException | None, trace: TracebackType | None
-    ) -> None:
-        """Release the folder, and remove it if it has no cloud."""
-        # Cleanup frees space, so the free space is checked before it.
-        explained = self._explain(error) if isinstance(error, OSError) else None
-        self._release()
-        if explained is not None:
-            raise explained from error
+                yield folder
+            except OSError as error:
+                # Cleanup frees space, so the free space is checked before it.
+                raise output_error(error, root, root) from error
+            finally:
+                shutil.rmtree(root / _WORK, ignore_errors=True)
+                if not folder._has_clouds():
+                    folder._clear()
 
     def done(self, instant: int) -> SequenceInstant | None:
         """Return the result of an instant; None if its cloud is not computed yet."""
@@ -182,34 +166,8 @@ class SequenceFolder:
         (self.out / _WORK / name).replace(self.out / name)
         sync_folder(self.out)
 
-    def _begin(self) -> None:
-        earlier = _read(self.out / PLAN, SequencePlan)
-        if earlier is None and (self.out / PLAN).exists():
-            raise BadInputError(f"{self.out / PLAN} is broken", hint="choose a new folder for --out")
-        if earlier is not None and self._has_clouds():
-            self._plan.require_same(earlier, self.out)
-        shutil.rmtree(self.out / _WORK, ignore_errors=True)
-        for part in list(self.out.rglob(f"*{PART}")):
-            part.unlink()
-        if earlier != self._plan:
-            self._clear()
-            write_atomic(self.out / PLAN, pretty_json(self._plan))
-        for folder in (INSTANTS, CLOUDS):
-            (self.out / folder).mkdir(exist_ok=True)
-
     def _record(self, instant: int) -> Path:
         return self.out / INSTANTS / f"{instant:06d}.json"
-
-    def _release(self) -> None:
-        # A folder with a rejected plan belongs to another run, with all its contents.
-        if _read(self.out / PLAN, SequencePlan) == self._plan:
-            shutil.rmtree(self.out / _WORK, ignore_errors=True)
-            if not self._has_clouds():
-                self._clear()
-        (self.out / _LOCK).unlink(missing_ok=True)
-        with suppress(OSError):
-            self.out.rmdir()
-        os.close(self._lock)
 
     def _has_clouds(self) -> bool:
         return any((self.out / CLOUDS).glob("*.ply"))
@@ -221,12 +179,6 @@ class SequenceFolder:
         # The plan is removed last: it marks the remaining files as ours for the next run.
         for file in (CALIBRATION, RECORDING, RESULT, PLAN):
             (self.out / file).unlink(missing_ok=True)
-
-    def _explain(self, error: OSError) -> BadInputError | DiskFullError:
-        if is_full(error, self.out):
-            what = f"the disk of {self.out} is full"
-            return DiskFullError(what, hint="free some space, then run the command again: it resumes")
-        return BadInputError(f"cannot write to {self.out}: {error.strerror}", hint="choose another --out")
 
 
 def _read(path: Path, form: type[Form]) -> Form | None:
@@ -286,7 +238,7 @@ def model_sequence(
         quick=options.each.quick,
         whole=options.whole,
     )
-    with SequenceFolder(out, plan) as folder:
+    with SequenceFolder.opened(out, plan) as folder:
         progress = progress or Progress(1)
         motion, still = SceneMotion(dataset, step=1), StillScene()
         masks = (out / MASKS).is_dir()

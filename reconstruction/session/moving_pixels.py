@@ -1,6 +1,6 @@
 """Detection of moving pixels: differences over time in the images of a static camera, and mask files."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 
 import cv2
@@ -100,6 +100,15 @@ class SceneMotion:
         self.background = ByteCache(self._background, cache_bytes)
         """The static background of a camera, grey uint8."""
 
+    def require_several_images(self, cameras: Iterable[str]) -> None:
+        """Raise NotApplicableError if one of these cameras has fewer than two images to compare."""
+        few = [camera for camera in cameras if len(self.dataset.instants(camera)) < 2]
+        if few:
+            raise NotApplicableError(
+                f"{', '.join(few)} has fewer than two images: what moves is seen by comparing them",
+                hint="take a burst of several instants",
+            )
+
     def detected_moving(self, camera: str, instant: int) -> Array:
         """Return the moving pixels detected from the images alone; all computations use only these."""
         return self._unpacked(camera, self._packed_moving(camera, instant))
@@ -157,12 +166,7 @@ def write_masks(motion: SceneMotion, out: Path, progress: Progress | None = None
         BadInputError: there is something else at `out`.
     """
     dataset = motion.dataset
-    few = [camera for camera in dataset.cameras if len(dataset.instants(camera)) < 2]
-    if few:
-        raise NotApplicableError(
-            f"{', '.join(few)} has fewer than two images: what moves is seen by comparing them",
-            hint="take a burst of several instants",
-        )
+    motion.require_several_images(dataset.cameras)
     shares: dict[str, float] = {}
     progress = progress or Progress(len(dataset.cameras))
     with OutputFolder(out, replaces_nothing) as output:

@@ -1,26 +1,41 @@
-"""Cameras and times in a Rerun recording stream; the caller has imported rerun-sdk."""
+"""A recording for Rerun (.rrd): its cameras, images and times."""
 
-from collections.abc import Mapping
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from capture_app.common.optional_packages import load_optional
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.lens import centre_of, matrix_of, rotation_of
 
 _HALF_PIXEL = np.array([[0, 0, 0.5], [0, 0, 0.5], [0, 0, 0]])  # Rerun's first pixel begins at (0, 0)
 
 
-def log_cameras(rerun: Any, stream: Any, cameras: Mapping[str, CameraCalibration]) -> None:
-    """Log the cameras' poses and pinhole models."""
-    for name, camera in cameras.items():
+@contextmanager
+def rerun_recording(
+    name: str, file: Path, cameras: Mapping[str, CameraCalibration]
+) -> Iterator[tuple[Any, Any]]:
+    """Write a recording with the cameras' poses and pinhole models; yield the package rerun and the stream.
+
+    Raises NotAvailableError without rerun-sdk.
+    """
+    rerun = load_optional("rerun", "rerun", "the .rrd format")
+    stream = rerun.RecordingStream("simulshot", recording_id=name, send_properties=False)
+    stream.save(file)
+    for camera_name, camera in cameras.items():
         pose = rerun.Transform3D(translation=centre_of(camera), mat3x3=rotation_of(camera).T)
         pinhole = rerun.Pinhole(
             image_from_camera=matrix_of(camera) + _HALF_PIXEL,
             resolution=[camera.width, camera.height],
             camera_xyz=rerun.ViewCoordinates.RDF,
         )
-        stream.log(f"rig/{name}", pose, pinhole, static=True)
+        stream.log(f"rig/{camera_name}", pose, pinhole, static=True)
+    yield rerun, stream
+    stream.flush()
+    stream.disconnect()
 
 
 def set_times(stream: Any, leader_ns: int, instant: int) -> None:

@@ -15,8 +15,8 @@ import errno
 import logging
 import os
 import shutil
-from collections.abc import Callable, Collection
-from contextlib import suppress
+from collections.abc import Callable, Collection, Iterator
+from contextlib import contextmanager, suppress
 from pathlib import Path
 from types import TracebackType
 from typing import Self
@@ -84,7 +84,7 @@ class OutputFolder:
         try:
             self._check_target()
         except OSError as error:
-            raise self._explain(error) from error
+            raise output_error(error, self.target, self._workplace) from error
 
     def __enter__(self) -> Self:
         """Lock the target, clean up after a killed run, and create the working folder.
@@ -108,7 +108,7 @@ class OutputFolder:
                 self._release()
                 raise
         except OSError as error:
-            explained = self._explain(error)
+            explained = output_error(error, self.target, self._workplace)
             self._remove_workplace()
             raise explained from error
         return self
@@ -124,12 +124,12 @@ class OutputFolder:
         """
         explained = None
         if isinstance(error, OSError) and is_full(error, self._workplace):
-            explained = self._explain(error)
+            explained = output_error(error, self.target, self._workplace)
         try:
             if error is None and not self._discarded:
                 self._put_in_place()
         except OSError as failure:
-            raise self._explain(failure) from failure
+            raise output_error(failure, self.target, self._workplace) from failure
         finally:
             self._release()
         if explained is not None:
@@ -228,15 +228,46 @@ class OutputFolder:
     def _warn_left(self, error: OSError) -> None:
         _log.warning("%s is left behind: %s", self._workplace, error.strerror or error)
 
-    def _explain(self, error: OSError) -> SimulshotError:
-        if isinstance(error, BlockingIOError):
-            what = f"another run is writing to {self.target}"
-            return TryAgainError(what, hint="wait until it has ended, or choose another --out")
-        if is_full(error, self._workplace):
-            what = f"the disk of {self.target} is full"
-            return DiskFullError(what, hint="make room, or choose an --out on another disk")
-        what = f"cannot write to {self.target}: {error.strerror or error}"
-        return BadInputError(what, hint="choose another --out")
+
+def output_error(error: OSError, target: Path, workplace: Path) -> SimulshotError:
+    """Convert an OSError of writing to `target`, by way of a folder on the same disk, for users."""
+    if isinstance(error, BlockingIOError):
+        what = f"another run is writing to {target}"
+        return TryAgainError(what, hint="wait until it has ended, or choose another --out")
+    if is_full(error, workplace):
+        what = f"the disk of {target} is full"
+        return DiskFullError(what, hint="make room, or choose an --out on another disk")
+    what = f"cannot write to {target}: {error.strerror or error}"
+    return BadInputError(what, hint="choose another --out")
+
+
+@contextmanager
+def growing_folder(out: Path, lock: str, ours: Collection[str]) -> Iterator[Path]:
+    """Lock a folder that gets its results one by one and keeps them; yield its resolved path.
+
+    `lock` is the path of its lock file, and `ours` are the names that it may have already.
+
+    Raises:
+        TryAgainError: another run is writing to it.
+        DiskFullError: the disk is full.
+        BadInputError: it has other contents, or cannot be written.
+    """
+    root = Path(os.path.realpath(out))
+    try:
+        if root.exists() and not root.is_dir():
+            raise BadInputError(f"{root} is a file", hint="choose another --out")
+        if root.exists():
+            replaces_only(ours)(root)
+        handle = lock_file(root / lock)
+        try:
+            yield root
+        finally:
+            (root / lock).unlink(missing_ok=True)
+            with suppress(OSError):
+                root.rmdir()  # if nothing has been added
+            os.close(handle)
+    except OSError as error:
+        raise output_error(error, root, root) from error
 
 
 def unfinished_outputs(parent: Path) -> list[Path]:

@@ -16,7 +16,7 @@ from capture_app.session.importing.embedded_times import DAMAGED, video_pictures
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline
 from capture_app.session.importing.views import Views
 from capture_app.session.reading.decoding import decode_image, encode_image, image_size, open_capture
-from capture_app.session.reading.file_headers import read_exif
+from capture_app.session.reading.file_headers import JPEG_BEGIN, read_exif
 
 UNCOUNTED_SUFFIXES = (".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts")
 """Suffixes of videos that do not state their number of frames."""
@@ -25,7 +25,6 @@ ARCHIVE_SUFFIXES = (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar")
 _FIRST_CHAPTER = re.compile(r"(?P<kind>G[XH])01(?P<number>\d{4})|GOPR(?P<old>\d{4})")
 TURNED_QUALITY = 98
 """JPEG quality of images encoded a second time after rotation."""
-JPEG_BEGIN = b"\xff\xd8"
 FOLDER = "images"
 """Type name of a plain folder of images."""
 

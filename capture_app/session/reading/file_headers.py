@@ -5,6 +5,7 @@ from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
 
+JPEG_BEGIN = b"\xff\xd8"
 _EXIF_IFD, _DATE, _PART, _FOCAL_35MM = 0x8769, 0x9003, 0x9291, 0xA405
 _WIDTH, _HEIGHT, _ORIENTATION = 0x0100, 0x0101, 0x0112
 MAX_ENTRIES = 4096
@@ -159,7 +160,7 @@ def _webp(data: bytes) -> Size | None:
 
 _READERS: tuple[tuple[bytes, Callable[[bytes], Size | None]], ...] = (
     (b"\x89PNG\r\n\x1a\n", _png),
-    (b"\xff\xd8", _jpeg),
+    (JPEG_BEGIN, _jpeg),
     (b"BM", _bmp),
     (b"II", _tiff),
     (b"MM", _tiff),

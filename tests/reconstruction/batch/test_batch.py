@@ -283,7 +283,7 @@ def locked(path: Path) -> Iterator[None]:
 def test_two_batches_do_not_share_a_folder(run: Callable[..., Any], tmp_path: Path) -> None:
     with (
         locked(tmp_path / "out" / "work" / "batch.lock"),
-        pytest.raises(BadInputError, match="another batch"),
+        pytest.raises(BadInputError, match="another run"),
     ):
         run()
 

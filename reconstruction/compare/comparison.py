@@ -18,7 +18,7 @@ from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
 from reconstruction.compare.study import TIMING, ConditionStudy, Context, Known, PairStudy, Study
-from reconstruction.compare.timing_study import TimingStudy
+from reconstruction.compare.timing_study import measure_pair_timing, measure_rig_timing
 from reconstruction.compare.tolerance_study import measure_curve, whole_frame_offsets
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
@@ -34,6 +34,7 @@ from reconstruction.session.conditions import (
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.instant_choice import fixed_offsets_ms
 from reconstruction.session.picture_checksums import picture_checks
+from reconstruction.time_offsets.pair_offset import PairOffsets
 
 TOLERANCE_INSTANTS = 6
 """Instants of the tolerance curve in a comparison; `reconstruct tolerance` uses more."""
@@ -218,13 +219,13 @@ def _limited(known: Known, study: Study) -> Known:
 
 def _with_timing(context: Context, known: Known, studies: Mapping[str, Study]) -> Known:
     """Measure the time offsets on the first pair studied, and the delay that its depth tolerates."""
-    times, progress = TimingStudy(context.rig), context.progress
+    offsets, progress = PairOffsets(context.rig), context.progress
     pairs = (one for one in studies.values() if isinstance(one, PairStudy) and not one.found.skipped)
     study = next(pairs, None)
     timing = tolerance = rig_timing = None
     if study is not None:
         progress.step(f"time offset of {study.cameras[1]} against {study.cameras[0]}")
-        timing = times.measure_pair(study.cameras)
+        timing = measure_pair_timing(offsets, study.cameras)
         if study.measures_delay:
             timing = with_depth(timing, study.found)
             progress.step("depth at different offsets")
@@ -237,7 +238,7 @@ def _with_timing(context: Context, known: Known, studies: Mapping[str, Study]) -
                 timing = tolerance.timing
     if len(context.rig.views) > 2:
         progress.step("time offsets of all cameras")
-        rig_timing = times.measure_rig(timing.reference if timing is not None else None)
+        rig_timing = measure_rig_timing(offsets, timing.reference if timing is not None else None)
     return replace(known, timing=timing, tolerance=tolerance, rig_timing=rig_timing)
 
 

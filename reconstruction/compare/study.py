@@ -32,10 +32,6 @@ UNASKED = "it was not requested"
 Pair = tuple[str, str]
 
 
-class NoOptions(msgspec.Struct, frozen=True):
-    """Options of a study that has none."""
-
-
 @dataclass(frozen=True, kw_only=True)
 class Context:
     """Shared, constant context of all studies of a comparison."""
@@ -83,7 +79,7 @@ class Study(StudyReport, ABC):
     min_cameras: ClassVar[int] = 1
     packages: ClassVar[Sequence[str]] = ()
     """Required packages of the extra `reconstruction`."""
-    Options: ClassVar[type[msgspec.Struct]] = NoOptions
+    Options: ClassVar[type[msgspec.Struct]] = msgspec.Struct
     """Struct of the study's options; `study_options.flag` defines how each is typed."""
 
     def __init__(self, context: Context) -> None:

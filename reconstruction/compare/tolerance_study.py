@@ -19,7 +19,7 @@ from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.outputs import comparison_folder, write_metrics
 from reconstruction.compare.study import Context, PairStudy
-from reconstruction.compare.timing_study import TimingStudy
+from reconstruction.compare.timing_study import measure_pair_timing
 from reconstruction.report.study_report import study_reports
 from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
 from reconstruction.scores.comparison_results import DelayFacts, InstantTolerance, OffsetTolerance
@@ -35,6 +35,7 @@ from reconstruction.session.conditions import (
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.instant_choice import choose_moving_instants
 from reconstruction.session.picture_checksums import picture_checks
+from reconstruction.time_offsets.pair_offset import PairOffsets
 
 Point = StudyResult[DelayFacts]
 MAX_STEPS = 4
@@ -178,7 +179,7 @@ def _measure(session: Path, stages: Path, options: ToleranceOptions) -> OffsetTo
     try:
         study.prepare()
         progress.step("time offset of moving objects")
-        timing = TimingStudy(rig).measure_pair(study.cameras)
+        timing = measure_pair_timing(PairOffsets(rig), study.cameras)
         curve = measure_curve(type(study), context, study.cameras, steps, timing)
     except ValueError as error:
         raise BadInputError(

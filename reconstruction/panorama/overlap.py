@@ -1,8 +1,9 @@
 """Registration residual of two overlapping panorama layers before blending, and ghosts."""
 
-from collections.abc import Collection, Mapping
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -215,68 +216,63 @@ class OverlapScore(Struct, frozen=True, kw_only=True):
     """Mean absolute brightness difference, grey levels."""
 
 
-class Overlaps:
-    """Residuals of all overlapping layers; `moving_masks` are motion masks (bool) of the layers' sizes."""
+class OverlapScores(NamedTuple):
+    """Residuals of all overlapping layers, and a picture of them."""
 
-    def __init__(
-        self,
-        layers: Mapping[str, Layer],
-        moving_masks: Mapping[str, Array],
-        canvas: Box,
-        late: Collection[str] = (),
-    ) -> None:
-        """Measure all overlaps; with delayed cameras in `late`, only their overlaps with others count."""
-        self.scores: list[OverlapScore] = []
-        self._lengths: list[Array] = []
-        self._moving_lengths: list[Array] = []
-        self._layers, self._canvas, self._late = layers, canvas, late
-        left, top, right, bottom = canvas
-        self._worst = np.zeros((bottom - top, right - left), np.float32)
-        for a, b in combinations(layers, 2):
-            overlap = overlap_of(layers[a], layers[b])
-            if overlap is not None:
-                everywhere = np.ones_like(overlap.both)
-                self._judge(a, b, overlap.with_brightness_matched(everywhere), moving_masks)
+    overlaps: tuple[OverlapScore, ...]
+    misfit: Misalignment
+    """Residual at the points of all overlaps that count."""
+    mover_misfit: Misalignment | None
+    """Residual on moving objects in these overlaps; None if motion is unknown."""
+    ghosts: Array
+    """The lightened mean of the layers (BGR) with ghosts marked."""
 
-    @property
-    def misfit(self) -> Misalignment:
-        """Residual at the points of all overlaps that count."""
-        return Misalignment.at_points(np.concatenate([np.zeros(0), *self._lengths]))
 
-    @property
-    def mover_misfit(self) -> Misalignment | None:
-        """Residual on moving objects in these overlaps; None if motion is unknown."""
-        return Misalignment.at_points(np.concatenate(self._moving_lengths)) if self._moving_lengths else None
+def score_overlaps(
+    layers: Mapping[str, Layer], moving_masks: Mapping[str, Array], canvas: Box, late: Collection[str] = ()
+) -> OverlapScores:
+    """Measure all overlaps; with delayed cameras in `late`, only their overlaps with others count.
 
-    def marked(self) -> Array:
-        """Return the lightened mean of the layers (BGR) with ghosts marked."""
-        mean, count = average_layers(list(self._layers.values()), self._canvas)
-        grey = cv2.cvtColor(cv2.cvtColor(mean, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
-        picture = (0.35 * 255 + 0.55 * grey).astype(np.uint8)
-        picture[count == 0] = 0
-        picture[cv2.GaussianBlur(self._worst, (0, 0), 2) > GHOST_GREY] = LOST
-        return np.asarray(picture)
-
-    def _judge(self, a: str, b: str, overlap: Overlap, moving_masks: Mapping[str, Array]) -> None:
-        moving = overlap.crop(moving_masks[a], self._layers[a].box) if a in moving_masks else None
+    `moving_masks` are motion masks (bool) of the layers' sizes.
+    """
+    scores: list[OverlapScore] = []
+    lengths, moving_lengths = [np.zeros(0)], []
+    left, top, right, bottom = canvas
+    worst = np.zeros((bottom - top, right - left), np.float32)
+    for a, b in combinations(layers, 2):
+        overlap = overlap_of(layers[a], layers[b])
+        if overlap is None:
+            continue
+        overlap = overlap.with_brightness_matched(np.ones_like(overlap.both))
         found = measure_misalignment(overlap)
-        counts = not self._late or (a in self._late) != (b in self._late)
-        if counts:
-            self._lengths.append(found.length)
-        moving_residual = None
-        if moving is not None:
-            moving_residual = Misalignment.at_points(found.of(moving))
-            if counts:
-                self._moving_lengths.append(found.of(moving))
-        difference = overlap.difference
-        part = part_of(overlap.box, self._canvas)
-        self._worst[part] = np.maximum(self._worst[part], difference)
-        self.scores.append(
+        moving = [found.of(overlap.crop(moving_masks[a], layers[a].box))] if a in moving_masks else []
+        if not late or (a in late) != (b in late):
+            lengths.append(found.length)
+            moving_lengths += moving
+        part, difference = part_of(overlap.box, canvas), overlap.difference
+        worst[part] = np.maximum(worst[part], difference)
+        scores.append(
             OverlapScore(
                 first=a,
                 second=b,
                 misfit=Misalignment.at_points(found.length),
-                mover_misfit=moving_residual,
+                mover_misfit=Misalignment.at_points(moving[0]) if moving else None,
                 mad=float(difference[overlap.both].mean()),
             )
         )
+    return OverlapScores(
+        tuple(scores),
+        Misalignment.at_points(np.concatenate(lengths)),
+        Misalignment.at_points(np.concatenate(moving_lengths)) if moving_lengths else None,
+        _mark_ghosts(list(layers.values()), canvas, worst),
+    )
+
+
+def _mark_ghosts(layers: Sequence[Layer], canvas: Box, difference: Array) -> Array:
+    """Return the lightened mean of layers (BGR), with places of great `difference` marked."""
+    mean, count = average_layers(layers, canvas)
+    grey = cv2.cvtColor(cv2.cvtColor(mean, cv2.COLOR_BGR2GRAY), cv2.COLOR_GRAY2BGR)
+    picture = (0.35 * 255 + 0.55 * grey).astype(np.uint8)
+    picture[count == 0] = 0
+    picture[cv2.GaussianBlur(difference, (0, 0), 2) > GHOST_GREY] = LOST
+    return np.asarray(picture)

@@ -16,7 +16,7 @@ from reconstruction.common.image_files import read_small_image, save_picture
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions, opencv_calls
 from reconstruction.common.outputs import Provenance, comparison_folder, write_metrics
-from reconstruction.panorama.overlap import Misalignment, Overlaps, OverlapScore
+from reconstruction.panorama.overlap import Misalignment, OverlapScore, score_overlaps
 from reconstruction.panorama.registration import MAX_SIDE_PX, PanoramaStitcher
 from reconstruction.session.conditions import nearest_frame_offset
 from reconstruction.session.dataset import Dataset
@@ -129,16 +129,16 @@ def _save_panorama(
     images, moving = shown
     layers = stitcher.layers(images)
     moving_masks = {name: stitcher.layer_mask(name, moving[name]) for name in layers if name in moving}
-    overlaps = Overlaps(layers, moving_masks, stitcher.projection.canvas, late)
+    scores = score_overlaps(layers, moving_masks, stitcher.projection.canvas, late)
     picture = stitcher.compose(layers)
     return ConditionPanorama(
         panorama=save_picture(folder, f"panorama_{condition}.jpg", picture),
-        ghosts=save_picture(folder, f"ghosts_{condition}.jpg", overlaps.marked()),
+        ghosts=save_picture(folder, f"ghosts_{condition}.jpg", scores.ghosts),
         width=picture.shape[1],
         height=picture.shape[0],
-        misfit=overlaps.misfit,
-        mover_misfit=overlaps.mover_misfit,
-        overlaps=tuple(overlaps.scores),
+        misfit=scores.misfit,
+        mover_misfit=scores.mover_misfit,
+        overlaps=scores.overlaps,
     )
 
 

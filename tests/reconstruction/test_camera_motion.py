@@ -9,9 +9,10 @@ import pytest
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import View
-from reconstruction.compare.timing_study import TimingStudy
+from reconstruction.compare.timing_study import measure_pair_timing
 from reconstruction.session.camera_motion import measure_camera_motion
 from reconstruction.session.dataset import Dataset
+from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Reconstruct, Scene, write_session
 
 PAIR = {name: VIEWS[name] for name in ("left", "right")}
@@ -53,7 +54,7 @@ def test_on_a_cart_too_a_late_camera_is_found(scene: Scene, tmp_path: Path) -> N
     )
     rig = Rig(Dataset.open(session.folder), tmp_path / "stages")
     rig.calibrate()
-    timing = TimingStudy(rig).measure_pair(("left", "right"))
+    timing = measure_pair_timing(PairOffsets(rig), ("left", "right"))
     assert timing.moving_cameras.keys() == {"left", "right"}
     assert timing.offset
     assert timing.late_ms == pytest.approx(PERIOD_NS / 1e6, abs=2)

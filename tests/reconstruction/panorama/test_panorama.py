@@ -10,7 +10,7 @@ import pytest
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
-from reconstruction.panorama.overlap import Overlaps
+from reconstruction.panorama.overlap import OverlapScores, score_overlaps
 from reconstruction.panorama.registration import PanoramaStitcher
 from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, texture, write_session
 
@@ -57,8 +57,8 @@ def test_images_of_two_panoramas_are_separated(wall: dict[str, Any]) -> None:
     assert "another panorama, with other0" in stitcher.left_out["other1"]
 
 
-def judged(stitcher: PanoramaStitcher, images: dict[str, Any]) -> Overlaps:
-    return Overlaps(stitcher.layers(images), {}, stitcher.projection.canvas)
+def judged(stitcher: PanoramaStitcher, images: dict[str, Any]) -> OverlapScores:
+    return score_overlaps(stitcher.layers(images), {}, stitcher.projection.canvas)
 
 
 def test_three_pictures_come_out_whole_and_a_stranger_is_left_out_with_the_reason(
@@ -70,8 +70,8 @@ def test_three_pictures_come_out_whole_and_a_stranger_is_left_out_with_the_reaso
     made = stitcher.compose(stitcher.layers(wall))
     assert made.shape[1] > 1.5 * 480
     found = judged(stitcher, wall)
-    assert {(o.first, o.second) for o in found.scores} >= {("p0", "p1"), ("p1", "p2")}
-    assert all(o.misfit.p95_px is not None and o.misfit.p95_px < 1 for o in found.scores)
+    assert {(o.first, o.second) for o in found.overlaps} >= {("p0", "p1"), ("p1", "p2")}
+    assert all(o.misfit.p95_px is not None and o.misfit.p95_px < 1 for o in found.overlaps)
     assert found.misfit.points > 100
     again = PanoramaStitcher(wall)
     assert np.array_equal(made, again.compose(again.layers(wall)))
@@ -111,10 +111,10 @@ def test_what_moved_in_the_overlap_shows_before_blending(wall: dict[str, Any]) -
     still = judged(stitcher, pictures)
     pictures["p1"][120:260, 240:480] = np.roll(pictures["p1"][120:260, 240:480], 12, axis=0)
     moved = judged(stitcher, pictures)
-    worst = [max(o.misfit.p95_px or 0 for o in found.scores) for found in (still, moved)]
+    worst = [max(o.misfit.p95_px or 0 for o in found.overlaps) for found in (still, moved)]
     assert worst[0] < 1
     assert worst[1] == pytest.approx(12, abs=1)
-    marked = [int((found.marked() == (40, 130, 250)).all(2).sum()) for found in (still, moved)]
+    marked = [int((found.ghosts == (40, 130, 250)).all(2).sum()) for found in (still, moved)]
     assert marked[1] > marked[0] + 200
 
 

@@ -12,8 +12,9 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
 from capture_app.session.reading.verify import verify
 from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.compare.timing_study import TimingStudy
+from reconstruction.compare.timing_study import measure_pair_timing
 from reconstruction.session.dataset import Dataset
+from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.reconstruction.conftest import Reconstruct, Scene, make_view
 from tests.reconstruction.time_offsets.cut_apart import Recorder, write_cut_apart
 
@@ -107,7 +108,7 @@ def test_pictures_that_happen_to_agree_are_not_called_synchronized(scene: Scene,
     session = write_cut_apart(tmp_path, scene, cameras, 0.3)
     rig = Rig(Dataset.open(session.folder), tmp_path / "stages")
     rig.calibrate()
-    timing = TimingStudy(rig).measure_pair(("left", "right"))
+    timing = measure_pair_timing(PairOffsets(rig), ("left", "right"))
     assert timing.late_ms is not None
     assert abs(timing.late_ms) < 1
     assert not timing.synchronized

@@ -9,7 +9,7 @@ from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.compare.timing_study import TimingStudy
+from reconstruction.compare.timing_study import measure_pair_timing
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Scene, write_session
@@ -42,7 +42,7 @@ def test_fractions_of_a_frame_are_found_from_either_side(scene: Scene, tmp_path:
         assert found.sd_ms < 0.5
         assert abs(found.offset_ms - sign * late * PERIOD_NS / 1e6) < 3 * found.sd_ms
         assert len(found.instants) >= 3
-        timing = TimingStudy(offsets.rig).measure_pair(pair)
+        timing = measure_pair_timing(offsets, pair)
         assert timing.synchronized == (late == 0)
         assert timing.offset == (late != 0)
 
@@ -76,7 +76,7 @@ def ball(shared: Path, tmp_path: Path, late: int) -> PairOffsets:
 def test_a_real_ball_tells_how_many_frames_late_a_camera_is(shared: Path, tmp_path: Path, late: int) -> None:
     rig = ball(shared, tmp_path, late).rig
     for pair, sign in ((("L", "R"), 1), (("R", "L"), -1)):
-        found = TimingStudy(rig).measure_pair(pair)
+        found = measure_pair_timing(PairOffsets(rig), pair)
         assert found.late_ms is not None, found.reason
         assert found.uncertainty_ms is not None
         assert found.uncertainty_ms < 3.5

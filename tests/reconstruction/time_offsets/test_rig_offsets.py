@@ -6,10 +6,11 @@ from pathlib import Path
 import pytest
 
 from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.compare.timing_study import TimingStudy
+from reconstruction.compare.timing_study import measure_pair_timing, measure_rig_timing
 from reconstruction.scores.timing import are_apart, are_together
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.crossings import OffsetFit
+from reconstruction.time_offsets.pair_offset import PairOffsets
 from reconstruction.time_offsets.rig_offsets import adjust_offsets
 from tests.reconstruction.conftest import PERIOD_NS, Reconstruct, Scene, make_view, write_session
 
@@ -92,9 +93,9 @@ def test_a_rig_is_together_only_without_its_late_camera(scene: Scene, tmp_path: 
     session = write_session(tmp_path, scene, views, instants=6, truth=False, late={"c": 1.0})
     rig = Rig(Dataset.open(session.folder), tmp_path / "stages")
     rig.calibrate()
-    study = TimingStudy(rig)
-    pair = study.measure_pair(("b", "a"))
-    found = study.measure_rig(pair.reference)
+    offsets = PairOffsets(rig)
+    pair = measure_pair_timing(offsets, ("b", "a"))
+    found = measure_rig_timing(offsets, pair.reference)
     assert found.reference == "b"
     assert found.together == {"a", "b"}
     late = next(one for one in found.cameras if one.other == "c")

@@ -214,7 +214,7 @@ def restart_together(
 
 
 def _unknown_phase(number: int, tolerance_ns: int) -> CameraPhase:
-    return CameraPhase(str(number), PhaseControl.RESET, None, 0.0, tolerance_ns)
+    return CameraPhase(str(number), PhaseControl.RESET, None, 0.0, tolerance_ns, str(number))
 
 
 def _camera_phase(number: int, bench: Bench, grid: FrameGrid, tolerance_ns: int) -> CameraPhase:
@@ -222,4 +222,6 @@ def _camera_phase(number: int, bench: Bench, grid: FrameGrid, tolerance_ns: int)
     if estimate is None:
         return _unknown_phase(number, tolerance_ns)
     frame_ns = grid.instant(grid.index_of(bench.now_ns)) + estimate.error_ns
-    return CameraPhase(str(number), PhaseControl.RESET, frame_ns, estimate.drift_ppm, tolerance_ns)
+    return CameraPhase(
+        str(number), PhaseControl.RESET, frame_ns, estimate.drift_ppm, tolerance_ns, str(number)
+    )

@@ -15,6 +15,7 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.node_state import NodeState
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.grid_phase_choice import GridPhaseChoice
+from capture_app.sync.rig import status_text
 from capture_app.sync.rig.burst_orders import BurstOrder, Orders
 from capture_app.sync.rig.events import LeaderEvent, NodeChanged
 from capture_app.sync.rig.frame_selection import Burst
@@ -327,8 +328,12 @@ class Leader:
             return
         is_new = self._pass_up(member, message, now_ns)
         member.report = message.report
-        if member.name in self.roster.immovable and self._update_grid(now_ns):
-            self.acknowledge_all()
+        if member.name in self.roster.immovable:
+            if self._update_grid(now_ns):
+                self.acknowledge_all()
+            jumps_ns = {} if self.current.grid_choice is None else self.current.grid_choice.jumps_ns
+            if member.name in jumps_ns:
+                member.report = status_text.jumped(member.report, jumps_ns[member.name])
         if member.via is None and not is_new:
             self.acknowledge(member)
 
@@ -355,7 +360,8 @@ class Leader:
         if immovable > FEW_CAMERAS and now_ns < self._update_due_ns:
             return False
         self._update_due_ns = now_ns + immovable * UPDATE_EVERY_NS
-        return shared.update(camera_phases(self.roster.immovable.values()), now_ns)
+        phases = camera_phases(self.roster.immovable.values())
+        return shared.update(phases, now_ns, is_ready=self.roster.is_ready())
 
     def evict(self, member: Member) -> None:
         """Remove a member, present or lost, whose name belongs to another machine."""

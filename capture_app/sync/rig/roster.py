@@ -8,7 +8,7 @@ from itertools import takewhile
 from msgspec import structs
 
 from capture_app.common.bounds import MAX_TEXT
-from capture_app.common.camera_facts import CameraFacts
+from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.common.names import is_name
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.timeouts import CLIENT_SILENT_NS, FORGET_LOST_NS
@@ -69,6 +69,7 @@ def camera_phases(members: Iterable[Member]) -> list[CameraPhase]:
             member.report.frame_leader_ns,
             member.report.drift_ppm or 0.0,
             max(1, member.report.tolerance_ns),
+            member.pin or member.name,
         )
         for member in members
         if not member.lost
@@ -324,6 +325,21 @@ class Roster:
             and member.camera.kind not in WITHOUT_CAMERA
             and (member.is_confirmed or even_unconfirmed)
         ]
+
+    def is_ready(self) -> bool | None:
+        """Whether movable cameras of two machines are aligned; None: no two machines have such cameras."""
+        movable: set[str] = set()
+        aligned: set[str] = set()
+        for member in self.members.values():
+            if member.lost or member.camera.phase_control is PhaseControl.NONE:
+                continue
+            machine = member.pin or member.name
+            movable.add(machine)
+            if member.report.state in (NodeState.READY, NodeState.DEGRADED):
+                aligned.add(machine)
+                if len(aligned) == 2:
+                    return True
+        return False if len(movable) > 1 else None
 
     def _count(self, member: Member, change: int) -> None:
         if not member.lost:

@@ -1,5 +1,7 @@
 """Status texts of nodes: one sentence on why a node is not ready, and what its operator can do."""
 
+from msgspec.structs import replace
+
 from capture_app.common.node_state import NodeState
 from capture_app.common.text import count, duration
 from capture_app.sync.clock.clock_filter import SIGMAS_95
@@ -9,6 +11,7 @@ from capture_app.sync.phase.estimator import PhaseEstimate
 from capture_app.sync.timekeeping import clock_events
 from capture_app.sync.timekeeping.rates import RateWatch
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
+from capture_app.sync.wire.datagrams import Report
 
 RATE_CHANGED = (
     "its clock's rate against the leader's has just changed: an NTP daemon is slewing one of the two,"
@@ -177,6 +180,16 @@ def off_grid(phase: PhaseEstimate | None, tolerance_ns: int) -> str:
     if phase is None or abs(phase.error_ns) <= tolerance_ns:
         return ""
     return f"this camera cannot move its frames, {duration(abs(phase.error_ns))} off the rig's instants"
+
+
+def jumped(report: Report, jump_ns: float) -> Report:
+    """Return a camera's report that says that its phase jumped, and that a ready camera is degraded by it."""
+    state = NodeState.DEGRADED if report.state is NodeState.READY else report.state
+    message = (
+        f"its frame times jumped by {duration(jump_ns)} without a restart, so the rig's instants do not"
+        " follow this camera: check its clock and its cable"
+    )
+    return replace(report, state=state, message=message)
 
 
 def _rounded_up(us: float) -> int:

@@ -1,5 +1,7 @@
 """Goals that suit the cameras which cannot be moved, and bursts where frames meet."""
 
+from dataclasses import replace
+
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
@@ -26,7 +28,7 @@ def grid_choice() -> GridPhaseChoice:
 
 
 def webcam(name: str, at_ns: int | None, ppm: float = 0.0, control: str = "reset") -> CameraPhase:
-    return CameraPhase(name, PhaseControl(control), at_ns, ppm, MS)
+    return CameraPhase(name, PhaseControl(control), at_ns, ppm, MS, name)
 
 
 def test_the_grid_moves_to_the_middle_of_the_majority(grid_choice: GridPhaseChoice) -> None:
@@ -47,6 +49,26 @@ def test_a_camera_that_cannot_move_at_all_outweighs_all_others(grid_choice: Grid
     others = [webcam(str(n), 5 * MS) for n in range(20)]
     grid_choice.update([webcam("fixed", 20 * MS, control="none"), *others], 0)
     assert abs(grid_choice.grid.phase_error(20 * MS)) <= MS
+
+
+def test_a_machine_with_many_cameras_has_one_vote(grid_choice: GridPhaseChoice) -> None:
+    many = [replace(webcam(str(n), 5 * MS), machine="one") for n in range(20)]
+    grid_choice.update([*many, webcam("a", 20 * MS), webcam("b", 20 * MS)], 0)
+    assert abs(grid_choice.grid.phase_error(20 * MS)) <= MS
+
+
+def test_a_restarted_camera_keeps_its_vote_and_one_that_jumps_by_itself_has_none(
+    grid_choice: GridPhaseChoice,
+) -> None:
+    off_grid = [webcam("a", 5 * MS), webcam("b", 5 * MS), webcam("c", 20 * MS)]
+    grid_choice.update(off_grid, 0)
+    grid_choice.update([*off_grid[:2], webcam("c", None)], S)
+    grid_choice.update([*off_grid[:2], webcam("c", 12 * MS)], 2 * S)
+    assert not grid_choice.jumps_ns
+    grid_choice.update([off_grid[0], webcam("b", 15 * MS), webcam("c", 12 * MS)], 3 * S)
+    assert grid_choice.jumps_ns == {"b": 10 * MS}
+    grid_choice.update([off_grid[0], webcam("b", 15 * MS), webcam("c", 12 * MS)], 14 * S)
+    assert not grid_choice.jumps_ns, "it is trusted again"
 
 
 def test_cameras_that_inject_do_not_move_the_goal(grid_choice: GridPhaseChoice) -> None:
@@ -83,14 +105,15 @@ def test_whatever_cameras_say_a_goal_comes_of_it(
 ) -> None:
     grid_choice = GridPhaseChoice(FrameGrid(0, PERIOD))
     for again in range(3):
-        grid_choice.update([CameraPhase(str(n), *s) for n, s in enumerate(said)], now_ns + again)
+        grid_choice.update([CameraPhase(str(n), *s, str(n % 3)) for n, s in enumerate(said)], now_ns + again)
         assert grid_choice.grid.period_ns == PERIOD
 
 
 @given(st.lists(st.floats(0, 33e6, exclude_max=True), min_size=1, max_size=12))
 def test_no_goal_on_a_fine_grid_suits_more_than_the_best(errors: list[float]) -> None:
-    courses = [WeightedDrift(e, 0.0, MS, 1) for e in errors]
-    shift_ns, weight = best_shift(courses, 0.0, PERIOD)
+    courses = [WeightedDrift(e, 0.0, MS, 1, str(n)) for n, e in enumerate(errors)]
+    shift_ns, (votes, weight) = best_shift(courses, 0.0, PERIOD)
+    assert votes == weight
 
     def suited(goal_ns: float, slack: float = 0.0) -> int:
         return sum(abs((e - goal_ns + PERIOD / 2) % PERIOD - PERIOD / 2) <= MS + slack for e in errors)

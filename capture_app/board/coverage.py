@@ -70,7 +70,7 @@ class BoardCoverage(Struct, frozen=True, kw_only=True):
 
     @property
     def enough(self) -> bool:
-        """Whether nothing is missing."""
+        """Whether the coverage suffices for a calibration: nothing is missing."""
         return not self.missing
 
 
@@ -147,7 +147,7 @@ class CoverageCount:
                 self._shared[pair] += 1
 
     def coverage(self) -> BoardCoverage:
-        """Return the coverage so far."""
+        """Return the coverage of all images added so far."""
         cameras = {name: counted.coverage() for name, counted in self._cameras.items()}
         shared = tuple(SharedViews(cameras=pair, views=n) for pair, n in self._shared.items() if n)
         missing = [*_unjoined(cameras, self._shared), *_missing_views(cameras)]

@@ -38,7 +38,7 @@ class FramePicture(Protocol):
 
 @dataclass(frozen=True, slots=True)
 class GroundTruth:
-    """Ground truth of a simulated frame."""
+    """Ground truth of a simulated frame: its true start, and depth, objects and motion as an .npz."""
 
     true_ns: int
     """True start of the first row's exposure, in the host's monotonic clock."""
@@ -77,7 +77,7 @@ class JpegPicture:
         return len(self.data)
 
     def encode(self) -> bytes:
-        """Return the camera's own bytes."""
+        """Return the JPEG's bytes as the camera sent them."""
         return self.data
 
     def reduced(self, width: int) -> "NDArray[np.uint8]":
@@ -101,7 +101,7 @@ class PixelPicture:
     """Returns BGR (H, W, 3) or grey (H, W): all pixels for None, else every nth for about that width."""
 
     def encode(self) -> bytes:
-        """Return a JPEG of quality 95."""
+        """Return the image as the bytes of a JPEG of quality 95."""
         return encode_image(self.pixels(None))
 
     def reduced(self, width: int) -> "NDArray[np.uint8]":

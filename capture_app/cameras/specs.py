@@ -53,7 +53,7 @@ def load_drivers() -> dict[str, CameraDriver]:
 
 @dataclass(frozen=True, slots=True)
 class CameraSpec:
-    """A parsed camera spec."""
+    """A camera spec `KIND:DEVICE[,key=value...]`, parsed but not opened."""
 
     kind: str
     device: str

@@ -251,7 +251,7 @@ class ControlState(Struct, frozen=True, kw_only=True, omit_defaults=True):
 
     @property
     def can_be_set(self) -> bool:
-        """Whether a value can be set."""
+        """Whether users can set a value for this control."""
         return self.minimum is not None and self.maximum is not None
 
     def clamped(self, value: float) -> float:

@@ -95,7 +95,7 @@ class Child:
         self._signal(signal.SIGSTOP)
 
     def resume(self) -> None:
-        """Resume them."""
+        """Resume the process and its children after `pause`."""
         self._signal(signal.SIGCONT)
 
     def _signal(self, kind: signal.Signals) -> None:

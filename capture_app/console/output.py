@@ -34,7 +34,7 @@ class PatientOutput(io.RawIOBase):
         threading.Thread(target=self._write_all, name="output", daemon=True).start()
 
     def writable(self) -> bool:
-        """Return True."""
+        """Return True: a raw file for output must be writable."""
         return True
 
     def fileno(self) -> int:

@@ -42,7 +42,7 @@ class FiniteRange(click.FloatRange):
     """Range of finite numbers: click alone accepts NaN in any range."""
 
     def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> float:
-        """Parse the number."""
+        """Parse a finite number within the range; anything else is a usage error."""
         number = super().convert(value, param, ctx)
         if not math.isfinite(number):
             self.fail(f"{value!r} is not a finite number", param, ctx)
@@ -137,7 +137,7 @@ class Progress:
     """Progress of a command on stderr: a bar on a terminal, else a line `[3/9] what` for each step."""
 
     def __init__(self, total: int, *, silent: bool = False) -> None:
-        """`silent`: count only, as part of another progress."""
+        """Create a progress of `total` steps; a `silent` one only counts, as part of another."""
         self.total = total
         self.done = 0
         self.silent = silent

@@ -123,12 +123,12 @@ class AppLeader:
         return min((phone.next_timer() for phone in self.present()), default=None)
 
     def _prepare_requests(self, now_ns: int) -> None:
-        """Prepare the requests that are due."""
+        """Prepare the time requests to all phones that are due."""
         for phone in self.present():
             phone.handle_timer(now_ns)
 
     def _calls_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
-        """Return the queued calls."""
+        """Return the queued calls, each as a datagram with its phone's address."""
         out, self._out = self._out, []
         return out
 

@@ -63,7 +63,7 @@ class RpicamSync(RigFollower):
         self._task = asyncio.create_task(self._run(clock, grid))
 
     async def close(self) -> None:
-        """Stop sending. Idempotent."""
+        """Stop sending. Calling it twice is harmless."""
         if self._task is not None:
             await end(self._task)
 

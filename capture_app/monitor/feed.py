@@ -47,7 +47,7 @@ class MonitorFeed:
     """Newest messages and pictures of one rig, and the take that a monitor has ordered."""
 
     def __init__(self, link: RigLink, *, is_local: bool) -> None:
-        """`is_local`: whether the rig saves its sessions on this machine."""
+        """Create a feed; `is_local`: the rig saves its sessions on this machine."""
         self.texts: dict[str, str] = {}
         """Newest message of each type, as JSON."""
         self.pictures: dict[str, bytes] = {}
@@ -66,7 +66,7 @@ class MonitorFeed:
         self._say_course("idle")
 
     async def run(self) -> None:
-        """Follow the rig, forever."""
+        """Follow the rig and update messages and pictures, until cancelled."""
         try:
             async for update in self._link.updates():
                 match update:

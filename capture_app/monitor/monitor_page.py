@@ -37,7 +37,7 @@ class Open(Struct, frozen=True, tag_field="type", tag="open"):
 
 
 class Take(Struct, frozen=True, tag_field="type", tag="take"):
-    """Take pictures."""
+    """Order to take pictures by a plan."""
 
     plan: TakePlan
 

@@ -16,7 +16,7 @@ _RULE = re.compile(r"<rule\b.*?</rule>|(?:(?!<rule\b)[^;\n])+", re.DOTALL)
 
 @dataclass(frozen=True, slots=True)
 class Firewall:
-    """An active firewall."""
+    """An active firewall of this machine: its name, its rules, and the command that opens a port."""
 
     name: str
     opening: str

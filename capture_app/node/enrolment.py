@@ -35,7 +35,7 @@ class Enrolment:
     """Enrolment of machines that have a code or whose pin was added here; also grants their nodes keys."""
 
     def __init__(self, trust: Trust, log: Log, sealed: SealedLeader | None = None) -> None:
-        """`sealed` is None where datagrams are not sealed."""
+        """Create the enrolment of a leader or relay; `sealed` is None where datagrams are not sealed."""
         self._trust, self._event_log, self._sealed = trust, log, sealed
         self._seen_version: int | None = None
         self._standbys: set[str] = set()

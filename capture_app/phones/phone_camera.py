@@ -158,7 +158,7 @@ class PhoneNodes:
         self._nodes.start(self._look_after(phone))
 
     async def close(self) -> None:
-        """End all nodes."""
+        """End the nodes of all phones."""
         await self._nodes.end()
 
     async def _look_after(self, phone: Phone) -> None:

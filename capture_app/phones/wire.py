@@ -36,7 +36,7 @@ Pixels = Annotated[int, Meta(gt=0, le=16384)]
 
 
 class Hello(Struct, frozen=True, kw_only=True, tag_field="type", tag="hello"):
-    """First message of a link."""
+    """First message of a page's link: the page load, the browser, and the phone's model."""
 
     page: Words
     """Id of this page load: images of other loads are lost."""

@@ -124,7 +124,7 @@ class BurstAhead(Struct, frozen=True, kw_only=True):
 
 
 class RigStatus(Struct, frozen=True, kw_only=True):
-    """Status of the whole rig."""
+    """Status of a rig: its leader, its nodes, and its bursts."""
 
     leader: str
     """Address host:port that nodes join."""
@@ -158,7 +158,7 @@ Level = Literal["info", "warning", "error"]
 
 
 class LogLine(Struct, frozen=True, kw_only=True):
-    """Log line for people."""
+    """Log line for people, with its time, camera and severity."""
 
     unix_ns: TimeNs
     """Calendar time at its source; times of one source strictly increase."""

@@ -44,7 +44,7 @@ LISTEN_S = 1.5
 
 @dataclass(frozen=True, slots=True)
 class UsbCamera:
-    """Camera on a USB bus."""
+    """USB camera with its device node, bus and speed."""
 
     node: str
     """Device node, such as /dev/video0."""

@@ -49,7 +49,7 @@ class RunningRig(Struct, frozen=True, kw_only=True):
 
 @dataclass(frozen=True, slots=True)
 class AttachedRig:
-    """The rig that a screen shows."""
+    """The rig that a screen shows: its address, and whether this screen started it."""
 
     leader: Address
     sessions: Path

@@ -76,7 +76,7 @@ class TakePlan(BurstRequest, frozen=True, kw_only=True, tag=False):
     """Timeout for a leader that is lost during a take."""
 
     def __post_init__(self) -> None:
-        """Check the values."""
+        """Raise BadInputError for values that no leader accepts, or that contradict each other."""
         for field, (low, high) in _LIMITS.items():
             value = getattr(self, field)
             if value is not None and not (isinstance(value, int | float) and low <= value <= high):

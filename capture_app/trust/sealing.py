@@ -86,7 +86,7 @@ class Seal:
     """One end of a key: seals outgoing datagrams, and opens each incoming one once."""
 
     def __init__(self, key_id: int, key: bytes, *, seals: Side, opens: Side) -> None:
-        """`key` has KEY_BYTES; the two ends of a key swap `seals` and `opens`."""
+        """Create one end of a `key` of KEY_BYTES; its other end swaps `seals` and `opens`."""
         self.key_id = key_id
         self._head = _SEALED + key_id.to_bytes(4, "big")
         self._sent = 0
@@ -94,7 +94,7 @@ class Seal:
         self._sealing, self._opening = _keyed(key, seals), _keyed(key, opens)
 
     def seal(self, message: bytes) -> bytes:
-        """Return the datagram of a message."""
+        """Seal a message and return the datagram to send."""
         self._sent = number = self._sent + 1
         data = self._head + number.to_bytes(8, "big") + message
         state = self._sealing.copy()
@@ -171,7 +171,7 @@ class Refusals:
         self._due_ns: int | None = None
 
     def add(self, host: str, why: Refused) -> None:
-        """Count a datagram."""
+        """Count a datagram that was refused from a host."""
         self.total += 1
         key = host, why
         if key not in self._counts and len(self._counts) >= MAX_KINDS:

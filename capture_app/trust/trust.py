@@ -89,7 +89,7 @@ class Trust:
 
     @property
     def is_open(self) -> bool:
-        """Whether machines are not authenticated."""
+        """Whether the rig is open: machines are not authenticated and nothing is encrypted."""
         return self.folder is None
 
     @functools.cached_property

@@ -19,7 +19,7 @@ _KEY = re.compile(r"[0-9a-f]{32}")
 
 @dataclass(frozen=True, slots=True)
 class Admitted:
-    """A device that was admitted."""
+    """An admitted device: its name, and the digest of its key."""
 
     name: str
     """Its name in the rig; the same every time the device reconnects."""

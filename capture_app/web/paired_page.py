@@ -201,7 +201,7 @@ class PairedPage(ABC):
     def __init__(
         self, admission: Admission, folder: Path, values: Mapping[str, str] = MappingProxyType({})
     ) -> None:
-        """`values` replace the placeholders @NAME@ in the files."""
+        """Create a server; `values` replace the placeholders @NAME@ in the files."""
         self._admission = admission
         self._files = {path.name.removeprefix("index.html"): path for path in folder.iterdir()}
         self._values = values

@@ -55,7 +55,7 @@ class StageCache:
     """Cache of stage outputs in a folder, each file named by its stage and a key of all its inputs."""
 
     def __init__(self, folder: Path, source: str) -> None:
-        """`source` is the fingerprint of the inputs common to all stages."""
+        """Create a cache; `source` is the fingerprint of the inputs common to all stages."""
         self.folder = folder
         self.source = source
         folder.mkdir(parents=True, exist_ok=True)

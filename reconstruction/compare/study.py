@@ -225,7 +225,7 @@ class PairStudy(ConditionStudy):
 
     @property
     def steps(self) -> int:
-        """One line for the choice of cameras, and one for each instant."""
+        """Number of progress lines: one for the choice of cameras, and one for each instant."""
         offset = self.context.offset
         return 1 + min(len(offset.pairs) if offset else 0, self.context.max_instants)
 

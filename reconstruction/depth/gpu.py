@@ -233,7 +233,7 @@ def open_gpu(adapters: Sequence[Any], named: str = "") -> GpuEngine:
 
 
 def computes_correctly(engine: GpuEngine) -> bool:
-    """Return whether costs, scan and choice of a small sweep are the CPU's, except for rounding."""
+    """Return whether the GPU computes a small sweep (costs, scan, choice) as the CPU does, up to rounding."""
     rng = np.random.default_rng(1)
     places = [np.array([x, 0.05 * x, 0]) for x in (0.0, -0.1, 0.1)]
     views = (View(64, 48, np.diag([60.0, 60, 1]), np.zeros(5), np.eye(3), place) for place in places)

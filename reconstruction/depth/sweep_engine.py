@@ -145,7 +145,7 @@ class SweepEngine:
     """Base engine of the sweep with NumPy and OpenCV; subclasses replace its methods."""
 
     def __init__(self, note: str = "") -> None:
-        """`note`: the hardware that the sweep runs on and why; empty in the normal case."""
+        """Create an engine; `note`: the hardware that it runs on, and why; empty in the normal case."""
         self.note = note
 
     def cost_volume(self, source_views: Sequence[SourceView], base: Array | None, offsets: Array) -> Any:

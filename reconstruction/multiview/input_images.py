@@ -157,7 +157,7 @@ class UndistortedSession:
         return found
 
     def moving(self, camera: str, instant: int) -> Array:
-        """Return the motion mask (bool)."""
+        """Return the mask (bool) of moving pixels of an undistorted image."""
         return self.undistort_mask(camera, self.motion.moving(camera, instant))
 
     def changing(self, camera: str, instant: int) -> Array:

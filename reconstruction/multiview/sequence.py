@@ -152,7 +152,7 @@ class SequenceFolder:
 
     @property
     def files(self) -> tuple[str, ...]:
-        """Contents of the finished folder."""
+        """Return the names of the files and folders of a finished sequence."""
         return tuple(sorted({RESULT} | {path.name for path in self.out.iterdir()} - {_WORK, _LOCK}))
 
     def empty_work(self) -> Path:

@@ -63,7 +63,7 @@ class OffsetTolerance(Provenance, frozen=True, kw_only=True):
 
     @property
     def as_recorded(self) -> StudyResult[DelayFacts]:
-        """Depth at offset zero."""
+        """Result of the study at offset zero, that is, with the images as recorded."""
         return next(point for point in self.points if not point.late_ms)
 
 

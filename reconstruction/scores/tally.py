@@ -115,7 +115,7 @@ class Tally:
 
     @property
     def per_instant(self) -> tuple[dict[str, float | int | None], ...]:
-        """Facts and values of every instant."""
+        """Facts of every instant, with its value of each measure in both conditions."""
         rows = []
         for measured, facts in zip(self._measured, self._facts, strict=True):
             row: dict[str, float | int | None] = dict(facts)

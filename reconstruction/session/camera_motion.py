@@ -37,7 +37,7 @@ class CameraMotion:
 
     @property
     def moves(self) -> bool:
-        """Whether the camera moved, or nearly everything in its view did."""
+        """Whether the camera moved, or nearly everything in its view did, which looks the same."""
         return self.still_fraction < MIN_STILL
 
 

@@ -164,7 +164,7 @@ def _pivot(synced: InstantDepth, view: View, moving: Array) -> Array:
 
 
 class MultiviewOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """Options of the study."""
+    """Options of the study of depth from all cameras."""
 
     multiview_instants: Annotated[
         int,
@@ -189,7 +189,7 @@ class MultiviewOptions(msgspec.Struct, frozen=True, kw_only=True):
 
 
 class MultiviewFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """Results that only this study has."""
+    """Results that only the multiview study has: its clouds, cameras and matcher."""
 
     reference: str
     """The middle camera, on whose pixels depth is scored."""
@@ -316,7 +316,7 @@ class MultiviewStudy(ConditionStudy):
 
     @property
     def steps(self) -> int:
-        """One line for the choice of cameras, and one for each instant and condition."""
+        """Number of progress lines: one for the choice of cameras, and one for each instant and condition."""
         limit = self.options.multiview_instants
         return 1 + 2 * min(limit, len(self.dataset.instants_ns)) if limit else 0
 

@@ -50,7 +50,7 @@ there: it shows up twice, cut apart, or in the wrong place. {{ result.actual_off
 
 
 class PanoramaOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """Options of the study."""
+    """Options of the study of panoramas."""
 
     panorama: Annotated[
         Pair | None,

@@ -188,7 +188,7 @@ def _relative(a: Pose, b: Pose) -> Pose:
 
 
 class PoseOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """Options of the study."""
+    """Options of the study of camera poses."""
 
     poses: Annotated[
         bool | None,
@@ -321,7 +321,7 @@ class PoseStudy(ConditionStudy):
 
     @property
     def steps(self) -> int:
-        """One line for the whole study."""
+        """Number of progress lines: one for the whole study."""
         return 0 if self.options.poses is False else 1
 
     def unasked(self) -> str:

@@ -157,7 +157,7 @@ def _draw_pair(one: StereoInstant, photo: Array, other: Array) -> Array:
 
 
 class StereoOptions(msgspec.Struct, frozen=True, kw_only=True):
-    """Options of the study."""
+    """Options of the study of depth from one pair."""
 
     stereo: Annotated[Pair | None, pair_flag("--stereo-pair", use="depth")] = None
 

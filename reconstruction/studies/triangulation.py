@@ -190,7 +190,7 @@ def _rig_points(model: Any, found: Mapping[str, Features]) -> RigPoints:
 
 
 class TriangulationFacts(msgspec.Struct, frozen=True, kw_only=True):
-    """Results that only this study has."""
+    """Results that only the triangulation study has."""
 
     left_out: list[str]
     """Calibrated cameras that take no part."""

@@ -33,7 +33,7 @@ _METADATA = (
 
 
 class StampClock:
-    """Converts timestamps to the monotonic clock."""
+    """Conversion of libcamera's timestamps to the host's monotonic clock."""
 
     _asleep_ns = 0
 

@@ -116,7 +116,7 @@ def timing_of_video(times_ns: Sequence[int], period_ns: int) -> RecordedTiming:
 
 
 class Recording(ABC):
-    """Recorded frames of one camera."""
+    """Recorded frames of one camera with their timing; base class of the kinds of recordings."""
 
     facts: CameraFacts
     timing: RecordedTiming

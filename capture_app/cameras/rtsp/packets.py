@@ -40,7 +40,7 @@ class AccessUnit:
 
 
 class AccessUnits:
-    """Assembles access units from packets."""
+    """Assembler of access units (coded frames) from the RTP packets of one stream."""
 
     def __init__(self, codec: str, payload_type: int) -> None:
         """Create an assembler; `codec` is h264 or hevc."""

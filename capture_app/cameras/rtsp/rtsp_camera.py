@@ -266,7 +266,7 @@ class _Decoder:
 
 
 def load_av() -> Any:
-    """Import PyAV. Raises NotAvailableError."""
+    """Import and return PyAV. Raises NotAvailableError if it is not installed."""
     return load_optional("av", EXTRA, "an IP camera")
 
 

@@ -53,7 +53,7 @@ class SpooledBurst:
         self._is_removed = False
 
     def image_file(self, image: ImageUpload) -> Path:
-        """Return the path of an image."""
+        """Return the path of an image's file in this folder."""
         return self.folder / f"{image.record.instant:06d}{Path(image.record.path).suffix}"
 
     def write_report(self, report: CameraReport) -> None:
@@ -94,7 +94,7 @@ class SpooledBurst:
                 raise disk_error(error, folder) from error
 
     def read_report(self) -> CameraReport:
-        """Read the report back. Raises BadInputError."""
+        """Read the stored report. Raises BadInputError if it is missing or damaged."""
         report = read_struct(self.folder / REPORT, CameraReport)
         check_name(report.plan.camera.name, "camera")
         return report
@@ -292,7 +292,7 @@ class BurstUpload:
         return not self.is_picking or bool(self.images) or not self.is_committed
 
     def report_now(self) -> CameraReport:
-        """Return the current report."""
+        """Return the node's report of this burst, as the leader is to get it now."""
         return self.report_to_keep(tuple(image.record.instant for image in self.images))
 
     def report_to_keep(self, waiting: tuple[int, ...] = ()) -> CameraReport:
@@ -377,7 +377,7 @@ class BurstUpload:
         return self._let_go(lambda instant: instant in stored)
 
     def end(self) -> None:
-        """Drop the whole burst."""
+        """Drop the whole burst: its frames, images and report."""
         self.is_over = True
         self.frames.clear()
         self._let_go(lambda _: True)

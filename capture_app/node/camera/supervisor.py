@@ -200,7 +200,7 @@ class NodeOptions:
 
 
 class FrameReceiver(Protocol):
-    """Receiver of a camera's frames."""
+    """Interface of objects that get every frame of a camera."""
 
     def add_frame(self, frame: CapturedFrame) -> None:
         """Take the next frame."""

@@ -56,7 +56,7 @@ class BurstSender:
     def __init__(
         self, channel: Channel[Any], changed: asyncio.Event, log: Log, waiting: Collection[BurstUpload]
     ) -> None:
-        """`waiting` are all bursts to be sent, over successive streams."""
+        """Create a sender over one stream; `waiting` are all bursts to be sent, over successive streams."""
         self._channel, self._changed, self._log, self._waiting = channel, changed, log, waiting
         self._in_flight: deque[ImageUpload] = deque()
         self._answer: asyncio.Task[Answer] | None = None
@@ -325,7 +325,7 @@ class Uploader:
         self._changed.set()
 
     async def run(self) -> None:
-        """Encode and send until cancelled."""
+        """Encode frames and send images to the leader, until cancelled."""
         try:
             async with asyncio.TaskGroup() as tasks:
                 tasks.create_task(self._encode_all())

@@ -44,7 +44,7 @@ class ShownMember(Protocol):
 
     @property
     def is_busy(self) -> bool:
-        """Whether previews must wait."""
+        """Whether previews must wait, because a burst is being captured or sent."""
 
     def leader_ns(self, local_ns: int) -> int | None:
         """Return the leader's time of a local time; None while it is unknown."""
@@ -62,7 +62,7 @@ class Viewfinder:
     def __init__(
         self, options: NodeOptions, instance: int, controls: ControlKeeper, member: ShownMember
     ) -> None:
-        """`instance` is the run of the node."""
+        """Create a viewfinder of a node; `instance` is the number of the node's run."""
         self.stamps_ns: deque[int] = deque(maxlen=MAX_FRAMES)
         """Timestamps of the latest frames, by the node's clock."""
         self.newest: CapturedFrame | None = None

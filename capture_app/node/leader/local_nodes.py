@@ -46,7 +46,7 @@ class LocalPhones:
         return msgspec.structs.replace(invited, good_for_s=left_s)
 
     async def close(self) -> None:
-        """End the server."""
+        """End the server for phones, if it runs."""
         if self._reading is not None:
             self._reading.cancel()
         if self._child is not None:

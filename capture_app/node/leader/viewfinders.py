@@ -35,7 +35,7 @@ MAX_PREVIEW_BYTES = 4 << 20
 
 @dataclass(slots=True)
 class _Stream:
-    """A node's current stream."""
+    """A node's open viewfinder stream, and what was requested and received over it."""
 
     channel: Channel[ToLeader]
     health: CameraHealth = UNKNOWN

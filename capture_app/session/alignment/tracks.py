@@ -117,7 +117,7 @@ def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes
 
 
 def _rough_offset(reference: Sound, camera: Sound) -> float | str:
-    """Return the rough offset to add to the camera's times, s, or the reason why it is unknown."""
+    """Return the approximate offset (s) to add to the camera's times, or the reason why it is unknown."""
     a, b = (_onsets(sound.samples) for sound in (reference, camera))
     if min(len(a), len(b)) < 2 / BIN_S or not a.any() or not b.any():
         return "a sound track is too short or silent"

@@ -181,7 +181,7 @@ class Video(Source):
 
 
 class _Chapter:
-    """One file of a video."""
+    """One of the files of which a camera's video consists."""
 
     def __init__(self, path: Path) -> None:
         import cv2

@@ -48,7 +48,7 @@ class StoredImage:
 
     @property
     def key(self) -> Key:
-        """The image's unique key."""
+        """Key of the image in its session: camera and instant."""
         return self.record.camera, self.record.instant
 
     def journal_line(self) -> bytes:

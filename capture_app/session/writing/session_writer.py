@@ -323,7 +323,7 @@ class SessionWriter:
                 self._close()
 
     def discard(self) -> None:
-        """Stop and delete the folder."""
+        """Stop writing, and delete the session's folder."""
         with self._mutex:
             if self._open:
                 self._close()

@@ -83,7 +83,7 @@ class AnswerGroups:
         self.clear()
 
     def clear(self) -> None:
-        """Remove all groups."""
+        """Remove all groups, for a new estimate."""
         self._groups: deque[tuple[int, float, float]] = deque()
         """Mean time, offset and round-trip delay of each group."""
         self._uppers: list[Bound] = []

@@ -133,7 +133,7 @@ class Failover:
     def __init__(
         self, client: Client[Any], leaders: tuple[Address, ...], probe_every_ns: int = PROBE_EVERY_NS
     ) -> None:
-        """`leaders`, preferred first, must lead to the same root."""
+        """Create a failover among `leaders`, preferred first, which must lead to the same root."""
         self._client, self._leaders = client, leaders
         self._choice = LeaderChoice(leaders, client.time, probe_every_ns)
 

@@ -71,7 +71,7 @@ RELIEF, RISE, ADAPT_EVERY_NS = 0.7, 1.05, 250_000_000
 
 @dataclass(frozen=True, slots=True)
 class LeaderConfig:
-    """Configuration of a leader."""
+    """Configuration of a leader's engine."""
 
     instance: int
     transfer_port: int

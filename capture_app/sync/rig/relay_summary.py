@@ -36,7 +36,7 @@ class RelaySummary:
     """Members of a relay by the numbers that its parent assigned; clock-only nodes are left out."""
 
     def __init__(self, relay: str, max_members: int = MAX_CLIENTS) -> None:
-        """`relay` is the name of the relay."""
+        """Create an empty summary; `relay` is the name of the relay."""
         self._relay, self._max_members = relay, max_members
         self._has_parent = False
         self._numbers: dict[str, tuple[Member, int]] = {}

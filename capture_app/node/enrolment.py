@@ -23,6 +23,7 @@ from capture_app.trust.trust import ANYBODY, Peer, Trust
 
 OPEN_NEEDS_NO_CODE = "this rig is open: any machine may join without a code"
 LOOK_EVERY_NS = 1_000_000_000
+MAX_ROOTS = 20
 SAID_AGAIN_S = 30.0
 """Minimum interval between log lines about unknown machines, so that they cannot flood a screen."""
 Asked = (
@@ -34,9 +35,11 @@ Asked = (
 class Enrolment:
     """Enrolment of machines that have a code or whose pin was added here; also grants their nodes keys."""
 
-    def __init__(self, trust: Trust, log: Log, sealed: SealedLeader | None = None) -> None:
+    def __init__(
+        self, trust: Trust, log: Log, sealed: SealedLeader | None = None, *, is_relay: bool = False
+    ) -> None:
         """Create the enrolment of a leader or relay; `sealed` is None where datagrams are not sealed."""
-        self._trust, self._event_log, self._sealed = trust, log, sealed
+        self._trust, self._event_log, self._sealed, self._is_relay = trust, log, sealed, is_relay
         self._seen_version: int | None = None
         self._standbys: set[str] = set()
         self._due_ns: int | None = None
@@ -138,7 +141,9 @@ class Enrolment:
             )
         if machine != known:
             self._event_log.say(f"{machine.name} is now known")
-        await channel.send(pairing_messages.Known(leader=self._name, roles=machine.roles))
+        await channel.send(
+            pairing_messages.Known(leader=self._name, roles=machine.roles, roots=self._roots())
+        )
 
     async def _answer_spake2(self, channel: Channel[Any], message: pairing_messages.PairingMessage) -> None:
         if self._trust.is_open:
@@ -160,7 +165,15 @@ class Enrolment:
         role = invitation.role
         machine = self._trust.known.add(pin, role, name=message.name, certificate=message.certificate)
         self._event_log.say(f"{machine.name} at {channel.host} is now known as {role}")
-        await channel.send(pairing_messages.Known(leader=self._name, roles=machine.roles, proof=proof))
+        await channel.send(
+            pairing_messages.Known(leader=self._name, roles=machine.roles, proof=proof, roots=self._roots())
+        )
+
+    def _roots(self) -> tuple[str, ...]:
+        """Return the pins of the leaders above this relay, or of their standbys; none for a leader."""
+        leaders = [one for one in self._trust.known.all() if Role.LEADER in one.roles]
+        roots = dict.fromkeys(pin for one in leaders for pin in one.roots or (one.pin,))
+        return tuple(roots)[:MAX_ROOTS] if self._is_relay else ()
 
 
 def peer_of(message: pairing_messages.SpeaksFor, relay: Peer) -> Peer:
@@ -208,11 +221,13 @@ async def ask_to_enrol(leader: Address, trust: Trust) -> None:
                 f"this machine does not know the leader at {leader}",
                 hint=f"pair them: capture-app trust pair {leader}",
             )
-        await ask(
+        known = await ask(
             channel,
             pairing_messages.EnrolRequest(certificate=trust.identity.certificate),
             pairing_messages.Known,
         )
+        if known.roots and not trust.roots_of(channel.who.pin):
+            trust.known.add(channel.who.pin, Role.LEADER, roots=known.roots)
 
 
 async def pair(leader: Address, code: str, trust: Trust) -> tuple[Role, ...]:
@@ -234,5 +249,5 @@ async def pair(leader: Address, code: str, trust: Trust) -> tuple[Role, ...]:
         candidate.check(known.proof)
     # A leader that returns follows the standby that leads in its place, so the standby grants it that role.
     role = Role.STANDBY if Role.STANDBY in known.roles else Role.LEADER
-    trust.known.add(shown, role, name=known.leader)
+    trust.known.add(shown, role, name=known.leader, roots=known.roots)
     return known.roles

@@ -77,7 +77,7 @@ class RelayNode:
         self.also = tuple(Address(other, port) for other in hosts if other != self.address.host)
         """Further addresses of this machine at which nodes may join."""
         self._sealed = None if options.trust.is_open else SealedRelay(engine)
-        self._enrolment = Enrolment(options.trust, options.log, self._sealed)
+        self._enrolment = Enrolment(options.trust, options.log, self._sealed, is_relay=True)
         self._server = TransferServer(ToLeader, self._serve, trust=options.trust)
         self._pump = Pump(self._sealed or engine, options.clock, self._drain)
         request = KeyRequest(name=options.name, instance=self.instance, is_relay=True)

@@ -27,6 +27,7 @@ from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import ImageRecord, Sha256
 from capture_app.trust.datagram_keys import Grant
 from capture_app.trust.known_machines import KnownMachine
+from capture_app.trust.receipts import Proof
 
 LONGEST_S = 31 * 86_400.0
 """Maximum duration of a recording, and of any wait."""
@@ -129,6 +130,8 @@ class ImageAck(Message, frozen=True, kw_only=True, tag="image-ack"):
 
     sha256: str | None = None
     """None: the disk is slow to store the images received; the answer to each follows."""
+    proof: Proof | None = None
+    """Signature of the rig's leader, for a node below a relay."""
 
 
 class ImageReceipt(Message, frozen=True, kw_only=True):
@@ -150,6 +153,8 @@ class ReportAck(Message, frozen=True, kw_only=True, tag="report-ack"):
     """Instants to send; None: all."""
     undecided: bool = False
     """Whether `requested` still depends on reports of other cameras: ask again."""
+    proof: Proof | None = None
+    """Signature of the rig's leader, for a node below a relay."""
 
 
 class Refusal(Message, frozen=True, kw_only=True, tag="refusal"):
@@ -163,6 +168,8 @@ class Refusal(Message, frozen=True, kw_only=True, tag="refusal"):
     """Whether to ask again: a disk is full, or a burst was closed and can be opened again."""
     forget: bool = False
     """Whether the burst was cancelled, so that its data may be deleted."""
+    proof: Proof | None = None
+    """Signature of the rig's leader, for a node below a relay."""
 
     @classmethod
     def of_error(cls, error: SimulshotError) -> Self:

@@ -69,6 +69,8 @@ class Known(Message, frozen=True, kw_only=True, tag="known"):
     roles: Annotated[tuple[Role, ...], Meta(max_length=len(Role))]
     proof: Spake2Message = b""
     """Proof that the leader also knew the code."""
+    roots: Annotated[tuple[Pin, ...], Meta(max_length=20)] = ()
+    """From a relay: the pins of the leaders that it follows, whose signatures confirm images."""
 
 
 class Invite(Message, frozen=True, kw_only=True, tag="invite"):

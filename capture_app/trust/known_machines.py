@@ -34,6 +34,8 @@ class KnownMachine(Struct, frozen=True, kw_only=True):
     added_unix_s: int = 0
     vouched_by: str = ""
     """Pin of the leader that alone vouches for it; empty for a machine confirmed here."""
+    roots: tuple[str, ...] = ()
+    """Of a relay, when it was paired: pins of the leaders that it followed."""
 
 
 class KnownMachines:
@@ -74,8 +76,16 @@ class KnownMachines:
         """Return the machine with a pin, or None."""
         return next((machine for machine in self.all() if machine.pin == pin), None)
 
-    def add(self, pin: str, role: Role, *, name: str = "", certificate: bytes | None = None) -> KnownMachine:
-        """Grant a machine a role, in addition to its present ones.
+    def add(
+        self,
+        pin: str,
+        role: Role,
+        *,
+        name: str = "",
+        certificate: bytes | None = None,
+        roots: tuple[str, ...] = (),
+    ) -> KnownMachine:
+        """Grant a machine a role, in addition to its present ones; `roots` are those that a relay follows.
 
         Raises DiskError if that cannot be stored, BadInputError for one machine too many, or for a
         certificate that is invalid or does not match the pin.
@@ -100,6 +110,7 @@ class KnownMachines:
                 roles=tuple(sorted({*known.roles, *INCLUDED.get(role, (role,))})),
                 certificate=certificate or known.certificate,
                 vouched_by="",
+                roots=roots or known.roots,
             )
 
         return next(machine for machine in self._change(change) if machine.pin == pin)

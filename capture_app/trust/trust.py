@@ -122,6 +122,11 @@ class Trust:
         machine = self.known.find(pin)
         return Peer(pin) if machine is None else Peer(pin, machine.name, frozenset(machine.roles))
 
+    def roots_of(self, pin: str) -> tuple[str, ...]:
+        """Return the pins of the leaders that a relay followed when it was paired; none for a leader."""
+        machine = None if self.is_open else self.known.find(pin)
+        return () if machine is None else machine.roots
+
     def take_trust_of(self, leader: Peer, machines: Collection[KnownMachine], names: dict[str, str]) -> None:
         """Adopt the machines that a leader vouches for, and the names' owners if it is also a standby here.
 

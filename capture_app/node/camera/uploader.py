@@ -31,6 +31,7 @@ from capture_app.protocol.messages import (
     SpoolSpace,
 )
 from capture_app.sync.rig.frame_selection import FramesSelected, SelectedFrame
+from capture_app.trust.receipts import is_proven
 from capture_app.trust.trust import Trust
 
 RETRY_S = (0.5, 1.0, 2.0, 4.0)
@@ -54,9 +55,15 @@ class BurstSender:
     """
 
     def __init__(
-        self, channel: Channel[Any], changed: asyncio.Event, log: Log, waiting: Collection[BurstUpload]
+        self,
+        channel: Channel[Any],
+        changed: asyncio.Event,
+        log: Log,
+        waiting: Collection[BurstUpload],
     ) -> None:
         """Create a sender over one stream; `waiting` are all bursts to be sent, over successive streams."""
+        self.roots: Collection[str] = ()
+        """Below a relay, pins of the rig's leaders: one of them must have signed the answers to a burst."""
         self._channel, self._changed, self._log, self._waiting = channel, changed, log, waiting
         self._in_flight: deque[ImageUpload] = deque()
         self._answer: asyncio.Task[Answer] | None = None
@@ -133,6 +140,7 @@ class BurstSender:
             return refusal
         report = burst.report_now()
         answer = await self.ask(report if first else replace(report, events=()))
+        self._check_proof(answer, burst)
         if isinstance(answer, Refusal):
             return answer
         self._receipts = {receipt.instant: receipt for receipt in answer.receipts if not receipt.stored}
@@ -185,6 +193,7 @@ class BurstSender:
 
     async def _take_next(self, burst: BurstUpload) -> Refusal | None:
         answer, image = await self._next_answer(), self._in_flight.popleft()
+        self._check_proof(answer, burst)
         if isinstance(answer, Refusal):
             return answer
         if not isinstance(answer, ImageAck):
@@ -193,6 +202,16 @@ class BurstSender:
             raise NetworkError("the leader has another checksum than the image sent")
         await _delete(burst.confirm({image.record.instant: answer.sha256}))
         return None
+
+    def _check_proof(self, answer: Answer, burst: BurstUpload) -> None:
+        """Raise NetworkError where the leader above the relay has not signed an answer."""
+        report, unsigned = burst.report, replace(answer, proof=None)
+        about = report.camera, report.leader, report.burst
+        if self.roots and not is_proven(answer.proof, self.roots, about, unsigned):
+            raise NetworkError(
+                f"the relay at {self._channel.peer} answered without the signature of its rig's leader",
+                hint=f"if the rig has a new leader: capture-app trust pair {self._channel.peer}",
+            )
 
     async def _next_answer(self) -> Answer:
         answer, self._answer = self._answer or asyncio.create_task(self._receive()), None
@@ -279,6 +298,7 @@ class Uploader:
         self._space_is_due = False
         self._thread = ThreadPoolExecutor(1, "encode", initializer=lower_priority)
         self._stream: Channel[Any] | None = None
+        self._roots: Collection[str] = ()
 
     @property
     def is_busy(self) -> bool:
@@ -318,9 +338,12 @@ class Uploader:
         self._to_encode.set()
 
     def cancel_burst(self, leader: int, burst: int) -> None:
-        """Drop a burst that its leader has cancelled."""
+        """Drop a burst that its leader has cancelled; below a relay, once that leader has signed it."""
         for upload in self._uploads_of(leader, burst):
-            upload.end()
+            if self._roots:
+                upload.ended, upload.report = True, replace(upload.report)
+            else:
+                upload.end()
             self._log.say(f"burst {burst} was cancelled")
         self._changed.set()
 
@@ -452,6 +475,8 @@ class Uploader:
                     ) as sender,
                 ):
                     self._stream = channel
+                    trust = self._trust or Trust.of_user()
+                    self._roots = sender.roots = trust.roots_of(channel.who.pin)
                     if isinstance(refusal := await sender.ask(self._opening), Refusal):
                         raise NetworkError(refusal.what, hint=refusal.hint)
                     while self._waiting or self._space_is_due:

@@ -4,6 +4,8 @@ import asyncio
 import contextlib
 from typing import Any
 
+from msgspec.structs import replace
+
 from capture_app.common.bounds import cut
 from capture_app.common.camera_facts import PHONE
 from capture_app.common.errors import (
@@ -33,6 +35,8 @@ from capture_app.protocol.permissions import check_allowed
 from capture_app.protocol.status import NodeDetail
 from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.rig.leader_engine import Leader
+from capture_app.trust.receipts import sign
+from capture_app.trust.trust import Trust
 
 WorkingOn = dict[tuple[int, int, str], BurstSession]
 """Session that a stream delivers images of, by the leader's run, the burst's number and the camera."""
@@ -44,20 +48,31 @@ STILL_SAVING_EVERY_S = 5.0
 class ImageAnswers:
     """Answers to the images of one stream, in order, while further images arrive."""
 
-    def __init__(self, channel: Channel[Any]) -> None:
-        self._channel = channel
-        self._waiting: asyncio.Queue[asyncio.Future[str]] = asyncio.Queue()
+    def __init__(self, channel: Channel[Any], trust: Trust) -> None:
+        self._channel, self._trust = channel, trust
+        self._waiting: asyncio.Queue[tuple[messages.ImageUpload, asyncio.Future[str]]] = asyncio.Queue()
         self._sending: asyncio.Task[None] | None = None
 
-    def add(self, saving: "asyncio.Future[str]") -> None:
+    def add(self, image: messages.ImageUpload, saving: "asyncio.Future[str]") -> None:
         """Answer with an image's checksum once it is known, or with its error."""
-        self._waiting.put_nowait(saving)
+        self._waiting.put_nowait((image, saving))
         if self._sending is None:
             self._sending = asyncio.create_task(self._send_all())
 
     async def drain(self) -> None:
         """Wait until everything has been answered."""
         await self._waiting.join()
+
+    async def send(
+        self,
+        message: Any,
+        answer: messages.ImageAck | messages.ReportAck | messages.Refusal,
+    ) -> None:
+        """Send the answer to a node's message, signed where a relay passes it on."""
+        if self._channel.who.via and isinstance(message, messages.CameraReport | messages.ImageUpload):
+            about = message.camera, message.leader, message.burst
+            answer = replace(answer, proof=sign(self._trust.identity, about, answer))
+        await self._channel.send(answer)
 
     async def close(self) -> None:
         """Stop answering; received images are saved all the same."""
@@ -66,7 +81,7 @@ class ImageAnswers:
 
     async def _send_all(self) -> None:
         while True:
-            saving = await self._waiting.get()
+            image, saving = await self._waiting.get()
             # The reader of a stream notices that it has broken off.
             with contextlib.suppress(NetworkError):
                 while not (await asyncio.wait({saving}, timeout=STILL_SAVING_EVERY_S))[0]:
@@ -74,7 +89,7 @@ class ImageAnswers:
                 if not saving.cancelled():
                     error = saving.exception()
                     refusal = messages.Refusal.of_error(error) if isinstance(error, SimulshotError) else None
-                    await self._channel.send(refusal or messages.ImageAck(sha256=saving.result()))
+                    await self.send(image, refusal or messages.ImageAck(sha256=saving.result()))
             self._waiting.task_done()
 
 
@@ -108,12 +123,12 @@ class LeaderService:
         """Answer a stream until its peer closes it; errors of a request are sent as refusals, not raised."""
         working_on: WorkingOn = {}
         principal = ""
-        answers = ImageAnswers(channel)
+        answers = ImageAnswers(channel, self._options.trust)
         try:
             while (message := await self._receive(channel, principal)) is not None:
                 try:
                     if isinstance(message, messages.ImageUpload):
-                        answers.add(await self._take_image(channel, message, working_on))
+                        answers.add(message, await self._take_image(channel, message, working_on))
                         continue
                     check_allowed(channel.who, message)
                     self._check_speaker(channel, message, principal)
@@ -122,7 +137,11 @@ class LeaderService:
                         principal = message.camera
                         self._begin_speech(principal, channel)
                     await answers.drain()
-                    await self._answer(channel, message, working_on)
+                    if isinstance(message, messages.CameraReport):
+                        report = await self._take_report(message, channel.who.pin, working_on)
+                        await answers.send(message, report)
+                    else:
+                        await self._answer(channel, message)
                 except (SimulshotError, OSError) as error:
                     answerable = UnknownMachineError | TooLargeMessageError
                     if isinstance(error, NetworkError) and not isinstance(error, answerable):
@@ -137,7 +156,7 @@ class LeaderService:
                         )
                     )
                     await answers.drain()
-                    await channel.send(messages.Refusal.of_error(what))
+                    await answers.send(message, messages.Refusal.of_error(what))
                 if channel.who.is_unknown:
                     return  # it has its answer, and must not occupy the port
         finally:
@@ -200,14 +219,10 @@ class LeaderService:
         saving.add_done_callback(lambda _: self._bursts.report_progress(session))
         return saving
 
-    async def _answer(
-        self, channel: Channel[messages.ToLeader], message: messages.ToLeader, working_on: WorkingOn
-    ) -> None:
+    async def _answer(self, channel: Channel[messages.ToLeader], message: messages.ToLeader) -> None:
         match message:
             case _ if isinstance(message, Asked):
                 await self._enrolment.answer(channel, message)
-            case messages.CameraReport():
-                await channel.send(await self._take_report(message, channel.who.pin, working_on))
             case messages.NodeStream(shows=False):
                 await channel.send(messages.ReportAck())
             case messages.SpoolSpace():

@@ -111,7 +111,11 @@ class Door:
                 continue
             # TLS takes memory from the first moment, so the oldest silent connection yields to a new one.
             if len(self._greeting) >= MAX_GREETED:
-                next(iter(self._greeting)).cancel()
+                oldest = next(iter(self._greeting))
+                del self._greeting[oldest]
+                oldest.cancel()
+                # It is closed before the next one is accepted.
+                await asyncio.wait([oldest])
             task = asyncio.create_task(self._greet(server, connection, tls))
             self._greeting[task] = None
             task.add_done_callback(lambda done: self._greeting.pop(done, None))

@@ -28,7 +28,6 @@ from capture_app.common.errors import CameraError
 from capture_app.common.optional_packages import load_optional
 from capture_app.common.passwords import reveal_password
 from capture_app.common.tasks import end
-from capture_app.session.reading.decoding import MAX_SENT_PIXELS
 from capture_app.sync.wire.camera_commands import CameraCommand
 
 if TYPE_CHECKING:
@@ -54,6 +53,8 @@ DELIVERY_NS = 500_000_000
 """Max delay from a frame's readout to its arrival, encoding included; assumed, as no camera reports it."""
 MAX_WAITING = 30
 """Max number of frames waiting for the decoder."""
+MAX_PIXELS = 1 << 25
+"""Largest picture that is decoded, px: 8K."""
 
 
 def _pixels(frame: Any, width: int | None) -> "NDArray[np.uint8]":
@@ -245,7 +246,7 @@ class _Decoder:
         self._av, self._is_damaged = av, True
         self._codec = av.CodecContext.create(stream.codec, "r")
         self._codec.extradata = stream.parameter_sets or None
-        self._codec.options = {"max_pixels": str(MAX_SENT_PIXELS)}
+        self._codec.options = {"max_pixels": str(MAX_PIXELS)}
 
     def decode(self, media_ns: int, unit: AccessUnit) -> list[tuple[int, Any]]:
         """Return the frames, as PyAV objects, that a unit completes, each with its media time."""

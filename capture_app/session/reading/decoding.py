@@ -11,8 +11,8 @@ if TYPE_CHECKING:
 
 MAX_PIXELS = 1 << 28
 """Largest stored image that is decoded, px; no camera takes a larger one."""
-MAX_SENT_PIXELS = 1 << 25
-"""Largest preview or phone picture that is decoded, px: 8K."""
+MAX_SENT_PIXELS = 1 << 24
+"""Largest preview that is decoded, px: eight times the largest one asked for; it takes up to 150 MB."""
 JPEG_QUALITY = 95
 
 

@@ -318,15 +318,16 @@ def fit_blank_walls(
     depth_ranges: Mapping[str, tuple[float, float]],
     surfaces: Mapping[str, Surface],
     pool: Executor,
-) -> dict[str, Surface]:
-    """Return the views' surfaces with planes in blank areas where wide windows prefer them.
+    planes: list[ScenePlane] | None = None,
+) -> tuple[dict[str, Surface], list[ScenePlane] | None]:
+    """Return the views' surfaces with planes in blank areas where wide windows prefer them, and the planes.
 
-    Candidates are the planes that contain many points of all views.
+    Candidates are `planes`, or, if they are unknown, those that contain many points of all views.
     """
     names = list(surfaces)
     parts = dict(zip(names, pool.map(extract_blank_part, (images[name] for name in names)), strict=True))
     if np.mean([part.mask.mean() for part in parts.values()]) < MIN_BLANK_FRACTION:
-        return dict(surfaces)
+        return dict(surfaces), planes
 
     def sources_of(name: str) -> list[BlankPart]:
         return [parts[other] for other in sources[name]]
@@ -340,9 +341,10 @@ def fit_blank_walls(
         )
         return [near, sample_surface(part.image, wide.inverse_depth, part.there & (wide.cost < EVIDENT_WIDE))]
 
-    samples = [one for found in pool.map(sample, names) for one in found]
-    min_points = round(MIN_FRACTION * float(np.mean([part.there.size for part in parts.values()])))
-    planes = find_scene_planes(samples, min_points)
+    if planes is None:
+        samples = [one for found in pool.map(sample, names) for one in found]
+        min_points = round(MIN_FRACTION * float(np.mean([part.there.size for part in parts.values()])))
+        planes = find_scene_planes(samples, min_points)
 
     def choose_surface(name: str) -> Surface:
         part = parts[name]
@@ -350,7 +352,7 @@ def fit_blank_walls(
         choice = choose_planes(part, sources_of(name), found, planes, depth_ranges[name])
         return lay_planes(surfaces[name], images[name], part.mask, choice)
 
-    return dict(zip(names, pool.map(choose_surface, names), strict=True))
+    return dict(zip(names, pool.map(choose_surface, names), strict=True)), planes
 
 
 def _shrunk(part: Array, image: CalibratedImage) -> Array:

@@ -7,6 +7,7 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array
+from reconstruction.depth.blank_walls import ScenePlane
 from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, SourceView, box_filter
 from reconstruction.depth.compiled import CPU
 from reconstruction.depth.plane_sweep import Surface
@@ -33,6 +34,8 @@ class StillScene:
     def __init__(self) -> None:
         self.scene: RoughScene | None = None
         """Coarse location of the scene; None if it must be found first."""
+        self.planes: list[ScenePlane] | None = None
+        """Planes on which blank walls may be; None if they must be found first."""
         self._new: dict[str, Array] = {}
         """Pixels to be swept (bool), by camera; empty: everything."""
         self._surfaces: dict[str, Surface] = {}
@@ -48,7 +51,7 @@ class StillScene:
             off = np.abs(box_filter(np.where(moved, 0, grey - known), CHANGED_WINDOW)) > CHANGED_GREY
             self._new[name] = _wider(off, WIDER_PX) | moved | _moving(images[name])
         if not self._new or np.mean([one.mean() for one in self._new.values()]) > MAX_NEW:
-            self.scene, self._new, self._pictures = None, {}, {}
+            self.scene, self.planes, self._new, self._pictures = None, None, {}, {}
 
     def new(self, name: str, image: CalibratedImage) -> Array:
         """Return the pixels of a camera's image that must be swept (bool)."""

@@ -134,7 +134,7 @@ def match_all_views(
 
     with worker_pool() as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
-        laid = fit_blank_walls(images, sources, depth_ranges, surfaces, pool)
+        laid, still.planes = fit_blank_walls(images, sources, depth_ranges, surfaces, pool, still.planes)
         surfaces = {name: renewed(surfaces[name], laid[name], WHOLE, new[name]) for name in names}
         confirmed = _confirmed_depths(pool, images, sources, surfaces, engine)
         surfaces = dict(zip(names, pool.map(propose, names), strict=True))

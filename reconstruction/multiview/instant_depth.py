@@ -10,17 +10,20 @@ import numpy as np
 from capture_app.common.errors import BadInputError, NotAvailableError
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_matching import match_brightness
+from reconstruction.depth.blank_walls import ScenePlane
 from reconstruction.depth.calibrated_image import SourceView
 from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
 from reconstruction.depth.compiled import CPU
 from reconstruction.depth.geometric_consistency import count_coinciding_views
 from reconstruction.depth.plane_sweep import Surface
+from reconstruction.depth.still_scene import StillScene
 from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.depth.view_choice import smallest_group
 from reconstruction.multiview.input_images import InputImage
 from reconstruction.multiview.matcher import ChosenMatcher, image_colours, image_views, match_cameras
 
 SWEEP = ChosenMatcher()
+NO_PLANES: Array = np.zeros((0, 4))
 CONFIRMING_VIEWS = 2
 """Number of other views that must find a depth for it to be called consistent."""
 
@@ -34,7 +37,7 @@ class InstantDepth:
     reference and its sources, warped by all matched depth: the median over the sources, NaN = none sees it.
     `points` (n, 3) are float32 with `colours` (n, 3), uint8 RGB. `seen` (n, cameras), bool, marks the maps
     that each point was fused from, in the order of the images. Without COLMAP there is no cloud, and
-    `no_cloud` says why.
+    `no_cloud` says why. `planes` (n, 4) are normal and distance of the planes on which blank walls may be.
     """
 
     depth: Array
@@ -44,6 +47,7 @@ class InstantDepth:
     colours: Array
     seen: Array
     no_cloud: Array
+    planes: Array
 
 
 def compute_instant_depth(
@@ -52,14 +56,18 @@ def compute_instant_depth(
     depth_ranges: Mapping[str, tuple[float, float]],
     reference: str,
     matcher: ChosenMatcher = SWEEP,
+    planes: Array = NO_PLANES,
 ) -> InstantDepth:
     """Match all cameras' images, check them against each other, and fuse the maps.
 
-    `depth_ranges` holds each camera's depth range of the scene.
+    `depth_ranges` holds each camera's depth range of the scene. `planes` are those of an earlier instant.
     """
     calibrated = {camera: image.calibrated for camera, image in images.items()}
+    still = StillScene()
+    if len(planes):
+        still.planes = [ScenePlane(plane[:3], float(plane[3])) for plane in planes]
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-        found = match_cameras(matcher, Path(scratch), images, sources, depth_ranges)
+        found = match_cameras(matcher, Path(scratch), images, sources, depth_ranges, still=still)
     surfaces = {camera: _surface(view) for camera, view in found.items()}
     own = surfaces[reference]
     others = [camera for camera in surfaces if camera != reference]
@@ -70,6 +78,7 @@ def compute_instant_depth(
         depth=found[reference].depth,
         consistent=votes >= min(CONFIRMING_VIEWS, len(others)),
         difference=_difference(own.inverse_depth, source_views),
+        planes=np.array([(*plane.normal, plane.distance) for plane in still.planes or ()]).reshape(-1, 4),
         **_fuse_cloud(images, found, smallest_group(sources)),
     )
 

@@ -21,7 +21,7 @@ from reconstruction.depth.mesh import draw_clouds
 from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
 from reconstruction.multiview.input_images import UndistortedSession
-from reconstruction.multiview.instant_depth import InstantDepth, compute_instant_depth
+from reconstruction.multiview.instant_depth import NO_PLANES, InstantDepth, compute_instant_depth
 from reconstruction.multiview.instant_scoring import InstantScorer
 from reconstruction.multiview.matcher import Matcher, choose_matcher
 from reconstruction.report import wording
@@ -313,6 +313,8 @@ class MultiviewStudy(ConditionStudy):
         self.middle_camera = ""
         """Required middle camera; any other is rejected. Empty accepts all."""
         self.group = CameraGroup()
+        self.planes = NO_PLANES
+        """Planes of the still scene (see `InstantDepth`), from the first instant that has any."""
 
     @property
     def steps(self) -> int:
@@ -421,11 +423,13 @@ class MultiviewStudy(ConditionStudy):
         if not sources[self.group.reference]:
             raise ValueError(f"no camera with a picture overlaps with {self.group.reference}")
         depth_ranges = {camera: self.group.scene.depth_ranges[camera] for camera in shown}
-        return self.rig.stages.arrays(
+        reference, planes = self.group.reference, self.planes
+        found = self.rig.stages.arrays(
             "multiview",
             InstantDepth,
-            lambda: compute_instant_depth(shots, sources, depth_ranges, self.group.reference, self.matcher),
-            self.group.reference,
+            lambda: compute_instant_depth(shots, sources, depth_ranges, reference, self.matcher, planes),
+            reference,
+            planes.tolist(),
             tuple(shown.items()),
             repr(views),
             tuple(depth_ranges.items()),
@@ -433,6 +437,9 @@ class MultiviewStudy(ConditionStudy):
             self.matcher.name,
             self.matcher.quick,
         )
+        if not len(planes):
+            self.planes = found.planes
+        return found
 
     def _show(
         self,

@@ -14,7 +14,7 @@ from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.compare.study import Context
 from reconstruction.depth.colmap_workspace import ENVIRONMENT
 from reconstruction.multiview.input_images import InputImage
-from reconstruction.multiview.instant_depth import SWEEP, InstantDepth
+from reconstruction.multiview.instant_depth import NO_PLANES, SWEEP, InstantDepth
 from reconstruction.multiview.instant_scoring import (
     PointIndex,
     points_on_masks,
@@ -175,10 +175,12 @@ def test_a_comparison_takes_the_matcher_that_is_asked_for(
 
 @pytest.fixture
 def matched(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
-    """No matching: depth of 2 everywhere and no cloud; the cameras of each call."""
+    """No matching: depth of 2 everywhere, one plane and no cloud; the cameras of each call."""
     calls: list[tuple[str, ...]] = []
 
-    def flat_depth(images: Mapping[str, InputImage], *_: object) -> InstantDepth:
+    def flat_depth(images: Mapping[str, InputImage], *given: Any) -> InstantDepth:
+        # The planes of the still scene are searched for once.
+        assert len(given[-1]) == bool(calls)
         calls.append(tuple(images))
         flat = np.full((120, 160), 2.0, np.float32)
         return InstantDepth(
@@ -189,6 +191,7 @@ def matched(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
             colours=np.zeros((0, 3), np.uint8),
             seen=np.zeros((0, len(images)), bool),
             no_cloud=np.array("no fusion in this test"),
+            planes=np.array([[0.0, 0.0, 1.0, 2.0]]),
         )
 
     monkeypatch.setattr("reconstruction.studies.multiview.compute_instant_depth", flat_depth)
@@ -272,7 +275,9 @@ def test_a_side_without_a_point_is_not_shown(tmp_path: Path) -> None:
     colours = np.full((5000, 3), 200, np.uint8)
     points = np.random.default_rng(0).normal((0, 0, 3), 0.3, (5000, 3)).astype(np.float32)
     maps = {
-        side: InstantDepth(nothing, nothing > 0, nothing, points[:kept], colours[:kept], nothing, nothing)
+        side: InstantDepth(
+            nothing, nothing > 0, nothing, points[:kept], colours[:kept], nothing, nothing, NO_PLANES
+        )
         for side, kept in (("synced", 5000), ("offset", 0))
     }
     clouds = save_clouds(3, maps, view, nothing > 0, tmp_path)

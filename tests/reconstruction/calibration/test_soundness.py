@@ -8,6 +8,7 @@ import numpy as np
 import pytest
 
 from reconstruction.calibration.calibrated_rig import impossible
+from reconstruction.calibration.consistency import judge_calibration
 from tests.reconstruction.conftest import make_view
 
 TURNED = np.array([[0.0, -1, 0], [1, 0, 0], [0, 0, 1]])
@@ -51,8 +52,34 @@ def test_what_no_camera_has_is_refused(changed: dict[str, Any], why: str) -> Non
         {"fx": 300.0, "fy": 600.0},
         {"distortion": ()},
         {"cx": 0.0, "cy": 0.0},
+        {"cx": 1080.0, "cy": 810.0},
         {"distortion": (0.1, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)},
     ],
 )
 def test_what_is_odd_but_possible_is_not(changed: dict[str, Any]) -> None:
     assert not impossible(msgspec.structs.replace(make_view((0.1, 0, 0)).to_calibration(), **changed))
+
+
+def test_shared_points_are_judged_and_counted_where_they_are() -> None:
+    views = {name: make_view((x, 0.0, 0.0)) for name, x in (("a", -0.2), ("b", 0.0), ("c", 0.2))}
+    width, height = views["a"].width, views["a"].height
+    columns, rows = np.meshgrid(np.arange(2.0, width / 8 - 1, 4), np.arange(2.0, height / 2 - 1, 4))
+    many = np.column_stack([columns.ravel(), rows.ravel()])
+    points = views["a"].unproject(many, np.full(len(many), 4.0))
+
+    def pixels(name: str) -> Any:
+        return views[name].project(points @ views[name].rotation.T + views[name].translation)
+
+    shared = {("a", "b"): (many, pixels("b")), ("a", "gone"): (many, many), ("b", "c"): (many[:3], many[:3])}
+    found = judge_calibration(views, shared)
+    assert (found.points, found.inlier_share) == (len(many), 1.0)
+    assert found.reprojection_error_px == pytest.approx(0.0, abs=1e-3)
+    to_points = [points - views[name].centre for name in "ab"]
+    angles = np.degrees(
+        np.arccos(sum(np.prod(to_points, axis=0).T) / np.prod(np.linalg.norm(to_points, axis=2), axis=0))
+    )
+    assert found.triangulation_angle_deg == pytest.approx(float(np.median(angles)), rel=1e-3)
+    # Upper half of the left column of 8 x 6 cells; nothing of the pairs that are left out.
+    assert found.coverage["a"] == pytest.approx(3 / 48)
+    assert 0 < found.coverage["b"] < 1
+    assert found.coverage["c"] == 0

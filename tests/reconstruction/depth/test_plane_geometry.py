@@ -16,6 +16,7 @@ from reconstruction.depth.blank_walls import (
     BlankPart,
     ScenePlane,
     choose_planes,
+    extract_blank_part,
     lay_planes,
     sample_surface,
 )
@@ -356,9 +357,26 @@ def test_a_wall_is_chosen_where_two_sources_see_it() -> None:
     assert evident[inner & (number == 1)].all()
     assert 0.1 < beyond.mean() < 0.9
     assert (number[beyond] == AS_FOUND).all()
+    # Where the sources do not see the surface as found, there is nothing to compare a plane with.
+    unseen = choose_planes(parts[0], parts[1:], np.full_like(level, 0.05), [plane], (0.5, 9.0))
+    assert (unseen[1] == AS_FOUND).all()
+    assert not unseen[2].any()
     # A plane beyond the range of depths is none of the candidates.
     near = choose_planes(parts[0], parts[1:], level, [plane], (0.5, 0.6))
     assert len(near[0]) == 1
+
+
+def test_a_blank_part_keeps_its_shade_beside_texture() -> None:
+    noise = np.random.default_rng(2).normal(0, 1, (REFERENCE.height, REFERENCE.width))
+    grey = (100 + noise).astype(np.float32)
+    grey[:, 43:] += 80 * (np.indices(grey.shape).sum(0)[:, 43:] % 2)
+    part = extract_blank_part(CalibratedImage(REFERENCE, grey, 5, 9.0))
+    assert part.there[2:-2, 2:9].all()
+    assert not part.there[:, 13:].any()
+    assert np.abs(part.shade - 100)[part.there].max() < 2
+    assert np.abs(part.image.grey - 128)[part.there].max() < 2
+    assert (part.image.grey[~part.there] == 128).all()
+    assert part.image.noise == pytest.approx(9.0 / 16, rel=0.05)
 
 
 def test_a_laid_wall_goes_on_behind_what_windows_made_too_wide() -> None:

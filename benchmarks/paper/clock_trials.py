@@ -8,7 +8,7 @@ from benchmarks.paper.clock_estimators import ClockEstimator, estimator_family
 from benchmarks.paper.result import error_figures
 from benchmarks.simulated.changing_clocks import draw_wandering_clock
 from benchmarks.simulated.links import START_TRUE_NS, DelayLaw, Link, exchanges, exchanges_at
-from benchmarks.simulated.wifi_laws import LINKS_BY_LAW, BimodalDelay
+from benchmarks.simulated.wifi_laws import LINKS_BY_LAW
 from benchmarks.simulated.wireless import (
     PAPER_LINK,
     POLL_INTERVAL_NS,
@@ -79,7 +79,6 @@ HALF_LEAST_NS = 498_000
 """Half the minimum round trip of the paper's link: the bound of the asymmetry."""
 ASYMMETRY = 0.05
 """Standard deviation of half the difference of the minimum delays, as a fraction of half the round trip."""
-_CABLE = Link(GammaDelay(50_000, 60_000), GammaDelay(50_000, 60_000))
 
 DrawLink = Callable[[random.Random], Link]
 
@@ -106,24 +105,14 @@ def unequal_links(law: str) -> DrawLink:
     return lambda rng: unequal(LINKS_BY_LAW[law], rng)
 
 
-def any_law(rng: random.Random, share: float = ASYMMETRY) -> Link:
-    """Return a link with the paper's mean delays, under one of the laws of a WiFi link."""
-    return unequal(LINKS_BY_LAW[rng.choice(list(LINKS_BY_LAW))], rng, share=share)
-
-
-def cable(rng: random.Random) -> Link:
-    """Return a cable with a switch: 50 us in each direction, and 10 more on average."""
-    return unequal(_CABLE, rng, half_ns=50_000)
-
-
 def _minimum(law: DelayLaw) -> int:
-    assert isinstance(law, GammaDelay | BimodalDelay)
+    assert isinstance(law, GammaDelay)
     return law.minimum_ns
 
 
 def _moved(law: DelayLaw, by_ns: int) -> DelayLaw:
     """Return the same law with minimum and mean shifted."""
-    assert isinstance(law, GammaDelay | BimodalDelay)
+    assert isinstance(law, GammaDelay)
     return replace(law, minimum_ns=law.minimum_ns + by_ns, mean_ns=law.mean_ns + by_ns)
 
 

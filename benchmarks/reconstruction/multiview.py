@@ -27,19 +27,20 @@ from unittest.mock import patch
 import cv2
 import numpy as np
 
-from benchmarks.reconstruction.multiview_cloud import cloud_scores
 from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Rendered
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth import sweep_matcher
-from reconstruction.depth.colmap_workspace import fuse_depth_maps, write_workspace
+from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
 from reconstruction.depth.compiled import CPU, CompiledEngine
 from reconstruction.depth.gpu import GpuEngine, find_engine
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_engine import SweepEngine
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views, smallest_group
+from reconstruction.multiview.cloud_accuracy import PointIndex, true_surfaces
 from reconstruction.multiview.input_images import undistort_image
+from reconstruction.scores.tally import Measurements
 from reconstruction.scores.truth import depth_shares, right_depth
 from reconstruction.session.moving_pixels import MARGIN_PX, dilate
 from reconstruction.stereo.matching import match_rectified
@@ -93,8 +94,17 @@ def ours(
         name: depth_shares(view.depth, condition.depth[name], condition.movers[name])["within_2pct"]
         for name, view in found.items()
     }}  # fmt: skip
-    result |= cloud_scores(cloud, views, condition.depth)
-    return result
+    return result | _cloud_scores(cloud, views, condition)
+
+
+def _cloud_scores(cloud: Path, views: dict[str, View], condition: Condition) -> dict[str, float]:
+    """Return precision, recall and F-score of a fused cloud at 1 cm against what two views can see."""
+    still = {name: np.zeros_like(moving) for name, moving in condition.movers.items()}
+    index, shared = true_surfaces(views, condition.depth, still)["static"]
+    points, _, _ = read_fused_cloud(cloud, len(views))
+    found = {"precision": index.count_near(points), "recall": PointIndex(points).count_near(shared)}
+    scores = Measurements(found)
+    return {f"{name}_1cm": scores.value(name) for name in (*found, "f_score")}
 
 
 def _as_found(_images: Any, _sources: Any, _ranges: Any, surfaces: Any, _pool: Any) -> Any:

@@ -29,17 +29,6 @@ ROOT: Address = ("root", 0)
 
 
 @dataclass(frozen=True, slots=True)
-class RelayOutage:
-    """A relay falls silent at a true time in ns, for good or until a later one."""
-
-    relay: int
-    """Number of the relay."""
-    true_ns: int
-    until_true_ns: int | None = None
-    """End of the outage; None if it is permanent."""
-
-
-@dataclass(frozen=True, slots=True)
 class TreeSpec:
     """A tree of clocks: relays below the root with clients spread over them, or clients below the root."""
 
@@ -56,7 +45,6 @@ class TreeSpec:
     join_within_s: float = 2.0
     """All nodes start within this time."""
     wander_ppm: float = 0.3
-    outages: tuple[RelayOutage, ...] = ()
 
 
 @dataclass(slots=True, eq=False)
@@ -91,7 +79,8 @@ class Tree:
         self._arrived: list[bytes] = []
         self._arrivals = array("q")
         """Datagrams and their true times that the digest does not contain yet."""
-        self._time = VirtualTime()
+        self.time = VirtualTime()
+        """The shard's schedule; a test has relays killed and revived by it."""
         relays = range(shard, spec.relays, shards)
         clients = range(shard, spec.clients, shards)
         below = len(relays) or len(clients)
@@ -106,16 +95,11 @@ class Tree:
             # Its own relay, then the next ones; without relays, the root.
             own = [addresses[(i + k) % len(addresses)] for k in range(min(3, len(addresses)))]
             self._add_client(client, (*own,) if own else (ROOT,))
-        for outage in spec.outages:
-            if outage.relay in relays:
-                self._time.schedule(outage.true_ns, self.kill, f"relay{outage.relay}")
-                if outage.until_true_ns is not None:
-                    self._time.schedule(outage.until_true_ns, self.revive, f"relay{outage.relay}")
 
     @property
     def now_true_ns(self) -> int:
         """Return the true time, which is the root's, in ns."""
-        return self._time.now_true_ns
+        return self.time.now_true_ns
 
     def run(self, each: Callable[[], None] | None = None) -> None:
         """Run the tree for its duration; `each` is called at every sampling instant."""
@@ -132,7 +116,7 @@ class Tree:
 
     def run_until(self, end_true_ns: int) -> None:
         """Advance to a true time in ns."""
-        self._time.run_until(end_true_ns)
+        self.time.run_until(end_true_ns)
         self.datagrams += len(self._arrived)
         self._digest.update(b"".join(self._arrived))
         self._digest.update(self._arrivals.tobytes())
@@ -195,7 +179,7 @@ class Tree:
 
     def _start(self, node: _Node, start_true_ns: int) -> None:
         self.nodes[node.address] = node
-        node.timer = Timer(self._time, self._act, node)
+        node.timer = Timer(self.time, self._act, node)
         node.timer.set(start_true_ns)
 
     # Running
@@ -219,7 +203,7 @@ class Tree:
         self.root_busy_ns += perf_counter_ns() - began_ns
 
     def _turn(self, node: _Node, data: bytes | None, sender: Address, true_ns: int) -> None:
-        engine, schedule = node.engine, self._time.schedule
+        engine, schedule = node.engine, self.time.schedule
         local_ns = node.clock.local_from_true(true_ns)
         if data is None:
             engine.handle_timer(local_ns)

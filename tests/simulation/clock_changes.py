@@ -11,17 +11,17 @@ from functools import partial
 from math import inf
 from pathlib import Path
 
-from benchmarks.paper.clock_trials import DrawLink, any_law, cable, unequal
+from benchmarks.paper.clock_trials import ASYMMETRY, DrawLink, unequal
 from benchmarks.paper.result import Table
 from benchmarks.paper.trials import call_all
 from benchmarks.report import new_parser, print_table
-from benchmarks.simulated.changing_clocks import ChangingClock, RateSpell
 from benchmarks.simulated.links import DelayLaw, Link
-from benchmarks.simulated.wifi_laws import LOOPBACK
-from benchmarks.simulated.wireless import PAPER_LINK, wireless
+from benchmarks.simulated.wifi_laws import LINKS_BY_LAW, LOOPBACK
+from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay, wireless
 from capture_app.common.node_state import NodeState
 from capture_app.console.terminal import print_json, print_line
 from capture_app.sync.timekeeping.clock_events import ClockChanged
+from tests.simulation.changing_clock import ChangingClock, RateSpell
 from tests.simulation.clock_pair import START_TRUE_NS, ClockPair, LongerFrom
 from tests.simulation.link_spells import LAWS, recorded_laws
 
@@ -37,6 +37,7 @@ NEAR_A_STEP_S = 2.0
 SLEW_S = 3.0
 SLEWS_PPM = (3_000, 8_000, 83_333)
 """The largest is what chrony allows itself (`maxslewrate` in chrony.conf(5))."""
+_CABLE = Link(GammaDelay(50_000, 60_000), GammaDelay(50_000, 60_000))
 ONE_WAY_MS = (0.2, 1.0, 5.0, 20.0)
 ASYMMETRIES = (0.025, 0.05, 0.1, 0.2)
 WARMING_PPM_PER_S = 0.05
@@ -46,6 +47,16 @@ WARMING_PPM_PER_S = 0.05
 def wifi(rng: random.Random) -> Link:
     """The paper's link, whose least delays differ by chance."""
     return unequal(PAPER_LINK, rng)
+
+
+def any_law(rng: random.Random, share: float = ASYMMETRY) -> Link:
+    """Return a link with the paper's mean delays, under one of the laws of a WiFi link."""
+    return unequal(LINKS_BY_LAW[rng.choice(list(LINKS_BY_LAW))], rng, share=share)
+
+
+def cable(rng: random.Random) -> Link:
+    """Return a cable with a switch: 50 us in each direction, and 10 more on average."""
+    return unequal(_CABLE, rng, half_ns=50_000)
 
 
 def loopback(_: random.Random) -> Link:

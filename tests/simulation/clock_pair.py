@@ -4,7 +4,6 @@ import random
 from collections.abc import Callable
 from dataclasses import dataclass
 
-from benchmarks.simulated.changing_clocks import ChangingClock
 from benchmarks.simulated.links import DelayLaw, Direction, Link
 from benchmarks.simulated.virtual_rig import Timer, VirtualTime
 from capture_app.common.node_state import NodeState
@@ -14,6 +13,7 @@ from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.rig.time_client import TimeClient, TimeClientEvent
 from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
+from tests.simulation.changing_clock import ChangingClock
 
 ADDRESS = ("node", 0)
 START_TRUE_NS = 10**12

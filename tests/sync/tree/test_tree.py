@@ -11,7 +11,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from benchmarks.simulated.changing_clocks import draw_wandering_clock
-from benchmarks.simulated.clock_tree import ROOT, RelayOutage, Tree, TreeSpec, measure, run_shard
+from benchmarks.simulated.clock_tree import ROOT, Tree, TreeSpec, measure, run_shard
 from capture_app.common.node_state import NodeState
 from capture_app.common.timeouts import CLIENT_SILENT_NS, FORGET_LOST_NS
 from capture_app.sync.clock.time_map import TimeMap
@@ -120,8 +120,9 @@ def test_the_same_seed_gives_the_same_bytes() -> None:
 
 @pytest.mark.slow
 def test_clients_of_a_dead_relay_join_another_and_hold_the_time_meanwhile() -> None:
-    spec = replace(SMALL, duration_s=30.0, outages=(RelayOutage(0, 10 * S),))
+    spec = replace(SMALL, duration_s=30.0)
     tree = Tree(spec, seed=3)
+    tree.time.schedule(10 * S, tree.kill, "relay0")
     result = measure(tree)
     assert result.within_bound == result.judged
     assert max(abs(error) for errors in result.errors_us[5:] for error in errors) < 400.0
@@ -144,9 +145,10 @@ def test_clients_go_back_to_their_own_relay_once_it_has_been_there_for_a_while()
         duration_s=130.0,
         client_pace_s=0.4,
         relay_pace_s=0.4,
-        outages=(RelayOutage(0, 10 * S, back_s * S),),
     )
     tree = Tree(spec, seed=3)
+    tree.time.schedule(10 * S, tree.kill, "relay0")
+    tree.time.schedule(back_s * S, tree.revive, "relay0")
     nodes = [tree.nodes[f"client{number}", 0] for number in range(spec.clients)]
     parents: list[list[str]] = []
 

@@ -6,7 +6,6 @@ from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
 from statistics import mean
-from typing import TYPE_CHECKING
 
 from benchmarks.paper.clock_trials import (
     AS_THE_PAPER,
@@ -24,10 +23,6 @@ from benchmarks.paper.values import FIGURE_S2, LEAST_ROUND_TRIP, TABLE_2, TABLE_
 from benchmarks.simulated.links import START_TRUE_NS, TURNAROUND_NS
 from benchmarks.simulated.wireless import LATE_NS, PAPER_LINK, POLL_INTERVAL_NS
 from capture_app.console.terminal import talk
-
-if TYPE_CHECKING:
-    pass
-
 
 MESSAGES = 10_000
 

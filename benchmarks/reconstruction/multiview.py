@@ -38,8 +38,8 @@ from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_engine import SweepEngine
 from reconstruction.depth.sweep_matcher import match_all_views
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views, smallest_group
-from reconstruction.multiview.cloud_accuracy import PointIndex, true_surfaces
 from reconstruction.multiview.input_images import undistort_image
+from reconstruction.multiview.instant_scoring import PointIndex, true_surfaces
 from reconstruction.scores.tally import Measurements
 from reconstruction.scores.truth import depth_shares, right_depth
 from reconstruction.session.moving_pixels import MARGIN_PX, dilate

@@ -29,14 +29,7 @@ class WanderingClock:
 
     def local_from_true(self, true_ns: int) -> int:
         """Return the reading of this clock in ns at a true time in ns."""
-        if true_ns >> _CELL_BITS != self._cell:
-            self._enter(true_ns >> _CELL_BITS)
-        since_ns = true_ns - self._middle_ns
-        return (
-            true_ns
-            + self.offset_ns
-            + round(self._gained_ns + since_ns * (self._rate + since_ns * self._bend))
-        )
+        return true_ns + self.offset_ns + round(self._gained_at(true_ns))
 
     def true_from_local(self, local_ns: int) -> int:
         """Return the true time of a reading, both in ns; inverts `local_from_true` to 20 ns in hours."""

@@ -127,10 +127,6 @@ class Tree:
         """Silence a node."""
         self.nodes[name, 0].alive = False
 
-    def freeze(self, name: str) -> None:
-        """Halt a node, like a stopped process whose sockets fill."""
-        self.nodes[name, 0].alive, self.nodes[name, 0].queued = False, []
-
     def revive(self, name: str) -> None:
         """Let a silenced or frozen node continue where it stopped."""
         node = self.nodes[name, 0]

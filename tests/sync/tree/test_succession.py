@@ -47,6 +47,11 @@ class StandbyRig:
         self.tree.kill(name)
         self.machines[name].leader = None
 
+    def freeze(self, name: str) -> None:
+        """Halt a machine, like a stopped process whose sockets fill."""
+        node = self.tree.nodes[name, 0]
+        node.alive, node.queued = False, []
+
     def split(self, *pairs: str) -> None:
         """Let nothing pass between the machines of each pair, as `ab`; none heals all."""
         for machine in self.machines.values():
@@ -213,7 +218,7 @@ def test_a_split_that_heals_leaves_the_leader_of_the_better_rank() -> None:
 @pytest.mark.parametrize("frozen_s", [3.0, 30.0])
 def test_a_frozen_leader_that_wakes_does_not_take_the_cameras_back(frozen_s: float) -> None:
     rig = ready_rig(cameras=2)
-    rig.tree.freeze("a")
+    rig.freeze("a")
     for _ in rig.steps(frozen_s):
         pass
     assert {rig.followed(camera) for camera in rig.cameras.values()} == {"b"}
@@ -230,7 +235,7 @@ def test_a_frozen_leader_that_wakes_does_not_take_the_cameras_back(frozen_s: flo
 def test_a_frozen_leader_without_a_standby_leads_again() -> None:
     rig = ready_rig(cameras=1)
     rig.kill("b")
-    rig.tree.freeze("a")
+    rig.freeze("a")
     for _ in rig.steps(10.0):
         pass
     rig.tree.revive("a")

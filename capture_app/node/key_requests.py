@@ -2,6 +2,7 @@
 
 import asyncio
 import contextlib
+from collections.abc import Callable
 
 from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
@@ -28,14 +29,16 @@ class KeyRequester:
         time: TimeClient,
         trust: Trust,
         pump: Pump,
+        trusts: Callable[[Address], bool] = lambda _: True,
     ) -> None:
         """`time` is the node's membership, which is notified of refusals.
 
-        `keys` is None if datagrams are not sealed; then no key is ever requested.
+        `keys` is None if datagrams are not sealed; then no key is ever requested. `trusts` tells whether to
+        adopt the machines and names that a leader vouches for.
         """
         self._keys = LeaderKeys() if keys is None else keys
         self._request, self._time, self._trust = request, time, trust
-        self._pump = pump
+        self._pump, self._trusts = pump, trusts
         self._missing = asyncio.Event()
         self._asked: set[tuple[str, int]] = set()
 
@@ -62,7 +65,8 @@ class KeyRequester:
                 answer = await ask(channel, self._request, KeyAnswer)
             self._keys.hold(leader, answer.grant)
             self._pump.turn()
-            self._trust.take_trust_of(channel.who, answer.machines, answer.names)
+            if self._trusts(Address(*leader)):
+                self._trust.take_trust_of(channel.who, answer.machines, answer.names)
         except SimulshotError as error:
             # Reachability of the leader is checked elsewhere.
             if isinstance(error, UnknownMachineError) or not isinstance(error, NetworkError):

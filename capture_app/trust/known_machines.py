@@ -163,7 +163,7 @@ class KnownMachines:
         return self.add(pin, known.roles[0], certificate=certificate)
 
     def remove(self, which: str) -> KnownMachine:
-        """Remove a machine, given by its name or the beginning of its pin.
+        """Remove a machine, given by its name or the beginning of its pin, and those it alone vouches for.
 
         Raises BadInputError if no machine matches, or more than one; DiskError.
         """
@@ -175,7 +175,8 @@ class KnownMachines:
         if len(found) != 1:
             what = "no machine" if not found else "more than one machine"
             raise BadInputError(f"{what} here is called {which!r}", hint="see capture-app trust list")
-        self._change(lambda machines: (one for one in machines if one.pin != found[0].pin))
+        pin = found[0].pin
+        self._change(lambda machines: (one for one in machines if pin not in (one.pin, one.vouched_by)))
         return found[0]
 
     def _change(

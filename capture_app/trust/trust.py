@@ -135,7 +135,8 @@ class Trust:
         self.known.take_trust_of(leader.pin, machines)
         if leader.may(Role.STANDBY) and leader.pin != self.identity.pin and self.folder is not None:
             names_file = CameraNames(self.folder)
-            names_file.owners.update(names)
+            # A name that has an owner here keeps it.
+            names_file.owners = {**names, **names_file.owners}
             names_file.keep()
 
     def server_context(self) -> ssl.SSLContext | None:

@@ -70,7 +70,10 @@ class RankedLeader:
         self._pump = Pump(self._sealed or engine, self._clock, self._look)
         request = KeyRequest(name=name, instance=instance)
         keys = None if self._sealed is None else self._sealed.keys
-        self._keys = KeyRequester(keys, request, engine.member.time, options.trust, self._pump)
+        # A machine that leads adopts nothing of a standby, which might only claim to lead.
+        self._keys = KeyRequester(
+            keys, request, engine.member.time, options.trust, self._pump, lambda other: other == engine.leader
+        )
         self._changed = asyncio.Event()
         self._serving: asyncio.Future[None] | None = None
         self._followed: tuple[str, int] | None = None

@@ -34,24 +34,31 @@ class Led(asyncio.Queue[LeaderNode]):
     address: Address
 
 
-@asynccontextmanager
-async def standing_by(tmp_path: Path, trust: Trust, leader: Address) -> AsyncIterator[Led]:
-    """A standby of a leader, until the block ends; what it leads with comes by the queue."""
+def free_address() -> Address:
     bound = bind_port("127.0.0.1", 0)
     port = bound[0].getsockname()[1]
     for one in bound:
         one.close()
+    return Address("127.0.0.1", port)
+
+
+@asynccontextmanager
+async def standing_by(
+    tmp_path: Path, trust: Trust, leader: Address, *, is_better: bool = False
+) -> AsyncIterator[Led]:
+    """A standby of a leader, until the block ends; what it leads with comes by the queue."""
     led = Led()
-    led.address = Address("127.0.0.1", port)
+    led.address = free_address()
+    leaders = [led.address, leader] if is_better else [leader, led.address]
 
     async def lead(node: LeaderNode) -> None:
         led.put_nowait(node)
         await asyncio.Event().wait()
 
     def make_options() -> LeaderOptions:
-        return LeaderOptions(sessions=tmp_path / "s2", host="127.0.0.1", port=port, trust=trust)
+        return LeaderOptions(sessions=tmp_path / "s2", host="127.0.0.1", port=led.address.port, trust=trust)
 
-    task = asyncio.create_task(lead_by_rank(make_options, [leader, led.address], lead))
+    task = asyncio.create_task(lead_by_rank(make_options, leaders, lead))
     try:
         yield led
     finally:
@@ -118,3 +125,50 @@ async def test_a_camera_is_told_of_standbys_and_of_nobody_else(
             told = await ask(channel, request, KeyAnswer)
         assert [(one.pin, one.roles) for one in told.machines] == [(second.identity.pin, (Role.LEADER,))]
         assert told.names == {}
+
+
+async def test_a_standby_that_leads_beside_the_leader_changes_nothing_there(
+    tmp_path: Path, trust: Trust
+) -> None:
+    """Its program is changed: it serves at once, knows machines of its own, and owns all names."""
+    machine, second = introduced(tmp_path, trust, "machine"), standby_of(tmp_path, trust)
+    evil = introduced(tmp_path, second, "evil", Role.OPERATOR)
+    trust.known.add(second.identity.pin, Role.STANDBY, certificate=second.identity.certificate)
+    names = CameraNames(tmp_path / "second")
+    names.owners["cam"] = second.identity.pin
+    names.keep()
+    known, place = trust.known.all(), free_address()
+    options = LeaderOptions(sessions=tmp_path / "s1", host=place.host, port=place.port, trust=second)
+    async with standing_by(tmp_path, trust, place, is_better=True) as led:
+        leader = await asyncio.wait_for(led.get(), 30.0)
+        async with sealed_node(leader.own_address, machine, standbys=(place,)) as node:
+            await until(lambda: node.time.is_member and "cam" in leader.engine.roster.owners)
+            async with await LeaderNode.start(options) as liar:
+                await until(lambda: any(n.name.startswith("leader-") for n in liar.status().nodes))
+                await asyncio.sleep(1.0)
+                assert led.empty(), "it has led all the time"
+                assert [n.name for n in leader.status().nodes if n.state != "lost"] == ["cam"]
+                assert "cam" not in [n.name for n in liar.status().nodes]
+    assert trust.known.find(evil.identity.pin) is None
+    assert [(one.pin, one.roles) for one in trust.known.all()] == [(one.pin, one.roles) for one in known]
+    assert CameraNames(Path(str(trust.folder))).owners["cam"] == machine.identity.pin
+
+
+def test_a_name_that_has_an_owner_keeps_it_whatever_a_standby_says(tmp_path: Path, trust: Trust) -> None:
+    second = standby_of(tmp_path, trust)
+    trust.known.add(second.identity.pin, Role.STANDBY)
+    names = CameraNames(tmp_path / "leader")
+    names.owners["cam"] = "machine"
+    names.keep()
+    trust.take_trust_of(trust.peer_of(second.identity.pin), (), {"cam": "thief", "new": "other"})
+    assert CameraNames(tmp_path / "leader").owners == {"cam": "machine", "new": "other"}
+
+
+def test_with_a_machine_go_all_that_it_alone_vouched_for(tmp_path: Path, trust: Trust) -> None:
+    second = standby_of(tmp_path, trust)
+    evil = introduced(tmp_path, second, "evil", Role.OPERATOR)
+    other = introduced(tmp_path, trust, "other")
+    trust.take_trust_of(trust.peer_of(second.identity.pin), second.known.vouched_for(trust.identity.pin), {})
+    assert trust.peer_of(evil.identity.pin).may(Role.OPERATOR)
+    trust.known.remove("second")
+    assert [one.pin for one in trust.known.all()] == [other.identity.pin]

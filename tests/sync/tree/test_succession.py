@@ -168,6 +168,19 @@ def test_the_next_standby_leads_without_a_time_step_when_the_leader_is_lost(seed
     rig.check_burst("b")
 
 
+def test_a_standby_that_leads_beside_the_leader_takes_no_camera_and_no_burst() -> None:
+    """Its program is changed: it leads from the first moment, whatever its rank and whoever leads."""
+    rig = ready_rig(cameras=2)
+    liar = rig.machines["b"].succession
+    liar._look = lambda now_ns: setattr(liar, "leads", True)  # type: ignore[method-assign]
+    for _ in rig.steps(40.0):
+        # Longer than nodes probe a better leader before they go back to it.
+        assert all(rig.followed(camera) == "a" for camera in rig.cameras.values())
+        rig.check_time()
+    assert rig.leading() == "ab"
+    rig.check_burst("a")
+
+
 def test_one_that_stops_in_order_sends_all_on_at_once() -> None:
     rig = ready_rig()
     rig.machines["a"].leave()

@@ -1,8 +1,32 @@
-"""Whatever a machine puts into a field of a message: it is refused, or it is bounded."""
+"""Whatever a machine puts into a field of a message: it is refused, or it is bounded.
+
+What machines have said to spoil the work of others, and the test of each (issue 42):
+
+N1  an impossible number in a report       session/writing/test_impossible_reports.py::test_repair_leaves_out
+N1b events in another camera's name        node/burst/test_untrue_reports.py::test_events_are_in_the_name
+N2  `picking`, then silence                node/burst/test_untrue_reports.py::test_a_burst_ends_though
+N3  texts that are too long                node/test_limits.py::test_nodes_with_long_texts
+N3  lines that fill the log                node/leader/test_operator.py::test_the_log_takes_few_lines
+N4  another phase in each report           sync/rig/test_grid_votes.py::test_another_phase_in_each_report
+N4  a webcam with a bad clock              sync/rig/test_grid_votes.py::test_a_webcam_with_a_bad_clock
+N5  images, packets and chunks as bombs    end_to_end/test_bombs.py::test_a_picture_or_truth
+N5b a password asked for in clear          cameras/rtsp/test_rtsp_camera.py::test_a_password_is_not_sent
+N6  a foreign host or origin               end_to_end/screen/test_serve.py::test_the_screen_opens
+N7  invitations, the rig's end, keys       node/enrolment/test_below_relays.py::test_a_relay_neither_invites
+N7  a name of a camera paired here         node/enrolment/test_below_relays.py::test_a_relay_takes_no_name
+N7  4,000 made-up names                    node/enrolment/test_below_relays.py::test_a_relay_introduces
+N7  an image acknowledged and kept         node/enrolment/test_receipts.py::test_a_relay_that_confirms
+N7  a standby that leads beside a leader   node/enrolment/test_standby.py::test_a_standby_that_leads_beside
+N8  a disk error in a recording            node/burst/test_broken_off_recordings.py::test_a_recording_that
+N9  long and deep files, pipes             session/importing/test_bombs.py::test_a_deep_or_long_file
+N10 idle connections at the phones' port   end_to_end/test_bombs.py::test_idle_connections
+"""
 
 import math
+import re
 import typing
 from collections.abc import Callable, Iterator
+from pathlib import Path
 from typing import Any
 
 import msgspec
@@ -82,3 +106,11 @@ def test_each_field_of_each_message_is_refused_or_bounded(kind: Any, decoded: Ca
             continue
         found += (f"{path}: {what}" for what in unbounded(msgspec.to_builtins(message)))
     assert not found, found[:5]
+
+
+def test_each_attack_that_succeeded_once_has_its_test() -> None:
+    tests = Path(__file__).parent.parent
+    rows = re.findall(r"^(N\d+)b? .* (\S+\.py)::(\w+)$", __doc__ or "", re.MULTILINE)
+    assert {row for row, _, _ in rows} == {f"N{number}" for number in range(1, 11)}
+    for row, file, name in rows:
+        assert f"def {name}" in (tests / file).read_text(), (row, file, name)

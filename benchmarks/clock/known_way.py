@@ -29,7 +29,7 @@ TAILS_US = (1399.0, 616.0)
 def main() -> int:
     """Print the table; return 0 if all error bars contain the truth once the asymmetry is known, else 1."""
     parser = new_parser(__doc__, seed_of="the delays")
-    parser.add_argument("--least-us", type=float, nargs=2, default=(1200.0, 400.0), help="there, back")
+    parser.add_argument("--min-us", type=float, nargs=2, default=(1200.0, 400.0), help="there, back")
     parser.add_argument("--bursts", type=int, default=5, help="bursts of each part (5)")
     options = parser.parse_args()
     with Network() as network:

@@ -1,16 +1,26 @@
-"""WiFi links whose delays come in spells, in virtual time, and recorded links replayed."""
+"""WiFi links whose delays come in spells, in virtual time, and recorded links replayed.
+
+`python -m tests.simulation.link_spells TRACE` prints the asymmetry of a recorded link.
+"""
 
 import random
+import sys
 from collections.abc import Callable
 from dataclasses import dataclass, replace
+from functools import partial
+from math import sqrt
 from pathlib import Path
+from statistics import fmean
 
 from benchmarks.simulated.links import Direction, Link
 from benchmarks.simulated.wireless import WIFI, GammaDelay, TroubleSpells, WirelessLink
+from capture_app.console.terminal import print_line
 
 MS, S = 1_000_000, 1_000_000_000
 RECORDED_INTERVAL_NS = 200 * MS
 """Interval of the exchanges of the recorded link (roc-streaming)."""
+WINDOWS_S = (4, 10, 30)
+"""Windows in which a recording's asymmetry is printed; a node's clock filter looks back 30 s at most."""
 BEACON_NS = 102_400_000
 """Interval of an access point's beacons (100 time units): a dozing client gets its messages then."""
 
@@ -114,11 +124,11 @@ _LINKS: dict[str, Link] = {
 DrawLink = Callable[[random.Random], Link]
 
 
-def _always(link: Link) -> DrawLink:
-    return lambda _: link
+def _same(link: Link, _: random.Random) -> Link:
+    return link
 
 
-LAWS: dict[str, DrawLink] = {name: _always(link) for name, link in _LINKS.items()}
+LAWS: dict[str, DrawLink] = {name: partial(_same, link) for name, link in _LINKS.items()}
 """The same links, drawn as those of recordings are."""
 
 
@@ -155,13 +165,29 @@ def read_recording(path: Path) -> tuple[tuple[int, ...], tuple[int, ...]]:
 def recorded_laws(path: Path) -> dict[str, DrawLink]:
     """Return a recording in random order, in order, and in order 20 times as fast; each starts anywhere."""
     there, back = read_recording(path)
-
-    def in_order(every_ns: int, rng: random.Random) -> Link:
-        start = rng.randrange(len(there))
-        return Link(ReplayedDelay(there, every_ns, start), ReplayedDelay(back, every_ns, start))
-
     return {
-        "recording, random order": lambda _: Link(_Drawn(there), _Drawn(back)),
-        "recording, in order": lambda rng: in_order(RECORDED_INTERVAL_NS, rng),
-        "recording, 20 times as fast": lambda rng: in_order(RECORDED_INTERVAL_NS // 20, rng),
+        "recording, random order": partial(_same, Link(_Drawn(there), _Drawn(back))),
+        "recording, in order": partial(_from_anywhere, there, back, RECORDED_INTERVAL_NS),
+        "recording, 20 times as fast": partial(_from_anywhere, there, back, RECORDED_INTERVAL_NS // 20),
     }
+
+
+def _from_anywhere(there: tuple[int, ...], back: tuple[int, ...], every_ns: int, rng: random.Random) -> Link:
+    start = rng.randrange(len(there))
+    return Link(ReplayedDelay(there, every_ns, start), ReplayedDelay(back, every_ns, start))
+
+
+def asymmetry_rms(there_ns: tuple[int, ...], back_ns: tuple[int, ...], rows: int) -> float:
+    """Return the root mean square of a recording's asymmetry in windows of this many rows.
+
+    It is half the difference of the minimum delays, as a fraction of half the minimum round trip.
+    """
+    starts = range(0, len(there_ns) - rows + 1, rows)
+    floors = [(min(there_ns[i : i + rows]), min(back_ns[i : i + rows])) for i in starts]
+    return sqrt(fmean(((there - back) / (there + back)) ** 2 for there, back in floors))
+
+
+if __name__ == "__main__":
+    for seconds in WINDOWS_S:
+        rms = asymmetry_rms(*read_recording(Path(sys.argv[1])), seconds * S // RECORDED_INTERVAL_NS)
+        print_line(f"asymmetry in windows of {seconds} s: {rms:.3f} of half the round trip (rms)")

@@ -72,13 +72,16 @@ class PathAsymmetry:
     round_trip_ns: Real
     """Minimum round-trip delay when this was measured; any change since may be in one direction only."""
 
-    def sigma(self, gap: float) -> float | None:
+    def sigma(self, gap: float, gap_error: float = 0.0) -> float | None:
         """Return the standard deviation of `late_ns` on a path of minimum round-trip delay `gap`; all in ns.
+
+        A change of the delay by up to `gap_error` is not one of the path.
 
         None if this is no better than the default asymmetry, unless `late_ns` exceeds three sigma: then the
         link is known to be more asymmetric than the default assumes.
         """
-        sigma = hypot(self.uncertainty_ns / SIGMAS_95, (gap - self.round_trip_ns) / 2.0)
+        changed = max(0.0, abs(gap - self.round_trip_ns) - gap_error)
+        sigma = hypot(self.uncertainty_ns / SIGMAS_95, changed / 2.0)
         return sigma if sigma < max(ASYMMETRY * gap / 2.0, abs(self.late_ns) / 3.0) else None
 
 
@@ -132,6 +135,11 @@ class ClockFilter:
         """Consecutive significant tests of the newest samples: a clock or a path has changed."""
 
     @property
+    def is_settling(self) -> bool:
+        """Whether a clock stepped shortly before, so that it may still be slewing."""
+        return not self._groups.half_ns
+
+    @property
     def rate_changed_ns(self) -> int | None:
         """Local time in ns of the last rate change; None if there was none or it is not significant."""
         if self._changed is None:
@@ -155,7 +163,7 @@ class ClockFilter:
         if self._restarted and self.samples >= SETTLED_SAMPLES:
             self.reset()
             self.samples = SETTLED_SAMPLES
-        if not self._groups.half_ns and self.samples >= 2 * SETTLED_SAMPLES:
+        if self.is_settling and self.samples >= 2 * SETTLED_SAMPLES:
             self._groups.half_ns = HALF_NS
             self._groups.clear()
         if not self._blocks:
@@ -188,7 +196,7 @@ class ClockFilter:
             return None
         line, age = self._line(), float(now_local_ns - self._newest_ns)
         highest, lowest = _bound_at(self._highest, now_local_ns), -_bound_at(self._lowest, now_local_ns)
-        sigma = None if self.asymmetry is None else self.asymmetry.sigma(line.gap)
+        sigma = None if self.asymmetry is None else self.asymmetry.sigma(line.gap, 2.0 * sqrt(line.excess))
         self.late_ns = 0.0 if self.asymmetry is None or sigma is None else self.asymmetry.late_ns
         offset_ns = round(min(max(line.offset + line.skew * age + self.late_ns, lowest), highest))
         # The best line through a parabola is below its end and less steep there.

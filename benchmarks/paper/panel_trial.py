@@ -24,20 +24,20 @@ class OnceSchedule(SteadySchedule):
 
     def __init__(self, messages: int) -> None:
         super().__init__()
-        self._messages = messages
+        self.min_samples = messages
 
     def request_sent(self, now_ns: int, progress: Progress) -> None:
         """Record a request, and schedule the next."""
         super().request_sent(now_ns, progress)
-        if progress.samples >= self._messages:
+        if progress.samples >= self.min_samples:
             self.request_due_ns = NEVER_NS
 
     def reply_arrived(self, now_ns: int, round_trip_ns: int, progress: Progress) -> bool:
         """Record a reply; return whether the next request is to be sent at once."""
         at_once = super().reply_arrived(now_ns, round_trip_ns, progress)
-        if progress.samples >= self._messages:
+        if progress.samples >= self.min_samples:
             self.request_due_ns = NEVER_NS
-        return at_once and progress.samples < self._messages
+        return at_once and progress.samples < self.min_samples
 
 
 EXPOSURE_NS = 100_000

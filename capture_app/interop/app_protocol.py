@@ -13,7 +13,7 @@ from enum import IntEnum
 
 from capture_app.sync.clock.clock_filter import ClockFilter, ClockSample
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.timekeeping.poll_schedule import FIRST_SAMPLES, AccuracyTarget, Progress, SteadySchedule
+from capture_app.sync.timekeeping.poll_schedule import MIN_EXCHANGES, AccuracyTarget, Progress, SteadySchedule
 
 CALL_PORT, TIME_PORT = 8244, 9428
 HEARTBEAT_EVERY_NS = 1_000_000_000
@@ -118,7 +118,7 @@ class AppPhone:
         if now_ns >= self._schedule.estimate_due_ns:
             self._schedule.estimated(now_ns)
             self.time_map = self._clock.time_map(now_ns)
-            if self.time_map is not None and self.samples >= FIRST_SAMPLES:
+            if self.time_map is not None and self.samples >= MIN_EXCHANGES:
                 self.synced = self._target.judge(self.time_map, now_ns) or self.synced
         if now_ns >= self._request_due_ns:
             self._prepare_request(now_ns)

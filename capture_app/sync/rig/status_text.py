@@ -44,7 +44,7 @@ def of_state(
         case NodeState.JOINING:
             return "asks to join"
         case NodeState.SYNCING:
-            return syncing(keeper.clock.samples, keeper.schedule.synced_samples, error_ns, target_ns)
+            return syncing(keeper.clock.samples, keeper.schedule.min_samples, error_ns, target_ns)
         case NodeState.ALIGNING | NodeState.DEGRADED | NodeState.READY if odd := rate(keeper.rate, now_ns):
             return odd
         case NodeState.ALIGNING if keeper.target.met or time_map is None:

@@ -10,7 +10,7 @@ from capture_app.sync.clock.time_map import TimeMap
 AT_ONCE_NS, NEVER_NS = -(2**62), 2**62
 """Before and after any time of any clock: a local clock may be negative."""
 FIRST_SAMPLES = 300
-"""K of the paper: minimum number of samples taken in quick succession."""
+"""K of the paper: samples taken in quick succession, even if the clock is accurate enough before."""
 FIRST_INTERVAL_NS = 3_000_000
 POLL_INTERVAL_NS = 25_000_000
 EASING_INTERVALS_NS, EASING_SAMPLES = (6_000_000, 12_000_000), 200
@@ -31,6 +31,8 @@ CALM_NS = 5_000_000_000
 Thousands of clients may have lost the first one, and a high initial rate would overload the second.
 """
 MIN_EXCHANGES = 10
+"""Minimum number of samples for an estimate. Its 95 % bar then held in 90 to 100 % on 15 links, half of which
+have bursts of long delays."""
 ESTIMATE_EVERY_NS = 1_000_000_000
 LEAVE_AT = 1.5
 """Factor on the target error at which a good clock stops being good.
@@ -61,8 +63,8 @@ class Progress(NamedTuple):
 class SteadySchedule:
     """Many requests in quick succession, then one per `poll_interval_ns`, aligned to this node's slot."""
 
-    min_samples, synced_samples = 1, FIRST_SAMPLES
-    """Minimum samples for an estimate, and for a clock that counts as synchronized."""
+    min_samples = MIN_EXCHANGES
+    """Minimum number of samples for an estimate; K in the paper's protocol."""
 
     def __init__(
         self,
@@ -117,7 +119,7 @@ class SteadySchedule:
         A process that is awake sends as quickly as the leader. One that just woke up is microseconds slower,
         which matters on such a short link.
         """
-        if not progress.synced and progress.samples == FIRST_SAMPLES - 1:
+        if not progress.synced and progress.samples == self.min_samples - 1:
             self.estimate_due_ns = now_ns
         return round_trip_ns < self._near_ns and self.request_due_ns <= now_ns + self._interval(progress)
 
@@ -135,23 +137,16 @@ class SteadySchedule:
             )
         if self._samples_when_synced is None:
             self._samples_when_synced = progress.samples
-        easing_ns = self._easing_paces_ns
-        stage = (progress.samples - self._samples_when_synced) // EASING_SAMPLES
-        if not progress.good_enough:
-            # Slower than the initial rate: several such nodes on one radio channel would disturb each other.
-            stage = min(stage, len(easing_ns) - 1)
-        easing = (
-            min(self._poll_interval_ns, easing_ns[stage])
-            if 0 <= stage < len(easing_ns)
-            else self._poll_interval_ns
-        )
+        paces_ns = (self._first_interval_ns, *self._easing_paces_ns, self._poll_interval_ns)
+        stage = 1 + (progress.samples - max(FIRST_SAMPLES, self._samples_when_synced)) // EASING_SAMPLES
+        # Slower than the initial rate if it is not good enough: several such nodes would disturb each other.
+        last = len(paces_ns) - (1 if progress.good_enough else 2)
+        easing = min(self._poll_interval_ns, paces_ns[max(0, min(stage, last))])
         return max(easing, self.leader_interval_ns)
 
 
 class TreeSchedule(SteadySchedule):
     """Time requests at growing intervals, so that one leader can serve many nodes, at an even load."""
-
-    min_samples = synced_samples = MIN_EXCHANGES
 
     def __init__(self) -> None:
         super().__init__(first_interval_ns=SPACING_NS, poll_interval_ns=TREE_INTERVAL_NS)

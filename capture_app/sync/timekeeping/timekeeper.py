@@ -215,8 +215,7 @@ class Timekeeper:
         self.map_to_leader = own
         in_holdover = self.time_is_known and self.path[-1] != asked.leader
         schedule = self.schedule
-        wary = in_holdover or self._stepped
-        if self.clock.samples < (schedule.synced_samples if wary else schedule.min_samples):
+        if self.clock.samples < schedule.min_samples or (self._stepped and self.clock.is_settling):
             return
         self._stepped = False
         if abs(own.offset_ns) > FURTHEST_NS or (in_holdover and self._is_worse(asked.root_map(own))):
@@ -224,10 +223,7 @@ class Timekeeper:
         time_map = asked.root_map(own)
         if abs(time_map.offset_ns) > FURTHEST_NS:
             return
-        self.time_map, self.path = time_map, asked.path
-        if self.clock.samples < schedule.synced_samples:
-            return
-        self.time_is_known = True
+        self.time_map, self.path, self.time_is_known = time_map, asked.path, True
         if event := self.rate.judge(time_map, self.clock.rate_changed_ns):
             self.events.append(event)
         if self.target.judge(time_map, now_ns) and not self.synced:

@@ -33,10 +33,8 @@ def test_a_burst_reaches_cameras_below_relays_of_relays_in_the_roots_time() -> N
         "lower": "upper",
         "far": "lower",
     }
-    upper_ns, lower_ns, far_ns = (views[name].report.hard_bound_ns or 0 for name in ("upper", "lower", "far"))
-    assert 0 < upper_ns < min(lower_ns, far_ns), "each clock on the path adds its own error"
-    # A bound grows by 1 ms a second until the next sample, and the two reports are of different moments.
-    assert far_ns > lower_ns - 1_000_000
+    # Reports are of different moments, and a bound grows by 1 ms a second between two of them.
+    assert 0 < rig.hard_bound_now_ns("upper") < rig.hard_bound_now_ns("lower") < rig.hard_bound_now_ns("far")
     assert rig.tree.root.poll_interval_ns == 0
 
 
@@ -185,9 +183,7 @@ def test_a_camera_that_moves_without_having_been_lost_is_not_there_twice() -> No
 def test_a_burst_is_taken_while_the_new_leaders_clock_is_still_being_learned() -> None:
     rig, camera = camera_below_a_relay()
     rig.kill("relay")
-    rig.run_until(lambda: rig.views()["cam"].via is None)
-    rig.run(0.2)
-    assert camera.client.state is NodeState.SYNCING
+    rig.run_until(lambda: camera.client.state is NodeState.SYNCING)
     rig.check_burst()
 
 

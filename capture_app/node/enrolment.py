@@ -73,7 +73,7 @@ class Enrolment:
             self._standbys = standbys
             sealed.keys.revoke_all_but({self._trust.identity.pin, *may_join})
             cameras = (one for one in machines if Role.CAMERA in one.roles and Role.RELAY not in one.roles)
-            sealed.set_direct_pins(machine.pin for machine in cameras)
+            sealed.set_direct_pins(self._trust.identity.pin, (machine.pin for machine in cameras))
 
     def invite(self, role: Role) -> pairing_messages.Invited:
         """Create a code for one machine. Raises UnknownMachineError where machines need none."""

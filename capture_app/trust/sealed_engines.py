@@ -77,9 +77,9 @@ class SealedLeader:
         notices, self._notices = self._notices, []
         yield from notices
 
-    def set_direct_pins(self, pins: Iterable[str]) -> None:
-        """Set the pins of the machines that are paired as cameras here, for which no relay may speak."""
-        self._leader.roster.direct_pins = frozenset(pins)
+    def set_direct_pins(self, own: str, pins: Iterable[str]) -> None:
+        """Set the pins for which no relay may speak: this machine's own, and of cameras paired here."""
+        self._leader.roster.own_pin, self._leader.roster.direct_pins = own, frozenset(pins)
 
     def _open(self, data: bytes, address: Address) -> tuple[bytes, Principal | None] | None:
         try:

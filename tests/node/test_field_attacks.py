@@ -14,6 +14,7 @@ N5b a password asked for in clear          cameras/rtsp/test_rtsp_camera.py::tes
 N6  a foreign host or origin               end_to_end/screen/test_serve.py::test_the_screen_opens
 N7  invitations, the rig's end, keys       node/enrolment/test_below_relays.py::test_a_relay_neither_invites
 N7  a name of a camera paired here         node/enrolment/test_below_relays.py::test_a_relay_takes_no_name
+N7  a name of the leader's own machine     node/enrolment/test_below_relays.py::test_no_relay_speaks
 N7  4,000 made-up names                    node/enrolment/test_below_relays.py::test_a_relay_introduces
 N7  an image acknowledged and kept         node/enrolment/test_receipts.py::test_a_relay_that_confirms
 N7  a standby that leads beside a leader   node/enrolment/test_standby.py::test_a_standby_that_leads_beside

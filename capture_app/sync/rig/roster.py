@@ -107,6 +107,8 @@ class Roster:
         """Pin of the machine that owns each name ever used. A relay asks its parent instead, and has none."""
         self.direct_pins: frozenset[str] = frozenset()
         """Pins of the machines that are paired as cameras here, for which no relay may speak."""
+        self.own_pin = ""
+        """Pin of this machine, for which only a relay of its own may speak."""
         self.immovable: dict[str, Member] = {}
         """Members whose streams cannot be moved to every grid: the grid is moved to suit them."""
         self.present_count = 0
@@ -163,7 +165,9 @@ class Roster:
         return ""
 
     def refusal_below(self, relay: Principal, hello: Hello) -> str:
-        """Return the reason why a relay may introduce no further client; empty if it may."""
+        """Return the reason why a relay may not introduce a client; empty if it may."""
+        if hello.pin and hello.pin == self.own_pin != relay.pin:
+            return "its pin is the leader's own, and no other machine may speak for it"
         if hello.name in self.members:
             return ""
         below = sum(member.principal == relay and member.via is not None for member in self.members.values())

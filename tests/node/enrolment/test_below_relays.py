@@ -128,6 +128,21 @@ async def test_a_relay_neither_invites_nor_stops_nor_asks_for_keys_for_others(
         assert not leader.service.stop_requested.is_set()
 
 
+async def test_no_relay_speaks_for_the_leaders_own_machine(tmp_path: Path) -> None:
+    """Its pin is announced by mDNS; only a relay of the same machine may introduce its cameras."""
+    async with relays(tmp_path, 1) as (leader, near, trust):
+        own = leader.options.trust
+        trust.known.add(own.identity.pin, Role.CAMERA, certificate=own.identity.certificate)
+        own.known.add(trust.identity.pin, Role.LEADER, certificate=trust.identity.certificate)
+        joining = asyncio.create_task(join(near.address, ("cam0", 1), own))
+        await until(lambda: any("is the leader's own" in line.text for line in leader.log.after(0)))
+        joining.cancel()
+    roster = Roster(random.Random(1))
+    roster.own_pin = "own"
+    hello = Hello("cam0", 1, make_facts(), via="relay", pin="own")
+    assert not roster.refusal_below(Principal("relay", 1, "own", is_relay=True), hello)
+
+
 async def test_a_relay_introduces_so_many_nodes_and_no_more(monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(roster_module, "MAX_BELOW_RELAY", 2)
     roster, relay = Roster(random.Random(1)), Principal("relay", 1, "pin", is_relay=True)

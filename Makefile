@@ -8,6 +8,7 @@
 # make test-libcamera   the rig on real libcamera and the real uvcvideo driver in a virtual machine (slow; root)
 # make test-mixed   one rig of five kinds: libcamera's double, GigE Vision, a browser, a simulated phone, a recording (root, as test-gige, and Chromium)
 # make test-slurm   batches on a real SLURM of this one machine (root)
+# make flips   flip forty operators of depth, multiview and calibration, and list those that no quick test notices (an hour; FLIPS="FOLDER --tests tests/FOLDER")
 # make test-slow   the tests of some seconds or minutes each
 # make test-long   those that take up to an hour each: every step killed, every bit flipped, odd inputs, an hour held
 # make test-docs   every command line of README and docs, run beside a simulated rig (some minutes)
@@ -55,7 +56,7 @@ WORKERS ?= $(shell expr $$(nproc 2>/dev/null || echo 2) + 2)
 # it imports.
 unexport PYTHONDONTWRITEBYTECODE
 
-.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-relay bench-rig bench-record bench-phones bench-any-rig bench-multiview bench-pairs bench-verdicts bench-folders bench-panel paper soak hostile fuzz test-crash check format python system clean
+.PHONY: help install install-capture uninstall wheel dist docs test-dist demo animation calibration-pictures screenshots samples test flips test-docs test-odd-inputs test-v4l2 test-gige test-phones test-libcamera test-mixed test-slurm test-slow test-long bench-sync bench-relay bench-rig bench-record bench-phones bench-any-rig bench-multiview bench-pairs bench-verdicts bench-folders bench-panel paper soak hostile fuzz test-crash check format python system clean
 .DEFAULT_GOAL := help
 
 help:
@@ -113,6 +114,10 @@ test-slurm: $(VENV)/.installed-dev
 	    DEBIAN_FRONTEND=noninteractive apt-get install -y -qq --no-install-recommends slurm-wlm munge >/dev/null; \
 	  else echo "no SLURM here (Debian: slurm-wlm munge), and only root can install and start it" >&2; fi; }
 	$(BIN)/pytest -m slurm tests/slurm
+
+flips: $(VENV)/.installed-dev
+	$(BIN)/python -m benchmarks.flip_operators $(or $(FLIPS),$(addprefix reconstruction/,depth multiview calibration) \
+	  --tests tests/reconstruction/depth --tests tests/reconstruction/calibration --tests tests/reconstruction)
 
 test-slow: $(VENV)/.installed-dev
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m slow

@@ -6,14 +6,32 @@ import signal
 import subprocess
 import sys
 import time
+from dataclasses import replace
 from pathlib import Path
+from typing import Any
 
 import cv2
+import msgspec
 import numpy as np
 import pytest
 
+from capture_app.common.errors import BadInputError
 from capture_app.session.exporting.point_cloud import read_ply
 from capture_app.session.reading.reader import Session
+from reconstruction.multiview.instant_model import MultiviewOptions
+from reconstruction.multiview.result import SequenceInstant
+from reconstruction.multiview.sequence import (
+    CLOUDS,
+    INSTANTS,
+    PLAN,
+    RESULT,
+    SequenceFolder,
+    SequenceOptions,
+    SequencePlan,
+    cloud_file,
+    model_sequence,
+)
+from reconstruction.session.conditions import Condition
 from tests.reconstruction.conftest import Reconstruct, Scene, make_view, write_session
 
 VIEWS = {
@@ -27,6 +45,66 @@ VIEWS = {
 def trio(scene: Scene, tmp_path_factory: pytest.TempPathFactory) -> Session:
     """Three cameras that see the boards at four instants; one has no picture of the last."""
     return write_session(tmp_path_factory.mktemp("trio"), scene, VIEWS, instants=4, missing={("left", 3)})
+
+
+def plan_of(**changed: Any) -> SequencePlan:
+    plan = SequencePlan(
+        session="s",
+        pictures="f",
+        condition="synced",
+        time_shifts_ms={},
+        matcher="sweep",
+        mesh=False,
+        depth=False,
+    )
+    return msgspec.structs.replace(plan, **changed)
+
+
+def test_a_folder_keeps_its_clouds_for_the_same_plan_alone(tmp_path: Path) -> None:
+    out, one = tmp_path / "out", SequenceInstant(instant=3, leader_ns=5, cloud=cloud_file(3))
+    with SequenceFolder.opened(out, plan_of()) as folder:
+        assert folder.done(3) is None
+        folder.finish(one)
+        assert folder.done(3) is None
+        (out / cloud_file(3)).write_bytes(b"cloud")
+        (folder.empty_work() / "left").write_bytes(b"behind")
+        assert folder.done(3) == one
+        assert folder.done(4) is None
+    assert not (out / ".work").exists()
+    (out / CLOUDS / "000009.ply.part").write_bytes(b"half")
+    with SequenceFolder.opened(out, plan_of()) as folder:
+        assert folder.done(3) == one
+        assert folder.calibration() is None
+        assert folder.files == (CLOUDS, INSTANTS, PLAN, RESULT)
+        assert [path.name for path in (out / CLOUDS).iterdir()] == ["000003.ply"]
+    for changed, said in (
+        ({"depth": True}, "made without --depth"),
+        ({"quick": True}, "made without --quick"),
+        ({"condition": "33ms"}, "of condition 'synced', not '33ms'"),
+    ):
+        with pytest.raises(BadInputError, match=said), SequenceFolder.opened(out, plan_of(**changed)):
+            pass
+    assert (out / cloud_file(3)).is_file()
+    # Without its cloud an instant is to do, and the folder free for another plan; it goes if nothing is made.
+    (out / cloud_file(3)).unlink()
+    with SequenceFolder.opened(out, plan_of(depth=True)) as folder:
+        assert folder.done(3) is None
+    assert not out.exists()
+
+
+def test_a_sequence_is_made_at_the_chosen_instants_and_goes_on(scene: Scene, tmp_path: Path) -> None:
+    pair = {name: VIEWS[name] for name in ("left", "right")}
+    session, out = write_session(tmp_path / "session", scene, pair, instants=2), tmp_path / "out"
+    each = MultiviewOptions(mesh=False, quick=True)
+    options = SequenceOptions(instants=(1, 1), condition=Condition("synced"), each=each, depth=True)
+    made = model_sequence(session.folder, out, options)
+    assert ([one.instant for one in made.instants], made.clouds, made.kept) == ([1], 1, 0)
+    assert all((out / "depth" / name / "000001.npz").is_file() for name in pair)
+    again = model_sequence(session.folder, out, options)
+    assert (again.clouds, again.kept, again.instants) == (1, 1, made.instants)
+    assert set(again.files) == {path.name for path in out.iterdir()}
+    with pytest.raises(BadInputError, match="no instant 2"):
+        model_sequence(session.folder, tmp_path / "none", replace(options, instants=(2,)))
 
 
 @pytest.mark.slow

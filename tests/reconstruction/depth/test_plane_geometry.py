@@ -11,6 +11,7 @@ import numpy as np
 import pytest
 
 from reconstruction.common.geometry import Array, View
+from reconstruction.depth import mesh
 from reconstruction.depth.blank_walls import (
     AS_FOUND,
     BlankPart,
@@ -37,8 +38,15 @@ from reconstruction.depth.plane_sweep import (
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_engine import Agreement, SweepEngine
 from reconstruction.depth.sweep_matcher import propose_inverse_depth
-from reconstruction.depth.view_choice import BEST_ANGLES_DEG, MAX_ANGLE_DEG, angle_fitness, seen_points
+from reconstruction.depth.view_choice import (
+    BEST_ANGLES_DEG,
+    MAX_ANGLE_DEG,
+    angle_fitness,
+    find_overlaps,
+    seen_points,
+)
 from reconstruction.depth.visibility import project_points
+from reconstruction.multiview.instant_scoring import VISIBLE_FRACTION, visible_points
 
 NUMPY = SweepEngine()
 ENGINES = pytest.mark.parametrize("engine", [NUMPY, CPU], ids=["numpy", "cpu"])
@@ -476,3 +484,33 @@ def test_a_point_is_drawn_on_its_side_of_the_picture() -> None:
     assert middle[0] == pytest.approx((180, 240), abs=1)
     assert middle[1][1] > 260
     assert middle[2][0] > 200
+
+
+def test_large_clouds_are_drawn_thinned_and_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(mesh, "MAX_SHOWN_POINTS", 3)
+    views = [turned_view((0, 0, 0), (x, 0, 0)) for x in (-0.2, 0.2)]
+    few = np.repeat([[0, 0, 2.0], [0.1, 0.2, 2.1]], [2, 1], axis=0), np.full((3, 3), 200, np.uint8)
+    many = np.repeat(few[0], 3, axis=0), np.repeat(few[1], 3, axis=0)
+    # Each fourth of the nine: the first of the two points twice, as of the few.
+    drawn = draw_clouds({"few": (few[0][1:], few[1][1:]), "many": many}, views)
+    assert np.array_equal(drawn["few"], drawn["many"])
+
+
+def test_parallel_cameras_overlap_from_near_to_infinity() -> None:
+    views = {name: turned_view((0, 0, 0), (x, 0, 0)) for name, x in (("left", 0.0), ("right", 0.2))}
+    overlap = find_overlaps(views, "left")["right"]
+    nearest = 0.2 * 75 / 80
+    assert overlap.span[0] == 0.0
+    assert 1 < 1 / (nearest * overlap.span[1]) < 4
+    # Turned away from each other, they share nothing that is far.
+    squinting = {"left": turned_view((0, 35, 0), (0.0, 0, 0)), "right": turned_view((0, -35, 0), (0.2, 0, 0))}
+    near_only = find_overlaps(squinting, "left")["right"].span
+    assert near_only[0] > 0 or near_only == (0.0, 0.0)
+
+
+def test_a_view_sees_a_point_at_its_depth_and_not_what_is_hidden() -> None:
+    true = 1 / WALL.inverse_depth(REFERENCE)
+    points = WALL.points(REFERENCE, np.array([[10.0, 12.0], [60.0, 41.0]]))
+    for off, seen in ((0.0, True), (0.7, True), (-0.7, True), (1.4, False), (-1.4, False)):
+        away = REFERENCE.centre + (1 + off * VISIBLE_FRACTION) * (points - REFERENCE.centre)
+        assert (visible_points(REFERENCE, true, away) == seen).all()

@@ -31,7 +31,9 @@ def own_machine() -> Trust:
     """
     trust = Trust.of_user()
     if trust.is_open:
-        raise UnknownMachineError("pairing is skipped here", hint="leave out --open and SIMULSHOT_OPEN")
+        raise UnknownMachineError(
+            "pairing is skipped here", hint="leave out --open, and: unset SIMULSHOT_OPEN"
+        )
     return trust
 
 

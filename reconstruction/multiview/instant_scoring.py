@@ -216,9 +216,10 @@ class InstantScorer:
     def measure(
         self, instant: int, shown: Mapping[str, int], maps: Mapping[str, InstantDepth]
     ) -> dict[str, Measurements]:
-        """Measure moving objects and control by condition: `synced`, or `offset` with instants `shown`.
+        """Return the accuracy of depth and cloud, on moving objects and on the control, by condition.
 
-        Both conditions use the same control: pixels without a moving object in front in any image of either.
+        `shown` is each camera's instant in condition `offset`; in `synced` all show `instant`.
+        Both use the same control: pixels without a moving object in front in any image of either.
         """
         moving = self.undistorted.moving(self.reference, instant)
         hidden = {

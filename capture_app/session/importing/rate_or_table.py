@@ -171,7 +171,7 @@ def _table_rows(path: Path, names: Sequence[str]) -> list[_Row]:
         if not any(row.camera == name and row.leader_ns is not None for row in rows):
             raise BadInputError(
                 f"{path} has no times of camera {name}",
-                hint="add its rows; the column camera has the names of the import",
+                hint="add its rows; the column camera must have the names of the imported cameras",
             )
     return rows
 
@@ -186,7 +186,7 @@ def _parse(where: str, text: str | None, ns: int | None) -> int | None:
     except (ArithmeticError, ValueError):
         raise BadInputError(
             f"{where}: {text!r} is not {'a time' if ns else 'a frame number'}",
-            hint="write a plain number such as 12.5; leave the cell of a dropped frame empty",
+            hint=f"write a number such as {'12.5' if ns else '12'}; leave the cell of a dropped frame empty",
         ) from None
 
 

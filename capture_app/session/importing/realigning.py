@@ -19,7 +19,10 @@ _PRESERVED = ("sequence", "exposure_ns", "gain", "white_balance")
 
 
 def realign_session(session: Session, cameras: Mapping[str, CameraTimes], source: str) -> Session:
-    """Atomically replace a session by one with these offsets and rates of its cameras' present times.
+    """Change the times of an imported session's cameras; return the new one, which replaces it.
+
+    `cameras` has each camera's offset and rate relative to its present times; `source` says for the manifest
+    what they were found by.
 
     Raises NotApplicableError if it was not imported or stores its frames in videos; BadInputError and
     TryAgainError as writing a session does.

@@ -121,7 +121,7 @@ class StampQuantum:
         self._until_due = MIN_INTERVALS
 
     def add(self, interval_ns: int) -> None:
-        """Add the interval in ns between two successive frames."""
+        """Add an interval in ns between successive frames; search for the step again after some frames."""
         self._intervals.append(interval_ns)
         self._until_due -= 1
         if self._until_due <= 0:

@@ -45,7 +45,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     if not isinstance(content, dict) or not isinstance(content.get("frames"), list):
         return None
     if not content["frames"]:
-        raise BadInputError(f"{path} has no frames", hint="give nerfstudio's transforms.json")
+        raise BadInputError(f"{path} has no frames", hint="give one whose list frames has each camera")
     images = [_image(path, content, frame, cameras) for frame in content["frames"]]
     hint = "a rig stands still: give the file of one instant, with one image a camera"
     unit = content.get("unit")

@@ -81,7 +81,7 @@ class LeaderChoice:
             self.leader_joined(now_ns, back=True)
 
     def leader_joined(self, now_ns: int, *, back: bool = False) -> None:
-        """Note that a leader admitted this node; `back` if it was chosen by probes, not asked in turn."""
+        """Note that a leader admitted this node; `back`: it returned, after answering probes."""
         self._back_since_ns = now_ns if back else None
         self._forget()
         self.due_ns = now_ns if len(self._leaders) > 1 else NEVER_NS

@@ -83,7 +83,7 @@ class KnownMachines:
         *,
         name: str = "",
         certificate: bytes | None = None,
-        roots: tuple[str, ...] = (),
+        roots: tuple[str, ...] | None = None,
     ) -> KnownMachine:
         """Grant a machine a role, in addition to its present ones; `roots` are those that a relay follows.
 
@@ -110,7 +110,7 @@ class KnownMachines:
                 roles=tuple(sorted({*known.roles, *INCLUDED.get(role, (role,))})),
                 certificate=certificate or known.certificate,
                 vouched_by="",
-                roots=roots or known.roots,
+                roots=known.roots if roots is None else roots,
             )
 
         return next(machine for machine in self._change(change) if machine.pin == pin)

@@ -12,6 +12,8 @@ from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.burst_upload import Spool
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.enrolment import pair
+from capture_app.node.leader.leader_node import LeaderNode
+from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import (
     CameraReport,
@@ -150,4 +152,7 @@ async def test_a_node_that_pairs_with_a_relay_learns_whose_signature_it_needs(tm
             invited = await ask(channel, Invite())
         await pair(near.address, invited.code, node)
         assert node.roots_of(trust.identity.pin) == (leader.options.trust.identity.pin,)
-    assert not Trust(tmp_path / "node").roots_of(leader.options.trust.identity.pin), "it is the leader itself"
+        options = LeaderOptions(sessions=tmp_path / "s2", host="127.0.0.1", port=0, trust=trust)
+        async with await LeaderNode.start(options) as new:
+            await pair(new.own_address, new.enrolment.invite(Role.CAMERA).code, node)
+        assert not node.roots_of(trust.identity.pin), "it is a leader itself now"

@@ -14,7 +14,9 @@ from reconstruction.time_offsets.crossings import MIN_INSTANTS, InstantOffset, O
 SIGMAS = 2.0
 """Standard deviations in the reported error (95 %)."""
 ODD_SIGMAS = 3.0
-"""Standard deviations from which an offset is claimed, or a single instant disagrees with the take."""
+"""Standard deviations from which an offset is claimed."""
+ODD_INSTANT_SIGMAS = 4.0
+"""Standard deviations from which one of some twenty instants disagrees with the take."""
 SURE_FRAMES = 0.1
 """Error, in frames, above which a measurement certifies nothing."""
 MIN_JITTER = 3.0
@@ -110,22 +112,26 @@ def judge_timing(
         return unknown
     late, sd, instants = fit.offset_ms, fit.sd_ms, fit.instants
     limit_ms = SURE_FRAMES * spacing_ms
-    odd = sum(abs(one.late_ms - late) > max(ODD_SIGMAS * one.sd_ms, limit_ms) for one in instants)
+    odd = sum(abs(one.late_ms - late) > max(ODD_INSTANT_SIGMAS * one.sd_ms, limit_ms) for one in instants)
+    possible_ms = SIGMAS * _max_jitter_ms(instants, late)
     jitter_ms, drifts = _scatter(instants, limit_ms)
-    offset = abs(late) > ODD_SIGMAS * sd and not drifts
-    reason = ""
-    if jitter_ms is not None:
-        reason = f"{other}'s frames wander by ± {SIGMAS * jitter_ms:.1f} ms"
-    elif drifts:
+    if drifts:
         low, high = (end(one.late_ms for one in instants) for end in (min, max))
         reason = (
             f"the offset drifts between {low:+.1f} and {high:+.1f} ms, which a wrong calibration causes: "
             "check it with a board"
         )
+        return msgspec.structs.replace(unknown, reason=reason)
+    offset = abs(late) > ODD_SIGMAS * sd
+    reason = ""
+    if jitter_ms is not None:
+        reason = f"{other}'s frames wander by ± {SIGMAS * jitter_ms:.1f} ms"
     elif SIGMAS * sd > limit_ms:
         reason = "the error of the measured offset is more than a tenth of a frame"
     elif odd:
         reason = f"{odd} of {len(instants)} instants disagree with the others"
+    elif possible_ms > limit_ms:
+        reason = f"single images may be off by up to {possible_ms:.1f} ms"
     elif not offset and abs(late) > SIGMAS * sd:
         reason = "the measured offset is neither clearly zero nor clearly different from zero"
     # The frame needs far less evidence: only its neighbours must be excluded.
@@ -144,6 +150,17 @@ def judge_timing(
         reason=reason,
         shift_ms=round(late - apart_ms, 2) if offset and round(late / spacing_ms) else None,
     )
+
+
+def _max_jitter_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:
+    """Return the upper bound (95 %) of the jitter, a standard deviation, from the scatter about a delay."""
+    if not instants:
+        return 0.0
+    variances = np.array([one.sd_ms for one in instants]) ** 2
+    excess = np.array([one.late_ms - late_ms for one in instants]) ** 2 - variances
+    # The variance of a squared normal error is twice the square of its own.
+    found = np.average(excess, weights=variances**-2) + 1.64 * np.sqrt(2 / (variances**-2).sum())
+    return float(np.sqrt(max(0.0, found)))
 
 
 def _scatter(instants: Sequence[InstantOffset], limit_ms: float) -> tuple[float | None, bool]:

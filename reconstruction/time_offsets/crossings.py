@@ -35,6 +35,8 @@ MAX_STILL_RESIDUAL_PX = 6.0
 fit an epipolar geometry of their own."""
 MAX_AT_REST_PX = 2.0
 """Median epipolar error of static points above which a calibration does not fit the images."""
+MAX_IN_MOTION_PX = 1.0
+"""The same for all matches of moving cameras at the offset found; a wrong calibration fits only some."""
 TYPICAL_AT_REST_PX = 0.6
 """Median epipolar error of static points with a calibration as good as the terms of its errors assume."""
 MIN_VOTES = 6.0
@@ -53,6 +55,8 @@ SHARED_PX = 0.1
 """Error that all points in one part of the image share, independent of their number."""
 INSTANT_PX = 0.12
 """Additional error that the points of one instant share."""
+ALIKE_INSTANTS = 3.0
+"""Number of successive instants at which an object's outline has the same error."""
 ROUNDS = 20
 
 
@@ -62,20 +66,22 @@ class Crossings:
 
     `instant` is that of A's image. `offset_ms` is how much later B's images were taken than their recorded
     times say, relative to A's. `across_px_per_ms` is the point's speed across the line. `counts` is the
-    number of points that it counts for. `geometry` (n, TERMS) is from `geometry_terms`.
+    number of points that it counts for. `shared_px` is an error that it shares with the crossings of
+    neighbouring instants. `geometry` (n, TERMS) is from `geometry_terms`.
     """
 
     instant: Array
     offset_ms: Array
     across_px_per_ms: Array
     counts: Array
+    shared_px: Array
     geometry: Array
 
     @classmethod
     def join(cls, parts: Iterable[Self]) -> Self:
         """Concatenate sets of crossings."""
         none = np.zeros(0)
-        every = [cls(none, none, none, none, np.zeros((0, TERMS))), *parts]
+        every = [cls(none, none, none, none, none, np.zeros((0, TERMS))), *parts]
         return cls(*(np.concatenate([getattr(one, of.name) for one in every]) for of in fields(cls)))
 
     def later(self, by_ms: float | Array) -> Self:
@@ -97,11 +103,14 @@ Path = tuple[Array, Array]
 Positions (3, n, 2) px, NaN where a point could not be tracked; times (3, n) ms."""
 
 
-def find_crossings(views: tuple[View, View], instant: int, a: Path, b: Path, counts: Array) -> Crossings:
+def find_crossings(
+    views: tuple[View, View], instant: int, paths: tuple[Path, Path], counts: Array, shared_px: Array
+) -> Crossings:
     """Find where B's paths cross the epipolar lines of A's points at an instant, and A's paths those of B's.
 
-    `counts` (n,) is the weight of each pair of points: the number of points that it stands for.
+    `counts` and `shared_px` (n,) are as in `Crossings`.
     """
+    a, b = paths
     later = _crossed(views, a, b)
     earlier = _crossed(views[::-1], b, a)
     parts = []
@@ -110,7 +119,9 @@ def find_crossings(views: tuple[View, View], instant: int, a: Path, b: Path, cou
         if good.any():
             geometry = geometry_terms(*views, a[0][1][good], b[0][1][good])
             instants = np.full(int(good.sum()), instant)
-            parts.append(Crossings(instants, offset_ms[good], across[good], counts[good], geometry))
+            parts.append(
+                Crossings(instants, offset_ms[good], across[good], counts[good], shared_px[good], geometry)
+            )
     return Crossings.join(parts)
 
 
@@ -144,6 +155,19 @@ def _errors(views: tuple[View, View], at_a: Array, at_b: Array) -> Array:
     if known.any():
         errors[known] = epipolar_errors_px(*views, at_a[known], at_b[known])
     return errors
+
+
+def errors_at_offset(views: tuple[View, View], a: Path, b: Path, offset_ms: float) -> Array:
+    """Return the epipolar errors (n,) px of matches at the same time, if B's images are later by an offset.
+
+    B's points are moved along their paths by less than the time to the previous or next image.
+    """
+    (at_a, a_ms), (at_b, b_ms) = a, b
+    early_ms = a_ms[1] - b_ms[1] - offset_ms
+    beside = np.where((early_ms > 0)[:, None], at_b[2], at_b[0])
+    steps = np.where(early_ms > 0, b_ms[2], b_ms[0]) - b_ms[1]
+    errors = _errors(views, at_a[1], at_b[1] + (beside - at_b[1]) * (early_ms / steps)[:, None])
+    return np.asarray(errors[np.isfinite(errors) & (np.abs(early_ms) < np.abs(steps))])
 
 
 StillErrors = tuple[Array, Array]
@@ -193,6 +217,12 @@ class OffsetFit:
         return replace(self, offset_ms=offset_ms, instants=moved)
 
 
+def misfit(count: int, points: str, off_px: float) -> OffsetFit:
+    """Return the unknown offset of a calibration that points contradict by a median epipolar error."""
+    reason = f"the calibration does not fit the pictures: {count} {points} are {off_px:.1f} pixels off their"
+    return OffsetFit(reason=f"{reason} epipolar lines", misfit_px=off_px)
+
+
 def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> OffsetFit:
     """Fit the offset that most crossings agree on, together with the errors of the geometry.
 
@@ -201,11 +231,7 @@ def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> Of
     """
     at_rest_px = float(np.median(np.abs(still[0]))) if len(still[0]) else 0.0
     if at_rest_px > MAX_AT_REST_PX:
-        return OffsetFit(
-            reason=f"the calibration does not fit the pictures: {len(still[0])} points at rest are "
-            f"{at_rest_px:.1f} pixels off their epipolar lines",
-            misfit_px=at_rest_px,
-        )
+        return misfit(len(still[0]), "points at rest", at_rest_px)
     found = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > MIN_ACROSS_PX)
     if found.counts.sum() < MIN_VOTES:
         return OffsetFit(
@@ -285,16 +311,14 @@ class _Fit:
         # A calibration that is worse at rest has larger errors elsewhere too.
         typical_px = float(np.median(np.abs(still_px))) if len(still_px) else 0.0
         prior_sd = max(1.0, typical_px / TYPICAL_AT_REST_PX)
-        prior = np.diag([0.0 if count else 1.0, *np.full(TERMS, prior_sd**-2)])
         # Maximum total weight of each group, px^-2: more points do not reduce a shared error.
-        shared_px2 = SHARED_PX**2 + INSTANT_PX**2 / max(1, len(np.unique(moving.instant)))
+        _, of_instant = np.unique(moving.instant, return_inverse=True)
+        shared_px2 = SHARED_PX**2 + INSTANT_PX**2 / (1 + of_instant.max(initial=0))
         if at_rest is not None:
             # Static points match to MATCH_PX; the geometry's terms do not explain larger residuals.
             shared_px2 += max(0.0, at_rest.rest_px**2 - MATCH_PX**2)
-        max_weights = (
-            _parts(moving.geometry, moving.instant) / shared_px2,
-            _parts(still_geometry, np.zeros(len(seen) - count)) / SHARED_PX**2,
-        )
+        parts = _parts(moving.geometry, moving.instant)
+        max_still = _parts(still_geometry, np.zeros(len(seen) - count)) / SHARED_PX**2
         self.values: Array = np.zeros(1 + TERMS) if at_rest is None else at_rest.values
         match_px = 2.0
         for step in range(ROUNDS):
@@ -302,15 +326,23 @@ class _Fit:
             if step:
                 match_px = _robust_sd(miss[:count], MIN_MATCH_PX)
             rest_px = _robust_sd(miss[count:], MIN_STILL_PX)
-            sds = np.concatenate([np.full(count, match_px), np.full(len(seen) - count, rest_px)])
+            sds = np.concatenate([np.hypot(match_px, moving.shared_px), np.full(len(seen) - count, rest_px)])
             weights = np.concatenate([moving.counts, np.ones(len(seen) - count)])
             weights = weights / sds**2 / (1 + (miss / (1.5 * sds)) ** 2)
             # Geman-McClure weights, not Cauchy's: wrong static matches have the same error at all instants.
             weights[count:] /= 1 + (miss[count:] / (1.5 * rest_px)) ** 2
-            for of, its in zip((np.s_[:count], np.s_[count:]), max_weights, strict=True):
+            # Successive instants share the error of an outline.
+            object_px = np.bincount(of_instant, weights[:count] * moving.shared_px)
+            object_px2 = ALIKE_INSTANTS * object_px @ object_px / max(1e-9, weights[:count].sum()) ** 2
+            max_moving = parts / (shared_px2 + object_px2)
+            for of, its in ((np.s_[:count], max_moving), (np.s_[count:], max_still)):
                 weights[of] *= min(1.0, its / max(1e-9, float(weights[of].sum())))
+            prior = np.diag([0.0 if count else 1.0, *np.full(TERMS, prior_sd**-2)])
             normal = rows.T @ (weights[:, None] * rows) + prior
             self.values = np.linalg.solve(normal, rows.T @ (weights * seen))
+            # Errors larger than the prior's contradict it (evidence approximation, MacKay 1992).
+            free = TERMS - np.trace(np.linalg.inv(normal)[1:, 1:]) / prior_sd**2
+            prior_sd = max(prior_sd, float(np.sqrt(self.geometry @ self.geometry / max(1.0, free))))
         self.match_px = match_px
         self.rest_px: float = rest_px if len(still_px) else 0.0
         self._rows, self._weights, self._miss, self._normal = rows, weights, miss, normal
@@ -360,17 +392,25 @@ def _by_instant(fit: _Fit, period_ms: float) -> tuple[InstantOffset, ...]:
     moved, instants = fit.moving.by(fit.geometry), []
     for instant in np.unique(moved.instant):
         its = moved.only(moved.instant == instant)
-        if its.counts.sum() < MIN_POINTS:
+        weights = its.counts * its.across_px_per_ms**2 / (fit.match_px**2 + its.shared_px**2)
+        # A point has a crossing in each camera and for each other image: their errors are the same.
+        _, first, point = np.unique(
+            its.geometry[:, 1:3].round(9), axis=0, return_index=True, return_inverse=True
+        )
+        of_points = np.bincount(point, weights) / np.bincount(point)
+        independent = of_points.sum() ** 2 / (of_points @ of_points)
+        count = independent * float(np.average(its.counts[first], weights=of_points))
+        if count < MIN_POINTS:
             continue
-        weights = its.counts * (its.across_px_per_ms / fit.match_px) ** 2
         middle = _weighted_median(its.offset_ms, weights)
-        scatter = 1.4826 * _weighted_median(np.abs(its.offset_ms - middle), weights)
-        left = INSTANT_PX / np.sqrt(np.mean(its.across_px_per_ms**2) * _parts(its.geometry, its.instant))
-        sd = max(1.25 / np.sqrt(weights.sum()), 1.25 * scatter / np.sqrt(its.counts.sum()))
-        sd = float(np.hypot(sd, left))
-        if sd < SHARP_FRAMES * period_ms:
-            whole = float(np.hypot(sd, fit.geometry_sd_ms(its, weights)))
-            instants.append(InstantOffset(int(instant), middle, whole, int(its.counts.sum())))
+        speed2 = float(np.average(its.across_px_per_ms**2, weights=weights))
+        scatter_ms2 = np.average((its.offset_ms - middle) ** 2, weights=weights)
+        sd_ms = 1.25 * float(np.sqrt(max(scatter_ms2, fit.match_px**2 / speed2) / independent))
+        if sd_ms < SHARP_FRAMES * period_ms:
+            shared_px2 = INSTANT_PX**2 + np.average(its.shared_px**2, weights=weights)
+            shared_ms2 = shared_px2 / speed2 / _parts(its.geometry, its.instant)
+            whole_ms = float(np.sqrt(sd_ms**2 + shared_ms2 + fit.geometry_sd_ms(its, weights) ** 2))
+            instants.append(InstantOffset(int(instant), middle, whole_ms, round(count)))
     return tuple(instants)
 
 

@@ -20,14 +20,25 @@ GROWTH = 1.5
 MAX_STEP_WIDTHS = 6.0
 """Maximum distance that an object moves between successive images, in object widths."""
 EDGE_PX = 2
+PIXEL_PX = 0.28
+"""Deviation of a perfect ellipse's contour, which consists of whole pixels."""
+SHAPE_ERROR = 0.5
+"""Error of an object's centre along an axis, as a fraction of its contour's deviation from an ellipse.
+
+Where an object is as bright as the background, a part of it is missing.
+"""
 
 
 @dataclass(frozen=True)
 class Outlines:
-    """Centres (n, 2) px and areas (n,) px of the small moving objects in an image."""
+    """Centres (n, 2) px and areas (n,) px of the small moving objects in an image.
+
+    `errors_px` (n,) are the standard deviations of the centres.
+    """
 
     at: Array
     area: Array
+    errors_px: Array
 
     def nearest(self, others: "Outlines | None") -> Array:
         """Return each object's place in another image, (n, 2) px; NaN if the match is missing or ambiguous.
@@ -57,7 +68,7 @@ def find_outlines(image: Array, background: Array, moving: Array) -> Outlines:
     count, labels, stats, _ = cv2.connectedComponentsWithStats((difference > threshold).astype(np.uint8))
     height, width = image.shape
     largest = sorted(range(1, count), key=lambda k: -int(stats[k, cv2.CC_STAT_AREA]))
-    found: list[tuple[Array, float]] = []
+    found: list[tuple[Array, float, float]] = []
     for k in largest:
         left, top, wide, high, area = (int(value) for value in stats[k])
         whole = min(left, top, width - left - wide, height - top - high) >= EDGE_PX
@@ -70,25 +81,42 @@ def find_outlines(image: Array, background: Array, moving: Array) -> Outlines:
         mask = labels[part] == k
         if (moving[part] & mask).any() and _solid(mask):
             found.append(_measured(difference[part], mask, (left - EDGE_PX, top - EDGE_PX)))
-    at = np.array([middle for middle, _ in found]).reshape(-1, 2)
-    return Outlines(at, np.array([area for _, area in found]))
+    at = np.array([middle for middle, _, _ in found]).reshape(-1, 2)
+    return Outlines(at, *(np.array([one[i] for one in found]) for i in (1, 2)))
+
+
+def _contour(mask: Array) -> Array:
+    """Return the outer contour (n, 2) px of an object (bool)."""
+    contours, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
+    return np.concatenate(contours)[:, 0]
 
 
 def _solid(mask: Array) -> bool:
-    outlines, _ = cv2.findContours(mask.astype(np.uint8), cv2.RETR_EXTERNAL, cv2.CHAIN_APPROX_NONE)
-    hull = cv2.convexHull(np.concatenate(outlines))
-    return float(mask.sum()) > MIN_SOLID * cv2.contourArea(hull)
+    return float(mask.sum()) > MIN_SOLID * cv2.contourArea(cv2.convexHull(_contour(mask)))
 
 
-def _measured(difference: Array, mask: Array, corner: tuple[int, int]) -> tuple[Array, float]:
-    """Return the centre and area of an object (bool); border pixels count by how much they differ."""
+def _roughness_px(mask: Array) -> float:
+    """Return the standard deviation of an object's contour from an ellipse of the same second moments."""
+    inside = np.argwhere(mask)[:, ::-1]
+    spread = np.cov(inside.T)
+    offset = _contour(mask) - inside.mean(0)
+    radii = np.sqrt((offset @ np.linalg.inv(spread) * offset).sum(1)) / 2
+    deviation_px = 2 * np.linalg.det(spread) ** 0.25 * radii.std()
+    return float(np.sqrt(max(0.0, deviation_px**2 - PIXEL_PX**2)))
+
+
+def _measured(difference: Array, mask: Array, corner: tuple[int, int]) -> tuple[Array, float, float]:
+    """Return the centre of an object (bool), its area and the centre's error.
+
+    Border pixels count by how much they differ.
+    """
     mostly = float(np.median(difference[mask]))
     near = cv2.dilate(mask.astype(np.uint8), np.ones((3, 3), np.uint8)) > 0
     weights = np.clip(difference / (0.8 * mostly), 0, 1) * near
     ys, xs = np.mgrid[: mask.shape[0], : mask.shape[1]]
     total = float(weights.sum())
     middle = np.array([(weights * xs).sum(), (weights * ys).sum()]) / total + np.array(corner)
-    return middle, total
+    return middle, total, SHAPE_ERROR * _roughness_px(mask)
 
 
 def similar_objects(a: Outlines, b: Outlines) -> tuple[Array, Array]:

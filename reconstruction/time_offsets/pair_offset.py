@@ -17,11 +17,14 @@ from reconstruction.session.conditions import evenly_spaced
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.instant_choice import choose_moving_instants
 from reconstruction.time_offsets.crossings import (
+    MAX_IN_MOTION_PX,
     Crossings,
     OffsetFit,
     Path,
+    errors_at_offset,
     find_crossings,
     fit_offset,
+    misfit,
     still_errors,
 )
 from reconstruction.time_offsets.outlines import Outlines, find_outlines, similar_objects
@@ -158,19 +161,35 @@ class PairOffsets:
             asked = evenly_spaced(asked, limit)
         else:
             asked = choose_moving_instants(self.rig.motion, cameras, asked, limit)
-        found = [
-            self._match(times, (first, now), (second, other), all_moves)
-            for now in asked
-            for other, at_ms in others.items()
-            if abs(at_ms - times.at_ms(first, now)) <= max_offset_ms
-        ]
         pair = views[first], views[second]
+        apart_ms = {
+            (now, other): at_ms - times.at_ms(first, now) for now in asked for other, at_ms in others.items()
+        }
+        paths = partial(self._paths, times, (first, second), all_moves)
+        found = [
+            find_crossings(pair, images[0], *paths(images))
+            for images, ms in apart_ms.items()
+            if abs(ms) <= max_offset_ms
+        ]
         still = still_errors(pair, *self._still_matches(first, second, 0 if all_moves else STILL_INSTANTS))
-        crossings = Crossings.join(found).later(-near_ms)
-        return fit_offset(crossings, still, self.dataset.period_ns / 1e6).later(near_ms)
+        period_ms = self.dataset.period_ns / 1e6
+        fit = fit_offset(Crossings.join(found).later(-near_ms), still, period_ms)
+        if fit.offset_ms is None:
+            return fit
+        found_ms, fit = fit.offset_ms, fit.later(near_ms)
+        if all_moves:
+            same = [images for images, ms in apart_ms.items() if abs(ms + found_ms) <= period_ms / 2]
+            errors = [errors_at_offset(pair, *paths(images)[0], found_ms + near_ms) for images in same]
+            errors_px = np.abs(np.concatenate([np.zeros(0), *errors]))
+            if len(errors_px) and np.median(errors_px) > MAX_IN_MOTION_PX:
+                return misfit(len(errors_px), "matched points", float(np.median(errors_px)))
+        return fit
 
-    def _match(self, times: "ImageTimes", a: Image, b: Image, all_moves: bool) -> Crossings:
-        """Return the crossings of corners and outlines that move in both images."""
+    def _paths(
+        self, times: "ImageTimes", cameras: tuple[str, str], all_moves: bool, instants: tuple[int, int]
+    ) -> tuple[tuple[Path, Path], Array, Array]:
+        """Return the paths of what moves in both images, with `counts` and `shared_px` as in `Crossings`."""
+        a, b = zip(cameras, instants, strict=True)
         here, there = self._points(*a, all_moves), self._points(*b, all_moves)
         corners = match_descriptors(here.descriptors, there.descriptors, MATCH_RATIO)
         objects = similar_objects(self._outlines(*a), self._outlines(*b))
@@ -179,8 +198,11 @@ class PairOffsets:
         first = self._path(times, a, here, corners[0], objects[0])
         second = self._path(times, b, there, corners[1], objects[1])
         counts = np.concatenate([np.ones(len(corners[0])), np.full(len(objects[0]), OUTLINE_COUNTS)])
-        views = self.rig.views[a[0]], self.rig.views[b[0]]
-        return find_crossings(views, a[1], first, second, counts)
+        errors_px = np.hypot(
+            self._outlines(*a).errors_px[objects[0]], self._outlines(*b).errors_px[objects[1]]
+        )
+        shared_px = np.concatenate([np.zeros(len(corners[0])), errors_px])
+        return (first, second), counts, shared_px
 
     def _path(
         self, times: "ImageTimes", image: Image, points: MovingPoints, corners: Array, objects: Array

@@ -87,6 +87,15 @@ def test_frames_that_wander_about_zero_are_not_synchronized() -> None:
     assert "0.6 ± 2.7 ms late on average" in text
 
 
+@pytest.mark.parametrize(("sd_ms", "certain"), [(0.5, True), (2.0, True), (4.0, False)])
+def test_images_whose_own_errors_would_hide_jitter_are_not_certified(sd_ms: float, certain: bool) -> None:
+    scatter = [0.8, -1.1, 0.3, 1.2, -0.7, -0.2, 0.9, -1.2]
+    instants = tuple(InstantOffset(k, ms * sd_ms, sd_ms, 20) for k, ms in enumerate(scatter))
+    found = judge_timing(PAIR, OffsetFit(0.1, 0.4, "", instants), 0.0, FRAME_MS)
+    assert found.synchronized == certain
+    assert certain or "single images may be off by up to" in timing_sentences(found)
+
+
 def test_offsets_that_drift_over_the_take_are_the_geometrys() -> None:
     drift = [-1.4, -4, -9, -14, -19, -24, -20, -16, -11, -6.2]
     instants = tuple(InstantOffset(k, ms, 1.0, 20) for k, ms in enumerate(drift))

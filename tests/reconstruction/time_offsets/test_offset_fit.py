@@ -37,7 +37,9 @@ def crossings(
     found = offset_ms + (shift_px + rng.normal(0, 0.3, count)) / speed
     found[right:] = rng.uniform(-150, 150, wrong)
     geometry = geometry_terms(A, B, *seen((1.5, 6.0), count, seed=seed)) if count else np.zeros((0, TERMS))
-    return Crossings(rng.integers(0, instants, count), found, speed, np.ones(count), geometry)
+    return Crossings(
+        rng.integers(0, instants, count), found, speed, np.ones(count), np.zeros(count), geometry
+    )
 
 
 def test_the_error_bar_holds_the_error() -> None:
@@ -89,7 +91,9 @@ def test_what_an_error_of_the_geometry_can_explain_is_not_claimed(seed: int) -> 
     rng = np.random.default_rng(seed)
     off_px = true.geometry @ (0.5 * rng.normal(0, 1, TERMS)) + rng.normal(0, 0.2, 400)
     found = fit_offset(
-        Crossings(true.instant, off_px / speed, speed, true.counts, true.geometry), NOTHING_STILL, 33.0
+        Crossings(true.instant, off_px / speed, speed, true.counts, true.shared_px, true.geometry),
+        NOTHING_STILL,
+        33.0,
     )
     assert found.offset_ms is not None
     assert found.sd_ms is not None
@@ -115,6 +119,42 @@ def test_one_instant_that_disagrees_does_not_move_the_result() -> None:
     found = fit_offset(Crossings.join([good, odd]), still(0.0), PERIOD_MS)
     assert found.offset_ms == pytest.approx(0.0, abs=1)
     assert found.instants[-1].late_ms == pytest.approx(15.0, abs=2)
+
+
+def test_crossings_of_one_point_are_one_measurement() -> None:
+    """A point crosses its line in both cameras and for each other image, always with its own error."""
+    few = crossings(0.0, right=60, wrong=0, instants=6)
+    again = Crossings.join([few] * 4)
+    once, often = (fit_offset(one, still(0.0), PERIOD_MS).instants for one in (few, again))
+    for one, four in zip(once, often, strict=True):
+        assert four.sd_ms == pytest.approx(one.sd_ms, rel=0.1)
+        assert four.points == pytest.approx(one.points, abs=1)
+
+
+def test_an_outline_of_which_a_part_is_missing_makes_its_instant_and_the_offset_less_certain() -> None:
+    sharp = crossings(0.0, right=80, wrong=0, instants=8)
+    rough = replace(sharp, shared_px=np.where(sharp.instant < 4, 1.5, 0.3))
+    before, after = (fit_offset(one, still(0.0), PERIOD_MS) for one in (sharp, rough))
+    assert before.sd_ms is not None
+    assert after.sd_ms is not None
+    assert after.sd_ms > 1.2 * before.sd_ms
+    errors = {one.instant: one.sd_ms for one in after.instants}
+    assert errors[1] > 2 * errors[6]
+
+
+def test_a_geometry_that_moving_points_contradict_widens_the_error() -> None:
+    """A moving rig sees nothing at rest: what its points tell of the geometry says how wrong it may be."""
+    true = crossings(0.0, right=400, wrong=0, speeds=(1.0,))
+    speed = 0.15 + 0.1 * true.geometry[:, 2]
+    rng = np.random.default_rng(3)
+    found = []
+    for size in (0.3, 6.0):
+        off_px = true.geometry @ (size * rng.normal(0, 1, TERMS)) + rng.normal(0, 0.2, 400)
+        seen = replace(true, offset_ms=off_px / speed, across_px_per_ms=speed)
+        found.append(fit_offset(seen, NOTHING_STILL, 33.0))
+    small, large = found
+    assert small.sd_ms is not None
+    assert large.sd_ms is None or large.sd_ms > 1.5 * small.sd_ms
 
 
 def test_instants_that_are_vague_confirm_nothing() -> None:

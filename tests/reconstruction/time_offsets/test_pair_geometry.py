@@ -5,7 +5,7 @@ from dataclasses import replace
 import cv2
 import numpy as np
 
-from reconstruction.time_offsets.crossings import Crossings, fit_offset, still_errors
+from reconstruction.time_offsets.crossings import Crossings, errors_at_offset, fit_offset, still_errors
 from reconstruction.time_offsets.pair_geometry import epipolar_errors_px, geometry_terms
 from tests.reconstruction.conftest import make_view
 
@@ -29,9 +29,9 @@ def test_a_calibration_that_is_off_is_told_from_lateness_by_what_stands_still() 
     speed = rng.uniform(0.2, 0.4, 400)
     errors = epipolar_errors_px(A, off, *nearer)
     assert abs(np.median(errors)) > 0.3
-    moving = Crossings(
-        rng.integers(0, 8, 400), errors / speed, speed, np.ones(400), geometry_terms(A, off, *nearer)
-    )
+    instants = rng.integers(0, 8, 400)
+    terms = geometry_terms(A, off, *nearer)
+    moving = Crossings(instants, errors / speed, speed, np.ones(400), np.zeros(400), terms)
     found = fit_offset(moving, still_errors((A, off), *seen((2.0, 5.0), 600)), 33.0)
     assert found.offset_ms is not None
     assert found.sd_ms is not None
@@ -46,3 +46,17 @@ def test_the_terms_are_those_of_the_direction_between_the_cameras_too() -> None:
     terms = geometry_terms(A, B, at_a, at_b)
     left = change - terms @ np.linalg.lstsq(terms, change)[0]
     assert np.std(left) < 0.05 * np.std(change)
+
+
+def test_matches_of_moving_cameras_are_on_their_lines_only_at_the_right_offset() -> None:
+    """B's points move by 2 px down a frame of 20 ms, and are 8 ms late."""
+    at_a, at_b = seen((1.5, 6.0), 50)
+    down = np.array([0.0, 2.0])
+    times_ms = np.tile(np.array([-20.0, 0.0, 20.0])[:, None], 50)
+    a = np.stack([at_a - down, at_a, at_a + down]), times_ms
+    late = at_b + 0.4 * down
+    b = np.stack([late - down, late, late + down]), times_ms
+    right, wrong = (errors_at_offset((A, B), a, b, ms) for ms in (8.0, 0.0))
+    at_once = epipolar_errors_px(A, B, at_a, at_b)
+    assert np.abs(right - at_once).max() < 0.01
+    assert np.median(np.abs(wrong - at_once)) > 0.3

@@ -81,6 +81,6 @@ def test_a_real_ball_tells_how_many_frames_late_a_camera_is(shared: Path, tmp_pa
         assert found.uncertainty_ms is not None
         assert found.uncertainty_ms < 3.5
         assert abs(found.late_ms - sign * late * 1000 / FPS) < 1.5 * found.uncertainty_ms
-        # Some pairs of images disagree by 8 to 12 ms, so even the synchronized take gets no certificate.
-        assert not found.synchronized
+        # In some pairs the ball is in front of a bright door: half of its outline is missing in one camera.
+        assert found.synchronized == (late == 0)
         assert found.offset == (late != 0)

@@ -262,13 +262,12 @@ def _drift_sd_ms(instants: tuple[InstantOffset, ...]) -> float:
     A time offset is one number, so such a drift is an error of the geometry. Neighbouring instants share it:
     the effective number of instants is that of an autoregressive process (Wilks 2011, section 5.2.4).
     """
-    late_ms = np.array([one.late_ms for one in instants])
-    middle = float(np.median(late_ms))
-    typical = max(_robust_sd(late_ms - middle, 0.0), float(np.median([one.sd_ms for one in instants])))
-    late_ms = np.clip(late_ms, middle - 4 * typical, middle + 4 * typical)
-    ratio = steps_ratio(late_ms)
-    effective = len(late_ms) * ratio / (4 - ratio) if ratio < 2 else len(late_ms)
-    return float(late_ms.std(ddof=1) / np.sqrt(max(1.0, effective)))
+    late_ms, sds_ms = (np.array([getattr(one, name) for one in instants]) for name in ("late_ms", "sd_ms"))
+    off = (late_ms - np.median(late_ms)) / sds_ms
+    off = np.clip(off, *(end * max(1.0, _robust_sd(off, 0.0)) for end in (-4, 4)))
+    ratio = steps_ratio(off)
+    effective = max(1.0, len(off) * ratio / (4 - ratio)) if ratio < 2 else len(off)
+    return float(off.std(ddof=1) * np.sqrt(len(off) / effective / (sds_ms**-2).sum()))
 
 
 def steps_ratio(values: Array) -> float:

@@ -264,7 +264,8 @@ def _drift_sd_ms(instants: tuple[InstantOffset, ...]) -> float:
     """
     late_ms, sds_ms = (np.array([getattr(one, name) for one in instants]) for name in ("late_ms", "sd_ms"))
     off = (late_ms - np.median(late_ms)) / sds_ms
-    off = np.clip(off, *(end * max(1.0, _robust_sd(off, 0.0)) for end in (-4, 4)))
+    limit = 4 * _robust_sd(off, 1.0)
+    off = np.clip(off, -limit, limit)
     ratio = steps_ratio(off)
     effective = max(1.0, len(off) * ratio / (4 - ratio)) if ratio < 2 else len(off)
     return float(off.std(ddof=1) * np.sqrt(len(off) / effective / (sds_ms**-2).sum()))

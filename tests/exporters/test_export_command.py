@@ -20,6 +20,8 @@ from tests.session.conftest import edit_manifest
 
 Capture = pytest.CaptureFixture[str]
 HERE = sorted({*plugin_names(GROUP)} - {"rrd"})
+BY_FORMAT = [pytest.param(name, marks=[pytest.mark.slow] * (name == "n3dv")) for name in HERE]
+"""N3DV redraws every picture to 2704x2028 px."""
 
 
 @pytest.fixture
@@ -101,7 +103,7 @@ def test_calibrations_that_cannot_be(make: Make, refuses: Callable[..., None]) -
     refuses(partial.folder, ExitCode.BAD_INPUT, "a rotation matrix that is not orthonormal", "mcap")
 
 
-@pytest.mark.parametrize("name", HERE)
+@pytest.mark.parametrize("name", BY_FORMAT)
 def test_missing_and_changed_images(make: Make, refuses: Callable[..., None], name: str) -> None:
     session = make()
     file = session.folder / image_path("left", 3)
@@ -111,7 +113,7 @@ def test_missing_and_changed_images(make: Make, refuses: Callable[..., None], na
     refuses(session.folder, ExitCode.BAD_INPUT, "not the image that was saved", name)
 
 
-@pytest.mark.parametrize("name", HERE)
+@pytest.mark.parametrize("name", BY_FORMAT)
 def test_images_that_lie_about_themselves(make: Make, refuses: Callable[..., None], name: str) -> None:
     session = make(sizes={"right": (80, 64)}, missing=(), substitutes={})
 

@@ -71,7 +71,7 @@ def test_the_yardstick(session: Session) -> None:
         assert shifted == pytest.approx(0.5, abs=0.05)
 
 
-@pytest.mark.parametrize("whole", [False, True])
+@pytest.mark.parametrize("whole", [False, pytest.param(True, marks=pytest.mark.slow)])
 def test_4dgaussians(session: Session, tmp_path: Path, whole: bool) -> None:
     """Its loader: scene/neural_3D_dataset_NDC.py, utils/graphics_utils.py, the rasterizer's ndc2Pix."""
     report = export_session(session, "n3dv", tmp_path / "out", lossless=True, whole=whole)

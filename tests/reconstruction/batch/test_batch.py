@@ -107,7 +107,7 @@ def test_what_no_depth_can_be_made_of_is_not_applicable_and_no_failure(
 
 def test_units_that_fail_leave_the_others_alone(run: Callable[..., Any], boards: Session) -> None:
     sessions = [boards.folder, boards.folder / "nowhere"]
-    done = run(workers=Workers(jobs=2), task=FAILING, sessions=sessions)
+    done = run(workers=Workers(jobs=1), task=FAILING, sessions=sessions)
     problems = {row.instant: row.error for row in done.result.units}
     assert problems[0] == "ValueError: unheard of in two lines"
     assert "its process died twice" in problems[1]

@@ -43,6 +43,7 @@ COMMANDS: dict[str, tuple[str, ...]] = {
     "compare": ("--out", "out"),
     "time": (),
 }
+QUICK = ("multiview", "tolerance")
 
 
 @pytest.fixture(scope="module")
@@ -71,7 +72,9 @@ def test_all_faults_are_in_one_message(
         assert words in refused.complaint
 
 
-@pytest.mark.parametrize("command", COMMANDS)
+@pytest.mark.parametrize(
+    "command", [pytest.param(name, marks=[pytest.mark.slow] * (name not in QUICK)) for name in COMMANDS]
+)
 def test_every_command_asks_before_it_makes_anything(
     calibrated: Callable[[Rig], Path], reconstruct: Reconstruct, tmp_path: Path, command: str
 ) -> None:

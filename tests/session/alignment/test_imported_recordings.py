@@ -112,11 +112,11 @@ def test_flashes_align_rolling_shutters(tmp_path: Path) -> None:
     [
         # Between a short exposure and the next one a flash may be missed, a lamp may not.
         (Take(flashes_s=(2.3,)), 0.018),
-        (Take(flashes_s=(2.3,)), 0.03),
-        (Take(lamp_s=(2.3,)), 0.004),
+        pytest.param(Take(flashes_s=(2.3,)), 0.03, marks=pytest.mark.slow),
+        pytest.param(Take(lamp_s=(2.3,)), 0.004, marks=pytest.mark.slow),
         (Take(lamp_s=(2.3,)), 0.03),
         (Take(lamp_s=(2.31, 3.42)), 0.004),
-        (Take(lamp_s=(2.31, 3.42)), 0.03),
+        pytest.param(Take(lamp_s=(2.31, 3.42)), 0.03, marks=pytest.mark.slow),
     ],
 )
 def test_one_flash_or_lamp_is_an_answer_with_its_bar(tmp_path: Path, take: Take, exposure_s: float) -> None:

@@ -26,7 +26,7 @@ def imported(folder: Path, *arguments: str) -> Session:
     return session
 
 
-@pytest.mark.parametrize("mute", ["a", "c"])
+@pytest.mark.parametrize("mute", ["a", pytest.param("c", marks=pytest.mark.slow)])
 def test_a_mute_clip_does_not_cost_the_others_their_alignment(
     tmp_path: Path, mute: str, capsys: pytest.CaptureFixture[str]
 ) -> None:

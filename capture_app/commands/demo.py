@@ -11,9 +11,9 @@ import msgspec
 from msgspec import Struct
 
 from capture_app.commands.shared_options import FOLDER, run_until_stopped
-from capture_app.common.child import Child, Talk
+from capture_app.common.child import Child
 from capture_app.common.errors import BadInputError, SimulshotError
-from capture_app.common.text import UNREADABLE, ProgressStep
+from capture_app.common.text import UNREADABLE, ProgressStep, Talk
 from capture_app.common.timeouts import READY_TIMEOUT_S
 from capture_app.console.terminal import answer, json_option, show_progress, table, talk
 from capture_app.console.usage import examples

@@ -5,7 +5,7 @@ import os
 import signal
 import sys
 from collections import deque
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
 from typing import Self
@@ -19,9 +19,9 @@ from capture_app.common.errors import (
     NotAvailableError,
     SimulshotError,
 )
+from capture_app.common.text import Talk
 from capture_app.common.timeouts import CHILD_STOP_TIMEOUT_S
 
-Talk = Callable[[str], None]
 _KINDS: dict[int | None, type[SimulshotError]] = {
     kind.exit_code: kind
     for kind in (BadInputError, CameraError, NetworkError, NotAvailableError, IncompleteError)

@@ -1,6 +1,7 @@
 """Text formats of times, sizes, counts, JSON and progress lines, for both packages."""
 
 import re
+from collections.abc import Callable
 from dataclasses import dataclass
 from typing import Any, Self
 
@@ -12,6 +13,10 @@ _C1_CONTROL = re.compile(rb"\x7f|\xc2[\x80-\x9f]")
 _JSON_ODD = re.compile(rb"\\(u[0-9a-fA-F]{4}|.)|\x7f|\xc2[\x80-\x9f]", re.DOTALL)
 """In JSON: an escape sequence, or a control character that needs no escape."""
 REPLACEMENT = b"\xef\xbf\xbd"
+Talk = Callable[[str], None]
+"""Called with a line for the user."""
+Progress = Callable[[int, int], None]
+"""Called with the number of things that are done, and with the total."""
 UNREADABLE = (msgspec.MsgspecError, UnicodeDecodeError, RecursionError)
 """Exceptions raised by decoding untrusted data: wrong type, not UTF-8, nested too deeply."""
 _PROGRESS = re.compile(r"\[\s*(\d+)/(\d+)\]\s*(.*)")

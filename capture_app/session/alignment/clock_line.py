@@ -10,6 +10,9 @@ from capture_app.session.format.common_times import REFERENCE, CameraTimes
 
 Array = NDArray[np.float64]
 
+Against = Callable[[str, str], CameraTimes]
+"""Measures the second of two cameras, by name, against the first."""
+
 CRYSTAL_PPM = 50.0
 """Prior on the rate error of camera clocks, ppm; one standard deviation."""
 STEPS = 30
@@ -57,7 +60,7 @@ def fit_clock_line(
     )
 
 
-def chain_cameras(names: Sequence[str], against: Callable[[str, str], CameraTimes]) -> dict[str, CameraTimes]:
+def chain_cameras(names: Sequence[str], against: Against) -> dict[str, CameraTimes]:
     """Return each camera's times against those of the first camera, through a chain of measured pairs.
 
     `against(first, second)` measures the second camera's times against the first's.

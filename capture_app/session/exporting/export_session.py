@@ -11,8 +11,9 @@ import msgspec
 
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.optional_packages import load_optional
+from capture_app.common.text import Progress
 from capture_app.session.exporting.csv_tables import write_frames
-from capture_app.session.exporting.exported_burst import ExportedBurst, Progress
+from capture_app.session.exporting.exported_burst import ExportedBurst
 from capture_app.session.exporting.exporter import (
     Exporter,
     ExportOptions,

@@ -1,21 +1,18 @@
 """A burst being exported: its ordered and checked images, and their places in the export."""
 
 import hashlib
-from collections.abc import Callable
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
 from capture_app.common.errors import BadInputError, IncompleteError
+from capture_app.common.text import Progress
 from capture_app.session.exporting.exporter import ExportOptions
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.lens import Picture, Redraw
 from capture_app.session.format.manifest import MANIFEST, ImageRecord
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
-
-Progress = Callable[[int, int], None]
-"""Called with the number of images written so far and the total."""
 
 _VERIFY = "restore it from a copy; capture-app sessions verify lists all such files"
 

@@ -8,7 +8,8 @@ from typing import Any, Literal
 from msgspec.structs import replace
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.alignment.clock_line import chain_cameras
+from capture_app.common.text import Talk
+from capture_app.session.alignment.clock_line import Against, chain_cameras
 from capture_app.session.alignment.flashes import match_flashes, read_lights
 from capture_app.session.alignment.gopro import match_gps_clocks, read_gps_clock
 from capture_app.session.alignment.tracks import match_sounds, match_timecodes, read_sound, read_timecode
@@ -34,7 +35,7 @@ def align_recording(
     *,
     sound_error_s: float,
     rate_given: bool = False,
-    talk: Callable[[str], None],
+    talk: Talk,
 ) -> CommonTimes:
     """Align a recording; return the state of its times with each camera's offset, `unknown` without any.
 
@@ -85,9 +86,7 @@ def align_recording(
     )
 
 
-def _largest_chain(
-    names: Sequence[str], against: Callable[[str, str], CameraTimes]
-) -> dict[str, CameraTimes]:
+def _largest_chain(names: Sequence[str], against: Against) -> dict[str, CameraTimes]:
     """Return the cameras' times against the first camera with which the most others can be aligned."""
     best: dict[str, CameraTimes] = {}
     known = 0
@@ -101,7 +100,7 @@ def _largest_chain(
     return best
 
 
-def _describe(against: Callable[[str, str], CameraTimes], cameras: Mapping[str, CameraTimes]) -> str:
+def _describe(against: Against, cameras: Mapping[str, CameraTimes]) -> str:
     """Describe one method's result for each camera against the first; equal reasons are listed once.
 
     Why it found nothing matters only for a camera that no other method aligned.
@@ -122,9 +121,7 @@ def _describe(against: Callable[[str, str], CameraTimes], cameras: Mapping[str, 
     return "; ".join(f"{', '.join(of)}: {text}" for text, of in found.items())
 
 
-def _most_accurate(
-    first: str, second: str, measured: Collection[Callable[[str, str], CameraTimes]]
-) -> CameraTimes:
+def _most_accurate(first: str, second: str, measured: Collection[Against]) -> CameraTimes:
     """Return a pair's offset with the smallest uncertainty that no more trustworthy method contradicts.
 
     Its rate is the most accurate one of the methods that are not contradicted.

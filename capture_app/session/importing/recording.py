@@ -3,7 +3,7 @@
 An export of one of our sessions retains that session's records.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from pathlib import Path
 
@@ -12,7 +12,7 @@ from msgspec import structs
 from capture_app.common.camera_facts import CameraFacts, PhaseControl, TimestampSource
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import check_name
-from capture_app.common.text import count
+from capture_app.common.text import Progress, Talk, count
 from capture_app.session.alignment.tracks import SOUND_M_PER_S
 from capture_app.session.files.output_folder import OutputFolder, replaces_nothing
 from capture_app.session.format.calibration import Calibration
@@ -121,13 +121,6 @@ def origin_of(writer: SessionWriter, instants: Sequence[Instant], exported: Mani
     }
     same = all(image and image.sha256 == recorded.get(place) for place, image in saved.items())
     return exported.origin if same else IMPORTED
-
-
-Progress = Callable[[int, int], None]
-"""Called after each frame with the number of frames done and the total."""
-
-Talk = Callable[[str], None]
-"""Called with a line for each assumption."""
 
 
 def import_recording(

@@ -1,13 +1,13 @@
 """Shareable pictures of a take: its contact sheet, and a wiggle animation through its cameras."""
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 import msgspec
 
 from capture_app.common.errors import BadInputError, NotAvailableError
-from capture_app.common.text import count, duration
+from capture_app.common.text import Progress, count, duration
 from capture_app.session.format.manifest import inside
 from capture_app.session.reading.take_sheet import TakeSheet
 
@@ -26,7 +26,7 @@ MAX_PIXELS = 100_000_000
 def contact_sheet(
     sheet: TakeSheet,
     width: int,
-    progress: Callable[[int, int], None] = lambda done, total: None,
+    progress: Progress = lambda done, total: None,
     instants: Sequence[int] | None = None,
 ) -> "Picture":
     """Draw a contact sheet: a column per camera, a row per instant, each image `width` px wide; returns BGR.

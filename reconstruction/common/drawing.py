@@ -119,14 +119,3 @@ def trim_empty_borders(seen: Array) -> tuple[slice, slice]:
         top, bottom = top + (worst == 0), bottom - (worst == 1)
         left, right = left + (worst == 2), right - (worst == 3)
     return slice(top, bottom), slice(left, right)
-
-
-def fit_canvas(picture: Array, width: int, height: int) -> Array:
-    """Scale a picture to fit a canvas, centred."""
-    scale = min(width / picture.shape[1], height / picture.shape[0])
-    wide, high = max(1, round(picture.shape[1] * scale)), max(1, round(picture.shape[0] * scale))
-    canvas = np.full((height, width, 3), EMPTY, np.uint8)
-    left, top = (width - wide) // 2, (height - high) // 2
-    how = cv2.INTER_AREA if scale < 1 else cv2.INTER_CUBIC
-    canvas[top : top + high, left : left + wide] = cv2.resize(picture, (wide, high), interpolation=how)
-    return canvas

@@ -11,8 +11,8 @@ import msgspec
 import numpy as np
 
 from capture_app.session.format.lens import nearest_point
-from capture_app.session.reading.sheet_pictures import encode_animation
-from reconstruction.common.drawing import EMPTY, fit_canvas
+from capture_app.session.reading.sheet_pictures import encode_animation, fit_canvas
+from reconstruction.common.drawing import EMPTY
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.image_files import save_picture
 from reconstruction.compare.study import TIMING, Study
@@ -495,7 +495,7 @@ class _SweepPictures:
         image = self.dataset.image(camera, instant)
         if camera in self.stabilized:
             return render_view(self.stabilized[camera], self.views[camera], image, EMPTY)
-        return fit_canvas(image, *self.canvas)
+        return fit_canvas(image, *self.canvas, EMPTY)
 
 
 def _largest_step_px(pictures: _SweepPictures, motion: SceneMotion, taken: Mapping[str, int]) -> float | None:

@@ -73,15 +73,8 @@ def wiggle_frames(sheet: TakeSheet, instant: int, width: int) -> "list[Picture]"
 
     Raises BadInputError if the take has no such instant, or fewer than two intact images of it.
     """
-    import numpy as np
-
-    height, frames = round(width * sheet.aspect), []
-    for image in (sheet.load(camera, instant, width) for camera in sheet.arc):
-        if image is not None:
-            fitted, whole = fit(image, width, height), np.zeros((height, width, 3), np.uint8)
-            top, left = (height - fitted.shape[0]) // 2, (width - fitted.shape[1]) // 2
-            whole[top : top + fitted.shape[0], left : left + fitted.shape[1]] = fitted
-            frames.append(whole)
+    images = [image for camera in sheet.arc if (image := sheet.load(camera, instant, width)) is not None]
+    frames = [fit_canvas(image, width, round(width * sheet.aspect)) for image in images]
     if len(frames) < 2:
         raise BadInputError(
             f"{sheet.session.folder} has {count(len(frames), 'picture')} of instant {instant} that can be "
@@ -133,6 +126,18 @@ def fit(image: "Picture", width: int, height: int) -> "Picture":
     scale = min(width / image.shape[1], height / image.shape[0])
     size = max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale))
     return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def fit_canvas(
+    image: "Picture", width: int, height: int, ground: tuple[int, int, int] = (0, 0, 0)
+) -> "Picture":
+    """Scale the image to fit a canvas of `width` x `height` px, centred, with `ground` (BGR) around it."""
+    import numpy as np
+
+    fitted, canvas = fit(image, width, height), np.full((height, width, 3), ground, np.uint8)
+    top, left = (height - fitted.shape[0]) // 2, (width - fitted.shape[1]) // 2
+    canvas[top : top + fitted.shape[0], left : left + fitted.shape[1]] = fitted
+    return canvas
 
 
 def _write(

@@ -44,7 +44,7 @@ FIRST = "Session and condition"
 
 
 class Row(Struct, frozen=True, kw_only=True):
-    """A unit's figures for its reference camera, or why it has none; instant and condition if known."""
+    """One unit's results for its reference camera, or the reason why it has none."""
 
     session: str
     instant: int | None = None
@@ -67,7 +67,7 @@ class Row(Struct, frozen=True, kw_only=True):
 
     @property
     def problem(self) -> str:
-        """Why the unit has no figures, and whether that is a failure; empty if it has them."""
+        """Reason why the unit has no results, and whether that is a failure; empty if it has results."""
         if self.error:
             return f"failed: {self.error}"
         return f"not applicable: {self.not_applicable}" if self.not_applicable else ""

@@ -49,6 +49,14 @@ def clock_offset(ns: int | None, *, signed: bool = True) -> str:
     return f"{sign}{hours // 24} d {hours % 24} h"
 
 
+def rough_time(seconds: float) -> str:
+    """Format a duration roughly: 8 s, 2 min, 1 h 20 min."""
+    if seconds < 99.5:
+        return f"{max(1, round(seconds))} s"
+    minutes = round(seconds / 60)
+    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"
+
+
 def megabytes(size: int) -> str:
     """Format a size in bytes as MB: 12.3 MB."""
     return f"{size / 1e6:,.1f} MB"

@@ -6,7 +6,7 @@ from contextlib import closing, contextmanager, suppress
 from pathlib import Path
 
 from capture_app.common.errors import ExitCode, NotApplicableError, SimulshotError
-from capture_app.common.text import ProgressStep
+from capture_app.common.text import ProgressStep, rough_time
 from capture_app.console.terminal import talk
 from capture_app.session.files.output_folder import growing_folder
 from reconstruction.batch.batch_plan import DEPTH_TASK, BatchOptions, plan
@@ -125,7 +125,7 @@ def _run_units(
             label = unit.label
             how = _row(unit, root, outcomes).problem or f"{outcome.seconds:.1f} s"
             left_s = (time.monotonic() - began) / len(outcomes) * (len(units) - len(outcomes))
-            left = f", about {_duration(left_s)} left" if len(outcomes) < len(units) else ""
+            left = f", about {rough_time(left_s)} left" if len(outcomes) < len(units) else ""
             step = ProgressStep(done + len(outcomes), done + len(units), f"{label}: {how}{left}")
             talk(str(step))
             if outcome.computed:
@@ -161,9 +161,3 @@ def _row(unit: Unit, root: Path, outcomes: dict[str, Outcome]) -> Row:
 def _label(row: Row) -> str:
     instant = f", instant {row.instant}" if row.instant is not None else ""
     return f"{row.session}{instant}{f', {row.condition}' if row.condition else ''}"
-
-
-def _duration(seconds: float) -> str:
-    if seconds < 90:
-        return f"{max(1, round(seconds))} s"
-    return f"{round(seconds / 60)} min" if seconds < 5400 else f"{seconds / 3600:.1f} h"

@@ -9,9 +9,9 @@ from textual.containers import VerticalScroll
 from textual.content import Content
 from textual.strip import Strip
 
-from capture_app.common.text import count, printable
+from capture_app.common.text import count, printable, rough_time
 from capture_app.tui.jobs.result_screen import open_report, show_result
-from capture_app.tui.jobs.run import SIGNS, Run, RunState, progress_words, rough_time
+from capture_app.tui.jobs.run import SIGNS, Run, RunState, progress_words
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.mode import ModeView
 from capture_app.tui.rig_record import RecordChanged, showing_errors

@@ -15,7 +15,7 @@ from textual.content import Content
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.plugins import plugin_names
-from capture_app.common.text import ProgressStep, printable
+from capture_app.common.text import ProgressStep, printable, rough_time
 from capture_app.session.exporting.exporter import GROUP
 from capture_app.tui.signs import Sign
 
@@ -271,14 +271,6 @@ SIGNS = {
     RunState.NOT_APPLICABLE: Sign("–", "not applicable", "$foreground-muted"),
     RunState.CANCELLED: Sign("◌", "cancelled", "$foreground-muted"),
 }
-
-
-def rough_time(seconds: float) -> str:
-    """Format a duration roughly: 8 s, 2 min, 1 h 20 min."""
-    if seconds < 99.5:
-        return f"{max(1, round(seconds))} s"
-    minutes = round(seconds / 60)
-    return f"{minutes} min" if minutes < 100 else f"{minutes // 60} h {minutes % 60} min"
 
 
 def progress_words(run: Run) -> str:

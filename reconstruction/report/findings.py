@@ -116,11 +116,6 @@ def motion_sentence(timing: Timing) -> str:
     )
 
 
-def instant_offset_text(late_ms: float, sd_ms: float) -> str:
-    """Return one instant's own time offset with its 95 % error."""
-    return f"{late_ms:+.1f} ± {2 * sd_ms:.1f} ms"
-
-
 def late_or_early(late_ms: float, uncertainty_ms: float) -> str:
     """Return `0.4 ± 0.6 ms late`, or early."""
     return f"{abs(late_ms):.1f} ± {uncertainty_ms:.1f} ms {'early' if late_ms < 0 else 'late'}"

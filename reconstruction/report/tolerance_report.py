@@ -4,7 +4,7 @@ from pathlib import Path
 
 from reconstruction.report import wording
 from reconstruction.report.charts import tolerance_chart
-from reconstruction.report.findings import instant_offset_text, motion_sentence, timing_sentences
+from reconstruction.report.findings import motion_sentence, timing_sentences
 from reconstruction.report.page import Section, render_page, write_page
 from reconstruction.report.report_tables import Cell, Column, Row, Table, interval_cell
 from reconstruction.report.study_report import (
@@ -124,7 +124,7 @@ def _instants(tolerance: OffsetTolerance) -> Table:
         values = curve.values if curve is not None else (None,) * len(tolerance.points)
         cells = [
             Cell(wording.number(None if curve is None else curve.mover_pixels)),
-            Cell(wording.NOT_AVAILABLE if late is None else instant_offset_text(late.late_ms, late.sd_ms)),
+            Cell(wording.NOT_AVAILABLE if late is None else f"{late.late_ms:+.1f} ± {2 * late.sd_ms:.1f} ms"),
             *(Cell(wording.percentage(value, decimals=0)) for value in values),
         ]
         rows.append(Row(f"{instant}", cells))

@@ -15,8 +15,7 @@ from textual.strip import Strip
 import capture_app
 from capture_app.common.names import natural_order
 from capture_app.common.text import count, duration, printable
-from capture_app.session.library.listing import SessionCard, best_synchronized
-from capture_app.session.library.thumbnails import load_thumbnail
+from capture_app.session.library.listing import SessionCard, best_synchronized, load_thumbnail
 from capture_app.session.reading.verdict import grade_of, is_incomplete
 from capture_app.tui.jobs.run import run_tag
 from capture_app.tui.jobs.runs import Runs

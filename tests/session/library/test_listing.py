@@ -6,8 +6,7 @@ import pytest
 
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.library.changes import set_note
-from capture_app.session.library.listing import SessionListing, best_synchronized
-from capture_app.session.library.thumbnails import WIDTH_PX, load_thumbnail
+from capture_app.session.library.listing import WIDTH_PX, SessionListing, best_synchronized, load_thumbnail
 from capture_app.session.library.trash import trash_session
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter

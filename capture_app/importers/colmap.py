@@ -16,10 +16,10 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_input
+from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.views import (
     EXPORT_AGAIN,
-    Array,
     View,
     Views,
     camera_of,

@@ -8,9 +8,10 @@ import numpy as np
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_arrays
+from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.opencv_storage import read_storage
-from capture_app.session.importing.views import Array, View, Views, numbers, rotation_of
+from capture_app.session.importing.views import View, Views, numbers, rotation_of
 
 _MATRIX = ("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsics")
 _DISTORTION = ("dist", "d", "distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion")

@@ -11,8 +11,9 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.common.errors import BadInputError
+from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import Importer
-from capture_app.session.importing.views import EXPORT_AGAIN, Array, View, Views
+from capture_app.session.importing.views import EXPORT_AGAIN, View, Views
 
 _SUBPIXELS = 64.0
 _OPENCV_FROM_QUALISYS = np.diag([1.0, -1.0, -1.0])

@@ -4,11 +4,9 @@ import math
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from numpy.typing import NDArray
 
 from capture_app.session.format.common_times import REFERENCE, CameraTimes
-
-Array = NDArray[np.float64]
+from capture_app.session.format.lens import Array
 
 Against = Callable[[str, str], CameraTimes]
 """Measures the second of two cameras, by name, against the first."""

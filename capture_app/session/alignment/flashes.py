@@ -13,9 +13,10 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from capture_app.session.alignment.clock_line import CRYSTAL_PPM, Array
+from capture_app.session.alignment.clock_line import CRYSTAL_PPM
 from capture_app.session.alignment.tracks import read_container
 from capture_app.session.format.common_times import CameraTimes
+from capture_app.session.format.lens import Array
 
 BANDS = 120
 """Maximum number of bands that the rows are averaged to."""

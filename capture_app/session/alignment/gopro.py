@@ -25,11 +25,11 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from capture_app.session.alignment.clock_line import compose, fit_clock_line
 from capture_app.session.alignment.tracks import read_container
 from capture_app.session.format.common_times import CameraTimes
+from capture_app.session.format.lens import Array
 
 EPOCH = datetime(2000, 1, 1, tzinfo=UTC)
 """Epoch of GPS9's days, and of all UTC seconds in this module."""
@@ -184,9 +184,6 @@ def parse_utc(text: bytes) -> float | None:
     except ValueError:
         return None
     return (at - EPOCH) / timedelta(seconds=1) + int(utc[13:]) / 1000
-
-
-Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, eq=False)

@@ -15,9 +15,10 @@ from capture_app.session.format.calibration import (
     Matrix3,
     check_lens,
 )
+from capture_app.session.format.lens import Array
 from capture_app.session.importing.importer import load_importers
 from capture_app.session.importing.rate_or_table import match_name
-from capture_app.session.importing.views import EXPORT_AGAIN, Array, View, Views
+from capture_app.session.importing.views import EXPORT_AGAIN, View, Views
 
 Fit = Literal["exact", "crop", "scale"]
 """What to do if images do not have the size at which their camera was calibrated.

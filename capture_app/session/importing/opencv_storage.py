@@ -16,7 +16,7 @@ import yaml
 
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.untrusted_files import read_input
-from capture_app.session.importing.views import Array
+from capture_app.session.format.lens import Array
 
 MAX_BYTES = 8 << 20
 """Maximum file size; a calibration has some kilobytes, even with all points it was computed from."""

@@ -7,13 +7,12 @@ from typing import Any
 
 import msgspec
 import numpy as np
-from numpy.typing import NDArray
 
 from capture_app.common.errors import BadInputError
 from capture_app.common.text import UNREADABLE
 from capture_app.session.files.untrusted_files import read_input
+from capture_app.session.format.lens import Array
 
-Array = NDArray[np.float64]
 SAME_ROTATION, SAME_PLACE = 1e-5, 1e-5
 """Maximum difference of two equal rotation matrices, and of two positions relative to the rig's extent."""
 EXPORT_AGAIN = "export the calibration again with the program that made it"

@@ -377,7 +377,7 @@ def test_a_wall_is_chosen_where_two_sources_see_it() -> None:
 def test_a_blank_part_keeps_its_shade_beside_texture() -> None:
     noise = np.random.default_rng(2).normal(0, 1, (REFERENCE.height, REFERENCE.width))
     grey = (100 + noise).astype(np.float32)
-    grey[:, 43:] += 80 * (np.indices(grey.shape).sum(0)[:, 43:] % 2)
+    grey[:, 45:] += 80 * (np.indices(grey.shape).sum(0)[:, 45:] % 2)
     part = extract_blank_part(CalibratedImage(REFERENCE, grey, 5, 9.0))
     assert part.there[2:-2, 2:9].all()
     assert not part.there[:, 13:].any()
@@ -487,12 +487,17 @@ def test_a_point_is_drawn_on_its_side_of_the_picture() -> None:
 
 
 def test_large_clouds_are_drawn_thinned_and_the_same(monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr(mesh, "MAX_SHOWN_POINTS", 3)
+    monkeypatch.setattr(mesh, "MAX_SHOWN_POINTS", 4)
     views = [turned_view((0, 0, 0), (x, 0, 0)) for x in (-0.2, 0.2)]
-    few = np.repeat([[0, 0, 2.0], [0.1, 0.2, 2.1]], [2, 1], axis=0), np.full((3, 3), 200, np.uint8)
-    many = np.repeat(few[0], 3, axis=0), np.repeat(few[1], 3, axis=0)
-    # Each fourth of the nine: the first of the two points twice, as of the few.
-    drawn = draw_clouds({"few": (few[0][1:], few[1][1:]), "many": many}, views)
+    few = np.array([[0, 0, 2.0], [0.1, 0.2, 2.1], [-0.2, 0.1, 2.0]])
+    many = np.tile([0.3, -0.2, 2.2], (9, 1))
+    # Each third of nine points is drawn.
+    many[::3] = few
+    clouds = {
+        name: (points, np.full(points.shape, 200, np.uint8))
+        for name, points in (("few", few), ("many", many))
+    }
+    drawn = draw_clouds(clouds, views)
     assert np.array_equal(drawn["few"], drawn["many"])
 
 
@@ -502,10 +507,14 @@ def test_parallel_cameras_overlap_from_near_to_infinity() -> None:
     nearest = 0.2 * 75 / 80
     assert overlap.span[0] == 0.0
     assert 1 < 1 / (nearest * overlap.span[1]) < 4
-    # Turned away from each other, they share nothing that is far.
-    squinting = {"left": turned_view((0, 35, 0), (0.0, 0, 0)), "right": turned_view((0, -35, 0), (0.2, 0, 0))}
-    near_only = find_overlaps(squinting, "left")["right"].span
-    assert near_only[0] > 0 or near_only == (0.0, 0.0)
+
+
+def test_crossed_cameras_overlap_where_their_rays_cross() -> None:
+    narrow = {"fx": 200.0, "fy": 190.0, "cx": 40.0}
+    left, right = (turned_view((0, -15 * side, 0), (-0.2 * side, 0, 0), **narrow) for side in (1, -1))
+    far, near = (1 / one for one in find_overlaps({"left": left, "right": right}, "left")["right"].span)
+    # The axes meet at 0.75; beyond 3.1 no ray of one is in the other's picture.
+    assert near < 0.75 < 1.5 < far < 3.1
 
 
 def test_a_view_sees_a_point_at_its_depth_and_not_what_is_hidden() -> None:

@@ -219,6 +219,7 @@ def test_instants_without_a_picture_of_every_camera_are_left_out(
     assert [row["instant"] for row in found.per_instant] == [0, 2]
     assert found.offsets_ms == {"left": 66, "middle": 0, "right": 33}
     assert set(matched) == {("left", "middle", "right")}
+    assert medians(found)["static_consistency"] == 1.0
     assert found.facts.cloud_skipped == "no fusion in this test"
     assert found.value("mover_points") is None
     assert found.value("mover_f_score") is None

@@ -4,9 +4,10 @@ import asyncio
 from collections import deque
 from collections.abc import Callable, Sequence
 from functools import partial
-from math import e, log, pi, sqrt
+from math import ceil, e, log, pi, sqrt
 from statistics import fmean, median
 
+import numpy as np
 from msgspec import Struct
 from msgspec.structs import replace
 
@@ -43,9 +44,11 @@ FINEST = 2.0
 """Minimum step, in multiples of the noise."""
 NORMAL = sqrt(2.0 * pi * e)
 """Width of uniform noise with the same entropy as normal noise of 1 sd, in sd."""
+CANDIDATES_AT_ONCE = 10_000
 SURE = log(100.0)
 """Minimum log-likelihood advantage of a step over the best of as many false candidates."""
 MOVES = 20
+Offsets = np.ndarray[tuple[int, ...], np.dtype[np.float64]]
 STRETCHES_NS = tuple(37_000 * number + 1_900 * number**2 for number in range(MOVES))
 """Stretch of each frame beyond the first stretch; no two differences are equal."""
 SETTLING_FRAMES = 40
@@ -209,45 +212,43 @@ def common_step(shifts_ns: Sequence[float], noise_ns: float) -> float | None:
 
     None if no step is likely enough, as one hardly wider than the noise, or if there are too few shifts.
     """
-    if len(shifts_ns) < MIN_SHIFTS:
+    noise_ns = max(noise_ns, MIN_NOISE_NS)
+    if len(shifts_ns) < MIN_SHIFTS or FINEST * noise_ns >= WIDEST_NS:
         return None
     # Differences from the minimum are smaller, so fewer candidates distinguish their multiples.
-    min_ns = min(shifts_ns)
-    offs = [shift - min_ns for shift in shifts_ns]
-    noise_ns = max(noise_ns, MIN_NOISE_NS)
-    grain = noise_ns / max(*offs, noise_ns) / 2.0
-    tried, best, best_ns = 0, 0.0, WIDEST_NS
-    step_ns = WIDEST_NS
-    while step_ns > FINEST * noise_ns:
-        likely = log(step_ns / max(_residual(offs, step_ns), noise_ns / 2.0))
-        if likely > best:
-            best, best_ns = likely, step_ns
-        step_ns *= 1.0 - grain
-        tried += 1
+    offs = np.asarray(shifts_ns) - min(shifts_ns)
+    ratio = 1.0 - noise_ns / max(offs.max(), noise_ns) / 2.0
+    steps_ns = WIDEST_NS * ratio ** np.arange(ceil(log(FINEST * noise_ns / WIDEST_NS) / log(ratio)))
+    # In parts, as there are up to a million candidates.
+    parts = np.array_split(steps_ns, ceil(len(steps_ns) / CANDIDATES_AT_ONCE))
+    residuals_ns = np.concatenate([_residuals(offs, part) for part in parts])
+    likely = np.log(steps_ns / np.maximum(residuals_ns, noise_ns / 2.0))
+    best = likely.argmax()
     free = len(offs) - 2
-    if free * (best - log(NORMAL)) < SURE + log(max(1, tried)):
+    if free * (likely[best] - log(NORMAL)) < SURE + log(len(steps_ns)):
         return None
-    return _refined(offs, best_ns)
+    return _refined(offs, steps_ns[best])
 
 
-def _residuals(offs_ns: Sequence[float], step_ns: float) -> list[float]:
-    """Return residuals from the best-fitting lattice; its offset is fitted, as the minimum has noise, too."""
-    first = [off - step_ns * round(off / step_ns) for off in offs_ns]
-    middle = fmean(first)
-    return [off - middle - step_ns * round((off - middle) / step_ns) for off in offs_ns]
+def _residuals(offs_ns: Offsets, steps_ns: Offsets) -> Offsets:
+    """Return the residual (1 sd) from the best lattice of each step, each at most half a step from it.
+
+    The offset of a lattice is fitted, as the minimum has noise, too.
+    """
+    steps_ns = steps_ns[:, np.newaxis]
+    first = offs_ns - steps_ns * np.round(offs_ns / steps_ns)
+    centered = offs_ns - first.mean(axis=1, keepdims=True)
+    left = centered - steps_ns * np.round(centered / steps_ns)
+    residuals_ns: Offsets = np.sqrt((left**2).mean(axis=1))
+    return residuals_ns
 
 
-def _residual(offs_ns: Sequence[float], step_ns: float) -> float:
-    return sqrt(fmean(off * off for off in _residuals(offs_ns, step_ns)))
-
-
-def _refined(offs_ns: Sequence[float], step_ns: float) -> float:
+def _refined(offs_ns: Offsets, step_ns: float) -> float:
     """Return the slope of a line through the shifts, once the number of steps of each is known."""
-    counts = [round(off / step_ns) for off in offs_ns]
-    middle, mean_ns = fmean(counts), fmean(offs_ns)
-    weight = sum((n - middle) ** 2 for n in counts)
-    along = sum((n - middle) * (off - mean_ns) for n, off in zip(counts, offs_ns, strict=True))
-    return along / weight if weight else step_ns
+    counts = np.round(offs_ns / step_ns)
+    counts -= counts.mean()
+    weight = counts @ counts
+    return float(counts @ offs_ns / weight if weight else step_ns)
 
 
 async def measure_moves(watch: StreamWatch, facts: CameraFacts, moves: int) -> Moves | None:

@@ -46,7 +46,7 @@ def test_drops_are_counted() -> None:
 @pytest.mark.parametrize(("model", "gain"), [("phone-a", 2.0), ("phone-b", 1.0)])
 def test_rows_gain_and_overhead_of_injections_are_found(model: str, gain: float) -> None:
     profile = PROFILES[model]
-    moves = measured(f"sim:{model}", moves=20).moves
+    moves = measured(f"sim:{model}", moves=20, seconds=3).moves
     assert moves is not None
     assert moves.injection is not None
     assert (moves.injection.gain, moves.injection.neutral_rows) == (gain, profile.neutral_rows)
@@ -57,16 +57,16 @@ def test_rows_gain_and_overhead_of_injections_are_found(model: str, gain: float)
 
 
 def test_rows_show_in_frame_durations() -> None:
-    moves = measured("sim:pi", moves=20).moves
+    moves = measured("sim:pi", moves=10, seconds=3).moves
     assert moves is not None
     assert moves.row_time_ns == pytest.approx(11_111, rel=1e-3)
     assert moves.injection is None
 
 
 def test_rows_that_noise_hides_are_not_guessed() -> None:
-    moves = measured("sim:pi,noise_us=50", moves=20, seconds=3).moves
+    moves = measured("sim:pi,noise_us=50", moves=10, seconds=3).moves
     assert moves is not None
-    assert (moves.row_time_ns, moves.effective) == (None, 20)
+    assert (moves.row_time_ns, moves.effective) == (None, 10)
     assert "scatter too much" in moves.reason
 
 

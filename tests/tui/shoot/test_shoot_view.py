@@ -203,7 +203,7 @@ async def test_a_take_from_before_is_shown_but_not_over_what_is_live(tmp_path: P
         assert studio.view.stage.is_sheet
 
 
-@pytest.mark.parametrize("size", [(80, 24), (120, 40), (200, 50)])
+@pytest.mark.parametrize("size", [(80, 24), pytest.param((120, 40), marks=pytest.mark.slow), (200, 50)])
 @pytest.mark.parametrize("stage", ["live", "sheet"])
 def test_the_mode_looks_as_it_did(
     snap_compare: Any, size: tuple[int, int], stage: str, tmp_path: Path

@@ -4,12 +4,13 @@
 from pyproject.toml, the imports from the code, and the description of each room from the table itself.
 """
 
-import ast
 import re
 import tomllib
 from collections import defaultdict
 from pathlib import Path
 from xml.sax.saxutils import escape
+
+import grimp
 
 ROOT = Path(__file__).resolve().parents[1]
 PAGE = ROOT / "docs" / "architecture.md"
@@ -27,22 +28,13 @@ def room_of(module: str) -> str:
 
 def imports() -> dict[str, set[str]]:
     """Return the rooms that each room imports, those under TYPE_CHECKING included."""
+    graph = grimp.build_graph(*PACKAGES, cache_dir=None)
     found: dict[str, set[str]] = defaultdict(set)
-    for package in PACKAGES:
-        for path in (ROOT / package).rglob("*.py"):
-            parts = path.relative_to(ROOT).with_suffix("").parts
-            room = room_of(".".join(parts[:-1] if parts[-1] == "__init__" else parts))
-            for node in ast.walk(ast.parse(path.read_text())):
-                if isinstance(node, ast.ImportFrom) and node.module:
-                    deep = node.module in PACKAGES
-                    modules = [f"{node.module}.{name.name}" for name in node.names] if deep else [node.module]
-                elif isinstance(node, ast.Import):
-                    modules = [name.name for name in node.names]
-                else:
-                    continue
-                ours = (room_of(module) for module in modules if module.partition(".")[0] in PACKAGES)
-                # `from capture_app import __version__` names the package itself.
-                found[room] |= {other for other in ours if other != room and "__" not in other}
+    for module in graph.modules:
+        room = room_of(module)
+        others = {room_of(other) for other in graph.find_modules_directly_imported_by(module)}
+        # `from capture_app import __version__` imports the package itself.
+        found[room] |= others - {room, *PACKAGES}
     return dict(found)
 
 

@@ -13,7 +13,7 @@ from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.opencv_storage import read_storage
 from capture_app.session.importing.views import View, Views, numbers, rotation_of
 
-_MATRIX = ("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsics")
+_MATRIX = ("mtx", "k", "m", "camera_matrix", "cameramatrix", "intrinsic_matrix", "intrinsic", "intrinsics")
 _DISTORTION = ("dist", "d", "distortion_coefficients", "distcoeffs", "dist_coeffs", "distortion")
 _ROTATION, _TRANSLATION = ("r", "rvec", "rotation"), ("t", "tvec", "translation")
 _SIZE_KEYS = ("image_width", "image_height")

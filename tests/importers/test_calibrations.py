@@ -56,6 +56,12 @@ def test_npz_of_each_camera_and_the_pair(npz_folder: Path) -> None:
     assert squares.unit == "squares"
 
 
+def test_three_files_whose_matrix_is_called_intrinsic(npz_folder: Path) -> None:
+    for name in SIZES:
+        np.savez(npz_folder / f"{name}_intrinsics.npz", intrinsic=K, distortion=D)
+    check_pair(read(npz_folder))
+
+
 def test_a_folder_is_searched_by_whole_words_first(npz_folder: Path) -> None:
     for name in ("cam1", "cam10"):
         np.savez(npz_folder / f"{name}.npz", mtx=K, dist=D)

@@ -43,7 +43,7 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
     if recording is None and len(trials) != 1:
         raise BadInputError(
             f"{path} has {'several trials: ' + ', '.join(trials) if trials else 'no trial with a video'}",
-            hint="choose one: --recording NAME",
+            hint="choose one: --recording NAME" if trials else "download its videos, or name them: NAME=PATH",
         )
     trial = recording or trials[0]
     there = [camera for camera in cameras if videos_in(camera / trial)]

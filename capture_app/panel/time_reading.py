@@ -183,7 +183,7 @@ class Posterior:
             outside = (other < times[0]) | (other > times[-1])
             rivals += float(np.exp(rival * (log - top))[outside].sum()) * (other[1] - other[0])
         if rivals > _RIVAL * float(chances.sum()) * (times[1] - times[0]):
-            raise PanelNotFoundError("its lamps fit two times about equally well")
+            raise PanelNotFoundError("its lamps fit two different times about equally well")
         if max(chances[0], chances[-1]) > _OPEN * chances.max():
             raise PanelNotFoundError(
                 "its lamps look the same over too long a time, as in an exposure of whole turns of the panel"

@@ -44,9 +44,10 @@ def cost_volume(source_views: Sequence[SourceView], base: Array | None, offsets:
 
 
 def combine_likeness(likeness: Sequence[Array]) -> Array:
-    """Combine the correlations (0 to 1) with some sources; one of them may see an object in front.
+    """Return the mean of the correlations (0 to 1) with several sources, in place of the first array.
 
-    With three or more sources the worst is left out.
+    An object in front may hide a point from one source: of three or more the worst is left out, of two the
+    better one counts more.
     """
     total = likeness[0]
     if len(likeness) == 1:

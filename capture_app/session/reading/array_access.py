@@ -102,7 +102,7 @@ class Frame:
         with reading(self.record.path):
             picture = decode_image(self._session.image_bytes(self.record), colour=True)
         if picture is None:
-            hint = "capture-app sessions verify checks every image"
+            hint = "restore it from a copy; capture-app sessions verify SESSION lists all damaged images"
             raise BadInputError(f"{self.record.path} is not a picture", hint=hint)
         return picture
 

@@ -133,7 +133,10 @@ class PhaseLoop:
         self._reported = self.aligner.settled
 
     def note_answer(self) -> bool:
-        """Record an answer of the leader; return whether it is the first since the phase was reported."""
+        """Record an answer to a heartbeat; return whether it is the first since the phase was reported.
+
+        From then on the leader's grid takes this phase into account, so the stream may be moved.
+        """
         first = self._reported and not self._answered
         self._answered = self._answered or first
         return first

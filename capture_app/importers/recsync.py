@@ -11,8 +11,8 @@ import re
 from collections.abc import Sequence
 from pathlib import Path
 
-from capture_app.common.errors import BadInputError
-from capture_app.session.files.untrusted_files import read_text
+from capture_app.common.errors import BadInputError, reading
+from capture_app.session.files.untrusted_files import open_regular, read_text
 from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.frame_matching import TimedFrame, check_order
 from capture_app.session.importing.importer import Importer
@@ -86,7 +86,7 @@ def table_of(video: Path) -> Path | None:
 
 
 def _first_line(table: Path) -> str:
-    with table.open("rb") as file:
+    with reading(table), open_regular(table) as file:
         lines = file.read(4096).decode("utf-8", "replace").splitlines()
     return next((line for line in lines if line.strip() and not line.startswith("#")), "")
 

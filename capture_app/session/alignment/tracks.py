@@ -45,8 +45,10 @@ def read_container(path: Path, read: Callable[[Any, Any], Found]) -> Found | str
         av: Any = importlib.import_module("av")
     except ImportError:
         return "PyAV is not installed"
+    if not path.is_file():
+        return "it is not a file"
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), metadata_errors="replace") as container:
             return read(av, container)
     except (av.FFmpegError, OSError, ValueError):
         return "it cannot be decoded"

@@ -40,14 +40,21 @@ def has_video_times() -> bool:
     return find_spec("av") is not None
 
 
+def check_file(path: Path) -> None:
+    """Raise BadInputError for a pipe or a folder, which a reader would wait for."""
+    if not path.is_file():
+        raise BadInputError(f"{path} is not a file", hint=DAMAGED)
+
+
 def video_times_ns(path: Path) -> list[int]:
     """Return the presentation times of a video's frames in ns, ascending, without decoding; [] if none.
 
     Raises BadInputError if it is not a video, NotAvailableError without PyAV.
     """
     av = _pyav()
+    check_file(path)
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), metadata_errors="replace") as container:
             if not container.streams.video:
                 raise BadInputError(
                     f"{path} has no video in it", hint="leave it out, or give the camera's video file"
@@ -72,9 +79,10 @@ def video_pictures(path: Path, times_ns: Container[int]) -> Iterator[tuple[int, 
     av = _pyav()
     scaler = av.video.reformatter.Interpolation
     # Without accurate rounding every image is darker by a level or more.
+    check_file(path)
     rounding = scaler.BICUBIC | scaler.ACCURATE_RND | scaler.FULL_CHR_H_INP | scaler.FULL_CHR_H_INT
     try:
-        with av.open(str(path)) as container:
+        with av.open(str(path), metadata_errors="replace") as container:
             stream = container.streams.video[0]
             for packet in container.demux(stream):
                 try:

@@ -1,5 +1,6 @@
 """Image decoding and encoding with OpenCV."""
 
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from capture_app.common.errors import BadInputError
@@ -83,6 +84,8 @@ def open_capture(source: str | int) -> Any:
 
     before = cv2.utils.logging.setLogLevel(cv2.utils.logging.LOG_LEVEL_SILENT)
     try:
-        return cv2.VideoCapture(source)
+        # A pipe would be waited for without an end.
+        is_pipe = isinstance(source, str) and Path(source).is_fifo()
+        return cv2.VideoCapture() if is_pipe else cv2.VideoCapture(source)
     finally:
         cv2.utils.logging.setLogLevel(before)

@@ -25,6 +25,7 @@ N10 idle connections at the phones' port   end_to_end/test_bombs.py::test_idle_c
 
 import math
 import re
+import struct
 import typing
 from collections.abc import Callable, Iterator
 from pathlib import Path
@@ -115,3 +116,38 @@ def test_each_attack_that_succeeded_once_has_its_test() -> None:
     assert {row for row, _, _ in rows} == {f"N{number}" for number in range(1, 11)}
     for row, file, name in rows:
         assert f"def {name}" in (tests / file).read_text(), (row, file, name)
+
+
+NUMBERS = (0, 1, 2**31, 2**32 - 1)
+TIMES_US = (0.0, -1.0, 5e-324, 2.0**53, -(2.0**53), 1e300, math.nan, math.inf, -math.inf)
+
+
+def binary_attacks() -> Iterator[bytes]:
+    """Each field of a page's binary messages with each value; and of each length."""
+    for kind, layout in ((page.PING, "<BIIdd"), (page.FRAME, "<BIIddd"), (page.PICTURE, "<BI"), (9, "<BI")):
+        fields = [1 if of == "I" else 1.0 for of in layout[2:]]
+        for place, of in enumerate(layout[2:]):
+            for value in NUMBERS if of == "I" else TIMES_US:
+                yield struct.pack(layout, kind, *fields[:place], value, *fields[place + 1 :])
+        whole = struct.pack(layout, kind, *fields)
+        yield from (whole[:length] for length in range(len(whole)))
+        yield whole + b"x" * 1000
+
+
+def test_each_field_of_a_pages_binary_messages_is_refused_or_bounded() -> None:
+    tried = refused = 0
+    for attack in binary_attacks():
+        tried += 1
+        try:
+            message = page.decode_binary(attack)
+        except ValueError:
+            refused += 1
+            continue
+        assert not list(
+            unbounded(
+                msgspec.to_builtins(message)
+                if not isinstance(message, page.PictureBytes)
+                else {"id": message.id}
+            )
+        ), attack
+    assert (tried > 140, refused > 100) == (True, True), (tried, refused)

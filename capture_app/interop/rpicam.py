@@ -3,7 +3,7 @@
 Packet format, from raspberrypi/libcamera, src/ipa/rpi/controller/rpi/sync.h: 40 bytes, little-endian. Fields:
 frame duration (32 bits, then 32 of padding), a frame's time in the kernel clock and in the wall clock, and
 the clients' ready time in the kernel clock and in the wall clock; all in us. Clients use the duration and
-both wall-clock times. They do not synchronize clocks: a packet is in the receiver's wall clock.
+both wall-clock times. They do not synchronize clocks: they take the sender's wall clock as their own.
 """
 
 import asyncio

@@ -48,7 +48,10 @@ class Enrolment:
         self._name = name_like(socket.gethostname().split(".")[0], "leader")
 
     def look(self, now_ns: int) -> None:
-        """Log refusals and revoke keys, at intervals; `now_ns` is the node's own clock."""
+        """Log refused datagrams, and revoke keys of machines that are no longer known.
+
+        It acts once per `LOOK_EVERY_NS`. `now_ns` is the node's own clock.
+        """
         if self._sealed is None or (self._due_ns is not None and now_ns < self._due_ns):
             return
         self._due_ns = now_ns + LOOK_EVERY_NS

@@ -102,10 +102,10 @@ async def set_cameras(
 async def match_cameras(
     leader: Address, source: str, controls: Sequence[Control] = tuple(Control)
 ) -> CamerasControls:
-    """Hold the values that one camera has chosen, and set them on all others that can; it comes first.
+    """Hold the values that one camera has chosen, and set them on all others that can.
 
-    A value applies only to cameras with the same unit, as gain steps differ between models. Raises
-    BadInputError where that camera is not here, NetworkError.
+    Return the controls of each camera, that one first. A value applies only to cameras with the same unit, as
+    gain steps differ between models. Raises BadInputError if the rig has no such camera, and NetworkError.
     """
     rig = await ask_status(leader)
     first = (await set_cameras(leader, dict.fromkeys(controls, "hold"), [source]))[source]

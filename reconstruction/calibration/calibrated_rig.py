@@ -231,8 +231,8 @@ def sound_views(dataset: Dataset, calibration: Calibration) -> tuple[dict[str, V
     """
     if not calibration.cameras.keys() & set(dataset.cameras):
         raise BadInputError(
-            f"{dataset.name}'s calibration is of other cameras ({', '.join(calibration.cameras)})",
-            hint=f"calibrate its own cameras: {', '.join(dataset.cameras)}",
+            f"the calibration is of other cameras ({', '.join(calibration.cameras)}) than {dataset.name}",
+            hint="choose another one, or: reconstruct calibrate SESSION --replace",
         )
     views, faults = {}, []
     for name in dataset.cameras:

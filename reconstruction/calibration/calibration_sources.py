@@ -176,7 +176,7 @@ def open_recordings(dataset: Dataset, paths: tuple[Path, ...]) -> list[Dataset]:
         if recording.cameras != dataset.cameras:
             raise BadInputError(
                 f"{recording.name} was taken by other cameras ({', '.join(recording.cameras)})",
-                hint=f"{dataset.name} has {', '.join(dataset.cameras)}",
+                hint=f"give recordings by the cameras of {dataset.name}: {', '.join(dataset.cameras)}",
             )
         refuse_other_sizes(recording, dataset, dataset.cameras)
     return recordings

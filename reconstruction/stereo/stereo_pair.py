@@ -279,9 +279,9 @@ class StereoPair:
         return DepthMap(self._depth(found.checked), self._difference(found.difference))
 
     def compute_filled_depth(self, reference: Array, other: Array) -> FilledDepthMap:
-        """Return depth as `compute_depth`, plus filled depth.
+        """Return depth, depth with its holes filled from the background, and confidence.
 
-        Filled pixels that look equal in both images are accepted; all others are a guess.
+        Filled pixels that look equal in both images are part of the depth, too; all others are a guess.
         """
         found = self._match_checked(reference, other)
         filled = fill_holes(found.checked)

@@ -207,7 +207,10 @@ def rough_time(edge: BlinkEdge, times: Array) -> float | None:
 
 
 def fit_ramp(edges: Sequence[BlinkEdge], rows: RowTimes) -> Ramp | None:
-    """Fit one ramp to at most `MAX_FITTED` edges; None if no edge shows enough rows."""
+    """Fit the brightness ramp that all edges share; None if every edge is visible in too few rows.
+
+    At most `MAX_FITTED` edges are used.
+    """
     chosen = [edge for edge in edges if rough_time(edge, rows.of(edge)) is not None]
     chosen = [chosen[int(k)] for k in np.linspace(0, len(chosen) - 1, min(MAX_FITTED, len(chosen)))]
     if not chosen:

@@ -54,7 +54,7 @@ class ImageAnswers:
         self._sending: asyncio.Task[None] | None = None
 
     def add(self, image: messages.ImageUpload, saving: "asyncio.Future[str]") -> None:
-        """Answer with an image's checksum once it is known, or with its error."""
+        """Queue the answer to an image: its checksum once `saving` is done, or the error of `saving`."""
         self._waiting.put_nowait((image, saving))
         if self._sending is None:
             self._sending = asyncio.create_task(self._send_all())

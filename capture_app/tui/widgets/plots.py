@@ -150,7 +150,7 @@ class PhaseAxis:
         return f"band ±{duration(self.tolerance_ns)} · ends ±{duration(self.limit_ns)}"
 
     def place(self, error_ns: float, band: float) -> float:
-        """Return an error's position: 0 at -limit, 0.5 at zero, 1 at +limit; `band`: the band's fraction."""
+        """Return an error's position: from 0 (-limit) to 1 (+limit); `band` is the part within tolerance."""
         size = min(abs(error_ns), self.limit_ns)
         if size <= self.tolerance_ns:
             distance = band / 2 * size / self.tolerance_ns

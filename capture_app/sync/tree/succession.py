@@ -25,6 +25,8 @@ AGAIN_NS = 300_000_000
 """Time for which a lost leader is asked once more."""
 FIRST_NS, EACH_BETTER_NS = 2_000_000_000, 500_000_000
 """Waiting times before leading. At first per other leader and per better one; later per live better one."""
+AWAKE_NS = 500_000_000
+"""Interval at which an active leader looks at its clock, to notice that it was frozen."""
 GIVE_WAY_NS = 2 * SILENT_NS
 """Time for which a leader follows a better one before it gives way: one that was frozen stops meanwhile."""
 STANDBY = replace(CLOCK, kind=RELAY, model="standby: leads when this leader is gone")
@@ -68,8 +70,8 @@ class Succession:
         """Index in `leaders` of the one followed last."""
         self._change_ns: int | None = None
         """Time at which it begins to lead, or gives way; None if neither is pending."""
-        self._due_ns = NEVER_NS
-        """Time of the next timer, as of the last call."""
+        self._called_ns = NEVER_NS
+        """Time of the last call."""
 
     @property
     def leader(self) -> Address | None:
@@ -91,6 +93,8 @@ class Succession:
     def next_timer(self) -> int:
         """Return the local time in ns at which `handle_timer` is to be called."""
         due_ns = self.member.next_timer()
+        if self.leads:
+            due_ns = min(due_ns, self._called_ns + AWAKE_NS)
         return due_ns if self._change_ns is None else min(due_ns, self._change_ns)
 
     def datagrams_to_send(self, now_ns: int) -> list[tuple[bytes, Address]]:
@@ -99,8 +103,9 @@ class Succession:
 
     def _note_absence(self, now_ns: int) -> None:
         """Stop leading after a pause, as of a suspended machine, in which the members have left."""
-        if self.leads and now_ns > self._due_ns + LEADER_SILENT_NS:
+        if self.leads and now_ns > self._called_ns + LEADER_SILENT_NS:
             self.leads, self._followed, self._change_ns = False, None, None
+        self._called_ns = now_ns
 
     def _look(self, now_ns: int) -> None:
         """Update which leader is active."""
@@ -124,7 +129,6 @@ class Succession:
             self.leads, self._change_ns = not self.leads, None
             if self.leads:
                 self.continued = self._take_over(now_ns)
-        self._due_ns = self.next_timer()
 
     def _take_over(self, now_ns: int) -> Continued | None:
         """Return the time and grid of the lost leader; None if its time is unknown."""

@@ -162,7 +162,7 @@ def test_a_calibration_is_scaled_to_the_images() -> None:
     ("camera", "width", "problem"),
     [
         ("left", 100, "calibrated for 100x240, but its images are 320x240"),
-        ("cam0", 320, r"of other cameras \(cam0\) \(the session has left\)"),
+        ("cam0", 320, r"of other cameras \(cam0\) than boards \(choose another one"),
     ],
 )
 def test_a_calibration_of_another_shape_or_of_other_cameras_is_refused(

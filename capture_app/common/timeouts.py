@@ -8,6 +8,9 @@ LEADER_SILENT_NS = 1_500_000_000
 """A client counts its leader as lost: three heartbeats, and all other requests, are unanswered."""
 CLIENT_SILENT_NS = 2_000_000_000
 """A leader counts a client as lost."""
+CLIENT_UNREPORTED_NS, UNREPORTED_PER_CLIENT_NS = 6_000_000_000, 125_000_000
+"""A relay does not report a client; the second is added for each client of the rig, as relays report few at
+once."""
 FORGET_LOST_NS = 600_000_000_000
 """A lost member leaves the roster."""
 TRIGGER_GIVE_UP_NS = 5_000_000_000

@@ -313,7 +313,9 @@ class Leader:
             return None
         member.address = address
         member.last_heard_ns = now_ns
-        if self.roster.confirm(member) and not self.current.is_held(member.camera):
+        # A relay reports the loss also of a client that has sent only hellos.
+        is_lost = isinstance(message, Heartbeat) and message.report.state is NodeState.LOST
+        if not is_lost and self.roster.confirm(member) and not self.current.is_held(member.camera):
             self._review_is_due = True
         return member
 
@@ -324,7 +326,8 @@ class Leader:
 
     def _receive_heartbeat(self, member: Member, message: Heartbeat, now_ns: int) -> None:
         if message.report.state is NodeState.LOST:
-            self._note_lost(self.roster.mark_lost(member, message.report.message or "it left"))
+            event = self.roster.mark_lost(member, message.report.message or "it left")
+            self._note_lost(event if member.is_confirmed else self.roster.forget(member))
             return
         is_new = self._pass_up(member, message, now_ns)
         member.report = message.report

@@ -11,7 +11,12 @@ from capture_app.common.bounds import MAX_TEXT
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.common.names import is_name
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
-from capture_app.common.timeouts import CLIENT_SILENT_NS, FORGET_LOST_NS
+from capture_app.common.timeouts import (
+    CLIENT_SILENT_NS,
+    CLIENT_UNREPORTED_NS,
+    FORGET_LOST_NS,
+    UNREPORTED_PER_CLIENT_NS,
+)
 from capture_app.sync.phase.grid_phase_choice import WEIGHTS, CameraPhase
 from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.sync_engine import Address
@@ -298,17 +303,19 @@ class Roster:
             return []
         lost: list[NodeChanged] = []
         self._silence_ns = now_ns + CLIENT_SILENT_NS
+        unreported_ns = CLIENT_UNREPORTED_NS + self.present_count * UNREPORTED_PER_CLIENT_NS
         for member in tuple(self.members.values()):
             if member.lost:
                 continue
-            # A relay that is present would report the loss of its member.
+            # A relay that is present reports the loss of its member, unless the answer to its hello was lost.
             above = takewhile(lambda relay: not relay.lost, relays_above(member, self.members))
             heard_ns = max([member.last_heard_ns, *(relay.last_heard_ns for relay in above)])
-            if now_ns - heard_ns >= CLIENT_SILENT_NS:
-                event = self.mark_lost(member, f"silent for {CLIENT_SILENT_NS // 10**9} s")
+            silent_ns = min(heard_ns + CLIENT_SILENT_NS, member.last_heard_ns + unreported_ns)
+            if now_ns >= silent_ns:
+                event = self.mark_lost(member, f"silent for {(silent_ns - member.last_heard_ns) // 10**9} s")
                 lost.append(event if member.is_confirmed else self.forget(member))
             else:
-                self._silence_ns = min(self._silence_ns, heard_ns + CLIENT_SILENT_NS)
+                self._silence_ns = min(self._silence_ns, silent_ns)
         return lost
 
     def next_timer(self) -> int | None:

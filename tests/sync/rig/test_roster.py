@@ -13,7 +13,15 @@ from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.wire.codec import decode, encode
-from capture_app.sync.wire.datagrams import Goodbye, Heartbeat, HeartbeatAck, Hello, Report, Welcome
+from capture_app.sync.wire.datagrams import (
+    Goodbye,
+    Heartbeat,
+    HeartbeatAck,
+    Hello,
+    MemberReports,
+    Report,
+    Welcome,
+)
 from tests.facts import make_facts
 
 S = 1_000_000_000
@@ -169,6 +177,41 @@ def test_a_member_that_is_lost_for_the_longest_makes_room_in_a_full_rig(
     assert "late" in names(leader, 5 * S)
     assert "c0" not in names(leader, 5 * S)
     assert "c1" in names(leader, 5 * S)
+
+
+def below_relay(leader: Leader, number: int, now_ns: int, *, is_lost: bool = False) -> int:
+    """Let a camera below a relay join; with `is_lost` the relay reports its loss. Return its number."""
+    hello = Hello("cam", 7, make_facts(), "relay")
+    leader.receive_datagram(encode(hello), ("relay", 0), now_ns)
+    member = leader.roster.members["cam"].number
+    if is_lost:
+        report = Report(state=NodeState.LOST, message="silent for 2 s")
+        leader.receive_datagram(encode(MemberReports(((member, report),))), ("relay", 0), now_ns)
+    beat(leader, number, now_ns)
+    return member
+
+
+def test_a_camera_that_its_relay_never_reports_is_removed(leader: Leader) -> None:
+    """The answer to its hello was lost on the way to the relay, and then it was switched off."""
+    relay = joined(leader, "relay", S)
+    cam = below_relay(leader, relay, S)
+    report = MemberReports(((cam, Report(state=NodeState.READY)),))
+    for at_s in range(2, 20):
+        beat(leader, relay, at_s * S)
+        if at_s < 10:
+            leader.receive_datagram(encode(report), ("relay", 0), at_s * S)
+        leader.handle_timer(at_s * S)
+        assert leader.roster.members["cam"].lost == ("" if at_s < 16 else "silent for 6 s"), at_s
+    assert not leader.roster.members["relay"].lost
+
+
+def test_a_hello_is_no_more_trusted_because_the_relay_reports_its_loss(leader: Leader) -> None:
+    relay = joined(leader, "relay", S)
+    beat(leader, joined(leader, "here", S), S)
+    below_relay(leader, relay, S, is_lost=True)
+    assert names(leader, S) == ["here", "relay"]
+    below_relay(leader, relay, 2 * S)
+    assert "cam" not in leader.trigger(2 * S, BurstOrder(frames=1)).clients
 
 
 @pytest.mark.parametrize(

@@ -3,6 +3,7 @@
 import asyncio
 import typing
 from collections.abc import AsyncIterator
+from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
@@ -34,6 +35,16 @@ from .sealed_nodes import SealedNode, introduced, sealed_node
 
 SHA = "0" * 64
 """Of nothing."""
+STARTS_OR_ENDS = {
+    orders.AddCamera,
+    orders.AddSimulated,
+    orders.InvitePhone,
+    orders.StopRig,
+    orders.WatchRequest,
+    orders.PreviewRequest,
+    orders.PreviewSeen,
+}
+"""Messages that start programs or streams without an end, belong to such a stream, or end the rig."""
 
 
 def every_message(node: SealedNode) -> list[Any]:
@@ -151,6 +162,39 @@ async def test_a_camera_with_any_field_changed_harms_nobody(
         assert isinstance(await answer(leader, trust, wire.StatusRequest()), wire.StatusAnswer)
         assert len(leader.log.after(0)) < 100
     assert sent > 2000
+
+
+def readable_orders() -> dict[tuple[str, str], Any]:
+    """The last value of each field of an operator's message with which it can still be read."""
+    found: dict[tuple[str, str], Any] = {}
+    for kind in (one for one in SENDERS[Role.OPERATOR] if one not in STARTS_OR_ENDS):
+        info = inspect.type_info(kind)
+        for path, plain in attacks(info, example(info)):
+            with suppress(msgspec.MsgspecError, ValueError, OverflowError):
+                message = msgspec.json.decode(msgspec.json.encode(plain), type=ToLeader)
+                if not isinstance(message, wire.BurstRequest) or message.at_leader_ns == 1:
+                    found[kind.__name__, path] = message
+    return found
+
+
+async def test_an_operator_with_any_field_changed_blinds_no_other(
+    tmp_path: Path, leader: LeaderNode, trust: Trust
+) -> None:
+    machine = introduced(tmp_path, trust, "machine")
+    operator = introduced(tmp_path, trust, "operator", Role.OPERATOR)
+    tried = readable_orders()
+    assert len(tried) > 25
+    async with (
+        joined(leader.own_address, ("cam1", 1), trust=machine),
+        await connect(leader.own_address, FromLeader, trust=operator) as channel,
+    ):
+        await until(lambda: bool(leader.status().nodes))
+        for of, message in tried.items():
+            await channel.send(message)
+            async with asyncio.timeout(30):
+                assert await channel.receive_header() is not None, of
+        assert isinstance(await answer(leader, trust, wire.StatusRequest()), wire.StatusAnswer)
+        assert len(leader.log.after(0)) < 100
 
 
 async def test_an_operator_speaks_for_no_camera_and_no_relay(

@@ -238,9 +238,8 @@ async def attack(options: Namespace, folder: Path) -> dict[str, Any]:
             *(
                 []
                 if whole and seconds <= BURST_S
-                else [f"no whole burst within {BURST_S:g} s, {tries} tried"]
+                else [f"no whole burst within {BURST_S:g} s, {tries} tried", *run.incomplete[-3:]]
             ),
-            *run.incomplete[-3:],
             *(
                 f"{name}: memory grew by {process.series['memory_mb'][2][1] - of[0][1]:.0f} MB"
                 for name, process in run.processes.items()

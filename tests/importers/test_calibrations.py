@@ -197,6 +197,7 @@ def test_what_is_missing_is_named(npz_folder: Path) -> None:
         ("a.qca.txt", b"<calibration><cameras><camera serial='left'/></cameras></calibration>"),
         ("a.qca.txt", b"<calibration>"),
         ("a.txt", b"nothing"),
+        ("a.txt", b"cam0=[1 0 0; 0 1"),
         ("a.json", json.dumps({}).encode()),
     ],
 )
@@ -234,3 +235,32 @@ def test_qualisys_looks_where_the_camera_looks(tmp_path: Path) -> None:
     path.write_text(QCA.format(name="left", x="far"))
     with pytest.raises(BadInputError, match="'far'"):
         read(path, sizes={"left": (640, 480)})
+
+
+SCENE = """cam0=[3979.911 0 1244.772; 0 3979.911 1019.507; 0 0 1]
+cam1=[3979.911 0 1369.115; 0 3979.911 1019.507; 0 0 1]
+doffs=124.343
+baseline=193.001
+width=2964
+height=1988
+ndisp=280
+"""
+
+
+@pytest.mark.parametrize("names", [("left", "right"), ("im0", "im1")])
+def test_middleburys_depth_is_that_of_its_formula(tmp_path: Path, names: tuple[str, str]) -> None:
+    """Z = baseline * f / (d + doffs), according to the page of the scenes of 2014."""
+    path = tmp_path / "calib.txt"
+    path.write_text(SCENE)
+    sizes = dict.fromkeys(names, (2964, 1988))
+    left, right = read(path, sizes=sizes).cameras.values()
+    disparity_px = 60.0
+    depth_m = 0.193001 * 3979.911 / (disparity_px + 124.343)
+    (x, y), (x_right, y_right) = (
+        (of.fx * (0.1 + of.translation[0]) / depth_m + of.cx, of.fy * 0.2 / depth_m + of.cy)
+        for of in (left, right)
+    )
+    assert (x - x_right, y - y_right) == pytest.approx((disparity_px, 0))
+    path.write_text(SCENE.replace("baseline=193.001\n", ""))
+    with pytest.raises(BadInputError, match="no baseline"):
+        read(path, sizes=sizes)

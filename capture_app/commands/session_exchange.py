@@ -191,7 +191,8 @@ def _aligned_by_motion(session: Session) -> Session:
 
     times, calibration = session.manifest.burst.common_times, session.calibration()
     why_not_synchronized = times is not None and times.why_not_synchronized(session.manifest.burst.period_ns)
-    if not why_not_synchronized or calibration is None or find_spec(RECONSTRUCTION) is None:
+    alone = len(session.manifest.burst.instants_ns) < 2
+    if alone or not why_not_synchronized or calibration is None or find_spec(RECONSTRUCTION) is None:
         return session
     talk("aligning by motion, as no other method applies")
     command = [sys.executable, "-m", "reconstruction.cli", "time", str(session.folder), "--apply"]
@@ -210,16 +211,18 @@ def _say_next(session: Session) -> None:
         raise BadInputError(f"{session.folder} is damaged: {problems[0]}", hint="import it again")
     talk(f"all {count(len(session.manifest.images), 'image')} verified")
     times = session.manifest.burst.common_times
+    alone, calibrated = len(session.manifest.burst.instants_ns) < 2, session.calibration() is not None
     if len(session.manifest.cameras) < 2:
         step = f"capture-app sessions sheet {session.folder}"
-    elif times is not None and times.why_not_synchronized(session.manifest.burst.period_ns):
+    elif not alone and times is not None and times.why_not_synchronized(session.manifest.burst.period_ns):
         # Alignment of a calibrated session was tried just now.
-        tried = session.calibration() is not None
-        step = f"{'capture-app sessions show' if tried else 'reconstruct time --apply'} {session.folder}"
-    elif session.calibration() is None:
+        step = f"{'capture-app sessions show' if calibrated else 'reconstruct time --apply'} {session.folder}"
+    elif not calibrated:
         step = f"reconstruct calibrate {session.folder}"
     else:
-        step = f"reconstruct compare {session.folder}"
+        # One instant has no other to compare it with.
+        command = "multiview" if alone else "compare"
+        step = f"reconstruct {command} {session.folder} --out {session.folder.name}-{command}"
     talk(f"next: {step}")
 
 

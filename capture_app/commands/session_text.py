@@ -82,7 +82,7 @@ def _describe_scatter(session: Session) -> Iterator[str]:
         return
     verdict, sync = judge(manifest), find_sync_record(manifest)
     if times is not None and times.unknown:
-        yield from (verdict.sentence, *describe_common_times(times))
+        yield from (verdict.sentence, times.reason, *describe_common_times(times)[1:])
         return
     images = session.images_by_instant()
     differences_ns = [

@@ -1,4 +1,7 @@
-"""nerfstudio's transforms.json as a calibration: a pose for every image, in OpenGL's camera axes.
+"""nerfstudio's transforms.json: a pose for every image, in OpenGL's camera axes.
+
+A folder whose images are all in one place, as NeRF's captures are, is a rig with a camera for each image. A
+rig's folder for each camera is read as any folder of cameras.
 
 Sources: docs.nerf.studio ("Nerfstudio dataset format") and
 nerfstudio/data/dataparsers/nerfstudio_dataparser.py. fl_x, fl_y, cx, cy, w, h and the distortion k1, k2, k3,
@@ -9,13 +12,17 @@ horizontal field of view in radians, instead of fl_x.
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
+from pathlib import Path, PurePosixPath
 from typing import Any
 
 import numpy as np
 
 from capture_app.common.errors import BadInputError
+from capture_app.common.names import name_like
+from capture_app.common.text import count
+from capture_app.session.format.manifest import IMAGE_SUFFIXES, inside
 from capture_app.session.importing.importer import Importer
+from capture_app.session.importing.recording_sources import Images, Layout, image_folder
 from capture_app.session.importing.views import (
     EXPORT_AGAIN,
     View,
@@ -26,11 +33,60 @@ from capture_app.session.importing.views import (
     read_json,
     views_of_images,
 )
+from capture_app.session.reading.decoding import image_size
 
 _TRANSFORMS = "transforms.json"
 _HALF_PIXEL = 0.5
 _PERSPECTIVE = ("OPENCV", "PINHOLE", "PERSPECTIVE", "SIMPLE_PINHOLE", "SIMPLE_RADIAL", "RADIAL")
 _OPENCV_FROM_OPENGL = np.array([1.0, -1.0, -1.0])
+
+
+def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
+    """Open a folder with a transforms.json and all images in one place: each is a camera of one instant.
+
+    Images that are absent are left out, and a folder with images of several times is not read here. Raises
+    BadInputError as `read_calibration` does.
+    """
+    source = path / _TRANSFORMS
+    content = (_read(source) if source.is_file() else None) or {"frames": []}
+    frames = [one for one in content["frames"] if isinstance(one, dict)]
+    by_file = {file: one for one in frames if isinstance(file := one.get("file_path"), str)}
+    if len({(PurePosixPath(file).parent, str(one.get("time"))) for file, one in by_file.items()}) != 1:
+        return None
+    sources: dict[str, Images] = {}
+    views: dict[str, View] = {}
+    for file, frame in by_file.items():
+        # Synthetic scenes leave out the suffix, and the size.
+        found = next(
+            (at for end in ("", *IMAGE_SUFFIXES) if (at := inside(path, file + end)).is_file()), None
+        )
+        if found is not None:
+            name = name_like(found.stem, f"cam{len(sources)}")
+            sources[name] = image_folder(name, found)
+            size = (
+                {}
+                if "w" in content | frame
+                else dict(zip("wh", image_size(found.read_bytes()) or (), strict=False))
+            )
+            _, views[name] = _image(source, {**content, **size}, frame, ())
+    if len(sources) < 2:
+        return None
+    return Layout(
+        path=path,
+        sources=tuple(sources.values()),
+        views=_views(source, content, views),
+        note=f"{len(sources)} of {count(len(by_file), 'image')} are there; each is a camera of one instant",
+    )
+
+
+def _read(path: Path) -> dict[str, Any] | None:
+    content = read_json(path)
+    return content if isinstance(content, dict) and isinstance(content.get("frames"), list) else None
+
+
+def _views(path: Path, content: Mapping[str, Any], views: Mapping[str, View]) -> Views:
+    unit = content.get("unit")
+    return Views(views, path.name, unit if isinstance(unit, str) else None, assumed_unit="arbitrary")
 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
@@ -41,20 +97,16 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     """
     path = paths[0][1]
     path = path / _TRANSFORMS if (path / _TRANSFORMS).is_file() else path
-    content = read_json(path)
-    if not isinstance(content, dict) or not isinstance(content.get("frames"), list):
+    if (content := _read(path)) is None:
         return None
     if not content["frames"]:
         raise BadInputError(f"{path} has no frames", hint="give one whose list frames has each camera")
     images = [_image(path, content, frame, cameras) for frame in content["frames"]]
+    # If all cameras of the recording are named, it may be a part of the file's.
+    if {label for label, _ in images} >= set(cameras):
+        images = [image for image in images if image[0] in cameras]
     hint = "a rig stands still: give the file of one instant, with one image a camera"
-    unit = content.get("unit")
-    return Views(
-        views_of_images(str(path), images, hint),
-        path.name,
-        unit if isinstance(unit, str) else None,
-        assumed_unit="arbitrary",
-    )
+    return _views(path, content, views_of_images(str(path), images, hint))
 
 
 def _image(path: Path, content: Mapping[str, Any], frame: Any, cameras: Sequence[str]) -> tuple[str, View]:
@@ -109,7 +161,8 @@ def _number(where: str, given: Mapping[str, Any], key: str, otherwise: float | N
 
 IMPORTER = Importer(
     program="nerfstudio",
-    help="transforms.json, or its folder, as a calibration",
+    help="transforms.json with its images, one a camera; it, or its folder, as a calibration",
+    open_recording=open_recording,
     read_calibration=read_calibration,
     calibration_files=(_TRANSFORMS,),
 )

@@ -18,8 +18,12 @@ import msgspec
 import numpy as np
 import pytest
 
-from capture_app.common.errors import BadInputError
+from capture_app.cli import run
+from capture_app.common.errors import BadInputError, ExitCode
+from capture_app.session.format.common_times import NOT_SYNCHRONIZED
 from capture_app.session.importing.calibrations import fit_calibration, read_views
+from capture_app.session.importing.importer import recognize_recording
+from capture_app.session.reading.reader import Session
 from tests.importers.known_rig import POINTS, SIZE, Array, D, lens, pose, read, see
 
 # EasyMocap
@@ -126,6 +130,56 @@ def test_the_field_of_view_of_older_transforms(tmp_path: Path) -> None:
         with pytest.raises(BadInputError, match="camera_angle_x") as refused:
             read(path)
         assert "radians" in str(refused.value)
+
+
+def nerf(folder: Path, lens_of_all: dict[str, Any]) -> Path:
+    """A ring of five images in one folder, of which the fourth is absent; camera n stands at x = n."""
+    (folder / "images").mkdir(parents=True)
+    frames = []
+    for n in range(5):
+        pose = np.eye(4)
+        pose[0, 3] = n
+        frames.append({"file_path": f"./images/r_{n}", "transform_matrix": pose.tolist()})
+        if n != 3:
+            cv2.imwrite(str(folder / "images" / f"r_{n}.png"), np.full((48, 64, 3), 40 * n, np.uint8))
+    (folder / "transforms.json").write_text(json.dumps({**lens_of_all, "frames": frames}))
+    return folder
+
+
+@pytest.mark.parametrize("lens_of_all", [{"fl_x": 70, "w": 64, "h": 48}, {"camera_angle_x": 0.8575560}])
+def test_a_nerf_folder_as_it_is(
+    tmp_path: Path, lens_of_all: dict[str, Any], capsys: pytest.CaptureFixture[str]
+) -> None:
+    """Each image is a camera; what is absent, as in a part of a set, is left out and said."""
+    folder = nerf(tmp_path / "ring", lens_of_all)
+    assert run(["sessions", "import", str(folder), "--out", str(tmp_path / "out")]) == ExitCode.OK
+    printed = capsys.readouterr()
+    assert "4 of 5 images are there" in printed.err
+    # One instant has no other to be compared with, and no motion by which to be aligned.
+    session = tmp_path / "out" / "ring"
+    assert printed.err.splitlines()[-1] == f"next: reconstruct multiview {session} --out ring-multiview"
+    assert "time --apply" not in printed.out + printed.err
+    assert (printed.out + printed.err).count(NOT_SYNCHRONIZED) == 1
+    calibration = Session.open(session).calibration()
+    assert calibration is not None
+    assert calibration.unit == "arbitrary"
+    assert {name: -one.translation[0] for name, one in calibration.cameras.items()} == {
+        "r_0": 0, "r_1": 1, "r_2": 2, "r_4": 4
+    }  # fmt: skip
+    assert calibration.cameras["r_1"].fx == pytest.approx(70, abs=0.02)
+
+
+def test_some_cameras_of_a_nerf_folder(tmp_path: Path) -> None:
+    found = read(nerf(tmp_path / "ring", {"fl_x": 700, "w": SIZE[0], "h": SIZE[1]}), names=("r_1", "r_4"))
+    assert [-one.translation[0] for one in found.cameras.values()] == [1, 4]
+
+
+def test_images_of_several_times_are_no_rig_of_one_instant(tmp_path: Path) -> None:
+    path = nerf(tmp_path / "ring", {"fl_x": 70, "w": 64, "h": 48}) / "transforms.json"
+    content = json.loads(path.read_text())
+    content["frames"][1]["time"] = 0.5
+    path.write_text(json.dumps(content))
+    assert recognize_recording(path.parent) is None
 
 
 # OpenCap

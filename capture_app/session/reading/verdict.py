@@ -32,6 +32,9 @@ UNSYNCHRONIZED_SENTENCE = (
     "images are paired by each camera's own times, which say nothing of the others': "
     "reconstruct time --apply aligns them by what moves"
 )
+LONE_INSTANT_SENTENCE = (
+    "images of one instant show no motion by which to align them: import --synchronized vouches for them"
+)
 MAX_MISSING = 0.5
 """Fraction of missing images above which a take is poor, whatever its synchronization."""
 _LIMITS_PX: tuple[tuple[float, Grade], ...] = ((0.1, "excellent"), (1.0, "good"), (10.0, "fair"))
@@ -89,7 +92,8 @@ def judge(manifest: Manifest) -> Verdict:
     stamped = {camera.name: camera.facts for camera in manifest.cameras if camera.facts.stamp is not None}
     purpose, sentence = _purpose(grade, motion, spread_ns), "there are no two images of one instant"
     if unknown:
-        purpose, sentence = NOT_SYNCHRONIZED, UNSYNCHRONIZED_SENTENCE
+        purpose = NOT_SYNCHRONIZED
+        sentence = UNSYNCHRONIZED_SENTENCE if len(images) > 1 else LONE_INSTANT_SENTENCE
     elif spreads:
         sentence = describe_displacement(sync)
     headline = f"{purpose}; {_completeness(manifest, sync)}"

@@ -31,6 +31,7 @@ from reconstruction.calibration.consistency import (
     refuse_bad_calibration,
 )
 from reconstruction.calibration.stored import keep_calibration, write_calibration
+from reconstruction.calibration.structure_from_motion import GIVE_LENSES, GUESS
 from reconstruction.calibration.world import (
     Marks,
     World,
@@ -117,7 +118,8 @@ def calibrate(session: Path, options: CalibrateOptions) -> CalibrateResult:
     views = calibrated_views(dataset, found)
     quality = judge_calibration(views, candidate.shared)
     if options.source in FOUND_HERE or own:
-        refuse_bad_calibration(quality, len(dataset.cameras))
+        advice = f", {GIVE_LENSES}" if GUESS in found.source else ""
+        refuse_bad_calibration(quality, len(dataset.cameras), advice)
     if candidate.check is not None and not candidate.check.holds:
         raise BadInputError(
             f"this calibration no longer holds: {candidate.check}",

@@ -390,8 +390,11 @@ def judge_calibration(views: Mapping[str, View], shared: SharedPoints) -> Calibr
     )
 
 
-def refuse_bad_calibration(quality: CalibrationQuality, cameras: int) -> None:
-    """Raise BadInputError with the reason if a rig's calibration is not fit for measurements."""
+def refuse_bad_calibration(quality: CalibrationQuality, cameras: int, advice: str = "") -> None:
+    """Raise BadInputError with the reason if a rig's calibration is not fit for measurements.
+
+    `advice` is a further hint.
+    """
     error, angle = quality.reprojection_error_px, quality.triangulation_angle_deg
     share = f"{100 * quality.inlier_share:.0f} %"
     unjudged = why = ""
@@ -410,12 +413,12 @@ def refuse_bad_calibration(quality: CalibrationQuality, cameras: int) -> None:
     if unjudged:
         raise BadInputError(
             f"this calibration cannot be judged: {unjudged}",
-            hint="record a board, held where neighbouring cameras both see it",
+            hint="record a board, held where neighbouring cameras both see it" + advice,
         )
     if why:
         raise BadInputError(
             f"this calibration is not good enough: {why}",
-            hint="record a board from several places, in front of this rig, and calibrate again",
+            hint="record a board from several places, in front of this rig, and calibrate again" + advice,
         )
 
 

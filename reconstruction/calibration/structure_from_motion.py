@@ -31,6 +31,8 @@ MIN_TO_SEPARATE_LENSES = 3
 """Minimum cameras that determine focal lengths; with two whose axes meet, any focal length fits."""
 GUESS = "a guess from these pictures alone"
 """Text in the source of a calibration that rests on images alone."""
+GIVE_LENSES = "or give the cameras' horizontal view: reconstruct calibrate SESSION --field-of-view DEG"
+"""Hint where no lens was known."""
 MAX_INSTANTS = 3
 """Maximum instants for structure from motion; with a static rig, more add time but no geometry."""
 FEATURE_BYTES_PER_PIXEL = 220
@@ -76,13 +78,13 @@ def refuse_odd_lenses(found: Mapping[str, CameraCalibration], focal_px: Mapping[
             raise NotApplicableError(
                 f"{name} would see {view_deg:.0f} degrees wide, not {likely_deg:.0f} as it likely does: "
                 "the static scene has too little depth to determine its lens",
-                hint="calibrate with a board, or correct --field-of-view or the pictures' EXIF",
+                hint="calibrate with a board, correct the pictures' EXIF, " + GIVE_LENSES,
             )
         if likely is None and view_deg > WIDEST_DEG:
             raise NotApplicableError(
                 f"{name} would see {view_deg:.0f} degrees wide, which is unlikely: "
                 "the static scene has too little depth to determine its lens",
-                hint="give its horizontal view with --field-of-view, or calibrate with a board",
+                hint="calibrate with a board, " + GIVE_LENSES,
             )
 
 
@@ -149,14 +151,16 @@ def _found(
     with tempfile.TemporaryDirectory(dir=root) as work:
         extraction = _extraction(pycolmap, [dataset.size(name) for name in cameras])
         rec = _solve(pycolmap, cameras, Path(work), focal_px, extraction, held=held)
+    advice = f", {GIVE_LENSES}" if len(focal_px) < len(cameras) else ""
     if rec is None:
         raise NotApplicableError(
             "no calibration in the session, and none can be found from its images",
-            hint="the views need to overlap and show something with texture; or add a calibration.json",
+            hint=f"the views need to overlap and show something with texture; add a calibration.json{advice}",
         )
     found = _cameras(rec, dataset)
     if len(found) < 2:
-        raise NotApplicableError("only one camera could be placed", hint="the views need to overlap more")
+        hint = f"the views need to overlap more{advice}"
+        raise NotApplicableError("only one camera could be placed", hint=hint)
     lenses = ", focal lengths taken for granted" if held else _lens_errors_text(pycolmap, rec)
     if len(focal_px) < len(cameras):
         lenses = f", {GUESS}{lenses}"

@@ -180,7 +180,7 @@ def _summary(result: "CalibrateResult") -> Iterator[str]:
         yield "its scale is unknown; --mark with --distance-m, --scale-by-board or --ground sets it"
     yield "saved in the session" if result.stored else "the session has this calibration already"
     if result.kept:
-        yield "stored for later sessions of these cameras"
+        yield "stored for later sessions of these cameras; imported ones take it by --from kept"
 
 
 def _coverage_lines(found: "BoardCoverage") -> Iterator[str]:

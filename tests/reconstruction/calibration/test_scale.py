@@ -134,7 +134,8 @@ def test_odd_lenses_are_refused(tmp_path: Path) -> None:
     refuse_odd_lenses(found, {})
     refuse_odd_lenses(found, focal_px)
     odd = {**found, "b": msgspec.structs.replace(found["b"], fx=100.0, fy=100.0)}
-    with pytest.raises(BadInputError, match="b would see 116 degrees wide, which is unlikely"):
+    with pytest.raises(BadInputError, match="b would see 116 degrees wide, which is unlikely") as refused:
         refuse_odd_lenses(odd, {})
+    assert "reconstruct calibrate SESSION --field-of-view DEG" in str(refused.value)
     with pytest.raises(BadInputError, match="not 60 as it likely does"):
         refuse_odd_lenses(odd, focal_px)

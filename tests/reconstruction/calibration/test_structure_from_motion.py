@@ -16,7 +16,16 @@ from reconstruction.calibration.structure_from_motion import calibrate_from_imag
 from reconstruction.common.geometry import View, angle_deg, other_from_reference
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion
-from tests.reconstruction.conftest import VIEWS, Board, Scene, jump, make_view, texture, write_session
+from tests.reconstruction.conftest import (
+    VIEWS,
+    Board,
+    Reconstruct,
+    Scene,
+    jump,
+    make_view,
+    texture,
+    write_session,
+)
 
 
 def rubble() -> Scene:
@@ -106,6 +115,20 @@ def test_two_cameras_alone_tell_no_error_of_their_lenses() -> None:
     # Of a real pair, 640 wide, 318 px were found, said to be 10 % off at most, for 1,710.
     pycolmap = pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
     assert focal_errors(pycolmap, found_model(pycolmap, 0, (-8, 8))) == []
+
+
+def test_a_failure_for_want_of_lenses_names_the_option_that_gives_them(
+    tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    pytest.importorskip("pycolmap", reason="pycolmap has no package for this machine")
+    views = {"a": make_view((-0.5, 0.0, 0.0)), "b": make_view((0.5, 0.0, 0.0))}
+    blank = Scene([Board((-9, -9, 9, 9), 6.0, np.full_like(texture(1), 90))])
+    session = write_session(tmp_path, blank, views, instants=1, calibrated=False, truth=False)
+    option = "reconstruct calibrate SESSION --field-of-view DEG"
+    assert option in reconstruct("calibrate", session.folder).complaint
+    said = reconstruct("calibrate", session.folder, "--field-of-view", 60).err
+    assert "none can be found" in said
+    assert option not in said
 
 
 @pytest.mark.slow

@@ -199,7 +199,9 @@ def test_easymocaps_sequences_are_recognized(
     assert numbers_of(session) == [{"1": k, "2": k} for k in range(3)]
     assert kind == "videos" or session.manifest.burst.period_ns == 33_333_333
     assert session.calibration() is not None
-    assert ("30 frames a second are assumed" in capsys.readouterr().err) == (kind == "images")
+    said = capsys.readouterr().err
+    assert ("30 frames a second are assumed" in said) == (kind == "images")
+    assert f"next: reconstruct compare {session.folder} --out seq-compare" in said
 
 
 @pytest.mark.parametrize("suffix", [".h264", ".mts", ".m2ts", ".mpg", ".mjpeg"])

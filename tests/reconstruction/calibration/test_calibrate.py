@@ -89,7 +89,9 @@ def test_a_board_gives_the_rig_and_is_stored_once(tmp_path: Path, reconstruct: R
     assert refused.code == 3
     assert "--replace" in refused.complaint
     assert (session.folder / "calibration.json").read_bytes() == stored
-    assert reconstruct(*arguments, "--replace").code == 0
+    again = reconstruct(*arguments[:-1], "--replace")
+    assert again.code == 0
+    assert "imported ones take it by --from kept" in again.out
     assert not list(session.folder.glob("*.part"))
 
 

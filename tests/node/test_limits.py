@@ -62,7 +62,7 @@ async def send(trust, leader):
         await channel.send(NodeStream(camera=name, instance=n + 1, shows=True))
         frame = Preview(camera=name, leader_ns=0, width=1, height=1)
         await channel.send(frame, bytes(24 << 20))
-        await channel.send(orders.Vitals(fps=7.0))
+        await channel.send(orders.CameraHealth(fps=7.0))
     await asyncio.sleep(600)
 
 asyncio.run(send(Trust(Path(sys.argv[1])), Address("127.0.0.1", int(sys.argv[2]))))

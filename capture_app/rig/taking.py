@@ -218,7 +218,7 @@ class Taking:
             await end(*self._tasks)
 
     async def result(self) -> Saved:
-        """Take, and return the last saved take. Raises the first error of a take."""
+        """Take, and return the last take of the series that was saved. Raises the first error of a take."""
         ended = [event async for event in self if isinstance(event, Saved | Failed)]
         for event in ended:
             if isinstance(event, Failed):
@@ -226,7 +226,8 @@ class Taking:
         saved = [event for event in ended if isinstance(event, Saved)]
         if not saved:
             raise IncompleteError("the take was stopped before it began")
-        return saved[-1]
+        # At an interval, takes may be saved in another order than they were taken.
+        return max(saved, key=lambda event: event.number)
 
     @property
     def is_open(self) -> bool:

@@ -12,7 +12,7 @@ lost leader  Progress says so, then Saved  a line, then the path             in 
 
 import asyncio
 import dataclasses
-from collections.abc import AsyncIterator
+from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
 from typing import Any
@@ -163,6 +163,17 @@ async def test_at_an_interval_the_next_is_taken_while_the_last_is_being_saved(ri
     begun = [line for line in course(events) if not line.startswith("countdown")]
     assert begun[:3] == ["begun 1", "begun 2", "begun 3"]
     assert sorted(begun[3:]) == ["saved 1", "saved 2", "saved 3"]
+
+
+async def test_the_result_is_the_last_take_also_if_an_earlier_one_is_saved_later(rig: FakeRig) -> None:
+    class SavedBackwards(Taking):
+        async def __aiter__(self) -> AsyncGenerator[TakeEvent, None]:
+            events = [event async for event in super().__aiter__()]
+            for event in sorted(events, key=lambda event: -event.number):
+                yield event
+
+    async with time_limit("two takes"):
+        assert (await SavedBackwards(rig, TakePlan(frames=1, repeat=2, every_s=0.1)).result()).number == 2
 
 
 async def test_motion_orders_the_frames_around_it(rig: FakeRig) -> None:

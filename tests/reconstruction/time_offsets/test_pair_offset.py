@@ -13,6 +13,7 @@ from reconstruction.compare.timing_study import measure_pair_timing
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Scene, write_session
+from tests.slow_cases import slow_or_long
 
 FPS = 60
 PAIR = {name: VIEWS[name] for name in ("left", "right")}
@@ -71,8 +72,7 @@ def ball(shared: Path, tmp_path: Path, late: int) -> PairOffsets:
 
 
 @pytest.mark.shared
-@pytest.mark.slow
-@pytest.mark.parametrize("late", range(-4, 5))
+@pytest.mark.parametrize("late", slow_or_long((-3, 0, 4), range(-4, 5)))
 def test_a_real_ball_tells_how_many_frames_late_a_camera_is(shared: Path, tmp_path: Path, late: int) -> None:
     rig = ball(shared, tmp_path, late).rig
     for pair, sign in ((("L", "R"), 1), (("R", "L"), -1)):

@@ -15,10 +15,26 @@ from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.reader import Session
 from tests.session.importing.numbered_video import write_video
 from tests.session.importing.strangers import FOLDERS, MIDDLE_NS, true_offset_ms
+from tests.slow_cases import slow_or_long
+
+OFTEN = (
+    "one flash",
+    "timecodes of clocks that nobody set",
+    "nothing tells",
+    "three, one of them deaf",
+    "stray files",
+    "takes by date",
+    "a calibration beside",
+    "two chapters of three cameras",
+    "one of three is mute",
+    "one upside down",
+    "a zip",
+    "images of two cameras in one folder",
+)
+"""The folders that are tried with every change; the others with `make test-long`."""
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", FOLDERS)
+@pytest.mark.parametrize("name", slow_or_long(OFTEN, FOLDERS))
 def test_one_command_without_an_option(name: str, tmp_path: Path, capsys: pytest.CaptureFixture[str]) -> None:
     folder, root = FOLDERS[name], tmp_path / "my shoot"
     out = tmp_path / "out"

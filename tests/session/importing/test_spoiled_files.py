@@ -22,6 +22,7 @@ from tests.importers.test_calibrations import QCA, D, K, R, T
 from tests.importers.test_phones import recsync, shot
 from tests.importers.test_rig_calibrations import opencap
 from tests.session.conftest import INSTANTS, camera_record, jpeg
+from tests.slow_cases import slow_or_long
 
 SIZE = 64, 48
 PHONES = ("libsoftwaresync", "recsync")
@@ -169,9 +170,8 @@ def check(
     assert not wrong, "\n".join(f"{name}: {fault}" for name, fault in wrong.items())
 
 
-@pytest.mark.slow
 @pytest.mark.timeout(900)
-@pytest.mark.parametrize("export", EXPORTS + PHONES)
+@pytest.mark.parametrize("export", slow_or_long(("colmap", "mp4", "recsync"), EXPORTS + PHONES))
 def test_an_export_with_a_spoiled_file_is_imported_or_refused_with_a_remedy(
     export: str, sound: Path, tmp_path: Path, capsys: pytest.CaptureFixture[str]
 ) -> None:

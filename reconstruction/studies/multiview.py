@@ -313,8 +313,6 @@ class MultiviewStudy(ConditionStudy):
         self.middle_camera = ""
         """Required middle camera; any other is rejected. Empty accepts all."""
         self.group = CameraGroup()
-        self.planes = NO_PLANES
-        """Planes of the still scene (see `InstantDepth`), from the first instant that has any."""
 
     @property
     def steps(self) -> int:
@@ -358,12 +356,14 @@ class MultiviewStudy(ConditionStudy):
             ValueError: the burst does not contain this condition.
         """
         instants = self._instants(condition)
-        found = []
+        found, planes = [], NO_PLANES
         for one in instants:
             maps = {}
             for side, shown in one.by_condition.items():
                 self.progress.step(f"depth from {len(shown)} cameras, instant {one.instant}, {side}")
-                maps[side] = self._depth(shown)
+                maps[side] = self._depth(shown, planes)
+                # The walls of a still scene are found once.
+                planes = planes if len(planes) else maps[side].planes
             found.append(maps)
         scorer = InstantScorer(
             self.shots,
@@ -416,15 +416,15 @@ class MultiviewStudy(ConditionStudy):
             raise ValueError("no instant has its pictures in both conditions")
         return found
 
-    def _depth(self, shown: dict[str, int]) -> InstantDepth:
+    def _depth(self, shown: dict[str, int], planes: Array) -> InstantDepth:
         shots = {camera: self.shots.image(camera, instant) for camera, instant in shown.items()}
         views = {camera: shot.calibrated.view for camera, shot in shots.items()}
         sources = choose_source_views(views, self.group.scene.points)
         if not sources[self.group.reference]:
             raise ValueError(f"no camera with a picture overlaps with {self.group.reference}")
         depth_ranges = {camera: self.group.scene.depth_ranges[camera] for camera in shown}
-        reference, planes = self.group.reference, self.planes
-        found = self.rig.stages.arrays(
+        reference = self.group.reference
+        return self.rig.stages.arrays(
             "multiview",
             InstantDepth,
             lambda: compute_instant_depth(shots, sources, depth_ranges, reference, self.matcher, planes),
@@ -437,9 +437,6 @@ class MultiviewStudy(ConditionStudy):
             self.matcher.name,
             self.matcher.quick,
         )
-        if not len(planes):
-            self.planes = found.planes
-        return found
 
     def _show(
         self,

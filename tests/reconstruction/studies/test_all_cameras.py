@@ -119,7 +119,7 @@ def test_compare_tells_of_all_cameras_in_every_condition(
         "middle",
         "right",
     ]
-    assert "When the cameras took their pictures, against left" in (out / result["report"]).read_text()
+    assert "Time offset of each camera against left" in (out / result["report"]).read_text()
     assert whole["facts"]["width_px"] == 160
     assert values(whole)["mover_coverage"] > values(whole, "offset")["mover_coverage"] + 0.4
     assert "of the picture" in study(result, "poses")["skipped"]

@@ -40,7 +40,7 @@ async def test_a_panorama_from_the_key_to_its_picture(sessions: Path) -> None:
         key = next(key for key in rows(pilot.app).keys if key.endswith("sample_sessions/crossing"))
         rows(pilot.app).choose(key)
         await settle(pilot)
-        await pilot.press("a", "down", "down", "enter")
+        await pilot.press("a", "down", "down", "enter", "enter")
         await until(pilot, lambda: pilot.app.runs.all and pilot.app.runs.all[0].state.is_over)
         (job,) = pilot.app.runs.all
         assert (job.state, job.kind) == (RunState.DONE, "panorama"), job.message

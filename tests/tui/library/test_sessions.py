@@ -157,7 +157,7 @@ async def test_an_interrupted_session_says_what_to_do_and_can_be_thrown_away(ses
     async with library(sessions) as pilot:
         await until(pilot, lambda: "being saved" in text(pilot.app))
         await choose(pilot, "cut")
-        for key in ("enter", "c", "d"):
+        for key in ("enter", "c", "delete"):
             await pilot.press(key)
             await settle(pilot)
         assert sum("cut is being saved" in toast for toast in toasts(pilot.app)) == 3

@@ -22,13 +22,14 @@ async def test_a_leader_killed_in_a_burst_finishes_it_at_the_next_start(start: S
     session = tmp_path / "sessions" / "burst-001"
     await lines_of(session / JOURNAL, 2)
     await leader.kill()
-    await asking.finish()
     assert not (session / MANIFEST).exists()
     safe = {path: path.read_bytes() for path in session.glob("images/rig1/*/*.jpg")}
 
     leader, _ = await lead(start, tmp_path / "sessions", address)
     await leader.says("burst-001 of an earlier run: 24 of 24 images")
     await until((session / MANIFEST).exists)
+    # The command followed the burst through the restart.
+    await asking.finish()
     opened = Session.open(session)
     assert verify(opened) == []
     assert (len(opened.manifest.images), opened.manifest.missing) == (24, ())
@@ -48,7 +49,7 @@ async def test_what_a_killed_node_had_spooled_is_fetched_when_it_is_started_agai
     session = tmp_path / "sessions" / "burst-001"
     await lines_of(session / JOURNAL, 1)
     await leader.kill()
-    await asking.finish()
+    await asking.kill()
     # The node goes on into its spool without a leader, until its plug is pulled too.
     (spooled,) = (tmp_path / "state/simulshot/spool/a").iterdir()
     await lines_of(spooled / JOURNAL, 20)

@@ -332,8 +332,11 @@ async def test_a_recording_is_ended(tmp_path: Path) -> None:
     async with await LeaderNode.start(options) as leader, camera_of(leader.own_address):
         taking = Taking(RigLink(leader.own_address), TakePlan(video=True, wait_ready_s=SLOW_PATIENCE_S))
         async with time_limit("a recording", SLOW_PATIENCE_S):
+            ended = False
             async for event in taking:
-                if isinstance(event, Progress) and event.status.received > 5 and not event.status.done:
+                # Once: on a busy machine a second order may come when the recording is over.
+                if isinstance(event, Progress) and event.status.received > 5 and not ended:
+                    ended = True
                     await taking.end()
     assert isinstance(event, Saved)
     assert (event.status.name, event.verdict is not None) == ("recording-001", True)

@@ -56,9 +56,9 @@ async def test_a_first_user_takes_compares_and_exports_by_keys_alone(
         terminal.press("e")
         await terminal.shows("Export burst-001")
         terminal.press("Enter")
-        await terminal.shows("burst-001-colmap")
+        await terminal.shows("Folder to write, new or empty")
         terminal.press("Enter")
-        await terminal.shows("Export to colmap of burst-001 has begun")
+        await terminal.shows("✔ export to colmap")
         terminal.press("4")
         await terminal.shows("✔ done      Compare  burst-001", "✔ done      Export to colmap  burst-001")
 

@@ -60,7 +60,9 @@ async def test_a_first_user_takes_compares_and_exports_by_keys_alone(
         terminal.press("Enter")
         await terminal.shows("✔ export to colmap")
         terminal.press("4")
-        await terminal.shows("✔ done      Compare  burst-001", "✔ done      Export to colmap  burst-001")
+        await terminal.shows(
+            "✔ done           Compare  burst-001", "✔ done           Export to colmap  burst-001"
+        )
 
         terminal.press("3")
         await terminal.shows("2 cameras × 4 instants")

@@ -49,7 +49,7 @@ async def test_a_still_picture_takes_nothing(start: Start, tmp_path: Path) -> No
     node = await start("node", "--name", "a", "--camera", camera, "--clock", "sim", "--leader", address)
     await node.says("ready")
     watching = await start("burst", "--leader", address, "--on-motion")
-    await watching.says("watching")
+    await watching.says("waiting for something to move")
     await asyncio.sleep(15)
     assert watching.process.returncode is None
     await watching.kill()

@@ -72,7 +72,7 @@ class CurrentConfig:
     def follow_cameras(self, cameras: Sequence[Member], now_ns: int) -> bool:
         """Create the grid again if another period suits these cameras better; return whether it has changed.
 
-        On an open rig each camera counts as a machine. Without any camera the next one determines the grid.
+        Each machine has one vote. Without any camera the next one determines the grid.
         """
         grid = self.grid
         if grid is None or self.config.period_ns is not None or not self.grid_is_of_cameras:
@@ -82,7 +82,7 @@ class CurrentConfig:
             return False
         machines: dict[str, list[int]] = {}
         for camera in cameras:
-            machines.setdefault(camera.pin or camera.name, []).append(camera.camera.period_ns)
+            machines.setdefault(camera.machine, []).append(camera.camera.period_ns)
         best_ns = choose_period(grid.period_ns, machines.values())
         if best_ns == grid.period_ns:
             return False

@@ -60,6 +60,11 @@ class Member:
     pin: str = ""
     """Pin of its own machine, even if a relay seals for it."""
 
+    @property
+    def machine(self) -> str:
+        """Machine that votes for it, by its pin; on an open rig each member counts as a machine."""
+        return self.pin or self.name
+
     def is_of_another_machine(self, hello: Hello) -> bool:
         """Whether a hello comes from another machine than this member's."""
         return self.pin not in ("", hello.pin)
@@ -74,7 +79,7 @@ def camera_phases(members: Iterable[Member]) -> list[CameraPhase]:
             member.report.frame_leader_ns,
             member.report.drift_ppm or 0.0,
             max(1, member.report.tolerance_ns),
-            member.pin or member.name,
+            member.machine,
         )
         for member in members
         if not member.lost
@@ -344,10 +349,9 @@ class Roster:
         for member in self.members.values():
             if member.lost or member.camera.phase_control is PhaseControl.NONE:
                 continue
-            machine = member.pin or member.name
-            movable.add(machine)
+            movable.add(member.machine)
             if member.report.state in (NodeState.READY, NodeState.DEGRADED):
-                aligned.add(machine)
+                aligned.add(member.machine)
                 if len(aligned) == 2:
                     return True
         return False if len(movable) > 1 else None

@@ -1,8 +1,8 @@
 """Succession of a rig's ranked leaders: the first live one leads, and the others follow its clock meanwhile.
 
 There is no preemption. A leader that returns follows the active one, whatever its rank, as every change of
-leader costs the bursts under way (VRRP without preemption, RFC 9568). A frozen leader returns, too, if its
-members did not wait for it. If two lead, as after a split network, the one of lower rank gives way.
+leader costs the bursts under way (VRRP without preemption, RFC 9568). A frozen leader whose members did not
+wait counts as returned. If two lead, as after a split network, the one of lower rank gives way.
 """
 
 import random

@@ -47,7 +47,7 @@ async def test_a_first_user_takes_compares_and_exports_by_keys_alone(
         await terminal.shows("Next take")
         terminal.press("Space")
         # The verdict of the take, and its contact sheet: cameras across, instants down.
-        await terminal.shows("µs ±", "first", "+33 ms")
+        await terminal.shows("µs ±", "instant cam00", "first", "+33 ms")
 
         terminal.press("3")
         await terminal.shows("burst-001", "2 cameras × 4 instants")

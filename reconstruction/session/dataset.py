@@ -12,6 +12,7 @@ import numpy as np
 from capture_app.common.camera_facts import unshared_uncertainties_ns
 from capture_app.common.errors import BadInputError, IncompleteError, NotApplicableError, reading
 from capture_app.common.instants import is_same_instant
+from capture_app.session.files.untrusted_files import RESTORE_IMAGE
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import FrameRecord, ImageRecord
 from capture_app.session.reading.reader import Session
@@ -310,18 +311,17 @@ class Dataset:
     def _check(self, record: ImageRecord) -> None:
         path = self.session.image_file(record)
         if not path.is_file():
-            hint = "restore it from a copy; capture-app sessions verify lists all that is missing"
-            raise IncompleteError(f"{path} is missing", hint=hint)
+            raise IncompleteError(f"{path} is missing", hint=RESTORE_IMAGE)
         if isinstance(record, FrameRecord):
             if path.stat().st_size < record.offset + record.bytes:
                 raise IncompleteError(
                     f"{path} ends before the frame of instant {record.instant}",
-                    hint="restore it from a copy; capture-app sessions verify lists all damage",
+                    hint=RESTORE_IMAGE,
                 )
         elif path.stat().st_size != record.bytes:
             raise IncompleteError(
                 f"{path} has {path.stat().st_size} bytes, not {record.bytes}",
-                hint="restore it from a copy; capture-app sessions verify lists all damage",
+                hint=RESTORE_IMAGE,
             )
 
     def _image_cache(self) -> ByteCache:

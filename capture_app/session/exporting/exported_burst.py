@@ -8,13 +8,12 @@ from pathlib import Path
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.common.text import Progress
 from capture_app.session.exporting.exporter import ExportOptions
+from capture_app.session.files.untrusted_files import RESTORE, RESTORE_IMAGE
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.lens import Picture, Redraw
 from capture_app.session.format.manifest import MANIFEST, ImageRecord
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
-
-_VERIFY = "restore it from a copy; capture-app sessions verify lists all such files"
 
 
 @dataclass(frozen=True, slots=True)
@@ -124,22 +123,22 @@ class ExportedBurst:
         try:
             data = self.session.image_bytes(image)
         except FileNotFoundError:
-            raise IncompleteError(f"{path} is missing", hint=_VERIFY) from None
+            raise IncompleteError(f"{path} is missing", hint=RESTORE_IMAGE) from None
         except OSError as error:
-            raise BadInputError(f"cannot read {path}: {error.strerror}", hint=_VERIFY) from error
+            raise BadInputError(f"cannot read {path}: {error.strerror}", hint=RESTORE_IMAGE) from error
         if len(data) != image.bytes or hashlib.sha256(data).hexdigest() != image.sha256:
-            raise BadInputError(f"{path} is not the image that was saved", hint=_VERIFY)
+            raise BadInputError(f"{path} is not the image that was saved", hint=RESTORE_IMAGE)
         self._done += 1
         self._progress(min(self._done, len(self.images)), len(self.images))
         pixels = decode_image(data, colour=True)
         if pixels is None:
-            raise BadInputError(f"{path} is not an image that can be decoded", hint=_VERIFY)
+            raise BadInputError(f"{path} is not an image that can be decoded", hint=RESTORE_IMAGE)
         width, height = self.size(image.camera)
         if pixels.shape[:2] != (height, width):
             raise BadInputError(
                 f"{path} is {pixels.shape[1]}x{pixels.shape[0]} pixels; "
                 f"{image.camera} takes {width}x{height}",
-                hint=_VERIFY,
+                hint=RESTORE_IMAGE,
             )
         return data, pixels
 
@@ -155,7 +154,7 @@ def _images_by_place(session: Session) -> dict[tuple[str, int], ImageRecord]:
     for image in session.manifest.images:
         place = session.image_place(image)
         if (image.camera, image.instant) in images or place in paths:
-            raise BadInputError(f"{where} lists {image.path} of {image.camera} twice", hint=_VERIFY)
+            raise BadInputError(f"{where} lists {image.path} of {image.camera} twice", hint=RESTORE)
         images[image.camera, image.instant] = image
         paths.add(place)
     return images
@@ -165,11 +164,12 @@ def _check_times(burst: ExportedBurst) -> None:
     where = burst.session.folder / MANIFEST
     for index, (before_ns, after_ns) in enumerate(pairwise(burst.instants_ns), 1):
         if after_ns <= before_ns:
-            raise BadInputError(f"{where}: instant {index} is not after instant {index - 1}", hint=_VERIFY)
+            raise BadInputError(f"{where}: instant {index} is not after instant {index - 1}", hint=RESTORE)
     for camera in burst.cameras:
         for last, image in pairwise(burst._in_order(camera)):
             same = image.leader_ns == last.leader_ns
             if image.leader_ns < last.leader_ns or (same and not (image.substitute or last.substitute)):
                 raise BadInputError(
-                    f"{where}: the times of {camera} go backwards at instant {image.instant}", hint=_VERIFY
+                    f"{where}: the times of {camera} go backwards at instant {image.instant}",
+                    hint=RESTORE_IMAGE,
                 )

@@ -25,6 +25,7 @@ _T = TypeVar("_T")
 MAX_BYTES = 1 << 30
 """Maximum unpacked size of all arrays of a file, bytes."""
 RESTORE = "restore this file from a copy"
+RESTORE_IMAGE = "restore it from a copy; capture-app sessions verify SESSION lists all damaged files"
 
 
 def open_regular(path: Path) -> BinaryIO:

@@ -11,6 +11,7 @@ import numpy as np
 import numpy.typing as npt
 
 from capture_app.common.errors import BadInputError, IncompleteError, reading
+from capture_app.session.files.untrusted_files import RESTORE_IMAGE
 from capture_app.session.format.lens import triangulate_rays, undistort_pixels
 from capture_app.session.format.manifest import CameraRecord, ImageRecord
 from capture_app.session.reading.decoding import decode_image
@@ -102,8 +103,7 @@ class Frame:
         with reading(self.record.path):
             picture = decode_image(self._session.image_bytes(self.record), colour=True)
         if picture is None:
-            hint = "restore it from a copy; capture-app sessions verify SESSION lists all damaged images"
-            raise BadInputError(f"{self.record.path} is not a picture", hint=hint)
+            raise BadInputError(f"{self.record.path} is not a picture", hint=RESTORE_IMAGE)
         return picture
 
     def rgb(self) -> Pixels:

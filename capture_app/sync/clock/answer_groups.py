@@ -7,9 +7,9 @@ grows by twice the apparent shift.
 
 from collections import deque
 from collections.abc import Sequence
-from itertools import accumulate
+from itertools import accumulate, islice
 from math import hypot, sqrt
-from operator import sub
+from operator import add, sub
 from typing import NamedTuple
 
 from capture_app.sync.clock.likely_line import DRIFT, LONG_AGO_NS, STAMP_NS
@@ -50,7 +50,7 @@ class Newest(NamedTuple):
     sigma: float
     """One sigma of `moved`."""
     typical: float
-    """Largest deviation of any equally long run of earlier groups."""
+    """Largest deviation of any equally long run of earlier groups; 0 where `moved` counts as chance."""
     min_skew: float
     """Lower bound of the clocks' relative rate, at SIGMAS sigma, from the earlier groups; dimensionless.
 
@@ -84,8 +84,10 @@ class AnswerGroups:
 
     def clear(self) -> None:
         """Remove all groups, for a new estimate."""
-        self._groups: deque[tuple[int, float, float]] = deque()
-        """Mean time, offset and round-trip delay of each group."""
+        self._groups: deque[tuple[int, int, int]] = deque()
+        """Mean time, offset and round-trip delay of each group, in ns."""
+        self._sums = [0] * len(_terms((0, 0, 0)))
+        """Sums of the groups' terms."""
         self._uppers: list[Bound] = []
         self._lowers: list[Bound] = []
         self._half: tuple[Bound, Bound] | None = None
@@ -97,7 +99,7 @@ class AnswerGroups:
     def forget_before(self, local_ns: int) -> None:
         """Remove the groups whose mean time is before a local time in ns."""
         while self._groups and self._groups[0][0] < local_ns:
-            self._groups.popleft()
+            self._sums = list(map(sub, self._sums, _terms(self._groups.popleft())))
 
     def add(self, upper: Bound, lower: Bound, skew: float) -> bool:
         """Add the bounds of one sample, the lower one negated. Return whether a group is complete."""
@@ -120,52 +122,57 @@ class AnswerGroups:
         if before is None:
             return False
         if self._overlaps and self._groups:
-            self._groups.pop()
+            self._sums = list(map(sub, self._sums, _terms(self._groups.pop())))
         self._overlaps = not self._overlaps
         (t0, above), (t3, below) = tightest(*zip(before, self._half, strict=True))
-        self._groups.append(((t0 + t3) // 2, (above - below) / 2.0, above + below - skew * (t0 - t3)))
+        group = (t0 + t3) // 2, (above - below) // 2, above + below - round(skew * (t0 - t3))
+        self._groups.append(group)
+        self._sums = list(map(add, self._sums, _terms(group)))
         self.forget_before(upper[0] - self.window_ns)
         return True
 
     def newest(self) -> list[Newest]:
         """Return the deviations of the last 1, 2, 4, ... groups from the line through all earlier ones."""
-        if not self._groups:
-            return []
-        at_ns, level = self._groups[-1][:2]
-        points = [(float(t - at_ns), offset - level, gap) for t, offset, gap in self._groups]
-        terms = [(t, x, gap, t * t, t * x, x * x, t * gap) for t, x, gap in points]
-        sums = [list(accumulate(column, initial=0.0)) for column in zip(*terms, strict=True)]
-        total = len(points)
-        return [
-            self._compare(sums, count)
-            for count in COUNTS
-            if count <= total // 2 and total - count >= MIN_GROUPS
-        ]
+        found, total, earlier = [], len(self._groups), self._sums
+        for count in range(1, min(COUNTS[-1], total // 2, total - MIN_GROUPS) + 1):
+            earlier = list(map(sub, earlier, _terms(self._groups[-count])))
+            if count in COUNTS:
+                found.append(self._compare(earlier, list(map(sub, self._sums, earlier))))
+        return found
 
-    def _compare(self, sums: Sequence[Sequence[float]], count: int) -> Newest:
-        """Return the deviation of the last `count` groups from the line through the groups before them.
+    def _compare(self, earlier: Sequence[int], newest: Sequence[int]) -> Newest:
+        """Return the deviation of the newest groups from the line through the earlier ones, by their sums."""
+        many, times, offsets, gaps, squares, products, offset_squares, gap_products = earlier
+        count, common = newest[0], newest[0] * many
+        # Differences of integers are exact: over hours, the sums have more digits than a float.
+        scatter = max(1.0, (many * squares - times * times) / many)
+        slope = (many * products - times * offsets) / many / scatter
+        gap_slope = (many * gap_products - times * gaps) / many / scatter
+        squared = (many * offset_squares - offsets * offsets) / many - slope**2 * scatter
+        variance = max(0.0, squared) / (many - 2)
 
-        `sums` holds the cumulative sums, starting at 0, of times, offsets, round-trip delays, squared times,
-        products of time and offset, squared offsets, and products of time and round-trip delay.
-        """
-        times, offsets, gaps, squares, products, offset_squares, gap_products = sums
-        many = len(times) - 1 - count
-        middle, level, gap = times[many] / many, offsets[many] / many, gaps[many] / many
-        scatter = max(1.0, squares[many] - many * middle**2)
-        slope = (products[many] - many * middle * level) / scatter
-        gap_slope = (gap_products[many] - many * middle * gap) / scatter
-        variance = max(0.0, offset_squares[many] - many * level**2 - slope**2 * scatter) / (many - 2)
-
-        intercept = level - slope * middle
-        sloped = [offset - slope * time for offset, time in zip(offsets, times, strict=True)]
-        earlier = list(map(sub, sloped[count : many + 1], sloped))
-        ahead = (times[-1] - times[many]) / count - middle
+        ahead = (newest[1] * many - times * count) / common
+        moved = (newest[2] * many - offsets * count) / common - slope * ahead
         chance = variance * (1.0 / count + 1.0 / many + ahead**2 / scatter)
+        sigma = hypot(sqrt(chance), DRIFT * ahead**2 / 2.0, 2.0 * STAMP_NS)
+        typical = 0.0
+        if abs(moved) > HIDDEN_SIGMAS * sigma:
+            level, middle = offsets / many, times / many
+            groups = islice(self._groups, many)
+            residuals = [offset - level - slope * (t - middle) for t, offset, _ in groups]
+            sums = list(accumulate(residuals, initial=0.0))
+            typical = max(abs(end - begin) for begin, end in zip(sums, sums[count:], strict=False)) / count
         return Newest(
             since_ns=self._groups[-count][0],
-            moved=(sloped[-1] - sloped[many]) / count - intercept,
-            grown=(gaps[-1] - gaps[many]) / count - gap,
-            sigma=hypot(sqrt(chance), DRIFT * ahead**2 / 2.0, 2.0 * STAMP_NS),
+            moved=moved,
+            grown=(newest[3] * many - gaps * count) / common,
+            sigma=sigma,
+            typical=typical,
             min_skew=abs(slope) - abs(gap_slope) / 2.0 - SIGMAS * sqrt(variance / scatter),
-            typical=max(max(earlier) / count - intercept, intercept - min(earlier) / count),
         )
+
+
+def _terms(group: tuple[int, int, int]) -> tuple[int, ...]:
+    """Return a group's terms of the sums: count, time, offset, round trip, and products of these."""
+    t, offset, gap = group
+    return 1, t, offset, gap, t * t, t * offset, offset * offset, t * gap

@@ -1,7 +1,6 @@
 """Offset and skew between a node's clock and the leader's, estimated from two-way time exchanges."""
 
 from dataclasses import dataclass
-from heapq import nsmallest
 from math import hypot, sqrt
 
 from capture_app.common.bounds import Real
@@ -19,7 +18,8 @@ from capture_app.sync.clock.likely_line import (
 )
 from capture_app.sync.clock.time_map import ROUNDING_NS, TimeMap
 
-BLOCK_NS, SIGMAS_95 = 1_000_000_000, 1.96
+BLOCKS, SIGMAS_95 = 30, 1.96
+"""Blocks of the usual window, outside of which old bounds are removed by the block; 1.96 sigma are 95 %."""
 CHANGE_PPM, SETTLING_NS = 20.0, 10_000_000_000
 """Smallest rate change that is reported; changes that follow within the second value count as one."""
 PACES, LONGEST_NS = 1200, 90_000_000_000
@@ -95,6 +95,7 @@ class ClockFilter:
     def __init__(self, *, window_ns: int = 30_000_000_000, longest_ns: int = LONGEST_NS) -> None:
         """Set the window to `window_ns`, or up to `longest_ns` if the leader asks for rare requests."""
         self._min_window_ns, self._longest_ns = window_ns, longest_ns
+        self._block_ns = window_ns // BLOCKS
         self._not_before_ns = LONG_AGO_NS
         self._groups = AnswerGroups(window_ns)
         self.asymmetry: PathAsymmetry | None = None
@@ -116,8 +117,8 @@ class ClockFilter:
         """Remove all samples."""
         self.samples, self._newest_ns, self._anchor_ns = 0, LONG_AGO_NS, 0
         self._highest = self._lowest = (0, -LONG_AGO_NS)
-        self._blocks: dict[int, tuple[set[Bound], set[Bound]]] = {}
-        """Upper and lower bounds by second: all of the newest one, the relevant ones of earlier seconds."""
+        self._blocks: dict[int, tuple[list[Bound], list[Bound]]] = {}
+        """Upper and lower bounds by time: all of the newest block, the relevant ones of earlier blocks."""
         self._fitted: LikelyLine | None = None
         self._stale = True
         self._changed: tuple[int, float] | None = None
@@ -176,13 +177,14 @@ class ClockFilter:
         if self._suspects:
             self._suspects.clear()
             self.refused_steps += 1
-        if self._blocks and sample.t3_ns // BLOCK_NS > self._newest_ns // BLOCK_NS:
+        block = sample.t3_ns // self._block_ns
+        if self._blocks and block > self._newest_ns // self._block_ns:
             self._end_block()
         self._highest, self._lowest, self._stale = highest, lowest, True
         self.samples += 1
         self._newest_ns = max(self._newest_ns, sample.t3_ns)
-        self._blocks.setdefault(sample.t0_ns // BLOCK_NS, (set(), set()))[0].add(upper)
-        self._blocks.setdefault(sample.t3_ns // BLOCK_NS, (set(), set()))[1].add(lower)
+        self._blocks.setdefault(sample.t0_ns // self._block_ns, ([], []))[0].append(upper)
+        self._blocks.setdefault(block, ([], []))[1].append(lower)
         if sample.round_trip_ns - self._min_gap < self.longer_ns / 2.0:
             # No message is faster than its path's minimum delay, so the path is no longer slow.
             self.longer_ns = 0.0
@@ -200,7 +202,7 @@ class ClockFilter:
         self.late_ns = 0.0 if self.asymmetry is None or sigma is None else self.asymmetry.late_ns
         offset_ns = round(min(max(line.offset + line.skew * age + self.late_ns, lowest), highest))
         # The best line through a parabola is below its end and less steep there.
-        span = float(self._newest_ns - min(self._blocks) * BLOCK_NS)
+        span = float(self._newest_ns - min(self._blocks) * self._block_ns)
         bend = DRIFT * (span * span / 12.0 + (span + age) * age / 2.0)
         skew_drift = DRIFT * (span / 2.0 + abs(age))
         asymmetry_ns = ASYMMETRY * line.gap / 2.0 if sigma is None else sigma
@@ -254,12 +256,14 @@ class ClockFilter:
         return self._fitted
 
     def _end_block(self) -> None:
-        """Reduce the newest second to its relevant bounds, and remove the seconds outside the window."""
+        """Reduce the newest block to its relevant bounds, and remove the blocks outside the window."""
         for bounds, slope in zip(self._blocks[max(self._blocks)], (1.0, -1.0), strict=True):
             slope *= (self._fitted or self._line()).skew
-            levels = [(value - slope * (t - self._newest_ns), (t, value)) for t, value in bounds]
-            bounds.intersection_update(lower_hull(bounds) + [b for _, b in nsmallest(TIGHTEST, levels)])
-        oldest = (self._newest_ns - self._groups.window_ns) // BLOCK_NS
+            if len(bounds) > TIGHTEST:
+                nearest = sorted(bounds, key=lambda bound: bound[1] - slope * (bound[0] - self._newest_ns))
+                relevant = {*lower_hull(bounds), *nearest[:TIGHTEST]}
+                bounds[:] = [bound for bound in bounds if bound in relevant]
+        oldest = (self._newest_ns - self._groups.window_ns) // self._block_ns
         self._blocks = {i: self._blocks[i] for i in sorted(self._blocks) if i >= oldest}
 
     def _look_for_change(self) -> bool:
@@ -292,7 +296,7 @@ class ClockFilter:
         if self._changed is None or self._newest_ns - self._changed[0] > SETTLING_NS:
             self._changed = self._newest_ns, self._line().skew
         remaining = {
-            i: ({b for b in above if b[0] >= local_ns}, {b for b in below if b[0] >= local_ns})
+            i: ([b for b in above if b[0] >= local_ns], [b for b in below if b[0] >= local_ns])
             for i, (above, below) in self._blocks.items()
         }
         self._blocks = {i: bounds for i, bounds in remaining.items() if any(bounds)}
@@ -312,5 +316,5 @@ def _can_both_be(one: ClockSample, other: ClockSample, max_skew: float) -> bool:
 
 
 def _tighter(one: Bound, other: Bound) -> Bound:
-    later_ns = max(one[0], other[0])
-    return one if _bound_at(one, later_ns) <= _bound_at(other, later_ns) else other
+    """Return the bound that is tighter at the later one's time and from then on."""
+    return one if one[1] - other[1] <= MAX_SKEW * (one[0] - other[0]) else other

@@ -32,9 +32,9 @@ from capture_app.session.reading.sheet_pictures import (
 )
 from capture_app.session.reading.take_sheet import TakeSheet
 
-WIDTH_PX, FPS = 384, 4.0
+WIDTH_PX, FPS = 384, 5.0
 """Width and maximum rate of the live pictures of all cameras."""
-CLOSE_WIDTH_PX, CLOSE_FPS = 1280, 8.0
+CLOSE_WIDTH_PX, CLOSE_FPS = 1280, 10.0
 """The same of a camera that is looked at closely."""
 SHEET_WIDTH_PX, SHEET_ROWS = 240, 6
 WIGGLE_WIDTH_PX, WIGGLE_STEP_MS = 480, 125

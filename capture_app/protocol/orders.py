@@ -49,6 +49,9 @@ class PreviewRequest(Message, frozen=True, kw_only=True, tag="preview-request"):
     """Maximum rate per camera; 0: no previews."""
 
 
+NO_PREVIEWS = PreviewRequest(width=16, fps=0)
+
+
 class PreviewSeen(Message, frozen=True, kw_only=True, tag="preview-seen"):
     """Acknowledgement of a preview: a slow link skips previews instead of queueing them."""
 

@@ -174,6 +174,10 @@ class Preview(Message, frozen=True, kw_only=True, tag="preview", omit_defaults=T
     camera: Name
     leader_ns: TimeNs | None
     """Leader time of the frame; None while the node's clock is unknown."""
+    instant_ns: TimeNs | None = None
+    """Leader time of the rig's instant that it shows; None if it is only the camera's newest frame."""
+    completes: bool = False
+    """Whether it is the last of the previews of its instant that the leader sends to this operator."""
     width: Pixels
     """Width in pixels, as the height."""
     height: Pixels

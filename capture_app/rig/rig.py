@@ -4,7 +4,7 @@ import asyncio
 import contextlib
 import os
 import time
-from collections.abc import Coroutine, Sequence
+from collections.abc import AsyncGenerator, Coroutine, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from os import PathLike
 from pathlib import Path
@@ -17,6 +17,7 @@ from capture_app.common.node_state import NodeState
 from capture_app.common.timeouts import READY_TIMEOUT_S, RIG_STOP_TIMEOUT_S
 from capture_app.protocol.orders import AddSimulated, StopRig
 from capture_app.protocol.status import RigStatus
+from capture_app.rig.instant_previews import InstantPreviews, instant_previews
 from capture_app.rig.process import start_rig
 from capture_app.rig.rig_link import RigLink, ask_status, give_order, present_cameras
 from capture_app.rig.taking import Saved, TakePlan, Taking
@@ -127,6 +128,29 @@ class AsyncRig:
         plan = TakePlan(seconds=seconds, video=True, name=name, note=note)
         return (await self.take(plan).result()).open()
 
+    def previews(
+        self, width: int = 640, fps: float = 10.0, cameras: Sequence[str] | None = None
+    ) -> AsyncGenerator[InstantPreviews, None]:
+        """Yield small images of all cameras at one instant, then at the next, up to `fps` instants a second.
+
+        They are about `width` px wide, and of these `cameras` only, if given. A slow reader skips instants;
+        a burst interrupts them. Raises NetworkError.
+        """
+        wanted = None if cameras is None else tuple(cameras)
+        return instant_previews(RigLink(self.address), cameras=wanted, width=width, fps=fps)
+
+    async def preview(self, width: int = 640, wait_s: float = 10.0) -> InstantPreviews:
+        """Return small images of all cameras at one instant, now.
+
+        Raises NetworkError, and IncompleteError if no synchronized camera gives one within `wait_s`.
+        """
+        try:
+            async with asyncio.timeout(wait_s), contextlib.aclosing(self.previews(width)) as previews:
+                return await anext(previews)
+        except TimeoutError as error:
+            what = f"no synchronized camera gave a preview within {wait_s:g} s"
+            raise IncompleteError(what, hint="see their states: capture-app status") from error
+
     async def _stop(self) -> None:
         """End the rig that was started here, and wait until its process has ended."""
         pid, leader = self._pid, self.address
@@ -189,6 +213,10 @@ class Rig:
     def record(self, seconds: float, *, name: str = "", note: str = "") -> OpenSession:
         """Record a video with every camera and return its session. Raises as in `AsyncRig`."""
         return _run(self._rig.record(seconds, name=name, note=note))
+
+    def preview(self, width: int = 640, wait_s: float = 10.0) -> InstantPreviews:
+        """Return small images of all cameras at one instant, now. Raises as in `AsyncRig`."""
+        return _run(self._rig.preview(width, wait_s))
 
 
 def _run(work: Coroutine[Any, Any, T]) -> T:

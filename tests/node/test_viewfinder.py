@@ -29,7 +29,7 @@ from capture_app.protocol.status import NodeDetail, Preview
 from capture_app.rig.rig_link import RigLink, Update
 from tests.node.camera.controlled_camera import ControlledCamera, ShownNode
 from tests.node.joining import joined
-from tests.waiting import time_limit
+from tests.waiting import time_limit, until
 
 pytestmark = pytest.mark.usefixtures("open_rig")
 
@@ -71,8 +71,8 @@ class Picture:
 class Node(ShownNode):
     """A node whose camera sees grey levels."""
 
-    def __init__(self, *, is_busy: bool = False) -> None:
-        super().__init__("a", NODE, ControlledCamera())
+    def __init__(self, name: str = "a", *, is_busy: bool = False) -> None:
+        super().__init__(name, NODE, ControlledCamera())
         self.is_busy = is_busy
 
     def see(self, number: int, level: int = 128) -> Picture:
@@ -109,13 +109,17 @@ async def test_a_preview_goes_from_the_newest_frame_to_the_operator(leader: Lead
     running = asyncio.create_task(node.viewfinder.run())
     try:
         node.viewfinder.set_leader(leader.own_address)
-        node.see(0)
-        picture = node.see(1, level=200)
-        await link.want_previews(cameras=("a",), width=40, fps=10)
+        await link.want_previews(cameras=("a",), width=40, fps=30)
+        coming = asyncio.ensure_future(anext(previews(link)))
+        await until(lambda: node.viewfinder.request.fps)
+        node.see(1)
+        picture = node.see(3, level=200)
+        node.see(4)
         async with time_limit("the updates that follow"):
-            preview = await anext(previews(link))
+            preview = await coming
         assert (preview.camera, preview.width, preview.height) == ("a", 40, 30)
-        assert preview.leader_ns == 920_000_007
+        # Of three instants, the one that all cameras show.
+        assert (preview.leader_ns, preview.instant_ns, preview.completes) == (960_000_007, 960_000_000, True)
         decoded = cv2.imdecode(np.frombuffer(preview.jpeg, np.uint8), cv2.IMREAD_COLOR)
         assert decoded.shape == (30, 40, 3)
         assert abs(int(decoded.mean()) - 200) < 3
@@ -134,12 +138,14 @@ async def test_nothing_is_drawn_while_nobody_looks_or_a_burst_is_sent(leader: Le
         seen = [node.see(0)]
         await link.want_previews(cameras=None, width=40, fps=30)
         coming = asyncio.ensure_future(anext(previews(link)))
+        await until(lambda: node.viewfinder.request.fps)
         for number in range(1, 6):
             await asyncio.sleep(0.05)
             seen.append(node.see(number))
         assert not coming.done()
         assert [picture.asked for picture in seen] == [[]] * 6, "no picture is made while it is busy"
         node.is_busy = False
+        node.see(6)
         async with time_limit("the updates that follow"):
             await coming
     finally:

@@ -33,6 +33,7 @@ from capture_app.session.files.disk import free_bytes
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import CameraRecord, ClockRecord, PhaseRecord
 from capture_app.sync.clock.clock_filter import ClockSample
+from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig import events, status_text
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import Failover
@@ -200,6 +201,10 @@ class RigMember:
         time_map = self._engine.time_map
         return None if time_map is None else time_map.leader_from_local(local_ns)
 
+    def instant_of(self, stamp_ns: int) -> tuple[int, FrameGrid, int] | None:
+        """Return as `Client.instant_of` which instant of the rig's grid a frame shows, and how late it is."""
+        return self._engine.instant_of(stamp_ns)
+
     @property
     def is_busy(self) -> bool:
         """Whether frames of a burst are being selected or sent, so that previews must wait."""
@@ -222,12 +227,12 @@ class RigMember:
 
     def detail(self) -> NodeDetail:
         """Return the node's details for operators."""
-        errors_ns = (self._engine.phase_error_ns(stamp) for stamp in self._viewfinder.stamps_ns)
+        places = map(self._engine.instant_of, self._viewfinder.stamps_ns)
         spool, seen = self._uploader.spool, self._viewfinder
         return NodeDetail(
             camera=self.options.name,
             samples=offsets_of(self._samples, self._engine.report(self._clock.now_ns()).skew_ppm),
-            phase_errors_ns=tuple(error for error in errors_ns if error is not None),
+            phase_errors_ns=tuple(place[2] for place in places if place is not None),
             log=self._log.after(0)[-MAX_LINES:],
             fps=seen.health.fps,
             exposure_ns=seen.health.exposure_ns,

@@ -1,7 +1,7 @@
 """Viewfinder of a node's camera for operators: previews, frame rate, exposure, and details.
 
-It yields to the clock and to bursts. Previews are made in a low-priority thread, one at a time, of the newest
-frame only, and never while a burst is captured or sent.
+It yields to the clock and to bursts. Previews are made in a low-priority thread, one at a time, and never
+while a burst is captured or sent. All cameras of a rig show the same instants of its grid.
 """
 
 import asyncio
@@ -18,6 +18,7 @@ from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.supervisor import ControlKeeper, NodeOptions
 from capture_app.protocol.messages import FromLeader, NodeStream, Refusal
 from capture_app.protocol.orders import (
+    NO_PREVIEWS,
     CameraHealth,
     ControlsAnswer,
     ControlsRequest,
@@ -30,13 +31,18 @@ from capture_app.protocol.orders import (
 )
 from capture_app.protocol.status import NodeDetail, Preview
 from capture_app.session.reading.decoding import encode_image
+from capture_app.sync.phase.frame_grid import FrameGrid
 
 RETRY_S = 2.0
 HEALTH_INTERVAL_S = 1.0
-BUSY_CHECK_S = 0.1
 MAX_FRAMES = 300
 RATE_WINDOW_NS = 2_000_000_000
 JPEG_QUALITY = 75
+RATE_TOLERANCE = 1.05
+"""Maximum rate of previews over the requested one: a frame period is not exactly 1/30 s."""
+MAX_PERIODS = 3 << 12
+MAX_INTERVALS = 3
+"""Requested intervals after which any frame is shown of a camera that has none of the rig's instants."""
 
 
 class ShownMember(Protocol):
@@ -48,6 +54,9 @@ class ShownMember(Protocol):
 
     def leader_ns(self, local_ns: int) -> int | None:
         """Return the leader's time of a local time; None while it is unknown."""
+
+    def instant_of(self, stamp_ns: int) -> tuple[int, FrameGrid, int] | None:
+        """Return which instant of the rig's grid a frame shows, and how late it is (ns); None if unknown."""
 
     def detail(self) -> NodeDetail:
         """Return what is too large for a status: clock samples, phase errors, log lines, controls."""
@@ -71,8 +80,13 @@ class Viewfinder:
         self._leader: Address | None = None
         self._leader_changed = asyncio.Event()
         self._channel: Channel[Any] | None = None
-        self._request: PreviewRequest | None = None
-        self._request_changed = asyncio.Event()
+        self.request = NO_PREVIEWS
+        """Previews requested now."""
+        self._next: tuple[CapturedFrame, int | None] | None = None
+        """Frame of the next preview, with the leader time of the instant that it shows."""
+        self._chosen_ns: int | None = None
+        """Timestamp of the frame chosen last, or of the first one that could be."""
+        self._frame_chosen = asyncio.Event()
         self._may_send = asyncio.Event()
         self._thread = ThreadPoolExecutor(1, "preview", initializer=lower_priority)
 
@@ -87,9 +101,21 @@ class Viewfinder:
         )
 
     def add_frame(self, frame: CapturedFrame) -> None:
-        """Note the next frame of the stream."""
+        """Note the next frame of the stream, and choose it for a preview if one is due."""
         self.newest = frame
         self.stamps_ns.append(frame.timestamp_ns)
+        if not self.request.fps:
+            return
+        fps, place = self.request.fps, self._member.instant_of(frame.timestamp_ns)
+        if self._chosen_ns is None:
+            self._chosen_ns = frame.timestamp_ns
+        since_ns, shown_ns = abs(frame.timestamp_ns - self._chosen_ns), None
+        if place is not None and place[0] % periods_between(place[1].period_ns, fps) == 0:
+            shown_ns = place[1].instant(place[0])
+        elif since_ns * fps < (1e9 if place is None else MAX_INTERVALS * 1e9):
+            return
+        self._chosen_ns, self._next = frame.timestamp_ns, (frame, shown_ns)
+        self._frame_chosen.set()
 
     def set_leader(self, leader: Address) -> None:
         """Open the stream to that leader, and reopen it if the leader was restarted."""
@@ -116,8 +142,8 @@ class Viewfinder:
             self._thread.shutdown(wait=False, cancel_futures=True)
 
     async def _serve(self, channel: Channel[Any]) -> None:
-        self._channel, self._request = channel, None
-        self._request_changed.clear()
+        self._channel, self.request, self._chosen_ns = channel, NO_PREVIEWS, None
+        self._frame_chosen.clear()
         self._may_send.set()
         await channel.send(NodeStream(camera=self._name, instance=self._instance, shows=True))
         try:
@@ -131,8 +157,7 @@ class Viewfinder:
         while (message := await channel.receive_header()) is not None:
             match message:
                 case PreviewRequest():
-                    self._request = message
-                    self._request_changed.set()
+                    self.request = message
                 case PreviewSeen():
                     self._may_send.set()
                 case DetailRequest():
@@ -165,30 +190,23 @@ class Viewfinder:
 
     async def _show(self, channel: Channel[Any]) -> None:
         loop = asyncio.get_running_loop()
-        shown: CapturedFrame | None = None
-        due_s = 0.0
         while True:
-            request = self._request
-            if request is None or not request.fps:
-                self._request_changed.clear()
-                await self._request_changed.wait()
-                continue
             await self._may_send.wait()
-            await asyncio.sleep(max(0.0, due_s - loop.time()))
-            frame = self.newest
-            if frame is None or frame is shown or self._member.is_busy:
-                await asyncio.sleep(BUSY_CHECK_S)
+            await self._frame_chosen.wait()
+            self._frame_chosen.clear()
+            if self._next is None or self._member.is_busy:
                 continue
-            due_s, shown = loop.time() + 1 / request.fps, frame
-            made = await loop.run_in_executor(self._thread, small_jpeg, frame, request.width)
+            frame, shown_ns = self._next
+            made = await loop.run_in_executor(self._thread, small_jpeg, frame, self.request.width)
             if made is None or self._member.is_busy:
                 continue
             jpeg, width, height = made
             self._may_send.clear()
             leader_ns = self._member.leader_ns(frame.timestamp_ns)
-            await channel.send(
-                Preview(camera=self._name, leader_ns=leader_ns, width=width, height=height), jpeg
+            preview = Preview(
+                camera=self._name, leader_ns=leader_ns, instant_ns=shown_ns, width=width, height=height
             )
+            await channel.send(preview, jpeg)
 
     def _fps(self) -> float | None:
         since_ns = self._options.clock.now_ns() - RATE_WINDOW_NS
@@ -197,6 +215,18 @@ class Viewfinder:
             return 0.0 if self.stamps_ns else None
         span_ns = max(recent) - min(recent)
         return round((len(recent) - 1) * 1e9 / span_ns, 1) if span_ns else None
+
+
+def periods_between(period_ns: int, fps: float) -> int:
+    """Return the frame periods from one preview to the next, at up to `fps`: 1, or 3 times a power of 2.
+
+    Previews are of the rig's instants whose number is a multiple of it. The instants of slow previews are
+    thus among those of faster ones: all cameras show the same instants, at whatever rate each is requested.
+    """
+    periods = 1
+    while periods * period_ns * fps * RATE_TOLERANCE < 1e9 and periods < MAX_PERIODS:
+        periods = 2 * periods if periods > 1 else 3
+    return periods
 
 
 def small_jpeg(frame: CapturedFrame, width: int) -> tuple[bytes, int, int] | None:

@@ -1,8 +1,10 @@
 """Streams over which nodes send previews and details to their leader while an operator watches."""
 
 import asyncio
-from collections.abc import Collection, Mapping
+from collections import deque
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import inf
 from typing import Any, TypeVar
 
 from msgspec.structs import replace
@@ -12,6 +14,7 @@ from capture_app.common.timeouts import NODE_ANSWER_TIMEOUT_S
 from capture_app.net.channel import Channel
 from capture_app.protocol.messages import NodeStream, ToLeader
 from capture_app.protocol.orders import (
+    NO_PREVIEWS,
     CameraHealth,
     ControlsAnswer,
     ControlsRequest,
@@ -28,9 +31,10 @@ from capture_app.protocol.status import NodeDetail, Preview
 NodeRequest = DetailRequest | ControlsRequest | SaveStamp
 NodeAnswer = NodeDetail | ControlsAnswer | StampSaved
 A = TypeVar("A", NodeDetail, ControlsAnswer, StampSaved)
-NOTHING = PreviewRequest(width=16, fps=0)
 UNKNOWN = CameraHealth()
 MAX_PREVIEW_BYTES = 4 << 20
+STORED = 4
+"""Previews stored of each camera: as many as one may be behind the others."""
 
 
 @dataclass(slots=True)
@@ -39,8 +43,9 @@ class _Stream:
 
     channel: Channel[ToLeader]
     health: CameraHealth = UNKNOWN
-    request: PreviewRequest = NOTHING
-    picture: Preview | None = None
+    request: PreviewRequest = NO_PREVIEWS
+    pictures: deque[Preview] = field(default_factory=lambda: deque(maxlen=STORED))
+    """Its newest previews, of `MAX_PREVIEW_BYTES` together, newest last."""
     asked: "dict[type[NodeAnswer], asyncio.Future[Any]]" = field(default_factory=dict)
     """Pending requests, by type of answer."""
     asking: asyncio.Lock = field(default_factory=asyncio.Lock)
@@ -49,6 +54,12 @@ class _Stream:
     def wants(self, size: int) -> bool:
         """Return whether to read a preview of `size` bytes: an operator watches, and it is not too large."""
         return bool(self.request.fps) and size <= MAX_PREVIEW_BYTES
+
+    def add(self, picture: Preview) -> None:
+        """Store its next preview."""
+        self.pictures.append(picture)
+        while sum(len(one.jpeg) for one in self.pictures) > MAX_PREVIEW_BYTES:
+            self.pictures.popleft()
 
 
 @dataclass(slots=True)
@@ -74,7 +85,7 @@ class Viewfinders:
                         stream.health = message
                     case Preview(camera=camera) if camera == name and stream.wants(channel.unread):
                         jpeg = b"".join([chunk async for chunk in channel.payload()])
-                        stream.picture = replace(message, jpeg=jpeg)
+                        stream.add(replace(message, jpeg=jpeg, completes=False))
                         await channel.send(PreviewSeen(camera=name))
                     case NodeDetail() | ControlsAnswer() | StampSaved():
                         asked = stream.asked.pop(type(message), None)
@@ -105,12 +116,14 @@ class Viewfinders:
             await self._ask(name)
 
     def pictures(self, cameras: Collection[str] | None) -> list[Preview]:
-        """Return the newest previews of `cameras` (None: of all); a camera without one is left out."""
-        return [
-            stream.picture
-            for name, stream in self._streams.items()
-            if stream.picture is not None and (cameras is None or name in cameras)
-        ]
+        """Return what to show of `cameras` (None: of all), as `newest_instant` does."""
+        return newest_instant(
+            [
+                tuple(stream.pictures)
+                for name, stream in self._streams.items()
+                if stream.pictures and (cameras is None or name in cameras)
+            ]
+        )
 
     async def ask(self, request: NodeRequest, kind: type[A]) -> A:
         """Forward a request to its camera's node. Raises IncompleteError where it does not answer."""
@@ -139,13 +152,34 @@ class Viewfinders:
         if stream is None:
             return
         requests = [w for w in self._requests.values() if w.cameras is None or name in w.cameras]
-        request = NOTHING
+        request = NO_PREVIEWS
         if requests:
             request = PreviewRequest(width=max(w.width for w in requests), fps=max(w.fps for w in requests))
         if request != stream.request:
             stream.request = request
-            stream.picture = None if request is NOTHING else stream.picture
+            if request is NO_PREVIEWS:
+                stream.pictures.clear()
             await _send(stream.channel, request)
+
+
+def newest_instant(stored: Sequence[Sequence[Preview]]) -> list[Preview]:
+    """Return the previews of the newest instant that cameras have in common, from each one's newest previews.
+
+    The last of them completes it. Before them comes the newest preview of each camera that has no instant, or
+    none as new as the `STORED` ones of another: it does not hold up the others. If all cameras skip different
+    instants, they are all shown so.
+    """
+    shown = [{one.instant_ns: one for one in previews if one.instant_ns is not None} for previews in stored]
+    since_ns = max((min(of) for of in shown if len(of) == STORED), default=-inf)
+    together = [of for of in shown if of and max(of) >= since_ns]
+    common = set[int].intersection(*map(set, together)) if together else set()
+    if not common and all(len(of) == STORED for of in together):
+        together = []
+    single = [previews[-1] for previews, of in zip(stored, shown, strict=True) if of not in together]
+    if not common:
+        return single
+    *others, last = (of[max(common)] for of in together)
+    return [*single, *others, replace(last, completes=True)]
 
 
 async def _answer(stream: _Stream, name: str, answer: "asyncio.Future[A]") -> A:

@@ -19,7 +19,7 @@ from capture_app.node.leader.viewfinders import Viewfinders
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import StatusAnswer, ToLeader
 from capture_app.protocol.orders import LogAnswer, PreviewRequest, PreviewSeen
-from capture_app.protocol.status import Preview, RigStatus
+from capture_app.protocol.status import RigStatus
 from capture_app.session.files.disk import free_bytes
 from capture_app.sync.rig.leader_engine import Leader
 from capture_app.sync.timekeeping.rates import HostOffRate, RateVote
@@ -29,6 +29,8 @@ REVIEW_EVERY_NS = 1_000_000_000
 """Interval between checks of the clocks' rates."""
 TICK_S = 0.1
 """Minimum interval between two statuses."""
+PICTURE_TICK = 0.2
+"""Maximum interval between two looks for pictures to send, in intervals of the requested rate."""
 KEEPALIVE_S = 3.0
 """Maximum interval between two statuses, so that an operator notices a leader that was lost silently."""
 
@@ -118,14 +120,14 @@ class Watcher:
         self._rig = rig
         self._event_log = log
         self._viewfinders = viewfinders
-        self._due_s: dict[str, float] = {}
-        self._shown: dict[str, Preview] = {}
+        self._shown: dict[str, bytes] = {}
+        """JPEG shown last of each camera."""
 
     async def serve(self) -> None:
         """Send changes until the operator closes the stream. Raises NetworkError if they cannot be sent."""
         self._channel.allow_silence()
         try:
-            parts = await first_of(self._receive_requests(), self._send_changes())
+            parts = await first_of(self._receive_requests(), self._send_changes(), self._send_pictures())
             next(part for part in parts if not part.cancelled()).result()
         finally:
             await self._viewfinders.want(self, None)
@@ -152,26 +154,24 @@ class Watcher:
             if lines := self._event_log.after(logged_ns):
                 logged_ns = lines[-1].unix_ns
                 await self._channel.send(LogAnswer(lines=lines))
-            await self._send_pictures(began_s)
             # If a slow link has made this tick long, the next one counts from here.
             await asyncio.sleep(max(TICK_S / 2, began_s + TICK_S - loop.time()))
 
-    async def _send_pictures(self, now_s: float) -> None:
-        request = self._request
-        if request is None or not request.fps:
-            return
-        for picture in self._viewfinders.pictures(request.cameras):
-            camera = picture.camera
-            if (
-                camera in self._unacknowledged
-                or picture is self._shown.get(camera)
-                or now_s < self._due_s.get(camera, 0.0)
-            ):
+    async def _send_pictures(self) -> None:
+        loop = asyncio.get_running_loop()
+        due_s = 0.0
+        while True:
+            request = self._request
+            fps = 0.0 if request is None else request.fps
+            await asyncio.sleep(min(TICK_S, PICTURE_TICK / fps) if fps else TICK_S)
+            if request is None or not fps or self._unacknowledged or loop.time() < due_s:
                 continue
-            self._shown[camera] = picture
-            self._due_s[camera] = now_s + 0.9 / request.fps  # a tick is not exact
-            self._unacknowledged.add(camera)
-            await self._channel.send(replace(picture, jpeg=b""), picture.jpeg)
+            for picture in self._viewfinders.pictures(request.cameras):
+                if picture.jpeg is not self._shown.get(picture.camera):
+                    self._shown[picture.camera] = picture.jpeg
+                    self._unacknowledged.add(picture.camera)
+                    due_s = loop.time() + 0.9 / fps  # a tick is not exact
+                    await self._channel.send(replace(picture, jpeg=b""), picture.jpeg)
 
 
 def without_times(status: RigStatus) -> RigStatus:

@@ -18,6 +18,7 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.actuators import InjectionProfile
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import FrameStamp, PhaseEstimate
+from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.rig import status_text
 from capture_app.sync.rig.burst_orders import CANCELLED
 from capture_app.sync.rig.events import (
@@ -264,12 +265,16 @@ class Client(Generic[F]):
             return None
         return self._phase_loop.phase(grid, self.time_map, local_ns)
 
-    def phase_error_ns(self, stamp_ns: int) -> int | None:
-        """Return the offset of a frame's timestamp from the rig's grid in ns, by the current map, or None."""
+    def instant_of(self, stamp_ns: int) -> tuple[int, FrameGrid, int] | None:
+        """Return which instant of the rig's grid a frame shows, by its timestamp, and how late it is, in ns.
+
+        By the current map; None while that or the grid is unknown.
+        """
         grid = self._grid
         if not self.time.is_member or grid is None or self.time_map is None:
             return None
-        return grid.grid_of_stamps.phase_error(self.time_map.leader_from_local(stamp_ns))
+        stamps, leader_ns = grid.grid_of_stamps, self.time_map.leader_from_local(stamp_ns)
+        return stamps.index_of(leader_ns), grid.rig_grid, stamps.phase_error(leader_ns)
 
     @property
     def has_burst_pending(self) -> bool:

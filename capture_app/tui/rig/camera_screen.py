@@ -33,7 +33,7 @@ from capture_app.tui.widgets.whole_screen import KeyFooter
 
 ASK_S = 0.7
 """Interval between detail requests, in seconds."""
-PREVIEW_FPS, PREVIEW_WIDTH = 2.0, 320
+PREVIEW_FPS, PREVIEW_WIDTH = 2.5, 320
 
 
 class CameraScreen(Dialog[None]):

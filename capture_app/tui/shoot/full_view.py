@@ -37,7 +37,7 @@ NUMBERS = 200
 """Number of stored focus values; covers the time over which they are compared."""
 MAX_PREVIEWS = 12
 """Stored previews per camera, a few seconds' worth."""
-FULL_FPS, PAIR_FPS = 8.0, 4.0
+FULL_FPS, PAIR_FPS = 10.0, 5.0
 MIN_PX, MAX_PX = 640, 1280
 """Min and max width of the previews: focus needs more pixels than a terminal shows."""
 BLINK_S = 0.5

@@ -19,7 +19,7 @@ from capture_app.tui.widgets.picture import NOISE, Picture
 
 ASPECT = 0.75
 """Height over width of the previews that the layout assumes."""
-GRID_FPS, MANY_FPS = 2.0, 1.0
+GRID_FPS, MANY_FPS = 2.5, 1.25
 MANY = 8
 """Number of cameras above which the preview rate is lower."""
 MIN_PX, MAX_PX = 64, 640

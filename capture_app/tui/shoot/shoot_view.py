@@ -129,7 +129,7 @@ class ShootView(ModeView):
         """Show cameras, previews, and takes ordered elsewhere."""
         match message.what:
             case Preview() as preview:
-                self.stage.grid.show_preview(preview)
+                self.stage.show_preview(preview)
             case Runs():
                 self._show_course()
                 self.refresh_bindings()

@@ -6,7 +6,9 @@ from textual.containers import Vertical
 from textual.content import Content
 from textual.widgets import ContentSwitcher, Digits
 
-from capture_app.common.text import printable
+from capture_app.common.text import duration, printable
+from capture_app.protocol.status import Preview
+from capture_app.rig.instant_previews import collect
 from capture_app.rig.rig_link import RigLink
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.rig_record import RigRecord
@@ -23,6 +25,7 @@ class Stage(ContentSwitcher):
     def __init__(self, rig: RigLink, record: RigRecord) -> None:
         self._rig = rig
         self._asked: tuple[int, float] = (0, 0.0)
+        self._newest: dict[str, Preview] = {}
         self.grid = PreviewGrid(rig, record, id=LIVE)
         self.sheet = ContactSheet(id=SHEET)
         self._digits = Digits("")
@@ -35,6 +38,14 @@ class Stage(ContentSwitcher):
     def is_sheet(self) -> bool:
         """Whether it shows the last take."""
         return self.current == SHEET
+
+    def show_preview(self, preview: Preview) -> None:
+        """Show a camera's preview, and how far apart in time the previews of its instant are."""
+        self.grid.show_preview(preview)
+        found = collect(self._newest, preview)
+        if found is not None and len(found.previews) > 1 and self.current == LIVE:
+            pictures = f"{len(found.previews)} pictures of one instant"
+            self.border_title = f"Live · {pictures}, within {duration(found.spread_ns)}"
 
     def show_live(self) -> None:
         """Show the live previews."""

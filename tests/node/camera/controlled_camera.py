@@ -13,6 +13,7 @@ from capture_app.node.camera.supervisor import CameraSupervisor, ControlKeeper, 
 from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.protocol.orders import SaveStamp
 from capture_app.protocol.status import NodeDetail
+from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.wire.camera_commands import CameraCommand
 from tests.facts import make_facts
 
@@ -101,11 +102,16 @@ class ShownNode:
     def __init__(self, name: str, instance: int, camera: Camera) -> None:
         self.options = NodeOptions(name=name, open_camera=lambda: camera, leaders=(), clock=StillClock())
         self.camera, self.is_busy = camera, False
+        self.grid: FrameGrid | None = FrameGrid(0, 20_000_000)
         self.controls = keeper_of(camera)
         self.viewfinder = Viewfinder(self.options, instance, self.controls, self)
 
     def leader_ns(self, local_ns: int) -> int:
         return local_ns + 7
+
+    def instant_of(self, stamp_ns: int) -> tuple[int, FrameGrid, int] | None:
+        """On a grid of 20 ms, unless the test has taken it away."""
+        return None if self.grid is None else (self.grid.index_of(stamp_ns + 7), self.grid, 0)
 
     def detail(self) -> NodeDetail:
         return NodeDetail(camera=self.options.name, samples=((5, 6),))

@@ -29,4 +29,4 @@ def test_a_stream_that_moved_while_there_was_no_clock_is_aligned_before_it_is_re
     assert not node.client.aligner.window.aligned
     assert NodeState.READY not in states, "by what was true before"
     assert rig.run_until(rig.all_ready, limit_ns=20 * S)
-    assert abs(node.client.phase_error_ns(node.client.ring.newest_local_ns or 0) or 0) < 60_000
+    assert abs(node.client.instant_of(node.client.ring.newest_local_ns or 0)[2]) < 60_000

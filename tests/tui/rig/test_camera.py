@@ -41,11 +41,11 @@ async def test_enter_opens_a_camera_and_escape_leads_back(utc: None) -> None:
             assert words in facts
         assert screen.query_one("#camera-wedge").border_title == "clock offset, 100 exchanges"
         assert "22:13:20 · ready" in text(app, "#camera-log Lines")
-        assert rig.asked[-1] == ("want_previews", ("cam00",), 320, 2.0)
+        assert rig.asked[-1] == ("want_previews", ("cam00",), 320, 2.5)
         await pilot.press("right")
         await settle(pilot)
         assert "cam01" in text(app, "#camera-facts")
-        assert rig.asked[-1] == ("want_previews", ("cam01",), 320, 2.0)
+        assert rig.asked[-1] == ("want_previews", ("cam01",), 320, 2.5)
         await pilot.press("escape")
         await settle(pilot)
         assert not isinstance(app.screen, CameraScreen)

@@ -44,15 +44,15 @@ async def test_a_camera_is_opened_and_left(tmp_path: Path) -> None:
     studio = Studio(ready_rig(3), tmp_path)
     async with studio.app.run_test(size=(100, 30)) as pilot:
         finder = await open_first(studio, pilot)
-        assert studio.wishes[-1] == (("cam00",), 640, 8.0)
+        assert studio.wishes[-1] == (("cam00",), 640, 10.0)
         assert text(finder, ".title") == "cam00 · ● ready · 30.0 fps · exposure 10 ms · gain 1.5"
         await pilot.press("right")
         await studio.settle(pilot)
-        assert studio.wishes[-1] == (("cam01",), 640, 8.0)
+        assert studio.wishes[-1] == (("cam01",), 640, 10.0)
         await pilot.press("escape")
         await studio.settle(pilot)
         assert studio.wishes[-2][2] == 0.0
-        assert studio.wishes[-1] == (None, 128, 2.0), "the previews of all are asked for again"
+        assert studio.wishes[-1] == (None, 128, 2.5), "the previews of all are asked for again"
         assert studio.view.stage.grid.tiles[1].title.startswith("▸")
 
 
@@ -114,7 +114,7 @@ async def test_two_cameras_are_blinked_at_the_nearest_instant(tmp_path: Path) ->
         finder = await open_first(studio, pilot)
         await pilot.press("b")
         await studio.settle(pilot)
-        assert studio.wishes[-1] == (("cam00", "cam01"), 640, 4.0)
+        assert studio.wishes[-1] == (("cam00", "cam01"), 640, 5.0)
         assert "blinking cam00 ↔ cam01, waiting for both" in text(finder, ".title")
         for camera, leader_ns, level in (("cam00", 10**9, 50), ("cam01", 10**9 + 4_200_000, 200)):
             jpeg = cv2.imencode(".jpg", np.full((48, 64), level, np.uint8))[1].tobytes()

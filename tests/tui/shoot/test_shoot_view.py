@@ -8,6 +8,7 @@ from textual.pilot import Pilot
 from textual.widgets import Digits, Static
 
 from capture_app.protocol.messages import BurstRequest
+from capture_app.protocol.status import Preview
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.library.trash import trashed_sessions
 from capture_app.tui.question import Question
@@ -152,18 +153,24 @@ async def test_previews_are_asked_for_only_while_they_are_seen(tmp_path: Path) -
         await pilot.pause()
         assert studio.wishes == []
         await studio.enter(pilot)
-        assert studio.wishes == [(None, 128, 2.0)]
+        assert studio.wishes == [(None, 128, 2.5)]
         rig.preview("cam02", picture_of(3), 64, 48)
         await studio.settle(pilot)
         tiles = studio.view.stage.grid.tiles
         assert [tile.picture.cells is not None for tile in tiles] == [False, False, True, False]
         assert tiles[2].title.strip() == "● cam02 ready 30.0 fps"
+        assert studio.view.stage.border_title == "Live"
+        shown: dict[str, Any] = {"instant_ns": 5, "width": 64, "height": 48, "jpeg": picture_of(3)}
+        rig.tell(Preview(camera="cam00", leader_ns=10**9, **shown))
+        rig.tell(Preview(camera="cam02", leader_ns=10**9 + 84_000, completes=True, **shown))
+        await studio.settle(pilot)
+        assert studio.view.stage.border_title == "Live · 2 pictures of one instant, within 84 µs"
         await pilot.press("1")
         await studio.settle(pilot)
         assert studio.wishes[1:] == [(None, 128, 0.0)]
         await pilot.press("2")
         await studio.settle(pilot)
-        assert studio.wishes[2:] == [(None, 128, 2.0)]
+        assert studio.wishes[2:] == [(None, 128, 2.5)]
         await pilot.press("space")
         await studio.settle(pilot)
         assert studio.wishes[3:] == [(None, 128, 0.0)], "the sheet is shown"

@@ -1,0 +1,61 @@
+"""Previews of one instant: small images of all cameras that show it."""
+
+from collections.abc import AsyncGenerator
+from contextlib import aclosing
+from typing import TYPE_CHECKING
+
+from msgspec import Struct
+
+from capture_app.common.errors import NetworkError
+from capture_app.protocol.status import Preview
+from capture_app.rig.rig_link import LinkLost, RigLink
+from capture_app.session.reading.decoding import decode_preview
+
+if TYPE_CHECKING:
+    import numpy as np
+    from numpy.typing import NDArray
+
+
+class InstantPreviews(Struct, frozen=True):
+    """Previews of the cameras that show one instant of the rig; its leader time in ns."""
+
+    instant_ns: int
+    previews: dict[str, Preview]
+
+    @property
+    def spread_ns(self) -> int:
+        """Time from the first to the last of their frames, in ns."""
+        times_ns = [one.leader_ns for one in self.previews.values() if one.leader_ns is not None]
+        return max(times_ns) - min(times_ns)
+
+    def bgr(self) -> "dict[str, NDArray[np.uint8]]":
+        """Return the images by camera, BGR uint8 (height, width, 3), without those that cannot be decoded."""
+        images = {name: decode_preview(one.jpeg) for name, one in self.previews.items()}
+        return {name: image for name, image in images.items() if image is not None}
+
+
+def collect(newest: dict[str, Preview], preview: Preview) -> InstantPreviews | None:
+    """Store a preview as its camera's newest; return those of its instant if it completes the instant."""
+    newest[preview.camera] = preview
+    if preview.instant_ns is None or not preview.completes:
+        return None
+    same = {name: one for name, one in newest.items() if one.instant_ns == preview.instant_ns}
+    return InstantPreviews(preview.instant_ns, same)
+
+
+async def instant_previews(
+    link: RigLink, *, cameras: tuple[str, ...] | None, width: int, fps: float
+) -> AsyncGenerator[InstantPreviews, None]:
+    """Yield the previews of one instant after the other, up to `fps` a second; none during a burst.
+
+    A slow reader skips instants. Cameras that are not synchronized are left out. Raises NetworkError if the
+    connection to the leader is lost.
+    """
+    await link.want_previews(cameras=cameras, width=width, fps=fps)
+    newest: dict[str, Preview] = {}
+    async with aclosing(link.updates()) as updates:
+        async for update in updates:
+            if isinstance(update, LinkLost):
+                raise NetworkError(update.reason, hint="look for the leader: capture-app rig list")
+            if isinstance(update, Preview) and (found := collect(newest, update)) is not None:
+                yield found

@@ -55,6 +55,8 @@ def _lines(result: "TimeResult") -> Iterator[str]:
             yield f"{name}: the reference"
         else:
             more = ""
+            if found.misfit_px is not None:
+                more = f", with the calibration corrected: it is {found.misfit_px:.1f} px off points at rest"
             if found.rate_ppm is not None and found.rate_sd_ppm is not None:
                 more = f", rate {found.rate_ppm:+.1f} ± {2 * found.rate_sd_ppm:.1f} ppm"
             if found.row_time_ns is not None and found.row_time_sd_ns is not None:

@@ -20,7 +20,9 @@ def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> RigTiming
     found = measure_rig_offsets(offsets.rig, preferred=reference, finder=offsets)
     first = next(name for name, one in found.items() if one.sd_ms == 0)
     judged = (
-        _judge(offsets, (first, name), OffsetFit(one.offset_ms, one.sd_ms, one.reason))
+        _judge(
+            offsets, (first, name), OffsetFit(one.offset_ms, one.sd_ms, one.reason, misfit_px=one.misfit_px)
+        )
         for name, one in found.items()
         if name != first
     )

@@ -95,8 +95,8 @@ def judge_timing(
     """Judge a measured time offset.
 
     `apart_ms` is the delay of the second camera's images by their timestamps. `spacing_ms` is the
-    frame period. Images are called synchronized only if the error is small and contains zero, and no image
-    pair is off by more than that.
+    frame period. Images are called synchronized only if the error is small and contains zero, no image
+    pair is off by more than that, and the calibration fits.
     """
     reference, other = cameras
     fit = fit.later(apart_ms)
@@ -126,6 +126,11 @@ def judge_timing(
     reason = ""
     if jitter_ms is not None:
         reason = f"{other}'s frames wander by ± {SIGMAS * jitter_ms:.1f} ms"
+    elif fit.misfit_px is not None:
+        reason = (
+            f"the calibration does not fit the pictures: points at rest are {fit.misfit_px:.1f} pixels off "
+            "their epipolar lines; check it with a board"
+        )
     elif SIGMAS * sd > limit_ms:
         reason = "the error of the measured offset is more than a tenth of a frame"
     elif odd:

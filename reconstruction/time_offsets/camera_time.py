@@ -2,7 +2,7 @@
 
 from msgspec import Struct, structs
 
-DIGITS = {"offset_ms": 3, "sd_ms": 3, "row_time_ns": None, "row_time_sd_ns": None}
+DIGITS = {"offset_ms": 3, "sd_ms": 3, "row_time_ns": None, "row_time_sd_ns": None, "misfit_px": 1}
 """Decimal places to which each field is rounded; None: a whole number."""
 
 
@@ -23,6 +23,9 @@ class CameraTime(Struct, frozen=True, kw_only=True, omit_defaults=True):
     """Number of lamp edges used for the measurement."""
     reason: str = ""
     """Why the offset could not be measured; empty if it was."""
+    misfit_px: float | None = None
+    """Median epipolar error of static points, if the calibration does not fit them. The offset was then
+    measured with a geometry corrected by these points."""
     rate_ppm: float | None = None
     """Rate correction that a recording without common times needs to match the reference's clock, ppm."""
     rate_sd_ppm: float | None = None

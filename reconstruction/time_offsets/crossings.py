@@ -185,6 +185,11 @@ def still_errors(views: tuple[View, View], at_a: Array, at_b: Array) -> StillErr
     return errors[good], geometry_terms(*views, at_a[good], at_b[good])
 
 
+def median_px(errors_px: Array) -> float:
+    """Return the median size of signed errors (n,), px; 0 if there are none."""
+    return float(np.median(np.abs(errors_px))) if len(errors_px) else 0.0
+
+
 class InstantOffset(Struct, frozen=True):
     """Delay of the second camera measured from one instant alone; `points` is how many agree."""
 
@@ -208,7 +213,10 @@ class OffsetFit:
     votes: float = 0.0
     """Approximate number of crossings that agree."""
     misfit_px: float | None = None
-    """Median epipolar error of static points, if it is too large for the calibration to be used."""
+    """Median epipolar error of static points, if the calibration does not fit them.
+
+    If the offset is known, it was measured with a geometry corrected by these points.
+    """
 
     def later(self, by_ms: float) -> "OffsetFit":
         """Return the fit with the second camera's offset increased by `by_ms`."""
@@ -223,13 +231,17 @@ def misfit(count: int, points: str, off_px: float) -> OffsetFit:
     return OffsetFit(reason=f"{reason} epipolar lines", misfit_px=off_px)
 
 
-def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> OffsetFit:
+def fit_offset(
+    crossings: Crossings, still: StillErrors, period_ms: float, recorded_px: float = 0.0
+) -> OffsetFit:
     """Fit the offset that most crossings agree on, together with the errors of the geometry.
+
+    `recorded_px` is the median epipolar error of static points before the geometry was corrected by them.
 
     A calibration error moves crossings by a distance, and so by a time that depends on how fast a point
     crosses its line. The error bar includes any part of the offset that such an error could explain.
     """
-    at_rest_px = float(np.median(np.abs(still[0]))) if len(still[0]) else 0.0
+    at_rest_px = median_px(still[0])
     if at_rest_px > MAX_AT_REST_PX:
         return misfit(len(still[0]), "points at rest", at_rest_px)
     found = crossings.only(np.abs(crossings.across_px_per_ms) * period_ms > MIN_ACROSS_PX)
@@ -237,7 +249,9 @@ def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> Of
         return OffsetFit(
             reason="too few moving points are found in both cameras, or they move along their epipolar lines"
         )
-    at_rest = _Fit(found.only(np.zeros(len(found.counts), bool)), still)
+    # A calibration that is worse at rest has larger errors elsewhere too.
+    prior_sd = max(1.0, max(at_rest_px, recorded_px) / TYPICAL_AT_REST_PX)
+    at_rest = _Fit(found.only(np.zeros(len(found.counts), bool)), still, prior_sd)
     seen = found.by(at_rest.geometry)
     peak, votes, rival = _best_offset(seen, period_ms)
     if votes < MIN_VOTES or votes < DISTINCT * rival:
@@ -245,7 +259,7 @@ def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> Of
     misses = (seen.offset_ms - peak) * seen.across_px_per_ms
     near = (np.abs(misses) < NEAR_PX) & (np.abs(seen.offset_ms - peak) < period_ms)
     at_rest.values[0] = peak
-    fit = _Fit(found.only(near), still, at_rest)
+    fit = _Fit(found.only(near), still, prior_sd, at_rest)
     instants = _by_instant(fit, period_ms)
     if len(instants) < MIN_INSTANTS:
         return OffsetFit(
@@ -253,7 +267,8 @@ def fit_offset(crossings: Crossings, still: StillErrors, period_ms: float) -> Of
             instants=instants,
         )
     sd_ms = max(fit.sd_ms, _drift_sd_ms(instants))
-    return OffsetFit(float(fit.values[0]), float(np.hypot(sd_ms, SYSTEMATIC_MS)), "", instants, votes)
+    off_px = recorded_px if recorded_px > MAX_AT_REST_PX else None
+    return OffsetFit(float(fit.values[0]), float(np.hypot(sd_ms, SYSTEMATIC_MS)), "", instants, votes, off_px)
 
 
 def _drift_sd_ms(instants: tuple[InstantOffset, ...]) -> float:
@@ -294,10 +309,12 @@ class _Fit:
     """Offset and geometry errors of a pair: iteratively reweighted least squares (Cauchy weights).
 
     The model is distance = speed * offset + geometry; static points have no speed term. Each geometry term
-    has a zero-mean prior of one standard deviation.
+    has a zero-mean prior of `prior_sd` standard deviations.
     """
 
-    def __init__(self, moving: Crossings, still: StillErrors, at_rest: "_Fit | None" = None) -> None:
+    def __init__(
+        self, moving: Crossings, still: StillErrors, prior_sd: float, at_rest: "_Fit | None" = None
+    ) -> None:
         self.moving = moving
         count = len(moving.counts)
         still_px, still_geometry = still
@@ -308,9 +325,6 @@ class _Fit:
             ]
         )
         seen = np.concatenate([moving.offset_ms * moving.across_px_per_ms, still_px])
-        # A calibration that is worse at rest has larger errors elsewhere too.
-        typical_px = float(np.median(np.abs(still_px))) if len(still_px) else 0.0
-        prior_sd = max(1.0, typical_px / TYPICAL_AT_REST_PX)
         # Maximum total weight of each group, px^-2: more points do not reduce a shared error.
         _, of_instant = np.unique(moving.instant, return_inverse=True)
         shared_px2 = SHARED_PX**2 + INSTANT_PX**2 / (1 + of_instant.max(initial=0))

@@ -2,8 +2,10 @@
 
 from dataclasses import replace
 
+import cv2
 import numpy as np
 
+from reconstruction.calibration.consistency import consistent_matches
 from reconstruction.common.geometry import Array, View, other_from_reference
 
 ODDS_PX = (1.0, 0.5, 0.3, 0.15)
@@ -12,6 +14,15 @@ position in the image."""
 DIRECTION = 3e-3
 """Standard deviation of the direction from one camera to the other, rad."""
 TERMS = 12
+CORRECTIONS = np.array([0.02] * 3 + [0.05] * 2 + [0.02, 0.01, 0.01, 0.05] * 2)
+"""Standard deviations of a wrong calibration's errors: three angles and two directions of the baseline (rad);
+for each camera the logarithm of the focal length, the principal point (image widths), and k1 of the lens."""
+MAX_CORRECTION = 10.0
+"""Maximum correction, in those standard deviations; a larger one is another optimum or another lens model."""
+CORRECTED_PX = 0.5
+"""Maximum median epipolar error that a correction may leave."""
+CORRECTION_POINTS = 500
+MIN_POINT_PX = 0.2
 
 
 def epipolar_errors_px(a: View, b: View, at_a: Array, at_b: Array) -> Array:
@@ -54,6 +65,54 @@ def geometry_terms(a: View, b: View, at_a: Array, at_b: Array) -> Array:
 def places(geometry: Array) -> Array:
     """Return the image positions (n, 2) that belong to the terms, from -1 to 1 across and down."""
     return np.asarray(geometry[:, 1:3] / ODDS_PX[1])
+
+
+def correct_views(views: tuple[View, View], at_a: Array, at_b: Array) -> tuple[View, View] | None:
+    """Return two views with their calibration corrected so that static matches (n, 2) px fit it, or None.
+
+    Gauss-Newton with Cauchy weights and a zero-mean prior of `CORRECTIONS`: errors that the matches do not
+    determine stay uncorrected. None if no correction of plausible size fits.
+    """
+    correction, steps = np.zeros(len(CORRECTIONS)), 1e-3 * np.eye(len(CORRECTIONS))
+    for _ in range(2):
+        good = consistent_matches(_corrected(views, correction), at_a, at_b)
+        if good is None:
+            return None
+        chosen = np.random.default_rng(0).permutation(np.flatnonzero(good))[:CORRECTION_POINTS]
+        both = at_a[chosen], at_b[chosen]
+        for _ in range(8):
+            errors = epipolar_errors_px(*_corrected(views, correction), *both)
+            beside = [epipolar_errors_px(*_corrected(views, correction + step), *both) for step in steps]
+            slopes = (np.column_stack(beside) - errors[:, None]) / steps[0, 0]
+            sd_px = max(MIN_POINT_PX, 1.4826 * float(np.median(np.abs(errors))))
+            weights = 1 / sd_px**2 / (1 + (errors / (2 * sd_px)) ** 2)
+            normal = slopes.T @ (weights[:, None] * slopes) + np.eye(len(correction))
+            correction = correction - np.linalg.solve(normal, slopes.T @ (weights * errors) + correction)
+            if not np.abs(correction).max() < 2 * MAX_CORRECTION:
+                return None
+    found = _corrected(views, correction)
+    left_px = float(np.median(np.abs(epipolar_errors_px(*found, *both))))
+    return found if np.abs(correction).max() < MAX_CORRECTION and left_px < CORRECTED_PX else None
+
+
+def _corrected(views: tuple[View, View], correction: Array) -> tuple[View, View]:
+    a, b = views
+    angles, aside, *lenses = np.split(correction * CORRECTIONS, [3, 5, 9])
+    apart = b.centre - a.centre
+    distance = float(np.linalg.norm(apart))
+    towards = apart + distance * aside @ np.linalg.svd(apart[None])[2][1:]
+    rotation = cv2.Rodrigues(angles)[0] @ b.rotation
+    centre = a.centre + distance * towards / np.linalg.norm(towards)
+    b = replace(b, rotation=rotation, translation=-rotation @ centre)
+    return _with_lens(a, lenses[0]), _with_lens(b, lenses[1])
+
+
+def _with_lens(view: View, errors: Array) -> View:
+    matrix, distortion = view.matrix.copy(), view.distortion.copy()
+    matrix[[0, 1], [0, 1]] *= np.exp(errors[0])
+    matrix[:2, 2] += view.width * errors[1:3]
+    distortion[0] += errors[3]
+    return replace(view, matrix=matrix, distortion=distortion)
 
 
 def _moved(view: View, by: Array) -> View:

@@ -18,16 +18,19 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.session.instant_choice import choose_moving_instants
 from reconstruction.time_offsets.crossings import (
     MAX_IN_MOTION_PX,
+    TYPICAL_AT_REST_PX,
     Crossings,
     OffsetFit,
     Path,
     errors_at_offset,
     find_crossings,
     fit_offset,
+    median_px,
     misfit,
     still_errors,
 )
 from reconstruction.time_offsets.outlines import Outlines, find_outlines, similar_objects
+from reconstruction.time_offsets.pair_geometry import correct_views
 
 MAX_POINTS = 400
 MAX_SIDE_PX = 960
@@ -162,6 +165,10 @@ class PairOffsets:
         else:
             asked = choose_moving_instants(self.rig.motion, cameras, asked, limit)
         pair = views[first], views[second]
+        at_rest = self._still_matches(first, second, 0 if all_moves else STILL_INSTANTS)
+        recorded_px = median_px(still_errors(pair, *at_rest)[0])
+        if recorded_px > TYPICAL_AT_REST_PX:
+            pair = correct_views(pair, *at_rest) or pair
         apart_ms = {
             (now, other): at_ms - times.at_ms(first, now) for now in asked for other, at_ms in others.items()
         }
@@ -171,18 +178,18 @@ class PairOffsets:
             for images, ms in apart_ms.items()
             if abs(ms) <= max_offset_ms
         ]
-        still = still_errors(pair, *self._still_matches(first, second, 0 if all_moves else STILL_INSTANTS))
         period_ms = self.dataset.period_ns / 1e6
-        fit = fit_offset(Crossings.join(found).later(-near_ms), still, period_ms)
+        crossings = Crossings.join(found).later(-near_ms)
+        fit = fit_offset(crossings, still_errors(pair, *at_rest), period_ms, recorded_px)
         if fit.offset_ms is None:
             return fit
         found_ms, fit = fit.offset_ms, fit.later(near_ms)
         if all_moves:
             same = [images for images, ms in apart_ms.items() if abs(ms + found_ms) <= period_ms / 2]
             errors = [errors_at_offset(pair, *paths(images)[0], found_ms + near_ms) for images in same]
-            errors_px = np.abs(np.concatenate([np.zeros(0), *errors]))
-            if len(errors_px) and np.median(errors_px) > MAX_IN_MOTION_PX:
-                return misfit(len(errors_px), "matched points", float(np.median(errors_px)))
+            errors_px = np.concatenate([np.zeros(0), *errors])
+            if median_px(errors_px) > MAX_IN_MOTION_PX:
+                return misfit(len(errors_px), "matched points", median_px(errors_px))
         return fit
 
     def _paths(

@@ -99,8 +99,14 @@ def adjust_offsets(
         factor = max(1.0, float(np.sqrt((left**2).sum() / spare))) if spare else 1.0
         errors = factor * np.sqrt(np.diagonal(np.linalg.inv(normal)))
         for name, offset, sd in zip(others, offsets, errors, strict=True):
-            against = tuple(other for pair in known if name in pair for other in pair if other != name)
-            found[name] = CameraTime(offset_ms=float(offset), sd_ms=float(sd), source=MOTION, against=against)
+            its = [pair for pair in known if name in pair]
+            found[name] = CameraTime(
+                offset_ms=float(offset),
+                sd_ms=float(sd),
+                source=MOTION,
+                against=tuple(other for pair in its for other in pair if other != name),
+                misfit_px=max((off for pair in its if (off := measured[pair].misfit_px)), default=None),
+            )
     for name in names:
         if name not in found:
             found[name] = CameraTime(reason=_why(name, measured, known))

@@ -110,6 +110,21 @@ def test_a_calibration_that_does_not_fit_leaves_nothing_to_depth() -> None:
     assert with_curve_peak(found, [33.3] * 8, FRAME_MS) == found
 
 
+@pytest.mark.parametrize(("offset_ms", "verdict"), [(0.2, "of the same frame"), (16.7, "not synchronized")])
+def test_a_calibration_that_had_to_be_corrected_is_named_and_certifies_nothing(
+    offset_ms: float, verdict: str
+) -> None:
+    instants = tuple(InstantOffset(k, offset_ms, 0.5, 20) for k in range(8))
+    fit = OffsetFit(offset_ms, 0.4, "", instants, misfit_px=12.8)
+    found = judge_timing(PAIR, fit, 0.0, FRAME_MS)
+    assert not found.synchronized
+    assert found.offset == (offset_ms > 1)
+    text = timing_sentences(found)
+    assert verdict in text
+    assert "points at rest are 12.8 pixels off their epipolar lines" in text
+    assert with_curve_peak(found, [33.3] * 8, FRAME_MS) == found
+
+
 def test_a_curve_that_is_highest_elsewhere_takes_the_certificate_away() -> None:
     sure, unknown = judged(0.1, 0.3), judge_timing(PAIR, OffsetFit(reason="why"), 0.0, FRAME_MS)
     assert with_curve_peak(sure, [0.0] * 8, FRAME_MS).synchronized

@@ -72,6 +72,15 @@ def test_a_calibration_that_does_not_fit_what_is_at_rest_measures_nothing() -> N
     assert "139 points at rest are 12.8 pixels off their epipolar lines" in found.reason
 
 
+def test_a_corrected_calibration_gives_a_larger_error_and_is_remembered() -> None:
+    one_way = crossings(5.0, wrong=0, seed=1, speeds=(0.4, 0.5))
+    good, corrected = (fit_offset(one_way, still(0.0, 3), PERIOD_MS, px) for px in (0.0, 8.0))
+    assert good.sd_ms is not None
+    assert corrected.sd_ms is not None
+    assert corrected.sd_ms > good.sd_ms
+    assert (good.misfit_px, corrected.misfit_px) == (None, 8.0)
+
+
 def test_a_calibration_that_is_worse_at_rest_gives_a_larger_error() -> None:
     """At rest the residuals vary over the picture as no smooth error of a calibration does."""
     one_way = crossings(0.0, wrong=0, seed=1, speeds=(0.9, 1.1))

@@ -4,9 +4,10 @@ from dataclasses import replace
 
 import cv2
 import numpy as np
+import pytest
 
 from reconstruction.time_offsets.crossings import Crossings, errors_at_offset, fit_offset, still_errors
-from reconstruction.time_offsets.pair_geometry import epipolar_errors_px, geometry_terms
+from reconstruction.time_offsets.pair_geometry import correct_views, epipolar_errors_px, geometry_terms
 from tests.reconstruction.conftest import make_view
 
 A, B = make_view((-0.1, 0, 0), yaw=1.5), make_view((0.1, 0.01, 0), yaw=-1.5)
@@ -60,3 +61,28 @@ def test_matches_of_moving_cameras_are_on_their_lines_only_at_the_right_offset()
     at_once = epipolar_errors_px(A, B, at_a, at_b)
     assert np.abs(right - at_once).max() < 0.01
     assert np.median(np.abs(wrong - at_once)) > 0.3
+
+
+FAULTS = {
+    "turned": replace(B, rotation=cv2.Rodrigues(np.array([0.02, 0.01, -0.02]))[0] @ B.rotation),
+    "zoomed": replace(B, matrix=B.matrix * np.array([[1.04], [1.04], [1.0]])),
+    "moved": replace(B, translation=B.translation + np.array([0.0, 0.012, 0.02])),
+    "another middle": replace(B, matrix=B.matrix + np.array([[0, 0, 0], [0, 0, 12.0], [0, 0, 0]])),
+}
+
+
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_calibration_pixels_off_is_corrected_by_what_stands_still(fault: str) -> None:
+    off, nearer = FAULTS[fault], seen((1.2, 1.8), 400, seed=1)
+    assert np.median(np.abs(epipolar_errors_px(A, off, *nearer))) > 1.5
+    found = correct_views((A, off), *seen((2.0, 5.0), 600))
+    assert found is not None
+    assert np.median(np.abs(epipolar_errors_px(*found, *nearer))) < 0.4
+
+
+def test_matches_that_fit_no_geometry_correct_nothing() -> None:
+    at_a, at_b = seen((2.0, 5.0), 300)
+    assert correct_views((A, B), at_a, np.random.default_rng(0).permutation(at_b)) is None
+    assert correct_views((A, B), at_a[:5], at_b[:5]) is None
+    mirrored = replace(B, matrix=B.matrix * np.array([[1.0], [2.0], [1.0]]))
+    assert correct_views((A, mirrored), at_a, at_b) is None

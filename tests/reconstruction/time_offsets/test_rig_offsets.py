@@ -20,7 +20,7 @@ NOTHING = OffsetFit(reason="too little moves")
 def test_pairs_are_adjusted_by_their_errors() -> None:
     measured = {
         ("a", "b"): OffsetFit(10.0, 0.5),
-        ("b", "c"): OffsetFit(-4.0, 0.5),
+        ("b", "c"): OffsetFit(-4.0, 0.5, misfit_px=8.0),
         ("a", "c"): OffsetFit(8.0, 5.0),
         ("c", "d"): NOTHING,
         ("e", "f"): OffsetFit(1.0, 0.5),
@@ -31,6 +31,7 @@ def test_pairs_are_adjusted_by_their_errors() -> None:
     assert found["c"].offset_ms == pytest.approx(6.0, abs=0.1)
     assert found["c"].sd_ms is not None
     assert 0.5 < found["c"].sd_ms < 1
+    assert found["c"].misfit_px == 8.0
     assert found["d"].offset_ms is None
     assert found["d"].reason == "too little moves"
     assert found["e"].offset_ms is None

@@ -5,6 +5,7 @@ A run works in the hidden folder `.NAME.part` beside its target, on the same fil
     lock      held by the run with flock, so that the system releases it when the run is killed
     new       the new result; it replaces the target at the end
     earlier   the earlier result, briefly, if the file system cannot exchange two folders atomically
+    early     a file on its way to a target without an earlier result, before all others
 
 The next run to the same target restores or removes what a killed run left there, with a warning. A second run
 to a target in use is refused at once, since one of the two results would be lost. Only a caller that can use
@@ -33,7 +34,7 @@ from capture_app.session.files.durable import (
 )
 from capture_app.session.files.locks import lock_file
 
-_LOCK, _NEW, _EARLIER = "lock", "new", "earlier"
+_LOCK, _NEW, _EARLIER, _EARLY = "lock", "new", "earlier", "early"
 _INNER = f".{_NEW}{PART}"
 """Working folder of an output inside another's working folder, such as multiview's in a batch's unit."""
 _log = logging.getLogger(__name__)
@@ -77,6 +78,8 @@ class OutputFolder:
         self._reuse = reuse
         self._wait = wait
         self._discarded = False
+        self._early: Path | None = None
+        """The target's file that was shown before the result was complete."""
         self._lock = -1
         self._workplace = self.target.parent / f".{self.target.name}{PART}"
         self._earlier = self._workplace / _EARLIER
@@ -139,6 +142,23 @@ class OutputFolder:
         """Drop the new output on exit, and leave the target unchanged; this is not an error."""
         self._discarded = True
 
+    def show_early(self, name: str) -> bool:
+        """Show a file of the unfinished result in the target already; return whether it has just appeared.
+
+        A target with an earlier result stays as it is until the end. After an error the file disappears.
+        """
+        shown, part = self.target / name, self._workplace / _EARLY
+        try:
+            if self.target.exists() and {path.name for path in self.target.iterdir()} - {name}:
+                return False
+            self.target.mkdir(exist_ok=True)
+            link_or_copy(str(self.folder / name), str(part))
+            part.replace(shown)
+        except OSError as error:
+            raise output_error(error, self.target, self._workplace) from error
+        appeared, self._early = self._early is None, shown
+        return appeared
+
     def _check_target(self) -> None:
         if self.target.is_mount():
             raise BadInputError(f"{self.target} is a mount point", hint="choose a folder inside it")
@@ -151,7 +171,7 @@ class OutputFolder:
         foreign: list[str] = []
         with suppress(FileNotFoundError):
             foreign = sorted(
-                {path.name for path in self._workplace.iterdir()} - {_LOCK, _NEW, _EARLIER, _INNER}
+                {path.name for path in self._workplace.iterdir()} - {_LOCK, _NEW, _EARLIER, _EARLY, _INNER}
             )
         if foreign:
             what = f"{self._workplace} is not of this program (it holds {foreign[0]})"
@@ -164,6 +184,7 @@ class OutputFolder:
         """Restore or remove what a killed run left, and log a warning."""
         left = self.folder.exists() or self._earlier.exists()
         self._restore()
+        (self._workplace / _EARLY).unlink(missing_ok=True)
         for unfinished in (self.folder, self._workplace / _INNER):
             if unfinished.exists():
                 shutil.rmtree(unfinished)
@@ -200,6 +221,7 @@ class OutputFolder:
             self.target.rename(self._earlier)
             sync_folder(self._workplace)
             self.folder.rename(self.target)
+        self._early = None
         sync_folder(self.target.parent)
         sync_folder(self._workplace)
 
@@ -207,6 +229,11 @@ class OutputFolder:
         """Remove the working folder and release the lock; log what cannot be removed."""
         try:
             self._restore()
+            if self._early is not None:
+                self._early.unlink(missing_ok=True)
+                with suppress(OSError):
+                    self.target.rmdir()
+            (self._workplace / _EARLY).unlink(missing_ok=True)
             shutil.rmtree(self.folder, ignore_errors=True)
             if self.folder.exists():
                 raise OSError(0, "some files in it cannot be removed")

@@ -4,6 +4,7 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from functools import partial
 from pathlib import Path
 from typing import Any
@@ -42,6 +43,33 @@ def test_an_error_and_a_discarded_result_change_nothing(tmp_path: Path) -> None:
     with opened(out) as output:
         output.discard()
     assert (out / "result").read_text() == "first"
+    assert names(tmp_path) == ["out"]
+
+
+def test_a_file_is_shown_early_where_no_earlier_result_is(tmp_path: Path) -> None:
+    out = tmp_path / "out"
+
+    def show(output: OutputFolder, text: str) -> tuple[bool, list[str]]:
+        (output.folder / "result").write_text(text)
+        return output.show_early("result"), names(out)
+
+    with suppress(ZeroDivisionError), opened(out) as output:
+        assert show(output, "half") == (True, ["result"])
+        raise ZeroDivisionError
+    assert names(tmp_path) == []
+    out.mkdir()
+    (out / "result").write_text("what a killed run had shown")
+    with opened(out) as output:
+        (output.folder / "stages").mkdir()
+        for text, first in (("half", True), ("more", False)):
+            assert show(output, text) == (first, ["result"])
+            assert (out / "result").read_text() == text
+    assert names(out) == ["result", "stages"]
+    with opened(out) as output:
+        assert show(output, "other") == (False, ["result", "stages"])
+        assert (out / "result").read_text() == "more"
+        output.discard()
+    assert (out / "result").read_text() == "more"
     assert names(tmp_path) == ["out"]
 
 

@@ -22,7 +22,7 @@ from reconstruction.commands.movers import movers
 from reconstruction.commands.panorama import panorama
 from reconstruction.commands.time import time_command
 from reconstruction.commands.tolerance import tolerance
-from reconstruction.common.native_libraries import TRACEBACK, claim_stdout, unexpected_error
+from reconstruction.common.native_libraries import TRACEBACK, claim_output, unexpected_error
 
 
 class _Application(click.Group):
@@ -70,7 +70,7 @@ def main() -> None:
     """Run the `reconstruct` command given by this process's arguments, and exit with its code."""
     # SIGTERM cleans up as Ctrl-C does.
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    claim_stdout()
+    claim_output()
     code = run(sys.argv[1:])
     if code == ExitCode.INTERRUPTED:
         # Cleanup is finished. A normal exit would wait for threads that still compute.

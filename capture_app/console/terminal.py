@@ -160,11 +160,12 @@ def show_progress(step: ProgressStep) -> None:
     context = click.get_current_context(silent=True)
     if verbosity() == Verbosity.QUIET:
         return
-    if context is None or _is_verbose() or not sys.stderr.isatty():
-        talk(str(step))
-        return
     global _bar
     if _bar is None:
+        # Other threads have no context, and use the bar of the command's own.
+        if context is None or _is_verbose() or not sys.stderr.isatty():
+            talk(str(step))
+            return
         from rich.console import Console
         from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn
         from rich.progress import Progress as Bar

@@ -143,13 +143,18 @@ def silenced_output() -> Iterator[None]:
                 _restore()
 
 
-def claim_stdout() -> None:
-    """Reserve stdout for this process's own output; native code's output to it goes to stderr."""
+def claim_output() -> None:
+    """Reserve stdout for this process's own output; native code's output to it goes to stderr.
+
+    Our own messages on stderr appear while native code is silenced.
+    """
     with suppress(OSError, AttributeError, ValueError):
         sys.stdout.flush()
         ours = os.fdopen(os.dup(1), "w", encoding=sys.stdout.encoding, errors="replace")
         os.dup2(2, 1)
         sys.stdout = ours
+    with suppress(OSError, AttributeError, ValueError):
+        sys.stderr = os.fdopen(os.dup(2), "w", 1, encoding=sys.stderr.encoding, errors="replace")
 
 
 def _silence(*streams: int) -> dict[int, int]:

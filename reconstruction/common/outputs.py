@@ -1,6 +1,7 @@
 """Outputs of a command in its folder: metrics, point clouds, and cached stages for the next run."""
 
 import hashlib
+import threading
 from collections.abc import Callable
 from pathlib import Path
 from typing import TypeVar
@@ -69,7 +70,7 @@ class StageCache:
         """Return a dataclass of arrays, loaded from the stage's .npz or computed and saved there."""
         path = self.path(stage, ".npz", *inputs)
         if not path.exists():
-            part = path.with_suffix(".part")
+            part = _part(path)
             with part.open("wb") as file:
                 np.savez(file, **vars(make()))
             part.rename(path)
@@ -80,7 +81,12 @@ class StageCache:
         """Return a msgspec struct (or plain data), loaded from the stage's .json or computed and saved."""
         path = self.path(stage, ".json", *inputs)
         if not path.exists():
-            part = path.with_suffix(".part")
+            part = _part(path)
             part.write_bytes(msgspec.json.encode(make()))
             part.rename(path)
         return msgspec.json.decode(path.read_bytes(), type=kind)
+
+
+def _part(path: Path) -> Path:
+    """Return where a stage is written before it is complete; two threads may compute the same one."""
+    return path.with_suffix(f".{threading.get_ident()}.part")

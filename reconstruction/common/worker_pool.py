@@ -37,12 +37,12 @@ _opencv_threads: list[int] = []
 
 
 @contextmanager
-def worker_pool() -> Iterator[ThreadPoolExecutor]:
-    """Open a pool of `worker_count` threads; OpenCV uses no threads of its own meanwhile."""
+def worker_pool(threads: int = 0) -> Iterator[ThreadPoolExecutor]:
+    """Open a pool of threads, by default `worker_count`; OpenCV uses no threads of its own meanwhile."""
     with _opencv_lock:
         _opencv_threads.append(cv2.getNumThreads())
         cv2.setNumThreads(1)
-    pool = ThreadPoolExecutor(worker_count(), initializer=_adopt, initargs=(copy_context(),))
+    pool = ThreadPoolExecutor(threads or worker_count(), initializer=_adopt, initargs=(copy_context(),))
     try:
         yield pool
     except KeyboardInterrupt:

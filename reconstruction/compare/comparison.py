@@ -1,7 +1,9 @@
 """`reconstruct compare`: the effect of synchronization on one burst, measured by all installed studies."""
 
+import os
 import time
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import FIRST_COMPLETED, Future, wait
 from contextlib import suppress
 from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
@@ -11,17 +13,19 @@ from typing import Any, Self
 import msgspec
 
 from capture_app.common.errors import BadInputError, NotAvailableError
-from capture_app.console.terminal import Progress
+from capture_app.console.terminal import Progress, talk
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
+from reconstruction.common.worker_pool import worker_pool
 from reconstruction.compare.study import TIMING, ConditionStudy, Context, Known, PairStudy, Study
 from reconstruction.compare.timing_study import measure_pair_timing, measure_rig_timing
 from reconstruction.compare.tolerance_study import measure_curve, whole_frame_offsets
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
+from reconstruction.report.page import REPORT
 from reconstruction.report.study_report import GROUP, study_reports
 from reconstruction.scores.comparison_results import CompareResult, ConditionResult
 from reconstruction.scores.timing import with_depth
@@ -38,6 +42,8 @@ from reconstruction.time_offsets.pair_offset import PairOffsets
 
 TOLERANCE_INSTANTS = 6
 """Instants of the tolerance curve in a comparison; `reconstruct tolerance` uses more."""
+MAX_SIDE_BY_SIDE = 4
+"""Maximum number of studies at a time, at most one a core."""
 CORE_STEPS = 6
 """Progress lines of a comparison besides the lines of its studies."""
 
@@ -113,9 +119,6 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
         further = len(options.conditions) + (against is not None)
         context.progress.total += sum(study.steps for study in asked.values()) + further
         context.progress.total += len(dataset.cameras) > 2
-        known = _run_studies(context, asked)
-        conditions = _further_conditions(context, list(asked.values()), options.conditions, against)
-        context.progress.last("report")
         result = CompareResult(
             session=str(session),
             origin=dataset.session.manifest.origin,
@@ -126,21 +129,41 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
             actual_offset_ms=offset.actual_ms,
             time_shifts_ms=dict(options.time_shifts_ms),
             unsynchronized=dataset.unsynchronized,
-            timing=known.timing,
-            rig_timing=known.rig_timing,
-            tolerance=known.tolerance,
-            calibration=context.rig.source,
-            moving_share=known.moving_share,
-            studies=tuple(study.found for study in studies.values()),
+            calibration="none",
             sync_residual_us=dataset.worst_residual_us(),
             sync_bound_us=dataset.worst_hard_bound_us(),
-            conditions=conditions,
-            memory_notes=memory_budget().notes,
-            changed_pictures=picture_checks().changed,
             versions=library_versions(),
         )
-        result = msgspec.structs.replace(result, verdict=verdict(result), words=report_words(result))
-        result = msgspec.structs.replace(result, report="report.html", seconds=time.monotonic() - began)
+
+        def filled(known: Known) -> CompareResult:
+            """Return the result with everything found so far, and its words."""
+            found = msgspec.structs.replace(
+                result,
+                timing=known.timing,
+                rig_timing=known.rig_timing,
+                tolerance=known.tolerance,
+                calibration=context.rig.source,
+                moving_share=known.moving_share,
+                studies=tuple(known.studies[name] for name in studies if name in known.studies),
+                memory_notes=memory_budget().notes,
+                changed_pictures=picture_checks().changed,
+                seconds=time.monotonic() - began,
+            )
+            return msgspec.structs.replace(found, verdict=verdict(found), words=report_words(found))
+
+        def show(known: Known, running: Sequence[str]) -> None:
+            """Write the page as far as it goes, from the first measurement on."""
+            if any(one.measures for one in known.studies.values()):
+                write_report(filled(known), output.folder, running)
+                if output.show_early(REPORT):
+                    talk(f"first pictures, more follow: {out / REPORT}")
+
+        known = _run_studies(context, asked, show)
+        unasked = {name: study.found for name, study in studies.items() if name not in asked}
+        known = replace(known, studies={**known.studies, **unasked})
+        further_found = _further_conditions(context, list(asked.values()), options.conditions, against)
+        context.progress.last("report")
+        result = msgspec.structs.replace(filled(known), conditions=further_found, report=REPORT)
         write_report(result, output.folder)
         write_metrics(output.folder, result)
     return result
@@ -159,8 +182,12 @@ def _chosen(studies: Mapping[str, Study], names: Sequence[str]) -> dict[str, Stu
     return {name: study for name, study in studies.items() if name in requested}
 
 
-def _run_studies(context: Context, studies: Mapping[str, Study]) -> Known:
-    """Run each study after the studies that it needs; skip an impossible one with its reason.
+def _run_studies(
+    context: Context, studies: Mapping[str, Study], show: Callable[[Known, Sequence[str]], None]
+) -> Known:
+    """Run each study as soon as those that it needs are done; skip an impossible one with its reason.
+
+    `show` is called after each study, with all results and the subjects of the studies that are left.
 
     Raises:
         NotAvailableError: the calibration needs a package that is not installed, and nothing could be made.
@@ -176,37 +203,50 @@ def _run_studies(context: Context, studies: Mapping[str, Study]) -> Known:
         no_views = error
     known = Known(moving_share=moving, uncalibrated=str(no_views or ""))
     context.progress.step("choosing cameras")
-    for wave in _waves(studies):
-        # Studies of one wave are independent of each other.
-        found = {name: studies[name].run(_limited(known, studies[name])) for name in wave if name != TIMING}
-        known = replace(known, studies={**known.studies, **found})
-        if TIMING in wave and no_views is None:
-            known = _with_timing(context, known, studies)
+    # A pair's depth is quick and gives the first pictures; the others begin with the last, which are quick.
+    pairs = [name for name, study in studies.items() if isinstance(study, PairStudy)]
+    names = [*pairs, *(name for name in reversed([*studies]) if name not in pairs)]
+    left = {**{name: studies[name].text.subject for name in names}, TIMING: "time offsets"}
+    order, running = _order(studies), dict[Future[Any], str]()
+    with worker_pool(min(MAX_SIDE_BY_SIDE, len(os.sched_getaffinity(0)))) as pool:
+        while order.is_active():
+            for name in sorted(order.get_ready(), key=list(left).index):
+                future: Future[Any]
+                if name == TIMING:
+                    future = pool.submit(_measure_timing, context, known, studies)
+                else:
+                    future = pool.submit(studies[name].run, _limited(known, studies[name]))
+                running[future] = name
+            for future in wait(running, return_when=FIRST_COMPLETED).done:
+                name, found = running.pop(future), future.result()
+                del left[name]
+                order.done(name)
+                if name == TIMING:
+                    known = replace(known, **found)
+                else:
+                    known = replace(known, studies={**known.studies, name: found})
+            show(known, tuple(left.values()))
     if isinstance(no_views, NotAvailableError) and not any(one.measures for one in known.studies.values()):
         raise no_views
     return known
 
 
-def _waves(studies: Mapping[str, Study]) -> Iterator[list[str]]:
-    """Yield groups of studies that can run concurrently; `TIMING` follows all pair studies."""
+def _order(studies: Mapping[str, Study]) -> TopologicalSorter[str]:
+    """Return the studies in the order of their needs; `TIMING` follows all pair studies."""
     graph = {
         name: [one for one in study.needs if one in studies or one == TIMING]
         for name, study in studies.items()
     }
     graph[TIMING] = [name for name, study in studies.items() if isinstance(study, PairStudy)]
-    sorter = TopologicalSorter(graph)
+    order = TopologicalSorter(graph)
     try:
-        sorter.prepare()
+        order.prepare()
     except CycleError as error:
         raise BadInputError(
             f"studies need each other's results: {', '.join(error.args[1])}",
             hint="leave one out: --study names those to make",
         ) from error
-    places = {name: place for place, name in enumerate(studies)}
-    while sorter.is_active():
-        wave = sorted(sorter.get_ready(), key=lambda name: places.get(name, -1))
-        yield wave
-        sorter.done(*wave)
+    return order
 
 
 def _limited(known: Known, study: Study) -> Known:
@@ -217,8 +257,13 @@ def _limited(known: Known, study: Study) -> Known:
     return replace(known, studies=needed, timing=None, rig_timing=None, tolerance=None)
 
 
-def _with_timing(context: Context, known: Known, studies: Mapping[str, Study]) -> Known:
-    """Measure the time offsets on the first pair studied, and the delay that its depth tolerates."""
+def _measure_timing(context: Context, known: Known, studies: Mapping[str, Study]) -> dict[str, Any]:
+    """Measure the time offsets on the first pair studied, and the delay that its depth tolerates.
+
+    Returns these fields of `Known`; none without a calibration.
+    """
+    if known.uncalibrated:
+        return {}
     offsets, progress = PairOffsets(context.rig), context.progress
     pairs = (one for one in studies.values() if isinstance(one, PairStudy) and not one.found.skipped)
     study = next(pairs, None)
@@ -239,7 +284,7 @@ def _with_timing(context: Context, known: Known, studies: Mapping[str, Study]) -
     if len(context.rig.views) > 2:
         progress.step("time offsets of all cameras")
         rig_timing = measure_rig_timing(offsets, timing.reference if timing is not None else None)
-    return replace(known, timing=timing, tolerance=tolerance, rig_timing=rig_timing)
+    return {"timing": timing, "tolerance": tolerance, "rig_timing": rig_timing}
 
 
 def _further_conditions(

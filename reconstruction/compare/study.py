@@ -1,5 +1,7 @@
 """Base classes of a comparison's studies: context, needs, options, skipping, and pictures."""
 
+import logging
+import os
 from abc import ABC, abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
@@ -8,13 +10,13 @@ from typing import Any, ClassVar, Self
 
 import msgspec
 
-from capture_app.common.errors import NotAvailableError
+from capture_app.common.errors import NotAvailableError, SimulshotError
 from capture_app.common.optional_packages import require_reconstruction
 from capture_app.console.terminal import Progress
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_files import save_picture
-from reconstruction.common.native_libraries import ForeignError, opencv_calls
+from reconstruction.common.native_libraries import TRACEBACK, ForeignError, opencv_calls, unexpected_error
 from reconstruction.pairs import PairChoice
 from reconstruction.report.study_report import StudyReport
 from reconstruction.scores.comparison_results import OffsetTolerance
@@ -28,6 +30,7 @@ SYNCHRONIZED, ALL_APART = Condition(SYNCED), Condition(DISTINCT)
 TIMING = "timing"
 """Pseudo-study for `needs`: the cameras' time offsets, measured after all pair studies."""
 UNASKED = "it was not requested"
+_log = logging.getLogger(__name__)
 
 Pair = tuple[str, str]
 
@@ -73,7 +76,7 @@ class Study(StudyReport, ABC):
     needs: ClassVar[Sequence[str]] = ()
     """Names of the studies whose results it reads, made or skipped, or `TIMING`.
 
-    Independent studies may run side by side.
+    Independent studies run side by side, in threads.
     """
     needs_calibration: ClassVar[bool] = False
     min_cameras: ClassVar[int] = 1
@@ -116,7 +119,7 @@ class Study(StudyReport, ABC):
         """
 
     def run(self, known: Known) -> StudyResult[Any]:
-        """Make the study, or return a skipped result with the reason."""
+        """Make the study, or return a skipped result with the reason; a bug fails this study alone."""
         self.known = known
         if why := self.unasked():
             self.found = self.skipped(why, unasked=True)
@@ -127,6 +130,14 @@ class Study(StudyReport, ABC):
                 self.found = self.measure()
         except (ValueError, ForeignError, NotAvailableError) as error:
             self.found = self.skipped(str(error))
+        except (SimulshotError, OSError):
+            raise
+        except Exception as error:
+            if os.environ.get(TRACEBACK):
+                raise
+            failure = unexpected_error(error)
+            _log.warning("%s failed: %s", self.text.subject, failure)
+            self.found = StudyResult(name=self.text.name, skipped=failure.what, failed=True)
         return self.found
 
     def _check_needs(self) -> None:

@@ -1,6 +1,6 @@
 """Report of a comparison: one self-contained HTML page for a reader who knows nothing about cameras."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -28,15 +28,16 @@ ORIGINS = {
 }
 
 
-def write_report(result: CompareResult, out: Path) -> Path:
+def write_report(result: CompareResult, out: Path, running: Sequence[str] = ()) -> Path:
     """Write `report.html` atomically into the folder `out` and return its path.
 
-    Pictures are read from `out` by the paths in the result; the page contains smaller copies.
+    Pictures are read from `out` by the paths in the result; the page contains smaller copies. `running`: the
+    subjects that are still being measured. The page names them, and loads itself again until there are none.
 
     Raises:
         BadInputError: a picture is missing or is neither PNG nor JPEG, or the page cannot be written.
     """
-    return write_page(_page(result, out), out)
+    return write_page(_page(result, out, running), out)
 
 
 def report_words(result: CompareResult) -> ReportWords:
@@ -83,7 +84,7 @@ def _view(result: CompareResult, found: StudyResult[Any], out: Path) -> dict[str
     return view | (study.view(found, dict(names.words), out) if made and text.section else {})
 
 
-def _page(result: CompareResult, out: Path) -> str:
+def _page(result: CompareResult, out: Path, running: Sequence[str]) -> str:
     name = Path(result.session).name or result.session
     names, made = name_conditions(result), reported(result)
     views = {study.name: _view(result, study, out) for study in result.studies}
@@ -100,6 +101,10 @@ def _page(result: CompareResult, out: Path) -> str:
         "name": name,
         "verdict": result.verdict,
         "opening": "opening.html",
+        "running": running,
+        "failed": [
+            (study_reports()[one.name].text.subject, one.skipped) for one in result.studies if one.failed
+        ],
         "kind": kind,
         "claims": two_claims,
         "claims_note": claims_note,

@@ -1,6 +1,7 @@
 """Images and point clouds embedded in a page in compact form."""
 
 import base64
+from functools import lru_cache
 from pathlib import Path
 from typing import Any
 
@@ -22,6 +23,8 @@ QUALITY = 74
 """WebP quality of photographs."""
 LOSSLESS = 101
 """OpenCV's quality value for lossless WebP, which preserves flat colours and hard edges."""
+MAX_ENCODED = 128
+"""Pictures whose encoding is remembered: a page is written again when a part of it is ready."""
 MAX_PANEL_PX = 1024
 """Width to which larger panels are reduced; no page shows more."""
 
@@ -41,13 +44,22 @@ def embed_image(path: Path, panels: int = 1, max_px: int = MAX_PANEL_PX) -> dict
             f"the report lacks the picture {path}: {error.strerror or error}",
             hint="compare the session again",
         ) from error
-    known = data.startswith((PNG, JPEG))
-    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if known else None
-    if image is None:
+    found = _as_webp(data, max_px * panels)
+    if found is None:
         raise BadInputError(
             f"the picture {path} is not a readable PNG or JPEG", hint="compare the session again"
         )
-    shown = _shrink(image, max_px * panels)
+    return found
+
+
+@lru_cache(maxsize=MAX_ENCODED)
+def _as_webp(data: bytes, max_px: int) -> dict[str, object] | None:
+    """Return a picture's file as `embed_image` does; None if it is neither PNG nor JPEG."""
+    known = data.startswith((PNG, JPEG))
+    image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if known else None
+    if image is None:
+        return None
+    shown = _shrink(image, max_px)
     quality = LOSSLESS if data.startswith(PNG) else QUALITY
     _, packed = cv2.imencode(".webp", shown, [cv2.IMWRITE_WEBP_QUALITY, quality])
     address = f"data:image/webp;base64,{base64.b64encode(packed.tobytes()).decode()}"

@@ -45,11 +45,12 @@ def render_page(view: Mapping[str, object], sections: Sequence[Section], package
 
     The frame shows the view's `title`, `kicker`, `name` and `verdict`: a headline and the text after it.
     Optional keys: `opening`, the template below the headline; `kind`, a word for the images' origin;
-    `numbers_in`, the files beside the page that hold its numbers; and `scripts`, appended to the page's own.
+    `numbers_in`, the files beside the page that hold its numbers; `scripts`, appended to the page's own; and
+    `running`, what is not on the page yet: it loads itself again until there is nothing.
     Section templates are looked up in `package`, then in the report.
     """
     headline, lead = wording.headline(str(view["verdict"]))
-    frame = {"opening": "", "kind": "", "numbers_in": (METRICS,), "scripts": ()}
+    frame = {"opening": "", "kind": "", "numbers_in": (METRICS,), "scripts": (), "running": ()}
     page = _environment(package).get_template("page.html")
     return page.render({**frame, **view, "headline": headline, "lead": lead, "sections": sections})
 

@@ -88,6 +88,8 @@ class StudyResult(Struct, Generic[Facts], frozen=True, kw_only=True):
     """Why nothing was measured; empty if something was."""
     unasked: bool = False
     """Whether it was skipped because it was not requested."""
+    failed: bool = False
+    """Whether it was skipped because of a bug."""
     measures: tuple[Measure, ...] = ()
     per_instant: tuple[dict[str, float | int | None], ...] = ()
     """Rows with `instant`, its facts, and each measure as `synced_*` and `offset_*`."""

@@ -211,7 +211,8 @@ class Outcome:
     @property
     def complaint(self) -> str:
         """The one line on stderr, beside those of progress, that says what is wrong."""
-        (line,) = (line for line in self.err.splitlines() if not line.startswith("["))
+        talk = ("[", "first pictures")
+        (line,) = (line for line in self.err.splitlines() if not line.startswith(talk))
         assert line.startswith("reconstruct: error: ")
         return line
 

@@ -88,9 +88,9 @@ def test_an_unforeseen_error_says_where_it_comes_from() -> None:
 
 SPEAKS = """
 import ctypes, sys
-from reconstruction.common.native_libraries import claim_stdout
+from reconstruction.common.native_libraries import claim_output
 from reconstruction.common.native_libraries import load_open3d
-claim_stdout()
+claim_output()
 libc = ctypes.CDLL(None)
 libc.printf(b"native chatter\\n")
 libc.fflush(None)

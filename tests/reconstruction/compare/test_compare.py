@@ -1,10 +1,13 @@
 """`reconstruct compare` from a session on disk to its folder of results."""
 
 import json
+import os
 import shutil
+import subprocess
 import sys
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import cv2
 import pytest
@@ -13,6 +16,7 @@ from capture_app.session.reading.reader import Session
 from tests.reconstruction.conftest import VIEWS, Reconstruct, Scene, write_session
 from tests.reconstruction.found import study, values
 
+ROOT = Path(__file__).resolve().parents[3]
 NO_MULTIVIEW = ("--max-multiview-instants", 0)
 
 
@@ -169,3 +173,67 @@ def test_without_calibration_and_colmap_the_panorama_is_still_made(
     assert done.code == 6
     assert "needs pycolmap" in done.err.splitlines()[-1]
     assert not (tmp_path / "out2").exists()
+
+
+BUGGY = """
+import os
+from pathlib import Path
+from reconstruction.compare.study import Study
+from reconstruction.report.study_report import StudyText
+
+class Buggy(Study):
+    text = StudyText(name="buggy", subject="something new")
+    needs = ("stereo",)
+
+    def measure(self):
+        page = Path(os.environ["PAGE"]).read_text()
+        assert "Still being measured: something new" in page
+        assert page.count("<img") > 3
+        raise KeyError("a bug")
+"""
+
+
+def test_the_page_is_there_while_a_study_runs_and_says_that_it_failed(
+    boards: Session, tmp_path: Path
+) -> None:
+    installed = tmp_path / "installed"
+    (installed / "buggy-1.0.dist-info").mkdir(parents=True)
+    (installed / "buggy.py").write_text(BUGGY)
+    about = installed / "buggy-1.0.dist-info"
+    (about / "METADATA").write_text("Metadata-Version: 2.1\nName: buggy\nVersion: 1.0\n")
+    (about / "entry_points.txt").write_text("[simulshot.studies]\nbuggy = buggy:Buggy\n")
+    out = tmp_path / "out"
+    environment = {
+        **os.environ,
+        "PYTHONPATH": f"{installed}{os.pathsep}{ROOT}",
+        "PAGE": str(out / "report.html"),
+    }
+    options = ("--study", "buggy", "--max-instants", "1", "--out", str(out))
+    command = [sys.executable, "-m", "reconstruction.cli", "compare", str(boards.folder), *options]
+    done = subprocess.run(command, env=environment, capture_output=True, text=True, check=True)
+    assert done.stderr.count(f"first pictures, more follow: {out / 'report.html'}") == 1
+    assert "something new failed: unexpected KeyError in buggy.py:15" in done.stderr
+    page = (out / "report.html").read_text()
+    assert "<b>Failed</b>: something new: unexpected KeyError in buggy.py:15" in page
+    assert "Still being measured" not in page
+
+
+@pytest.mark.slow
+def test_the_number_of_cores_changes_nothing(
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    cores = os.sched_getaffinity(0)
+    if len(cores) < 2:
+        pytest.skip("there is one core")
+
+    def compare(name: str) -> tuple[Any, dict[str, bytes]]:
+        out = tmp_path / name
+        result = reconstruct("compare", boards.folder, "--max-instants", 3, "--out", out, "--json").result
+        return result | {"seconds": 0}, {path.name: path.read_bytes() for path in out.glob("stages/*")}
+
+    try:
+        os.sched_setaffinity(0, {min(cores)})
+        alone = compare("alone")
+    finally:
+        os.sched_setaffinity(0, cores)
+    assert compare("together") == alone

@@ -134,3 +134,21 @@ def test_a_folder_that_cannot_be_written_is_one_clear_error(tmp_path: Path) -> N
     with pytest.raises(BadInputError, match=r"cannot write the report .*--out"):
         write_report(RESULT, tmp_path)
     assert [p.name for p in tmp_path.iterdir()] == ["report.html"]
+
+
+def test_an_unfinished_page_says_what_is_left_and_loads_itself_again(
+    pictured: CompareResult, tmp_path: Path
+) -> None:
+    again = 'http-equiv="refresh"'
+    page = write_report(pictured, tmp_path, ["points by COLMAP", "bullet time"]).read_text()
+    assert again in page
+    assert "Still being measured: points by COLMAP, bullet time." in page
+    page = write_report(pictured, tmp_path).read_text()
+    assert again not in page
+    assert "Still" not in page
+
+
+def test_a_study_that_failed_is_named_first(read_report: ReadReport) -> None:
+    failed = msgspec.structs.replace(skipped("burst", "unexpected KeyError in burst.py:7: 'x'"), failed=True)
+    page = read_report(RESULT, failed)
+    assert "Failed: pictures of the burst: unexpected KeyError in burst.py:7: 'x'." in page.text

@@ -86,8 +86,9 @@ class AnswerGroups:
         """Remove all groups, for a new estimate."""
         self._groups: deque[tuple[int, int, int]] = deque()
         """Mean time, offset and round-trip delay of each group, in ns."""
-        self._sums = [0] * len(_terms((0, 0, 0)))
-        """Sums of the groups' terms."""
+        self._sums: deque[tuple[int, ...]] = deque([(0,) * 8])
+        """Sums over all groups so far, before the first of `_groups` and after each of them: number, time,
+        offset, round trip, time squared, time times offset, offset squared, time times round trip."""
         self._uppers: list[Bound] = []
         self._lowers: list[Bound] = []
         self._half: tuple[Bound, Bound] | None = None
@@ -99,7 +100,8 @@ class AnswerGroups:
     def forget_before(self, local_ns: int) -> None:
         """Remove the groups whose mean time is before a local time in ns."""
         while self._groups and self._groups[0][0] < local_ns:
-            self._sums = list(map(sub, self._sums, _terms(self._groups.popleft())))
+            self._groups.popleft()
+            self._sums.popleft()
 
     def add(self, upper: Bound, lower: Bound, skew: float) -> bool:
         """Add the bounds of one sample, the lower one negated. Return whether a group is complete."""
@@ -122,28 +124,28 @@ class AnswerGroups:
         if before is None:
             return False
         if self._overlaps and self._groups:
-            self._sums = list(map(sub, self._sums, _terms(self._groups.pop())))
+            self._groups.pop()
+            self._sums.pop()
         self._overlaps = not self._overlaps
         (t0, above), (t3, below) = tightest(*zip(before, self._half, strict=True))
-        group = (t0 + t3) // 2, (above - below) // 2, above + below - round(skew * (t0 - t3))
-        self._groups.append(group)
-        self._sums = list(map(add, self._sums, _terms(group)))
+        t, offset, gap = (t0 + t3) // 2, (above - below) // 2, above + below - round(skew * (t0 - t3))
+        self._groups.append((t, offset, gap))
+        terms = 1, t, offset, gap, t * t, t * offset, offset * offset, t * gap
+        self._sums.append(tuple(map(add, self._sums[-1], terms)))
         self.forget_before(upper[0] - self.window_ns)
         return True
 
     def newest(self) -> list[Newest]:
         """Return the deviations of the last 1, 2, 4, ... groups from the line through all earlier ones."""
-        found, total, earlier = [], len(self._groups), self._sums
-        for count in range(1, min(COUNTS[-1], total // 2, total - MIN_GROUPS) + 1):
-            earlier = list(map(sub, earlier, _terms(self._groups[-count])))
-            if count in COUNTS:
-                found.append(self._compare(earlier, list(map(sub, self._sums, earlier))))
-        return found
+        most = min(len(self._groups) // 2, len(self._groups) - MIN_GROUPS)
+        return [self._compare(count) for count in COUNTS if count <= most]
 
-    def _compare(self, earlier: Sequence[int], newest: Sequence[int]) -> Newest:
-        """Return the deviation of the newest groups from the line through the earlier ones, by their sums."""
+    def _compare(self, count: int) -> Newest:
+        """Return the deviation of the last `count` groups from the line through the groups before them."""
+        between = self._sums[-1 - count]
+        earlier, newest = map(sub, between, self._sums[0]), tuple(map(sub, self._sums[-1], between))
         many, times, offsets, gaps, squares, products, offset_squares, gap_products = earlier
-        count, common = newest[0], newest[0] * many
+        common = count * many
         # Differences of integers are exact: over hours, the sums have more digits than a float.
         scatter = max(1.0, (many * squares - times * times) / many)
         slope = (many * products - times * offsets) / many / scatter
@@ -170,9 +172,3 @@ class AnswerGroups:
             typical=typical,
             min_skew=abs(slope) - abs(gap_slope) / 2.0 - SIGMAS * sqrt(variance / scatter),
         )
-
-
-def _terms(group: tuple[int, int, int]) -> tuple[int, ...]:
-    """Return a group's terms of the sums: count, time, offset, round trip, and products of these."""
-    t, offset, gap = group
-    return 1, t, offset, gap, t * t, t * offset, offset * offset, t * gap

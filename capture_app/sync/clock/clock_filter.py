@@ -118,7 +118,10 @@ class ClockFilter:
         self.samples, self._newest_ns, self._anchor_ns = 0, LONG_AGO_NS, 0
         self._highest = self._lowest = (0, -LONG_AGO_NS)
         self._blocks: dict[int, tuple[list[Bound], list[Bound]]] = {}
-        """Upper and lower bounds by time: all of the newest block, the relevant ones of earlier blocks."""
+        """Relevant upper and lower bounds of the blocks before the present one."""
+        self._block, self._bounds = LONG_AGO_NS, (list[Bound](), list[Bound]())
+        """Number of the present block, and all its upper and lower bounds."""
+        self._sum_up()
         self._fitted: LikelyLine | None = None
         self._stale = True
         self._changed: tuple[int, float] | None = None
@@ -167,7 +170,7 @@ class ClockFilter:
         if self.is_settling and self.samples >= 2 * SETTLED_SAMPLES:
             self._groups.half_ns = HALF_NS
             self._groups.clear()
-        if not self._blocks:
+        if not self.samples:
             self._anchor_ns = (sample.upper_ns + sample.lower_ns) // 2
         upper = sample.t0_ns, sample.upper_ns - self._anchor_ns
         lower = sample.t3_ns, self._anchor_ns - sample.lower_ns
@@ -177,14 +180,13 @@ class ClockFilter:
         if self._suspects:
             self._suspects.clear()
             self.refused_steps += 1
-        block = sample.t3_ns // self._block_ns
-        if self._blocks and block > self._newest_ns // self._block_ns:
-            self._end_block()
+        if sample.t3_ns // self._block_ns > self._block:
+            self._end_block(sample.t3_ns // self._block_ns)
         self._highest, self._lowest, self._stale = highest, lowest, True
         self.samples += 1
         self._newest_ns = max(self._newest_ns, sample.t3_ns)
-        self._blocks.setdefault(sample.t0_ns // self._block_ns, ([], []))[0].append(upper)
-        self._blocks.setdefault(block, ([], []))[1].append(lower)
+        self._bounds[0].append(upper)
+        self._bounds[1].append(lower)
         if sample.round_trip_ns - self._min_gap < self.longer_ns / 2.0:
             # No message is faster than its path's minimum delay, so the path is no longer slow.
             self.longer_ns = 0.0
@@ -194,15 +196,15 @@ class ClockFilter:
 
     def time_map(self, now_local_ns: int) -> TimeMap | None:
         """Return the time map with its epoch at a local time in ns; None before the first sample."""
-        if not self._blocks:
+        if not self._bounds[0]:
             return None
-        line, age = self._line(), float(now_local_ns - self._newest_ns)
+        line, age = self._line(), float(now_local_ns - self._block * self._block_ns)
         highest, lowest = _bound_at(self._highest, now_local_ns), -_bound_at(self._lowest, now_local_ns)
         sigma = None if self.asymmetry is None else self.asymmetry.sigma(line.gap, 2.0 * sqrt(line.excess))
         self.late_ns = 0.0 if self.asymmetry is None or sigma is None else self.asymmetry.late_ns
         offset_ns = round(min(max(line.offset + line.skew * age + self.late_ns, lowest), highest))
         # The best line through a parabola is below its end and less steep there.
-        span = float(self._newest_ns - min(self._blocks) * self._block_ns)
+        span = float(self._newest_ns - next(iter(self._blocks), self._block) * self._block_ns)
         bend = DRIFT * (span * span / 12.0 + (span + age) * age / 2.0)
         skew_drift = DRIFT * (span / 2.0 + abs(age))
         asymmetry_ns = ASYMMETRY * line.gap / 2.0 if sigma is None else sigma
@@ -246,25 +248,36 @@ class ClockFilter:
         self._restarted, self._groups.half_ns = True, 0
 
     def _line(self) -> LikelyLine:
-        """Return the line through all samples, with the newest one as its reference."""
+        """Return the line through all samples, with the beginning of the present block as its reference."""
         if self._fitted is None or self._stale:
-            ref_ns, bounds = self._newest_ns, zip(*self._blocks.values(), strict=True)
-            uppers, lowers = (
-                [(float(t - ref_ns), float(v)) for one in side for t, v in one] for side in bounds
-            )
-            self._fitted, self._stale = fit_line(uppers, lowers), False
+            ref_ns = self._block * self._block_ns
+            new = [[(t - ref_ns, v) for t, v in bounds] for bounds in self._bounds]
+            sides = zip(self._past, self._past_hulls, new, strict=True)
+            above, below = (([*past, *points], lower_hull([*hull, *points])) for past, hull, points in sides)
+            self._fitted, self._stale = fit_line(*above, *below), False
         return self._fitted
 
-    def _end_block(self) -> None:
-        """Reduce the newest block to its relevant bounds, and remove the blocks outside the window."""
-        for bounds, slope in zip(self._blocks[max(self._blocks)], (1.0, -1.0), strict=True):
-            slope *= (self._fitted or self._line()).skew
+    def _end_block(self, number: int) -> None:
+        """Reduce the present block to its relevant bounds, remove those before the window, and begin one."""
+        for bounds, slope in zip(self._bounds, (1.0, -1.0), strict=True):
             if len(bounds) > TIGHTEST:
+                slope *= (self._fitted or self._line()).skew
                 nearest = sorted(bounds, key=lambda bound: bound[1] - slope * (bound[0] - self._newest_ns))
                 relevant = {*lower_hull(bounds), *nearest[:TIGHTEST]}
                 bounds[:] = [bound for bound in bounds if bound in relevant]
+        self._blocks[self._block] = self._bounds
         oldest = (self._newest_ns - self._groups.window_ns) // self._block_ns
-        self._blocks = {i: self._blocks[i] for i in sorted(self._blocks) if i >= oldest}
+        self._blocks = {i: bounds for i, bounds in self._blocks.items() if i >= oldest}
+        self._block, self._bounds = number, ([], [])
+        self._sum_up()
+
+    def _sum_up(self) -> None:
+        """Prepare the earlier blocks' bounds, and their hulls, for all lines of the present block."""
+        ref_ns = self._block * self._block_ns
+        self._past = [
+            [(t - ref_ns, v) for block in self._blocks.values() for t, v in block[side]] for side in (0, 1)
+        ]
+        self._past_hulls = [lower_hull(points) for points in self._past]
 
     def _look_for_change(self) -> bool:
         """Start a new line if a clock's rate changed; if a path delay increased, keep the line, less certain.
@@ -295,11 +308,11 @@ class ClockFilter:
         """Start a new line with the samples since a local time in ns, after a clock's rate changed."""
         if self._changed is None or self._newest_ns - self._changed[0] > SETTLING_NS:
             self._changed = self._newest_ns, self._line().skew
-        remaining = {
-            i: ([b for b in above if b[0] >= local_ns], [b for b in below if b[0] >= local_ns])
-            for i, (above, below) in self._blocks.items()
-        }
-        self._blocks = {i: bounds for i, bounds in remaining.items() if any(bounds)}
+        for bounds in (*self._blocks.values(), self._bounds):
+            for side in bounds:
+                side[:] = [bound for bound in side if bound[0] >= local_ns]
+        self._blocks = {i: bounds for i, bounds in self._blocks.items() if any(bounds)}
+        self._sum_up()
         self._fitted, self._stale = None, True
         self._min_gap = float(-LONG_AGO_NS)
 

@@ -91,13 +91,15 @@ def lower_hull(points: Iterable[Point]) -> list[Point]:
     return hull
 
 
-def fit_line(uppers: Sequence[Point], lowers: Sequence[Point]) -> LikelyLine:
+def fit_line(
+    uppers: Sequence[Point], above: Sequence[Point], lowers: Sequence[Point], below: Sequence[Point]
+) -> LikelyLine:
     """Return the mean line over all skews, weighted by their prior and by the gap between the directions.
 
     At a given skew the tightest bound of each direction gives the offset. The gap between the two is the
-    log-likelihood of exponential delays (Moon et al. 1999 take its maximum, a linear program).
+    log-likelihood of exponential delays (Moon et al. 1999 take its maximum, a linear program). `above` and
+    `below` are the lower hulls of the upper and of the lower bounds.
     """
-    above, below = lower_hull(uppers), lower_hull(lowers)
 
     def room(skew: float) -> tuple[float, float]:
         high, low = min([v - skew * t for t, v in above]), min([v + skew * t for t, v in below])

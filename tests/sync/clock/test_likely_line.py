@@ -27,9 +27,13 @@ def bounds(
 def fit(skew: float = 0.0, offset: float = 0.0, **drawn: float) -> LikelyLine:
     usual = {"count": 300, "seconds": 10.0, "power": 1.0, "seed": 1} | drawn
     count, seed = int(usual["count"]), int(usual["seed"])
-    return fit_line(
+    return line_between(
         *bounds(skew, offset, count=count, seconds=usual["seconds"], power=usual["power"], seed=seed)
     )
+
+
+def line_between(uppers: list[Point], lowers: list[Point]) -> LikelyLine:
+    return fit_line(uppers, lower_hull(uppers), lowers, lower_hull(lowers))
 
 
 @pytest.mark.parametrize("skew_ppm", [-990.0, -150.0, -20.0, 0.0, 40.0, 300.0, 990.0])
@@ -57,7 +61,7 @@ def test_delays_that_rarely_come_near_their_minimum_leave_more_open() -> None:
 
 
 def test_one_bound_of_each_direction_gives_the_middle_and_is_not_trusted() -> None:
-    line = fit_line([(0.0, 900.0)], [(0.0, -100.0)])
+    line = line_between([(0.0, 900.0)], [(0.0, -100.0)])
     assert (line.offset, line.gap) == pytest.approx((500.0, 800.0))
     assert line.excess**0.5 > 0.4 * 800.0
 
@@ -75,6 +79,6 @@ def test_the_hull_keeps_the_tightest_bound_at_every_skew(given_points: list[Poin
 
 @given(points, points)
 def test_any_bounds_give_a_line(uppers: list[Point], lowers: list[Point]) -> None:
-    line = fit_line(uppers, lowers)
+    line = line_between(uppers, lowers)
     assert abs(line.skew) <= MAX_SKEW
     assert line.variance_at(0.0) >= 0.0

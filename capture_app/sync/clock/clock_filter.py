@@ -1,5 +1,6 @@
 """Offset and skew between a node's clock and the leader's, estimated from two-way time exchanges."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from math import hypot, sqrt
 
@@ -13,6 +14,7 @@ from capture_app.sync.clock.likely_line import (
     STAMP_NS,
     TIGHTEST,
     LikelyLine,
+    Point,
     fit_line,
     lower_hull,
 )
@@ -121,7 +123,8 @@ class ClockFilter:
         """Relevant upper and lower bounds of the blocks before the present one."""
         self._block, self._bounds = LONG_AGO_NS, (list[Bound](), list[Bound]())
         """Number of the present block, and all its upper and lower bounds."""
-        self._sum_up()
+        self._past: list[tuple[Sequence[Point], Sequence[Point]]] = []
+        """Upper and lower bounds of earlier blocks as points, and their lower hulls; empty until needed."""
         self._fitted: LikelyLine | None = None
         self._stale = True
         self._changed: tuple[int, float] | None = None
@@ -249,11 +252,17 @@ class ClockFilter:
 
     def _line(self) -> LikelyLine:
         """Return the line through all samples, with the beginning of the present block as its reference."""
+        ref_ns = self._block * self._block_ns
+        if not self._past:
+            for side in (0, 1):
+                points = [(t - ref_ns, v) for block in self._blocks.values() for t, v in block[side]]
+                self._past.append((points, lower_hull(points)))
         if self._fitted is None or self._stale:
-            ref_ns = self._block * self._block_ns
             new = [[(t - ref_ns, v) for t, v in bounds] for bounds in self._bounds]
-            sides = zip(self._past, self._past_hulls, new, strict=True)
-            above, below = (([*past, *points], lower_hull([*hull, *points])) for past, hull, points in sides)
+            above, below = (
+                ([*past, *points], lower_hull([*hull, *points]))
+                for (past, hull), points in zip(self._past, new, strict=True)
+            )
             self._fitted, self._stale = fit_line(*above, *below), False
         return self._fitted
 
@@ -269,15 +278,7 @@ class ClockFilter:
         oldest = (self._newest_ns - self._groups.window_ns) // self._block_ns
         self._blocks = {i: bounds for i, bounds in self._blocks.items() if i >= oldest}
         self._block, self._bounds = number, ([], [])
-        self._sum_up()
-
-    def _sum_up(self) -> None:
-        """Prepare the earlier blocks' bounds, and their hulls, for all lines of the present block."""
-        ref_ns = self._block * self._block_ns
-        self._past = [
-            [(t - ref_ns, v) for block in self._blocks.values() for t, v in block[side]] for side in (0, 1)
-        ]
-        self._past_hulls = [lower_hull(points) for points in self._past]
+        self._past.clear()
 
     def _look_for_change(self) -> bool:
         """Start a new line if a clock's rate changed; if a path delay increased, keep the line, less certain.
@@ -312,7 +313,7 @@ class ClockFilter:
             for side in bounds:
                 side[:] = [bound for bound in side if bound[0] >= local_ns]
         self._blocks = {i: bounds for i, bounds in self._blocks.items() if any(bounds)}
-        self._sum_up()
+        self._past.clear()
         self._fitted, self._stale = None, True
         self._min_gap = float(-LONG_AGO_NS)
 

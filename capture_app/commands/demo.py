@@ -111,6 +111,7 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
     from capture_app.rig.rig_link import give_order
     from capture_app.session.reading.reader import Session
 
+    waited_for = ""
     plan = taking.TakePlan(frames=FRAMES, wait_ready_s=READY_TIMEOUT_S, nodes=cameras)
     async with AsyncRig(sessions=out) as rig:
         talk(f"starting {cameras} simulated cameras, each a process with a clock of its own")
@@ -118,8 +119,8 @@ async def capture(out: Path, cameras: int, talk: Talk, *, scene: str = "studio")
         await give_order(rig.address, order)
         async for event in rig.take(plan):
             match event:
-                case taking.Waiting(reason=reason):
-                    talk(reason)
+                case taking.Waiting(reason=reason) if reason != waited_for:
+                    talk(waited_for := reason)
                 case taking.Begun():
                     talk(f"taking a burst of {FRAMES} instants; the pictures are rendered as they are saved")
                 case taking.Progress(status=status) if status.received:

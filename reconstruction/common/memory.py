@@ -98,6 +98,8 @@ class MemoryBudget:
         self.limit_bytes = max(int(limit_bytes), MIN_BYTES)
         self.asked_for = asked_for
         self._notes: dict[str, None] = {}
+        self._reserved = 0
+        self._freed = threading.Condition()
 
     @property
     def notes(self) -> tuple[str, ...]:
@@ -134,6 +136,22 @@ class MemoryBudget:
     def fit_count(self, bytes_each: float, max_count: int, *, fraction: float = 1.0) -> int:
         """Return how many items of `bytes_each` fit into `fraction` of the budget, from 1 to `max_count`."""
         return max(1, min(max_count, int(fraction * self.limit_bytes // max(bytes_each, 1.0))))
+
+    @contextmanager
+    def reserved(self, size: float) -> Iterator[None]:
+        """Wait until so many bytes are not in use by other threads, or until none of them uses any.
+
+        Threads that run side by side thus keep to the budget together. A thread reserves once at a time.
+        """
+        with self._freed:
+            self._freed.wait_for(lambda: not self._reserved or self._reserved + size <= self.limit_bytes)
+            self._reserved += int(size)
+        try:
+            yield
+        finally:
+            with self._freed:
+                self._reserved -= int(size)
+                self._freed.notify_all()
 
 
 def memory_budget() -> MemoryBudget:

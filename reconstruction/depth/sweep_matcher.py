@@ -34,7 +34,7 @@ MAX_VOTERS = 8
 NORMAL_TOLERANCE = 0.03
 """Maximum distance of neighbours from a common plane, relative to the median inverse depth."""
 CELLS_FRACTION = 0.4
-"""Fraction of the memory budget for the matching costs of all concurrent sweeps."""
+"""Maximum fraction of the memory budget for the matching costs of one sweep."""
 BYTES_PER_CELL = 5
 
 
@@ -95,8 +95,9 @@ def match_all_views(
     steps = progress or Progress(0, silent=True)
     names = [name for name in images if sources.get(name)]
     paired = [name for name in names if [name] == [o for other in sources[name] for o in sources[other]]]
-    fitting = int(CELLS_FRACTION * memory_budget().limit_bytes / (worker_count() * BYTES_PER_CELL))
-    cells = min(SweepOptions.max_cells, fitting)
+    budget = memory_budget()
+    # The number of workers must not count: depth would depend on the number of cores.
+    cells = min(SweepOptions.max_cells, int(CELLS_FRACTION * budget.limit_bytes / BYTES_PER_CELL))
     options = SweepOptions(max_cells=cells, first_scale=0.5 if quick else 1.0, engine=engine)
 
     def match(name: str) -> Surface:
@@ -132,7 +133,7 @@ def match_all_views(
             found = renewed(found, swept, box, mine)
         return found
 
-    with worker_pool() as pool:
+    with budget.reserved(worker_count() * cells * BYTES_PER_CELL), worker_pool() as pool:
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
         laid, still.planes = fit_blank_walls(images, sources, depth_ranges, surfaces, pool, still.planes)
         surfaces = {name: renewed(surfaces[name], laid[name], WHOLE, new[name]) for name in names}

@@ -315,8 +315,10 @@ class StereoPair:
 
     def _match(self, a: Array, b: Array, seen_a: Array, seen_b: Array) -> tuple[Array, Array]:
         """Return the reference's disparity where both views reach, else NaN, and the other view's own."""
-        forward = match_rectified(a, b, self.min_disparity, self.num_disparities)
-        backward = match_rectified_back(a, b, self.min_disparity, self.num_disparities)
+        height, width = a.shape
+        with memory_budget().reserved(matching_bytes(width, height, self.num_disparities)):
+            forward = match_rectified(a, b, self.min_disparity, self.num_disparities)
+            backward = match_rectified_back(a, b, self.min_disparity, self.num_disparities)
         inside = warp_by_disparity(seen_b.astype(np.float32), forward) > 0.99
         return np.where(seen_a & inside, forward, np.nan), backward
 

@@ -16,6 +16,7 @@ from reconstruction.commands.command_options import MATCHER, flag
 from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import library_versions
+from reconstruction.common.worker_pool import worker_pool
 from reconstruction.compare.study import UNASKED, ConditionStudy, Context, PictureText, write_pictures
 from reconstruction.depth.mesh import draw_clouds
 from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
@@ -23,7 +24,7 @@ from reconstruction.depth.view_choice import choose_reference_view, choose_sourc
 from reconstruction.multiview.input_images import UndistortedSession
 from reconstruction.multiview.instant_depth import NO_PLANES, InstantDepth, compute_instant_depth
 from reconstruction.multiview.instant_scoring import InstantScorer
-from reconstruction.multiview.matcher import Matcher, choose_matcher
+from reconstruction.multiview.matcher import ChosenMatcher, Matcher, choose_matcher
 from reconstruction.report import wording
 from reconstruction.report.embedding import view_clouds
 from reconstruction.report.findings import EACH_DELAYED, depth_sentence
@@ -45,6 +46,8 @@ MIN_POINTS = 500
 MIN_CAMERAS = 3
 MAX_CAMERAS = 5
 """More cameras improve the cloud but say no more about timing; each takes as long as the first."""
+AT_A_TIME = 2
+"""Number of conditions whose depth is computed at a time."""
 MAX_TRIES = 4
 """Number of instants tried until every camera has a usable image."""
 SECTION = """
@@ -309,7 +312,6 @@ class MultiviewStudy(ConditionStudy):
     def __init__(self, context: Context) -> None:
         super().__init__(context)
         self.options: MultiviewOptions
-        self.matcher = choose_matcher(self.options.matcher, quick=True)
         self.middle_camera = ""
         """Required middle camera; any other is rejected. Empty accepts all."""
         self.group = CameraGroup()
@@ -324,9 +326,19 @@ class MultiviewStudy(ConditionStudy):
         """Return a reason if the options allow the study no instants, else empty; see `Study.unasked`."""
         return "" if self.options.multiview_instants else UNASKED
 
+    def check(self) -> None:
+        """Reject a matcher that this machine cannot run; see `Study.check`."""
+        if self.options.matcher.engine is not Matcher.SWEEP:
+            self.matcher  # noqa: B018
+
     def adopt(self, ours: Self) -> None:
         """Use the middle camera of the comparison's own session."""
         self.middle_camera = ours.group.reference
+
+    @cached_property
+    def matcher(self) -> ChosenMatcher:
+        """The matcher; finding a GPU takes a second, which the first pictures do not wait for."""
+        return choose_matcher(self.options.matcher, quick=True)
 
     @cached_property
     def shots(self) -> UndistortedSession:
@@ -356,15 +368,21 @@ class MultiviewStudy(ConditionStudy):
             ValueError: the burst does not contain this condition.
         """
         instants = self._instants(condition)
-        found, planes = [], NO_PLANES
-        for one in instants:
-            maps = {}
-            for side, shown in one.by_condition.items():
-                self.progress.step(f"depth from {len(shown)} cameras, instant {one.instant}, {side}")
-                maps[side] = self._depth(shown, planes)
-                # The walls of a still scene are found once.
-                planes = planes if len(planes) else maps[side].planes
-            found.append(maps)
+        every = [(one, side) for one in instants for side in one.by_condition]
+
+        def depth(at: tuple[ShownInstant, str], planes: Array) -> InstantDepth:
+            one, side = at
+            shown = one.by_condition[side]
+            self.progress.step(f"depth from {len(shown)} cameras, instant {one.instant}, {side}")
+            return self._depth(shown, planes)
+
+        # The walls of a still scene are found once. The fusion of a cloud takes one core; the next depth
+        # begins meanwhile.
+        first = depth(every[0], NO_PLANES)
+        with worker_pool(AT_A_TIME) as pool:
+            later = pool.map(lambda at: depth(at, first.planes), every[1:])
+            made = dict(zip([(one.instant, side) for one, side in every], [first, *later], strict=True))
+        found = [{side: made[one.instant, side] for side in one.by_condition} for one in instants]
         scorer = InstantScorer(
             self.shots,
             self.group.reference,

@@ -4,6 +4,8 @@ import json
 import resource
 import subprocess
 import sys
+import threading
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import replace
 
 import cv2
@@ -12,7 +14,7 @@ import pytest
 
 from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import resize_view
-from reconstruction.common.memory import limited_memory, memory_budget, parse_size
+from reconstruction.common.memory import MIN_BYTES, MemoryBudget, limited_memory, memory_budget, parse_size
 from reconstruction.pairs import Features, canvas_bounds, choose_stereo_pair
 from reconstruction.stereo.stereo_pair import StereoPair, rectify
 from tests.reconstruction.conftest import Scene, make_view
@@ -94,3 +96,24 @@ def test_a_canvas_that_explodes_is_refused_with_its_size() -> None:
         rectify(wide, make_view((0.4, 0, 0.4)), (0, 16))
     low, high = canvas_bounds(wide, make_view((0.4, 0, 0.1), yaw=20))
     assert ((high - low) < (800, 600)).all()
+
+
+def test_threads_side_by_side_keep_to_the_budget_together() -> None:
+    budget = MemoryBudget(MIN_BYTES)
+    together = threading.Barrier(2)
+    used, most = [0], [0]
+
+    def meet(_: int) -> None:
+        with budget.reserved(0.5 * MIN_BYTES):
+            together.wait(30)
+
+    def work(fraction: float) -> None:
+        with budget.reserved(fraction * MIN_BYTES):
+            used[0] += 1
+            most[0] = max(most[0], used[0])
+            used[0] -= 1
+
+    with ThreadPoolExecutor(4) as pool:
+        assert len(list(pool.map(meet, range(8)))) == 8
+        assert len(list(pool.map(work, [0.6, 3.0] * 20))) == 40
+    assert most == [1]

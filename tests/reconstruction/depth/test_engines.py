@@ -16,7 +16,7 @@ from reconstruction.common.geometry import Array
 from reconstruction.depth import gpu
 from reconstruction.depth.calibrated_image import OUTSIDE, SourceView
 from reconstruction.depth.compiled import CPU, CompiledEngine, load_engine
-from reconstruction.depth.compiling import compile_kernels
+from reconstruction.depth.compiling import LIBRARY, SOURCE, compile_kernels
 from reconstruction.depth.cost_volume import BETTER_OF_TWO, cost_volume
 from reconstruction.depth.gpu import GpuEngine, find_adapters, find_engine, open_gpu
 from reconstruction.depth.plane_sweep import SweepOptions, sweep_view
@@ -100,8 +100,10 @@ def bilinear(picture: Array, u: Array, v: Array, outside: np.float32) -> Array:
 @pytest.fixture(scope="module")
 def compiled(tmp_path_factory: pytest.TempPathFactory) -> CompiledEngine:
     """The compiled engine of this checkout's own text, whatever was installed."""
-    library = tmp_path_factory.mktemp("kernels") / "kernels.so"
-    assert compile_kernels(library)
+    library = LIBRARY
+    if not library.exists() or library.stat().st_mtime < SOURCE.stat().st_mtime:
+        library = tmp_path_factory.mktemp("kernels") / "kernels.so"
+        assert compile_kernels(library)
     return CompiledEngine(library)
 
 

@@ -98,8 +98,7 @@ def test_webcams_come_to_2_ms_by_restarts(aimed: bool, mean_at_most: float) -> N
     assert sum(tries) / len(tries) < mean_at_most
 
 
-@pytest.mark.parametrize("noise_ns", [3_000, 2_500_000])
-@pytest.mark.parametrize("ppm", [-60.0, 60.0])
+@pytest.mark.parametrize(("noise_ns", "ppm"), [(3_000, -60.0), (2_500_000, 60.0)])
 def test_a_webcam_is_held_within_2_ms_even_in_a_virtual_machine(noise_ns: int, ppm: float) -> None:
     profile = replace(
         PROFILES["webcam"], timestamp_noise_ns=noise_ns, start_latency_ns=(250_000_000, 1_000_000)

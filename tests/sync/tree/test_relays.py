@@ -90,16 +90,16 @@ def test_members_below_a_relay_are_ordered_and_answer_in_batches() -> None:
     rig = RelayRig()
     upper = rig.relay("upper", ROOT)
     lower = rig.relay("lower", upper)
-    for number in range(6):
+    for number in range(3):
         rig.camera(f"cam{number}", lower if number % 2 else upper)
     rig.run_until(rig.all_ready)
     rig.run(5.0)
     before, sent = rig.heard_at_root.copy(), rig.sent_by_root.copy()
-    rig.run(10.0)
+    rig.run(5.0)
     told = rig.heard_at_root - before
-    assert 10 <= told["MemberReports"] <= 45, "however many they are"
-    assert told["Heartbeat"] <= 25, "only the relay's own"
-    assert (rig.sent_by_root - sent)["HeartbeatAck"] <= 25
+    assert 5 <= told["MemberReports"] <= 23, "however many they are"
+    assert told["Heartbeat"] <= 13, "only the relay's own"
+    assert (rig.sent_by_root - sent)["HeartbeatAck"] <= 13
     before, sent = rig.heard_at_root.copy(), rig.sent_by_root.copy()
     rig.check_burst()
     assert 1 <= (rig.sent_by_root - sent)["Trigger"] <= 3

@@ -20,7 +20,7 @@ S = 1_000_000_000
 
 
 class StandbyRig:
-    """Ranked leaders and cameras that list all of them, on the paper's link."""
+    """Ranked leaders and cameras that list all of them and probe each second, on the paper's link."""
 
     def __init__(self, leaders: str = "ab", cameras: int = 3, seed: int = 1) -> None:
         self.tree = Tree(TreeSpec(clients=0, relays=0, join_within_s=0.0, wander_ppm=0.1), seed=seed)
@@ -39,7 +39,7 @@ class StandbyRig:
     def camera(self, name: str, leaders: tuple[Address, ...]) -> Camera:
         rng = random.Random(name)
         client: Client[int] = Client(ClientConfig(name, rng.getrandbits(32), CAMERA, 300_000, 90), rng)
-        camera = Camera(client, leaders)
+        camera = Camera(client, leaders, probe_every_ns=S)
         camera.clock = self.tree.add(name, camera, rng, leaders)
         return camera
 
@@ -173,7 +173,7 @@ def test_a_standby_that_leads_beside_the_leader_takes_no_camera_and_no_burst() -
     rig = ready_rig(cameras=2)
     liar = rig.machines["b"].succession
     liar._look = lambda now_ns: setattr(liar, "leads", True)  # type: ignore[method-assign]
-    for _ in rig.steps(40.0):
+    for _ in rig.steps(10.0):
         # Longer than nodes probe a better leader before they go back to it.
         assert all(rig.followed(camera) == "a" for camera in rig.cameras.values())
         rig.check_time()
@@ -196,7 +196,7 @@ def test_a_returned_leader_follows_and_may_lead_again_without_a_time_step() -> N
     rig.until(lambda: rig.all_follow("b"))
     rig.until(rig.all_ready)
     rig.start("a")
-    for _ in rig.steps(100.0):
+    for _ in rig.steps(10.0):
         # Longer than nodes probe a better leader before they go back to it: this one only follows.
         assert rig.all_follow("b")
         rig.check_time()
@@ -216,7 +216,7 @@ def test_a_split_that_heals_leaves_the_leader_of_the_better_rank() -> None:
         None if address == ("a", 0) else far_receives(data, address, now_ns)
     )
     rig.until(lambda: rig.leading() == "ab" and rig.followed(far) == "b")
-    for _ in rig.steps(60.0):
+    for _ in rig.steps(10.0):
         rig.check_time()
         assert [rig.followed(camera) for camera in rig.cameras.values()] == ["a", "b"]
     rig.split()
@@ -237,7 +237,7 @@ def test_a_frozen_leader_that_wakes_does_not_take_the_cameras_back(frozen_s: flo
     assert {rig.followed(camera) for camera in rig.cameras.values()} == {"b"}
     rig.until(rig.all_ready)
     rig.tree.revive("a")
-    for _ in rig.steps(20.0):
+    for _ in rig.steps(10.0):
         rig.check_time()
         assert {rig.followed(camera) for camera in rig.cameras.values()} == {"b"}
     assert rig.leading() == "b"

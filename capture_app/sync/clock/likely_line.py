@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from heapq import nsmallest
 from itertools import pairwise
 from math import exp
+from statistics import fmean
 
 LONG_AGO_NS = -(2**66)
 """Before any time of any clock."""
@@ -41,6 +42,13 @@ this fraction. Chosen on 28 delay distributions that no experiment uses.
 """
 
 
+SPELL_NS = 200e6
+"""Time within which delays may share one disturbance, so that their minimum counts as one message.
+
+Spells of WiFi delays last 0.1 to 0.3 s. With the recorded link in order, the 95 % bar held for 93.4 %
+without this, 96.7 % with it, and 99.0 % with 500 ms, at a mean of 210, 238 and 250 us (16 trials of 30 s).
+Independent delays have the same bar in all three.
+"""
 TIGHTEST = 8
 """Number of tightest bounds of each direction that show the distance of the tightest to the minimum delay."""
 NEAREST, NEAREST_FRACTION = 4, 0.5
@@ -112,7 +120,7 @@ def fit_line(
         corners = [(v2 - v1) / (t2 - t1) for (t1, v1), (t2, v2) in pairwise(above)]
         corners += [(v1 - v2) / (t2 - t1) for (t1, v1), (t2, v2) in pairwise(below)]
         best = max([s for s in corners if abs(s) < MAX_SKEW], key=lambda skew: room(skew)[0], default=0.0)
-        intercepts = [v - best * t for t, v in uppers], [v + best * t for t, v in lowers]
+        intercepts = [(t, v - best * t) for t, v in uppers], [(t, v + best * t) for t, v in lowers]
         mean_distances = [_mean_distance(side, TIGHTEST) for side in intercepts]
         near = [
             min(_mean_distance(side, NEAREST) / NEAREST_FRACTION, far)
@@ -142,6 +150,16 @@ def fit_line(
     )
 
 
-def _mean_distance(levels: Sequence[float], count: int) -> float:
-    """Return the mean distance of the `count` smallest levels from the minimum."""
-    return sum(nsmallest(count, levels)) / count - min(levels)
+def _mean_distance(levels: Sequence[Point], count: int) -> float:
+    """Return the mean distance of the `count` smallest levels from their minimum.
+
+    It is at least that of as many minima of spells, from the smaller half of them.
+    """
+    minima: dict[float, float] = {}
+    for t, level in levels:
+        spell = t // SPELL_NS
+        if level < minima.get(spell, level + 1.0):
+            minima[spell] = level
+    smallest = nsmallest(count, [level for _, level in levels])
+    of_spells = nsmallest(min(count, (len(minima) + 1) // 2), minima.values())
+    return max(fmean(smallest), fmean(of_spells)) - smallest[0]

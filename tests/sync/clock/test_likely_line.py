@@ -6,7 +6,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from capture_app.sync.clock.likely_line import MAX_SKEW, LikelyLine, Point, fit_line, lower_hull
+from capture_app.sync.clock.likely_line import MAX_SKEW, SPELL_NS, LikelyLine, Point, fit_line, lower_hull
 
 S = 1e9
 
@@ -58,6 +58,20 @@ def test_the_variance_grows_outside_the_bounds() -> None:
 
 def test_delays_that_rarely_come_near_their_minimum_leave_more_open() -> None:
     assert fit(power=3.0).excess > 4.0 * fit(power=1.0).excess
+
+
+def test_equal_delays_of_one_spell_count_once() -> None:
+    rng, uppers, lowers = random.Random(3), [], []
+    for spell in range(50):
+        there, back = (5e5 + 1e6 * rng.random() for _ in range(2))
+        for i in range(10):
+            t = -SPELL_NS * (spell + 0.05 + 0.1 * i)
+            uppers.append((t, there))
+            lowers.append((t, back))
+    once = fit_line(uppers[::10], lowers[::10])
+    repeated = fit_line(uppers, lowers)
+    assert repeated.excess**0.5 == pytest.approx(once.excess**0.5, rel=0.2)
+    assert repeated.excess**0.5 > 10_000.0, "all of the ten tightest are of one spell"
 
 
 def test_one_bound_of_each_direction_gives_the_middle_and_is_not_trusted() -> None:

@@ -10,6 +10,7 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING
 
+from benchmarks.paper.five_phones import PAPERS_TOLERANCE_NS
 from benchmarks.paper.panel_trial import DEFAULT, EXPOSURE_NS, PAPERS, Trial, run_trial
 from benchmarks.paper.reproduction import Measured, Reproduction
 from benchmarks.paper.result import error_figures, new_figure, save
@@ -17,6 +18,7 @@ from benchmarks.paper.trials import call_all, share_of
 from benchmarks.paper.values import FIGURE_5, TABLE_2
 from capture_app.console.terminal import talk
 from capture_app.simulation.rendering.panel_photograph import Image
+from capture_app.sync.rig.client import PHASE_TOLERANCE_NS
 
 if TYPE_CHECKING:
     pass
@@ -55,9 +57,9 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
     first = papers[0]
     assert first.pictures is not None, "the first trial keeps them"
     setups = [
-        f"{PAPERS.messages} messages, phases undone and aligned to {PAPERS.tolerance_ns / 1000:.0f} us, "
+        f"{PAPERS.messages} messages, phases undone and aligned to {PAPERS_TOLERANCE_NS / 1000:.0f} us, "
         f"clocks {PAPERS.skew_ppm:g} ppm apart (one sigma)",
-        f"phases to {DEFAULT.tolerance_ns / 1000:.0f} us, unknown phones, clocks "
+        f"phases to {PHASE_TOLERANCE_NS / 1000:.0f} us, unknown phones, clocks "
         f"{DEFAULT.skew_ppm:g} ppm apart",
     ]
     tables = [

@@ -6,13 +6,13 @@ from functools import partial
 
 import numpy as np
 
+from benchmarks.paper.five_phones import PAPERS_TOLERANCE_NS
 from benchmarks.simulated.panel_photographs import difference_ns, read_time
 from benchmarks.simulated.virtual_rig import NodeSpec, VirtualNode, VirtualRig
 from benchmarks.simulated.wifi_laws import LOOPBACK
 from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import IncompleteError
-from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS
 from capture_app.simulation.profiles import PROFILES, SensorProfile
 from capture_app.simulation.rendering.panel_photograph import Image, render
 from capture_app.simulation.sensor import SensorFrame
@@ -53,7 +53,8 @@ LEAST_STRETCH_NS = 2_000_000
 class PanelProtocol:
     """How two phones are synchronized before each image."""
 
-    tolerance_ns: int
+    tolerance_ns: int | None
+    """Requested tolerance of phase and clock; None for the defaults."""
     messages: int | None = None
     """Number of messages after which a clock stops asking; None for the default behaviour."""
     anew: bool = False
@@ -65,9 +66,9 @@ class PanelProtocol:
     """Standard deviation of the client's skew."""
 
 
-PAPERS = PanelProtocol(20_000, messages=300, anew=True, skew_ppm=0.3)
+PAPERS = PanelProtocol(PAPERS_TOLERANCE_NS, messages=300, anew=True, skew_ppm=0.3)
 """The paper's clocks were stable for an hour; its convergence plot shows no drift to some 10 us in 34 s."""
-DEFAULT = PanelProtocol(DEFAULT_TOLERANCE_NS)
+DEFAULT = PanelProtocol(None)
 
 
 @dataclass(frozen=True, slots=True)

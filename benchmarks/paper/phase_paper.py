@@ -14,7 +14,7 @@ from benchmarks.paper.trials import call_all, quantile, share_of
 from benchmarks.paper.values import INJECTIONS, RESTARTS
 from benchmarks.simulated.aligner_bench import Bench
 from capture_app.console.terminal import talk
-from capture_app.node.camera.camera_node import DEFAULT_TOLERANCE_NS, RESET_TOLERANCE_NS
+from capture_app.sync.rig.client import PHASE_TOLERANCE_NS, RESET_TOLERANCE_NS
 
 TRIALS = 239
 """Trials of the paper's injections; it has ten of restarts."""
@@ -36,7 +36,7 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
     injected = call_all(
         [
             partial(_inject, seed + n, tolerance_ns)
-            for tolerance_ns in (TOLERANCE_NS, DEFAULT_TOLERANCE_NS)
+            for tolerance_ns in (TOLERANCE_NS, PHASE_TOLERANCE_NS)
             for n in range(count)
         ]
     )
@@ -53,7 +53,7 @@ def paper_part(*, share: float, seed: int) -> Sequence[Reproduction]:
         Reproduction(
             of=INJECTIONS,
             protocol=_injections(injected[:count], TOLERANCE_NS),
-            default=_injections(injected[count:], DEFAULT_TOLERANCE_NS),
+            default=_injections(injected[count:], PHASE_TOLERANCE_NS),
             simulated=SIMULATED,
             notes=(
                 "Each phone is of an unknown model: its row time is known, but not its frame duration or "

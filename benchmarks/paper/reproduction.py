@@ -27,7 +27,7 @@ class Reproduction:
     of: PaperTable
     protocol: Measured
     default: Measured | None
-    """Numbers without any option (`DEFAULT_TOLERANCE_NS`, no delay of a trigger).
+    """Numbers without any option (default tolerances, no delay of a trigger).
 
     None if there is nothing to choose, so that the protocol's numbers are also the default's.
     """

@@ -112,7 +112,10 @@ def _camera_record(
     spec = node.spec
     source = sources[spec.name]
     facts = facts_of(spec.profile, width=source.width, height=source.height)
-    return camera_record(spec.name, facts, ready, node.client.aligner.corrections, spec.tolerance_ns)
+    client = node.client
+    return camera_record(
+        spec.name, facts, ready, client.aligner.corrections, client.config.phase_tolerance_ns
+    )
 
 
 def _frames(camera: CameraRecord, ready: FramesSelected[SensorFrame]) -> list[RecipeFrame]:

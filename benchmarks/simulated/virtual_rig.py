@@ -91,7 +91,7 @@ class NodeSpec:
     profile: SensorProfile
     clock: NodeClock
     link: Link = WIFI
-    tolerance_ns: int = 60_000
+    tolerance_ns: int | None = 60_000
     start_true_ns: int = 0
     injection_profile: InjectionProfile | None = None
     schedule: Callable[[], SteadySchedule] = SteadySchedule

@@ -20,6 +20,7 @@ from benchmarks.simulated.wifi_laws import LINKS_BY_LAW, LOOPBACK
 from benchmarks.simulated.wireless import PAPER_LINK, GammaDelay, wireless
 from capture_app.common.node_state import NodeState
 from capture_app.console.terminal import print_json, print_line
+from capture_app.sync.rig.client import CLOCK_TOLERANCE_NS
 from capture_app.sync.timekeeping.clock_events import ClockChanged
 from tests.simulation.changing_clock import ChangingClock, RateSpell
 from tests.simulation.clock_pair import START_TRUE_NS, ClockPair, LongerFrom
@@ -28,7 +29,6 @@ from tests.simulation.link_spells import LAWS, recorded_laws
 _S = 1_000_000_000
 CRYSTAL_PPM = 20.0
 """One sigma of the skew between the two clocks."""
-TOLERANCE_NS = 100_000
 EVENT_S, END_S = 20.0, 60.0
 """When it happens, and until when the node is looked at; since its start."""
 LOOK_EVERY_NS = 100_000_000
@@ -81,7 +81,7 @@ class ChangeCase:
     """Nothing passes any more."""
     from_s: float = EVENT_S
     end_s: float = END_S
-    tolerance_ns: int = TOLERANCE_NS
+    tolerance_ns: int = CLOCK_TOLERANCE_NS
 
     @property
     def breaks_bound(self) -> bool:
@@ -130,16 +130,13 @@ CASES = (
         for share in ASYMMETRIES
     ),
 )
-SPELLS_S, SPELLS_TOLERANCE_NS = 30.0, 200_000
-"""Length of the trials on links whose delays come in spells, judged after 5 s, and their tolerance."""
+SPELLS_S = 30.0
+"""Length of the trials on links whose delays come in spells, judged after 5 s."""
 
 
 def spell_cases(laws: Mapping[str, DrawLink]) -> tuple[ChangeCase, ...]:
     """Return a case for each link law, in which no clock ever changes."""
-    return tuple(
-        ChangeCase(name, link, from_s=5.0, end_s=SPELLS_S, tolerance_ns=SPELLS_TOLERANCE_NS)
-        for name, link in laws.items()
-    )
+    return tuple(ChangeCase(name, link, from_s=5.0, end_s=SPELLS_S) for name, link in laws.items())
 
 
 SPELL_CASES = spell_cases(LAWS)
@@ -298,8 +295,8 @@ def change_table(cases: list[ChangeFigures]) -> Table:
     return Table(
         (*head, "% synced", "steps", "rate changes", "ready for s after"),
         rows,
-        f"A node whose clock or way changes; errors in us, asked for {TOLERANCE_NS / 1e3:.0f}; the bound is "
-        f"not judged for {NEAR_A_STEP_S:g} s from where a slew beyond its premise begins and ends",
+        f"A node whose clock or way changes; errors in us, asked for {CLOCK_TOLERANCE_NS / 1e3:.0f}; the"
+        f" bound is not judged for {NEAR_A_STEP_S:g} s from where a slew beyond its premise begins and ends",
     )
 
 

@@ -15,7 +15,7 @@ import msgspec
 from capture_app.cameras.base import DeviceClock
 from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.address import Address, resolve
-from capture_app.common.camera_facts import SIMULATED, CameraFacts, Control, PhaseControl
+from capture_app.common.camera_facts import SIMULATED, CameraFacts, Control
 from capture_app.common.clock import HostRate, SimulatedClock
 from capture_app.common.errors import NetworkError, ungrouped_errors
 from capture_app.common.node_state import NodeState
@@ -42,9 +42,6 @@ from capture_app.sync.timekeeping import clock_events
 from capture_app.trust.sealed_engines import SealedClient
 
 MAX_SAMPLES, MAX_LINES = 300, 100
-DEFAULT_TOLERANCE_NS = 100_000
-RESET_TOLERANCE_NS = 2_000_000
-"""Phase tolerance of cameras that can only restart their stream, as a restart is uncertain by that much."""
 _LEADER_LINES = {"refused": "join-refused", "said": "leader-said", "lost": "leader-lost"}
 _EVENT_FIELDS: dict[type, tuple[str, tuple[str, ...]]] = {
     events.Joined: ("joined", ("leader",)),
@@ -136,15 +133,12 @@ class RigMember:
         """The latest exchanges with the leader."""
         self._happened: deque[dict[str, EventValue]] = deque(maxlen=MAX_EVENTS)
         """Events for the next burst's report."""
-        facts, tolerance_ns = stream.facts, options.tolerance_ns
-        if tolerance_ns is None:
-            only_restarts = facts.phase_control is PhaseControl.RESET
-            tolerance_ns = RESET_TOLERANCE_NS if only_restarts else DEFAULT_TOLERANCE_NS
+        facts = stream.facts
         config = ClientConfig(
             name=options.name,
             instance=instance,
             camera=facts,
-            tolerance_ns=tolerance_ns,
+            tolerance_ns=options.tolerance_ns,
             ring_ns=options.ring_ns,
             ring_bytes=options.ring_bytes,
             injection_profile=self._profiles.injection_profile(facts) if self._profiles else None,
@@ -306,7 +300,7 @@ class RigMember:
         true_clock = self._clock if isinstance(self._clock, SimulatedClock) else None
         if facts.kind == SIMULATED and true_clock is None:
             true_clock = SimulatedClock(0)
-        corrections, tolerance_ns = self._engine.aligner.corrections, self._engine.config.tolerance_ns
+        corrections, tolerance_ns = self._engine.aligner.corrections, self._engine.config.phase_tolerance_ns
         plan = CameraPlan(
             camera=camera_record(
                 name,

@@ -48,6 +48,15 @@ F = TypeVar("F")
 
 HOLD_BEFORE_BURST_NS = 2_000_000_000
 """Time before a burst in which no phase correction begins: its long frame would be in the burst."""
+PHASE_TOLERANCE_NS, RESET_TOLERANCE_NS = 100_000, 2_000_000
+"""Phase tolerances if none is requested: the second for cameras that can only restart their stream, as a
+restart is uncertain by that much."""
+CLOCK_TOLERANCE_NS = 300_000
+"""Clock uncertainty of a ready node if no tolerance is requested.
+
+Recorded WiFi has minimum round trips up to 2.1 ms, which leave 210 us uncertain (likely_line.ASYMMETRY). A
+tenth to a third more comes from the delays (docs/accuracy-measurements.md).
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -57,7 +66,8 @@ class ClientConfig:
     name: str
     instance: int
     camera: CameraFacts
-    tolerance_ns: int
+    tolerance_ns: int | None
+    """Requested tolerance of the phase and of the clock; None for the defaults."""
     ring_ns: int = RING_NS
     """Time for which frames stay in the ring buffer, where a burst in the past can select them."""
     ring_bytes: int = RING_BYTES
@@ -67,6 +77,17 @@ class ClientConfig:
     start_latencies_ns: tuple[int, ...] = ()
     """Measured delays from start command to first frame of this camera, newest last."""
 
+    @property
+    def phase_tolerance_ns(self) -> int:
+        """Phase errors up to this are left alone."""
+        only_restarts = self.camera.phase_control is PhaseControl.RESET
+        return self.tolerance_ns or (RESET_TOLERANCE_NS if only_restarts else PHASE_TOLERANCE_NS)
+
+    @property
+    def clock_tolerance_ns(self) -> int:
+        """Clock uncertainty, 95 %, within which a node is ready."""
+        return self.tolerance_ns or max(self.phase_tolerance_ns, CLOCK_TOLERANCE_NS)
+
 
 class PhaseLoop:
     """Aligner of one camera and its commands; `now_ns` is the node's own clock."""
@@ -74,7 +95,7 @@ class PhaseLoop:
     def __init__(self, config: ClientConfig, rng: random.Random) -> None:
         camera = config.camera
         self.aligner = Aligner(
-            camera, tolerance_ns=config.tolerance_ns, rng=rng, profile=config.injection_profile
+            camera, tolerance_ns=config.phase_tolerance_ns, rng=rng, profile=config.injection_profile
         )
         for latency_ns in config.start_latencies_ns:
             self.aligner.learn_start_latency(latency_ns)
@@ -204,7 +225,7 @@ class Client(Generic[F]):
                 rng.getrandbits(32),
                 schedule,
                 samples=samples,
-                target=AccuracyTarget(config.tolerance_ns),
+                target=AccuracyTarget(config.clock_tolerance_ns),
             ),
             config.camera,
             report=self._report_to_leader,

@@ -39,7 +39,7 @@ def test_a_phone_follows_a_webcam_that_is_never_restarted() -> None:
     for made in rig.nodes.values():
         for pick in made.bursts[burst.number].frames:
             off_ns = pick.frame.start_true_ns - burst.instants_ns[pick.instant]
-            assert abs(off_ns) <= made.spec.tolerance_ns + 40_000
+            assert abs(off_ns) <= made.client.config.phase_tolerance_ns + 40_000
 
 
 def test_webcams_agree_and_a_burst_finds_them_together() -> None:

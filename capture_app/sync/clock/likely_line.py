@@ -120,12 +120,8 @@ def fit_line(
         corners = [(v2 - v1) / (t2 - t1) for (t1, v1), (t2, v2) in pairwise(above)]
         corners += [(v1 - v2) / (t2 - t1) for (t1, v1), (t2, v2) in pairwise(below)]
         best = max([s for s in corners if abs(s) < MAX_SKEW], key=lambda skew: room(skew)[0], default=0.0)
-        intercepts = [(t, v - best * t) for t, v in uppers], [(t, v + best * t) for t, v in lowers]
-        mean_distances = [_mean_distance(side, TIGHTEST) for side in intercepts]
-        near = [
-            min(_mean_distance(side, NEAREST) / NEAREST_FRACTION, far)
-            for side, far in zip(intercepts, mean_distances, strict=True)
-        ]
+        intercepts = [(v - best * t, t) for t, v in uppers], [(v + best * t, t) for t, v in lowers]
+        mean_distances, near = map(list, zip(*map(_mean_distances, intercepts), strict=True))
     gap, width = room(best)[0], max(WIDTH * sum(near) / 2.0, 1.0)
     grid = sorted({s for s in (*[best + step for step in _NEAR], *_PRIOR_SKEWS) if abs(s) <= MAX_SKEW})
     votes: list[tuple[float, float, float]] = []
@@ -150,16 +146,19 @@ def fit_line(
     )
 
 
-def _mean_distance(levels: Sequence[Point], count: int) -> float:
-    """Return the mean distance of the `count` smallest levels from their minimum.
+def _mean_distances(levels: Sequence[tuple[float, float]]) -> tuple[float, float]:
+    """Return the mean distance of the TIGHTEST levels from their minimum, and twice that of the nearest.
 
-    It is at least that of as many minima of spells, from the smaller half of them.
+    `levels` are pairs of a level and its time, in ns. Where the tightest levels of different spells are
+    farther from it, they count: as many, from the smaller half of all spells.
     """
-    minima: dict[float, float] = {}
-    for t, level in levels:
-        spell = t // SPELL_NS
-        if level < minima.get(spell, level + 1.0):
-            minima[spell] = level
-    smallest = nsmallest(count, [level for _, level in levels])
-    of_spells = nsmallest(min(count, (len(minima) + 1) // 2), minima.values())
-    return max(fmean(smallest), fmean(of_spells)) - smallest[0]
+    tightest = nsmallest(TIGHTEST, levels)
+    of_spells = tightest
+    if len({t // SPELL_NS for _, t in tightest}) < TIGHTEST:
+        minima = {t // SPELL_NS: (level, t) for level, t in sorted(levels, reverse=True)}
+        of_spells = nsmallest(min(TIGHTEST, (len(minima) + 1) // 2), minima.values())
+    mean_distance, nearest = (
+        max(fmean([level for level, _ in some[:count]]) for some in (tightest, of_spells)) - tightest[0][0]
+        for count in (TIGHTEST, NEAREST)
+    )
+    return mean_distance, min(nearest / NEAREST_FRACTION, mean_distance)

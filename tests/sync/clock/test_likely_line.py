@@ -68,8 +68,8 @@ def test_equal_delays_of_one_spell_count_once() -> None:
             t = -SPELL_NS * (spell + 0.05 + 0.1 * i)
             uppers.append((t, there))
             lowers.append((t, back))
-    once = fit_line(uppers[::10], lowers[::10])
-    repeated = fit_line(uppers, lowers)
+    once = line_between(uppers[::10], lowers[::10])
+    repeated = line_between(uppers, lowers)
     assert repeated.excess**0.5 == pytest.approx(once.excess**0.5, rel=0.2)
     assert repeated.excess**0.5 > 10_000.0, "all of the ten tightest are of one spell"
 

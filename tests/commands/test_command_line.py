@@ -220,25 +220,28 @@ HEAVY = {"textual", "rich", "numpy", "cv2", "open3d", "pycolmap"}
 
 
 @pytest.mark.parametrize(
-    ("program", "arguments", "allowed"),
+    ("program", "lines", "allowed"),
     [
-        ("capture_app", "--help", set()),
-        ("capture_app", "burst --help", set()),
-        ("capture_app", "status --leader 127.0.0.1:1", set()),
-        ("capture_app", "cameras", {"rich"}),
-        ("capture_app", "sessions --help", set()),
-        ("capture_app", "sessions export --help", {"numpy"}),
-        ("reconstruction", "--help", set()),
-        ("reconstruction", "batch --help", set()),
+        (
+            "capture_app",
+            ("--help", "burst --help", "status --leader 127.0.0.1:1", "sessions --help"),
+            set(),
+        ),
+        ("capture_app", ("cameras",), {"rich"}),
+        ("capture_app", ("sessions export --help",), {"numpy"}),
+        ("reconstruction", ("--help", "batch --help"), set()),
         # It lists the options of all studies, which their modules have.
-        ("reconstruction", "compare --help", {"numpy", "cv2"}),
+        ("reconstruction", ("compare --help",), {"numpy", "cv2"}),
     ],
 )
-def test_scripting_commands_drag_nothing_heavy_in(program: str, arguments: str, allowed: set[str]) -> None:
+def test_scripting_commands_drag_nothing_heavy_in(
+    program: str, lines: tuple[str, ...], allowed: set[str]
+) -> None:
     text = (
         f"import sys\nfrom {program}.cli import app\n"
         "from capture_app.console.terminal import run_command_line\n"
-        f"run_command_line(app, 'it', {arguments.split()!r})\nprint('MODULES', *sys.modules)"
+        f"for line in {lines!r}:\n    run_command_line(app, 'it', line.split())\n"
+        "print('MODULES', *sys.modules)"
     )
     done = subprocess.run([sys.executable, "-c", text], capture_output=True, text=True, check=True)
     modules = set(done.stdout.rpartition("MODULES")[2].split())

@@ -1,6 +1,7 @@
 """`capture-app panel read` on the bundled session and on an import that says nothing of its cameras."""
 
 import json
+from functools import cache
 from pathlib import Path
 
 import cv2
@@ -10,6 +11,7 @@ import pytest
 from capture_app.cli import run
 from capture_app.commands.camera_measurements import times_by_panel
 from capture_app.common.errors import ExitCode
+from capture_app.panel import session_times
 from capture_app.session.reading.reader import Session
 from capture_app.simulation.rendering import panel_photograph
 
@@ -67,8 +69,9 @@ def test_a_session_without_a_panel_is_refused(capsys: pytest.CaptureFixture[str]
     assert "no marker of a panel" in capsys.readouterr().err
 
 
-def test_a_panel_tells_how_late_a_camera_is_against_another() -> None:
+def test_a_panel_tells_how_late_a_camera_is_against_another(monkeypatch: pytest.MonkeyPatch) -> None:
     session = Session.open(BUNDLED)
+    monkeypatch.setattr(session_times, "read_session", cache(session_times.read_session))
     there = times_by_panel(session, "cam00")
     back = times_by_panel(session, "cam01")
     assert there.cameras.keys() == back.cameras.keys() == {"cam00", "cam01"}

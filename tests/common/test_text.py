@@ -4,7 +4,7 @@ from collections.abc import Callable
 
 import msgspec
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from capture_app.common.text import (
@@ -57,6 +57,7 @@ def test_control_characters_are_shown_not_obeyed() -> None:
     assert printable("a\x1b[31m\rb\tc\n") == "a\\x1b[31m\\rb\tc\n"
 
 
+@settings(max_examples=50)
 @given(st.dictionaries(st.text(max_size=20), st.text(max_size=20), max_size=5))
 def test_json_is_printable_and_keeps_all_but_control_characters(value: dict[str, str]) -> None:
     data = msgspec.json.encode(value)

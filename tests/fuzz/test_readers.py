@@ -9,7 +9,7 @@ from tests.fuzz.mutations import mutate
 from tests.fuzz.readers import READERS
 
 CORPUS = Path(__file__).parent / "corpus"
-CHANGES = 25
+CHANGES = 15
 
 
 def test_every_corpus_has_a_reader() -> None:

@@ -15,7 +15,6 @@ from typing import Any
 import cv2
 import numpy as np
 import pytest
-from distributed import LocalCluster
 
 from capture_app.common.errors import BadInputError, DiskFullError, ExitCode, NotAvailableError
 from capture_app.session.reading.reader import Session
@@ -35,6 +34,9 @@ FAILING = "tests.reconstruction.batch.fake_units:compute_or_fail"
 @pytest.fixture(scope="module")
 def here() -> Iterator[Workers]:
     """Workers of a Dask scheduler whose worker is a thread of this process."""
+    # Half a second, only where it is used: each of pytest's workers imports all tests.
+    from distributed import LocalCluster
+
     with LocalCluster(
         n_workers=1, threads_per_worker=1, processes=False, dashboard_address=NO_DASHBOARD
     ) as cluster:

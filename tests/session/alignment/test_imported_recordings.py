@@ -120,19 +120,18 @@ def test_flashes_align_rolling_shutters(tmp_path: Path) -> None:
     ],
 )
 def test_one_flash_or_lamp_is_an_answer_with_its_bar(tmp_path: Path, take: Take, exposure_s: float) -> None:
-    for phone in PHONES:
+    for phone in PHONES[:2]:
         exposed = replace(phone, exposure_s=exposure_s)
         exposed.record(take, tmp_path / "rec" / f"{phone.name}.mp4", 5, sound=False)
     session = imported(tmp_path / "rec", "--start", "70", "--count", "3")
     times = session.manifest.burst.common_times
     assert times is not None
     assert times.state == "aligned"
-    for phone in PHONES[1:]:
-        of = times.cameras[phone.name]
-        error, bar = error_ms(of, phone, 2.3 - phone.start_s)
-        assert abs(error) < bar < 40
-        assert ("alone" in of.reason) == (len(take.lamp_s) < 2)
-        assert (of.rate_uncertainty_ppm or 0) >= 100
+    of = times.cameras["b"]
+    error, bar = error_ms(of, PHONES[1], 2.3 - PHONES[1].start_s)
+    assert abs(error) < bar < 40
+    assert ("alone" in of.reason) == (len(take.lamp_s) < 2)
+    assert (of.rate_uncertainty_ppm or 0) >= 100
 
 
 def test_a_flash_that_only_one_saw_twice_may_be_any(tmp_path: Path) -> None:

@@ -55,10 +55,10 @@ def test_a_journal_cut_anywhere_in_its_last_line_is_noticed_and_repaired(tmp_pat
     journal = take.write().folder / JOURNAL
     data = journal.read_bytes()
     begin = data.rindex(b"\n", 0, -1) + 1
-    for length in range(begin, len(data)):
+    for length in (*range(begin, len(data) - 2, 3), len(data) - 2, len(data) - 1):
         journal.write_bytes(data[:length])
         assert noticed(take.folder), length
-        if length % 64 == 0 or length > len(data) - 2:
+        if length % 64 < 3 or length > len(data) - 2:
             take.check_repaired()
             assert journal.read_bytes() == data
 

@@ -75,7 +75,7 @@ def retrying(take: Take) -> int:
 
 def test_on_a_disk_that_is_really_full_nothing_confirmed_is_lost(small_disk: Callable[[int], Path]) -> None:
     full = finished = 0
-    for pages in range(1, 90):
+    for pages in range(1, 90, 2):
         root = small_disk(pages)
         take = Take(root)
         writer = None
@@ -98,8 +98,8 @@ def test_on_a_disk_that_is_really_full_nothing_confirmed_is_lost(small_disk: Cal
         else:
             assert not take.confirmed
         subprocess.run(["umount", str(root)], check=True)
-    assert full > 30
-    assert finished > 5
+    assert full > 15
+    assert finished > 2
 
 
 def missing_at_least_one(take: Take, writer: SessionWriter) -> None:

@@ -228,7 +228,7 @@ def test_a_split_that_heals_leaves_the_leader_of_the_better_rank() -> None:
     rig.check_burst("a")
 
 
-@pytest.mark.parametrize("frozen_s", [3.0, 30.0])
+@pytest.mark.parametrize("frozen_s", [3.0, 15.0])
 def test_a_frozen_leader_that_wakes_does_not_take_the_cameras_back(frozen_s: float) -> None:
     rig = ready_rig(cameras=2)
     rig.freeze("a")

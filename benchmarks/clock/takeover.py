@@ -17,7 +17,7 @@ from time import process_time
 from typing import Any
 
 from benchmarks.report import new_parser, print_report, print_table, talk
-from benchmarks.simulated.clock_tree import Tree, TreeSpec
+from benchmarks.simulated.clock_tree import OnceASecond, Tree, TreeSpec
 from benchmarks.simulated.ranked_leaders import Machine, add_leaders
 from capture_app.common.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
 from capture_app.sync.rig.burst_orders import BurstOrder
@@ -26,7 +26,7 @@ from capture_app.sync.rig.failover import LeaderChoice
 from capture_app.sync.rig.leader_engine import LeaderConfig
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.sync_engine import Address
-from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, Progress, SteadySchedule, TreeSchedule
+from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, SteadySchedule, TreeSchedule
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay_engine import OF_CAMERAS, Relay
@@ -47,13 +47,6 @@ CAMERA = CameraFacts(
     phase_control=PhaseControl.NONE,
     timestamp_source=TimestampSource.UNKNOWN,
 )
-
-
-class OnceASecond(TreeSchedule):
-    """Schedule with one request per second from the start."""
-
-    def _interval(self, progress: Progress | None = None) -> int:
-        return S
 
 
 class Member:

@@ -59,6 +59,9 @@ def main(arguments: Sequence[str] | None = None) -> int:
     of_scale.add_argument(
         "--shards", type=int, metavar="N", help="simulate so many of each rig's shards, for all"
     )
+    of_scale.add_argument(
+        "--sparing", action="store_true", help="clients ask once a second from the start: for thousands"
+    )
     options = parser.parse_args(arguments)
     try:
         _run(options, [options.name] if options.name else list(names))
@@ -109,6 +112,7 @@ def _measure(name: str, options: Namespace) -> Outcome:
         minutes=options.minutes or scale.MINUTES,
         shapes=(options.shape,) if options.shape else scale.SHAPES,
         most_shards=options.shards,
+        sparing=options.sparing,
     )
     return scale.run(trials=trials, seed=options.seed, options=size)
 

@@ -36,6 +36,8 @@ class ScaleOptions:
     shapes: Sequence[str] = SHAPES
     shard_clients: int = SHARD_CLIENTS
     """Clients of a shard, which one process simulates at a time."""
+    sparing: bool = False
+    """Whether clients ask once a second from the start."""
     most_shards: int | None = None
     """Maximum number of simulated shards, which represent all of a rig's; None: all are simulated."""
 
@@ -107,7 +109,7 @@ def run(*, trials: int | None, seed: int, options: ScaleOptions | None = None) -
     for clients in options.sizes:
         for shape in options.shapes:
             relays = max(2, isqrt(clients)) if shape == "tree" else 0
-            spec = TreeSpec(clients, relays, options.minutes * 60.0, CLIENT_PACE_S)
+            spec = TreeSpec(clients, relays, options.minutes * 60.0, CLIENT_PACE_S, sparing=options.sparing)
             runs[shape][str(clients)] = _simulate(spec, seed, count, options)
             talk(f"{clients} clients, {shape.replace('_', ' ')}")
     figures = {shape: {n: r.figures(seed) for n, r in sizes.items()} for shape, sizes in runs.items()}

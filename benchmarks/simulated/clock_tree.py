@@ -19,6 +19,7 @@ from benchmarks.simulated.wireless import PAPER_LINK
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
 from capture_app.sync.sync_engine import Address, Engine
+from capture_app.sync.timekeeping.poll_schedule import Progress, TreeSchedule
 from capture_app.sync.tree.member import TreeMember
 from capture_app.sync.tree.relay_engine import Relay
 
@@ -26,6 +27,13 @@ _S = 1_000_000_000
 PERIOD_NS = 33_333_333
 RIG = RigConfig(period_ns=PERIOD_NS)
 ROOT: Address = ("root", 0)
+
+
+class OnceASecond(TreeSchedule):
+    """Schedule with one request per second from the start."""
+
+    def _interval(self, progress: Progress | None = None) -> int:
+        return _S
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,6 +53,8 @@ class TreeSpec:
     join_within_s: float = 2.0
     """All nodes start within this time."""
     wander_ppm: float = 0.3
+    sparing: bool = False
+    """Whether clients ask once a second from the start: a tenth of the messages of the first minute."""
 
 
 @dataclass(slots=True, eq=False)
@@ -171,6 +181,8 @@ class Tree:
         name = f"client{number}"
         rng = self._rng(name)
         member = TreeMember(name, rng.getrandbits(32), parents, rng)
+        if self.spec.sparing:
+            member.time.timekeeper.schedule = OnceASecond()
         self.add(name, member, rng, parents, member)
 
     def _start(self, node: _Node, start_true_ns: int) -> None:

@@ -108,7 +108,7 @@ def test_a_relay_knows_the_time_as_well_after_minutes_as_after_one() -> None:
         assert found is not None
         stated_ns.append(found.uncertainty_at(relay.clock.local_from_true(tree.now_true_ns)))
         assert error_ns <= stated_ns[-1]
-    assert max(stated_ns) < 120_000
+    assert max(stated_ns) < 110_000, "98 of its 99 to 109 us are the asymmetry of 1 ms (six seeds)"
 
 
 def test_the_same_seed_gives_the_same_bytes() -> None:

@@ -25,7 +25,9 @@ from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
+from reconstruction.depth.geometric_consistency import MAX_COST
 from reconstruction.depth.mesh import build_mesh
+from reconstruction.depth.plane_sweep import SweepOptions, sweep_view
 from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
 from reconstruction.depth.still_scene import StillScene
 from reconstruction.depth.sweep_matcher import ViewDepth
@@ -65,7 +67,20 @@ POINTS = "points.ply"
 FILES = (POINTS, REPORT)
 RESULT = "multiview.json"
 FUSED, WORKSPACE = "fused.ply", "workspace"
-OURS = {*FILES, RESULT, "depth", WORKSPACE, FUSED, f"{FUSED}.vis", "cloud.ply", "mesh.ply", "turntable.png"}
+PAIR, PAIR_PX = "pair.png", 320
+"""Picture of two cameras' depth, and its width, which is there while all cameras are matched."""
+OURS = {
+    *FILES,
+    PAIR,
+    RESULT,
+    "depth",
+    WORKSPACE,
+    FUSED,
+    f"{FUSED}.vis",
+    "cloud.ply",
+    "mesh.ply",
+    "turntable.png",
+}
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -112,16 +127,18 @@ def model_instant(
     progress: Progress | None = None,
     motion: SceneMotion | None = None,
     still: StillScene | None = None,
+    early: OutputFolder | None = None,
 ) -> MultiviewResult:
     """Compute an instant's depth maps, cloud and mesh in `part`, an existing empty folder.
 
-    `motion` is the session's motion, and `still` the still scene found at earlier instants.
+    `motion` is the session's motion, and `still` the still scene found at earlier instants. `early`: the
+    output folder of `part`, which shows two cameras' depth (`PAIR`) until all is done.
 
     Raises:
         BadInputError: the instant or the offsets cannot be used, or nothing was found.
     """
     motion, progress = motion or SceneMotion(dataset, 1), progress or Progress(0, silent=True)
-    found = _match_instant(dataset, matcher, options, part, progress, motion, still or StillScene())
+    found = _match_instant(dataset, matcher, options, part, progress, motion, still or StillScene(), early)
     cloud, views, marks = part / FUSED, image_views(found.images), found.marks
     progress.step("fusing the maps into a cloud")
     fused = fuse_depth_maps(part / WORKSPACE, cloud, views, found.depth, smallest_group(found.sources))
@@ -186,6 +203,7 @@ def _match_instant(
     progress: Progress,
     motion: SceneMotion,
     still: StillScene,
+    early: OutputFolder | None,
 ) -> MatchedInstant:
     """Find the scene and every camera's depth, and write COLMAP's workspace into `part`.
 
@@ -209,12 +227,29 @@ def _match_instant(
     images = {camera: image for camera, image in images.items() if sources.get(camera)}
     progress.total = len(images) + later_steps
     marks["range"] = time.perf_counter()
+    if early is not None:
+        reference = choose_reference_view(image_views(images), scene.points)
+        pair = calibrated[reference], calibrated[sources[reference][0]]
+        _show_pair(pair, scene.depth_ranges[reference], early)
     workspace = part / WORKSPACE
     depth = match_cameras(matcher, workspace, images, sources, scene.depth_ranges, progress, still)
     if matcher.gpu is None:
         write_workspace(workspace, image_views(images), image_colours(images), depth)
     marks["matching"] = time.perf_counter()
     return MatchedInstant(images, sources, scene, depth, left_out, calibration, unit, marks)
+
+
+def _show_pair(
+    pair: tuple[CalibratedImage, CalibratedImage], depth_range: tuple[float, float], early: OutputFolder
+) -> None:
+    """Draw two cameras' depth at a small size as `PAIR`, and show it in the target."""
+    reference, other = (image.scaled(PAIR_PX / image.view.width) for image in pair)
+    surface = sweep_view(reference, [other], depth_range, SweepOptions())
+    depth = np.where(surface.cost < MAX_COST, 1 / np.maximum(surface.inverse_depth, 1e-12), 0)
+    drawn = early.folder / PAIR
+    write_image(drawn, colour_depth(depth, *display_range(depth)))
+    early.show_early(PAIR)
+    drawn.unlink()
 
 
 def _figures(view: ViewResult) -> dict[str, Any]:
@@ -289,7 +324,8 @@ def multiview(
         what = "no valid calibration of this rig is known"
         raise NotApplicableError(what, hint="run reconstruct calibrate first; docs/calibration.md shows how")
     with output:
-        return model_instant(dataset, matcher, options, output.folder, progress)
+        early = output if options.page else None
+        return model_instant(dataset, matcher, options, output.folder, progress, early=early)
 
 
 def measured_fraction(image: InputImage, depth: Array, motion: SceneMotion) -> float | None:

@@ -12,6 +12,7 @@ import numpy as np
 import pytest
 
 from capture_app.common.errors import BadInputError, NotApplicableError, NotAvailableError, SimulshotError
+from capture_app.console.terminal import Progress
 from capture_app.session.reading.reader import Session
 from reconstruction.cli import run
 from reconstruction.depth import colmap_workspace
@@ -64,6 +65,28 @@ def test_depth_cloud_and_mesh_of_an_instant(trio: Session, tmp_path: Path, recon
         assert data["normals"].shape == (240, 320, 3)
     assert cv2.imread(str(out / "turntable.png")).std() > 10
     assert sorted(path.name for path in tmp_path.iterdir()) == ["out"]
+
+
+class Watch(Progress):
+    """Notes at each step what is in a folder."""
+
+    def __init__(self, folder: Path) -> None:
+        super().__init__(0, silent=True)
+        self.folder, self.seen = folder, list[list[str]]()
+
+    def step(self, text: str) -> None:
+        self.seen.append(sorted(path.name for path in self.folder.glob("*")))
+
+
+@pytest.mark.slow
+def test_two_cameras_depth_is_there_while_all_are_matched(trio: Session, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    watch = Watch(out)
+    multiview(trio.folder, out, MultiviewOptions(quick=True, mesh=False, page=True), watch)
+    assert watch.seen[0] == []
+    assert watch.seen[1:] == [["pair.png"]] * 4
+    assert (out / "report.html").exists()
+    assert not (out / "pair.png").exists()
 
 
 @pytest.mark.slow

@@ -236,9 +236,11 @@ class Run(Struct, eq=False, kw_only=True, omit_defaults=True):
 
     @property
     def report(self) -> Path | None:
-        """Report beside the result, if any."""
-        result = self.result
-        return None if result is None or not result.with_name(REPORT).is_file() else result.with_name(REPORT)
+        """Report in its folder, if any; while it runs, as far as it is written."""
+        if self.out is None or (self.state.is_over and self.result is None):
+            return None
+        report = self.out / REPORT
+        return report if report.is_file() else None
 
     @property
     def fraction(self) -> float | None:

@@ -14,6 +14,8 @@ from capture_app.tui.jobs.run import MOMENT, Run, RunState, progress_words
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.widgets.picture import Source
 
+PAIR = "pair.png"
+"""Picture of two cameras' depth in a run's folder, until all cameras' depth is done."""
 SLOW_S = 60.0
 """Duration on all processors of this machine beyond which depth is not computed automatically again."""
 
@@ -63,9 +65,11 @@ def lines(runs: Runs | None, sheet: TakeSheet | None) -> Iterator[Content]:
 
 
 def picture(runs: Runs | None, sheet: TakeSheet | None) -> Source | None:
-    """Return the depth image of the middle camera, or None."""
+    """Return the depth image of the middle camera, before that the depth of two cameras, or None."""
     run = run_of(runs, sheet)
     try:
+        if run is not None and run.out is not None and not run.state.is_over:
+            return (run.out / PAIR).read_bytes()
         return None if run is None or run.result is None else _depth_picture(run.result)
     except (*UNREADABLE, SimulshotError, OSError, LookupError, TypeError):
         return None

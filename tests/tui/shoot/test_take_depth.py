@@ -24,6 +24,11 @@ if how.read_text() == "refuse":
     print("child: error: no valid calibration of this rig is known", file=sys.stderr)
     sys.exit(3)
 out = Path(words[words.index("--out") + 1])
+if how.read_text() == "pair":
+    out.mkdir()
+    cv2.imwrite(str(out / "pair.png"), np.full((48, 64, 3), 200, np.uint8))
+    while how.read_text() == "pair":
+        time.sleep(0.01)
 (out / "depth").mkdir(parents=True)
 cv2.imwrite(str(out / "depth" / "cam01.png"), np.full((48, 64, 3), 90, np.uint8))
 views = [{"camera": "cam01", "picture": "depth/cam01.png", "coverage": 0.9}]
@@ -74,6 +79,24 @@ async def test_the_panel_shows_depth_after_a_take_and_a_key_opens_its_page(
         depth, earlier = (panel.query_one(f"#takes-{name}") for name in ("depth", "earlier"))
         await until(pilot, lambda: depth.display and earlier.region.y >= depth.region.bottom > 0)
         assert panel.plain.splitlines()[-1].startswith(studio.view.takes[0].name)
+
+
+async def test_the_depth_of_two_cameras_is_shown_before_that_of_all(studio: Studio, tmp_path: Path) -> None:
+    (tmp_path / "how").write_text("pair")
+    async with studio.app.run_test(size=(120, 50)) as pilot:
+        await studio.enter(pilot)
+        await pilot.press("space")
+        depth = studio.view.take_panel.query_one("#takes-depth")
+        await until(pilot, lambda: depth.display)
+        (run,) = studio.app.runs.all
+        assert run.state is RunState.RUNNING
+        assert (
+            take_depth.picture(studio.app.runs, studio.view.takes[-1].sheet)
+            == (run.out / "pair.png").read_bytes()
+        )
+        (tmp_path / "how").write_text("")
+        await until(pilot, lambda: "94 % of what moves measured" in studio.view.take_panel.plain)
+        assert take_depth.picture(studio.app.runs, studio.view.takes[-1].sheet) is not None
 
 
 async def test_a_rig_without_a_calibration_gets_a_line_and_no_alarm(studio: Studio, tmp_path: Path) -> None:

@@ -42,7 +42,7 @@ def main() -> int:
 def _measure(network: Network, options: argparse.Namespace) -> dict[str, Any]:
     leader, far = network.namespace("leader"), network.namespace("far")
     ends = network.link_end(leader, f"{ADDRESS}/24"), network.link_end(far, "10.77.0.2/24")
-    ways = (Delays(least, least + tail) for least, tail in zip(options.least_us, TAILS_US, strict=True))
+    ways = (Delays(least, least + tail) for least, tail in zip(options.min_us, TAILS_US, strict=True))
     network.keep_user_files()
     sessions, parts = network.scratch / "sessions", {}
 

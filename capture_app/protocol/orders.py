@@ -126,7 +126,7 @@ class SaveStamp(Message, frozen=True, kw_only=True, tag="save-stamp"):
     """Delay of its timestamps, stored for the device."""
     asymmetry: PathAsymmetry | None = None
     """Path asymmetry found beyond that, by the current estimate of the leader's clock; stored for the
-    link."""
+    link. Its uncertainty is that of the measurement alone."""
 
 
 class StampSaved(Message, frozen=True, kw_only=True, tag="stamp-saved"):
@@ -134,6 +134,8 @@ class StampSaved(Message, frozen=True, kw_only=True, tag="stamp-saved"):
 
     camera: Name
     is_stored: bool
+    asymmetry_uncertainty_ns: Real | None = None
+    """95 % uncertainty of the path asymmetry, that of the node's own clock included."""
 
 
 class CancelBurst(Message, frozen=True, kw_only=True, tag="cancel-burst"):

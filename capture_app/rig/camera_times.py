@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Collection, Mapping
+from dataclasses import replace
 from pathlib import Path
 
 import msgspec
@@ -16,7 +17,6 @@ from capture_app.rig.rig_link import ask_leader
 from capture_app.session.format.manifest import CameraRecord
 from capture_app.session.reading.reader import Session
 from capture_app.sync.clock.clock_filter import SIGMAS_95, PathAsymmetry
-from capture_app.sync.clock.likely_line import ASYMMETRY
 
 
 class MeasuredTime(msgspec.Struct, frozen=True, kw_only=True):
@@ -42,8 +42,8 @@ async def calibrate(
 ) -> tuple[MeasuredTimes, dict[str, SaveStamp], dict[str, bool]]:
     """Measure the camera times of a session, unless `measured` has them, and have each node store its own.
 
-    Return the measurements, the timestamp delay or path asymmetry sent to each camera's node, and by camera
-    whether the node saved it.
+    Return the measurements, the timestamp delay or path asymmetry by which each camera's node now corrects
+    its times, and by camera whether the node saved it.
     Raises the errors of `measure_session`, NetworkError, and the leader's own errors.
     """
     records = {record.name: record for record in session.manifest.cameras}
@@ -55,7 +55,13 @@ async def calibrate(
         name: SaveStamp(camera=name, stamp=stamps.get(name), asymmetry=asymmetries.get(name))
         for name in (*stamps, *asymmetries)
     }
-    saved = {name: (await ask_leader(leader, one, StampSaved)).is_stored for name, one in given.items()}
+    saved: dict[str, bool] = {}
+    for name, order in given.items():
+        answer = await ask_leader(leader, order, StampSaved)
+        saved[name] = answer.is_stored
+        if order.asymmetry is not None and answer.asymmetry_uncertainty_ns is not None:
+            path = replace(order.asymmetry, uncertainty_ns=answer.asymmetry_uncertainty_ns)
+            given[name] = msgspec.structs.replace(order, asymmetry=path)
     return measured, given, saved
 
 
@@ -145,13 +151,11 @@ def measured_asymmetries(
         shared = record.facts.stamp_accuracy.against == reference.facts.stamp_accuracy.against
         if record.clock is None or not shared or record.facts.stamp_accuracy.source in UNMEASURED:
             continue
-        own_ns, typical_ns = _clock_error_ns(record), SIGMAS_95 * ASYMMETRY * record.clock.round_trip_ns / 2.0
         error_ns = math.hypot(
             SIGMAS_95 * time.sd_ms * 1e6,
             _clock_error_ns(reference),
             reference.facts.stamp_accuracy.uncertainty_ns,
             record.facts.stamp_accuracy.uncertainty_ns,
-            math.sqrt(own_ns**2 - typical_ns**2) if own_ns > typical_ns else own_ns,
         )
         asymmetry = PathAsymmetry(time.offset_ms * 1e6, error_ns, record.clock.round_trip_ns)
         if name != measured.reference and asymmetry.sigma(asymmetry.round_trip_ns) is not None:

@@ -27,7 +27,7 @@ from capture_app.node.camera.viewfinder import Viewfinder
 from capture_app.node.join_watch import JoinWatch
 from capture_app.node.key_requests import KeyRequester
 from capture_app.protocol.messages import MAX_EVENTS, CameraReport, EventValue, KeyRequest
-from capture_app.protocol.orders import SaveStamp
+from capture_app.protocol.orders import SaveStamp, StampSaved
 from capture_app.protocol.status import NodeDetail
 from capture_app.session.files.disk import free_bytes
 from capture_app.session.format.burst_plan import CameraPlan
@@ -204,9 +204,10 @@ class RigMember:
         """Whether frames of a burst are being selected or sent, so that previews must wait."""
         return self._engine.has_burst_pending or self._uploader.is_busy
 
-    def save_stamp(self, measured: SaveStamp) -> bool:
+    def save_stamp(self, measured: SaveStamp) -> StampSaved:
         """Apply a measurement from now on; return whether it is saved for later runs, too."""
         facts, name, profiles, is_stored = self._stream.facts, self.options.name, self._profiles, True
+        uncertainty_ns = None
         if measured.stamp is not None:
             self._stream.set_stamp(measured.stamp)
             self._camera.note_exposure()
@@ -214,10 +215,11 @@ class RigMember:
             is_stored = profiles is not None and profiles.save_stamp(name, facts, measured.stamp)
         if measured.asymmetry is not None:
             asymmetry = self._engine.add_path_asymmetry(measured.asymmetry)
+            uncertainty_ns = asymmetry.uncertainty_ns
             is_stored = profiles is not None and profiles.save_asymmetry(
                 name, self._failover.leader[0], asymmetry
             )
-        return is_stored
+        return StampSaved(camera=name, is_stored=is_stored, asymmetry_uncertainty_ns=uncertainty_ns)
 
     def detail(self) -> NodeDetail:
         """Return the node's details for operators."""

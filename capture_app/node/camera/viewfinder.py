@@ -61,7 +61,7 @@ class ShownMember(Protocol):
     def detail(self) -> NodeDetail:
         """Return what is too large for a status: clock samples, phase errors, log lines, controls."""
 
-    def save_stamp(self, measured: SaveStamp) -> bool:
+    def save_stamp(self, measured: SaveStamp) -> StampSaved:
         """Apply a measurement from now on; return whether it is saved for later runs, too."""
 
 
@@ -166,9 +166,7 @@ class Viewfinder:
                     state = await (self._controls.apply(values) if values else self._controls.read())
                     await channel.send(ControlsAnswer(camera=self._name, state=state))
                 case SaveStamp() if message.camera == self._name:
-                    await channel.send(
-                        StampSaved(camera=self._name, is_stored=self._member.save_stamp(message))
-                    )
+                    await channel.send(self._member.save_stamp(message))
                 case RemoveCamera() if message.name == self._name:
                     self._options.put_off()
                 case Refusal():

@@ -104,6 +104,8 @@ class ClockFilter:
         """Path asymmetry of the link, measured from images; None if unknown."""
         self.late_ns = 0.0
         """Asymmetry correction applied in the newest map, in ns."""
+        self.chance_ns = 0.0
+        """95 % error of the newest map without that of the asymmetry, in ns."""
         self.refused_steps = 0
         """Number of suspected steps that later samples did not confirm."""
         self.reset()
@@ -211,19 +213,18 @@ class ClockFilter:
         bend = DRIFT * (span * span / 12.0 + (span + age) * age / 2.0)
         skew_drift = DRIFT * (span / 2.0 + abs(age))
         asymmetry_ns = ASYMMETRY * line.gap / 2.0 if sigma is None else sigma
-        unseen = hypot(asymmetry_ns, STAMP_NS, bend)
+        chance = hypot(sqrt(line.variance_at(age)), STAMP_NS, bend)
         # All growth of the round-trip delay may be in one direction.
         self._min_gap = min(self._min_gap, line.gap)
         longer = max(self.longer_ns / 2.0, (line.gap - self._min_gap) / 2.0 - sqrt(line.excess), 0.0)
         bound = max(highest - offset_ns, offset_ns - lowest) + ROUNDING_NS
+        self.chance_ns = SIGMAS_95 * chance + longer + self.hidden_ns
         skew_bound = MAX_SKEW + abs(line.skew)
         return TimeMap(
             epoch_local_ns=now_local_ns,
             offset_ns=self._anchor_ns + offset_ns,
             skew=line.skew,
-            uncertainty_ns=min(
-                SIGMAS_95 * sqrt(line.variance_at(age) + unseen**2) + longer + self.hidden_ns, bound
-            ),
+            uncertainty_ns=min(SIGMAS_95 * hypot(chance, asymmetry_ns) + longer + self.hidden_ns, bound),
             hard_bound_ns=bound,
             skew_uncertainty=min(SIGMAS_95 * sqrt(line.skew_variance + skew_drift**2), skew_bound),
             skew_bound=skew_bound,

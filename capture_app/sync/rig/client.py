@@ -7,6 +7,7 @@ import random
 from collections import deque
 from collections.abc import MutableSequence
 from dataclasses import dataclass, replace
+from math import hypot
 from typing import Generic, TypeVar
 
 from msgspec import structs
@@ -250,9 +251,16 @@ class Client(Generic[F]):
         self.time.timekeeper.clock.asymmetry = known
 
     def add_path_asymmetry(self, measured: PathAsymmetry) -> PathAsymmetry:
-        """Add an asymmetry that was measured on top of the path's known one; return the sum."""
+        """Add an asymmetry that was measured on top of the path's known one; return the sum.
+
+        The measurement is of the clock's error, so its uncertainty includes that of the clock.
+        """
         clock = self.time.timekeeper.clock
-        clock.asymmetry = replace(measured, late_ns=measured.late_ns + clock.late_ns)
+        clock.asymmetry = replace(
+            measured,
+            late_ns=measured.late_ns + clock.late_ns,
+            uncertainty_ns=hypot(measured.uncertainty_ns, clock.chance_ns),
+        )
         return clock.asymmetry
 
     def note_host_slewing(self, slewing_ppm: float | None) -> None:

@@ -11,7 +11,7 @@ from capture_app.common.clock import HostClock
 from capture_app.common.errors import CameraError
 from capture_app.node.camera.supervisor import CameraSupervisor, ControlKeeper, NodeOptions
 from capture_app.node.camera.viewfinder import Viewfinder
-from capture_app.protocol.orders import SaveStamp
+from capture_app.protocol.orders import SaveStamp, StampSaved
 from capture_app.protocol.status import NodeDetail
 from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.wire.camera_commands import CameraCommand
@@ -116,5 +116,5 @@ class ShownNode:
     def detail(self) -> NodeDetail:
         return NodeDetail(camera=self.options.name, samples=((5, 6),))
 
-    def save_stamp(self, measured: SaveStamp) -> bool:
-        return False
+    def save_stamp(self, measured: SaveStamp) -> StampSaved:
+        return StampSaved(camera=self.options.name, is_stored=False)

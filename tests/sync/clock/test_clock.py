@@ -9,6 +9,8 @@ from hypothesis import strategies as st
 
 from capture_app.sync.clock.clock_filter import STEP_SAMPLES, ClockFilter, ClockSample, PathAsymmetry
 from capture_app.sync.clock.time_map import TimeMap
+from capture_app.sync.rig.client import Client, ClientConfig
+from capture_app.sync.wire.datagrams import CLOCK
 
 MS, HOUR_NS = 1_000_000, 3_600_000_000_000
 S = 1_000_000_000
@@ -361,3 +363,29 @@ def test_what_was_measured_moves_no_clock_out_of_its_bounds() -> None:
     for late_ns in (10**9, -1e300):
         error, time_map = unequal_clock(PathAsymmetry(late_ns, 1, 1_210_000))
         assert abs(error) <= time_map.hard_bound_ns
+
+
+@pytest.mark.slow
+def test_a_measured_path_holds_its_error_bar_which_does_not_grow_when_it_is_measured_again() -> None:
+    """Twice measured to 5 us, each time after a restart, of 100 links whose ways differ by 800 us."""
+    least_ns, held = (1_200_000, 400_000), 0
+    bars: tuple[list[float], ...] = [], [], []
+    for seed in range(100):
+        rng, known = random.Random(seed), None
+        link = Link(offset_ns=HOUR_NS, skew_ppm=rng.gauss(0.0, 20.0), epoch_ns=0)
+        for run in range(3):
+            client: Client[None] = Client(ClientConfig("a", 1, CLOCK, 1_000_000), rng)
+            client.set_path_asymmetry(known)
+            clock, begin_ns = client.time.timekeeper.clock, run * 100 * S
+            for i in range(500):
+                there, back = (least + rng.gammavariate(2, 500_000) for least in least_ns)
+                clock.add(link.exchange(begin_ns + i * 10 * MS, int(there), int(back)))
+            time_map = clock.time_map(begin_ns + 5 * S)
+            assert time_map is not None
+            error = time_map.leader_from_local(begin_ns + 5 * S) - link.leader(begin_ns + 5 * S)
+            bars[run].append(time_map.uncertainty_ns)
+            held += run > 0 and abs(error) <= time_map.uncertainty_ns
+            measured = PathAsymmetry(rng.gauss(-error, 2_500), 5_000, time_map.round_trip_ns)
+            known = client.add_path_asymmetry(measured)
+    assert held >= 190
+    assert sum(bars[2]) < 1.1 * sum(bars[1]) < 0.8 * sum(bars[0])

@@ -2,6 +2,7 @@
 
 import importlib
 import os
+import sys
 import threading
 from collections.abc import Callable, Sequence
 from copy import copy
@@ -24,6 +25,8 @@ from reconstruction.depth.sweep_engine import JUMP_GREY, MIN_JUMP, SweepEngine
 GPU = "SIMULSHOT_GPU"
 """Environment variable: part of the name of the GPU to use; empty for none."""
 KERNELS = Path(__file__).with_name("kernels.wgsl")
+DEVICES = "dri/renderD*", "nvidia[0-9]*", "dxg", "mali*", "kgsl*"
+"""Device files in /dev of the GPUs that Linux's drivers offer."""
 HARDWARE = ("DiscreteGPU", "IntegratedGPU", "VirtualGPU")
 """Kinds of adapters that are used without being named, best first."""
 MAX_BAND_BYTES = 1 << 26
@@ -207,6 +210,11 @@ def _cause(error: Exception) -> str:
     return (str(error).strip() or type(error).__name__).splitlines()[-1].strip()
 
 
+def has_gpu(devices: Path = Path("/dev")) -> bool:
+    """Return whether this machine may have a GPU; loading wgpu-py to ask takes half a second."""
+    return sys.platform != "linux" or any(any(devices.glob(name)) for name in DEVICES)
+
+
 def find_adapters() -> Sequence[Any]:
     """Return the adapters of wgpu-py; raises ImportError where it is not installed."""
     extras = importlib.import_module("wgpu.backends.wgpu_native.extras")
@@ -256,7 +264,7 @@ def find_engine() -> SweepEngine:
     """Return a GPU's engine if wgpu-py and a GPU are there, else the CPU's; searched and reported once."""
     named, engine = os.environ.get(GPU), CPU
     try:
-        if named != "":
+        if named or (named is None and has_gpu()):
             engine = open_gpu(find_adapters(), named or "")
     # A wgpu without its library, an old driver or a full memory may raise anything.
     except Exception as error:  # noqa: BLE001

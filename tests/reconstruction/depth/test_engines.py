@@ -362,6 +362,17 @@ def test_without_wgpu_the_cpu_sweeps_and_says_so_where_a_gpu_is_named(
     assert found.note.startswith(note or CPU.note)
 
 
+@pytest.mark.parametrize(
+    ("device", "found"), [("dri/renderD128", True), ("nvidia0", True), ("dxg", True), ("nvidiactl", False)]
+)
+def test_a_gpu_is_looked_for_where_linux_has_a_device_for_one(
+    device: str, found: bool, tmp_path: Path
+) -> None:
+    (tmp_path / device).parent.mkdir(exist_ok=True)
+    (tmp_path / device).touch()
+    assert gpu.has_gpu(tmp_path) == (found or sys.platform != "linux")
+
+
 @pytest.mark.usefixtures("looked_for")
 @pytest.mark.parametrize("compiled", [True, False])
 def test_the_terminal_says_once_that_numpy_sweeps(

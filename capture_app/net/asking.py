@@ -3,11 +3,14 @@
 import asyncio
 from typing import Any, TypeVar
 
+from msgspec.structs import replace
+
 from capture_app.common.errors import NetworkError
 from capture_app.common.timeouts import ANSWER_TIMEOUT_S
 from capture_app.net.channel import Channel
 from capture_app.protocol import messages
 from capture_app.protocol.message import Message
+from capture_app.protocol.status import NodeStatus, RigStatus
 from capture_app.trust.trust import Trust
 
 A = TypeVar("A", bound=Message)
@@ -45,3 +48,14 @@ async def ask(
             hint="install the same version of simulshot on both machines",
         )
     return answer
+
+
+async def ask_all_nodes(channel: Channel[Any]) -> RigStatus:
+    """Return the status of a rig, with all its nodes. Raises NetworkError, and the leader's errors."""
+    nodes: list[NodeStatus] = []
+    while True:
+        request = messages.StatusRequest(after=nodes[-1].name if nodes else "")
+        rig = (await ask(channel, request, messages.StatusAnswer)).rig
+        nodes += rig.nodes
+        if not rig.further or not rig.nodes:
+            return replace(rig, nodes=tuple(nodes))

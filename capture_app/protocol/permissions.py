@@ -75,7 +75,9 @@ def check_allowed(who: Peer, message: Message) -> None:
             hint="use a machine that is paired with the leader itself",
         )
     role = required_role(message)
-    if role is not None and not who.may(role):
+    # A standby notes which cameras to expect when it takes over.
+    is_standbys = isinstance(message, messages.StatusRequest) and who.may(Role.STANDBY)
+    if role is not None and not who.may(role) and not is_standbys:
         known = "not known here" if who.is_unknown else f"known here as {' and '.join(sorted(who.roles))}"
         raise UnknownMachineError(
             f"this machine is {known}, not as {role}",

@@ -23,12 +23,12 @@ from capture_app.common.errors import (
 )
 from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.timeouts import ANSWER_TIMEOUT_S, ORDER_TIMEOUT_S, STATUS_TIMEOUT_S
-from capture_app.net.asking import ask, receive_answer
+from capture_app.net.asking import ask, ask_all_nodes, receive_answer
 from capture_app.net.channel import Channel, connect
 from capture_app.protocol import messages, orders
 from capture_app.protocol.message import Message
 from capture_app.protocol.orders import ExposeAppPhones
-from capture_app.protocol.status import BurstStatus, LogLine, NodeStatus, Preview, RigStatus
+from capture_app.protocol.status import BurstStatus, LogLine, Preview, RigStatus
 
 A = TypeVar("A", bound=Message)
 ISO_OF_GAIN_1 = 100
@@ -37,14 +37,8 @@ RETRY_S = (0.2, 0.5, 1.0, 2.0)
 
 async def ask_status(leader: Address) -> RigStatus:
     """Return the status of a running leader's rig, with all its nodes. Raises NetworkError."""
-    nodes: list[NodeStatus] = []
     async with await connect(leader, messages.FromLeader) as channel:
-        while True:
-            request = messages.StatusRequest(after=nodes[-1].name if nodes else "")
-            rig = (await ask(channel, request, messages.StatusAnswer)).rig
-            nodes += rig.nodes
-            if not rig.further or not rig.nodes:
-                return replace(rig, nodes=tuple(nodes))
+        return await ask_all_nodes(channel)
 
 
 async def ask_leader(leader: Address, request: Message, kind: type[A]) -> A:

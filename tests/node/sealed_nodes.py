@@ -10,6 +10,7 @@ from pathlib import Path
 from random import Random
 
 from capture_app.common.address import Address
+from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.clock import HostClock
 from capture_app.common.pairing_codes import Role
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
@@ -19,6 +20,7 @@ from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.sync_engine import Engine
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.tree.member import TreeMember
+from capture_app.sync.wire.datagrams import CLOCK
 from capture_app.trust.sealed_engines import SealedClient
 from capture_app.trust.trust import Trust
 
@@ -26,9 +28,9 @@ from capture_app.trust.trust import Trust
 class SealedNode:
     """A running node."""
 
-    def __init__(self, name: str, instance: int) -> None:
+    def __init__(self, name: str, instance: int, camera: CameraFacts) -> None:
         self.name, self.instance = name, instance
-        self.time = TimeClient(name, instance, Timekeeper(1))
+        self.time = TimeClient(name, instance, Timekeeper(1), camera)
         self.sealed: SealedClient
 
 
@@ -39,9 +41,10 @@ async def sealed_node(
     name: str = "cam",
     instance: int | None = None,
     standbys: tuple[Address, ...] = (),
+    camera: CameraFacts = CLOCK,
 ) -> AsyncIterator[SealedNode]:
     """A node of a machine that goes by `trust`, until the block ends."""
-    node = SealedNode(name, secrets.randbits(62) if instance is None else instance)
+    node = SealedNode(name, secrets.randbits(62) if instance is None else instance, camera)
     engine: Engine = SinglePeerEngine(node.time, leader)
     if standbys:
         engine = member = TreeMember(name, node.instance, (leader, *standbys), Random(1))

@@ -20,6 +20,7 @@ from capture_app.common.errors import (
 from capture_app.common.names import check_name
 from capture_app.common.node_state import NodeState
 from capture_app.common.tasks import Background, has_come
+from capture_app.common.timeouts import FORGET_LOST_NS
 from capture_app.net.udp import Pump
 from capture_app.node.burst.burst_session import BurstSession
 from capture_app.node.burst.intake import DiskThreads
@@ -153,6 +154,7 @@ class ActiveBursts:
         self.spools: dict[str, SpoolSpace] = {}
         """Free space of each node, as last reported."""
         self._reported_ns = self.now_ns() - REPORT_INTERVAL_NS
+        self._awaited_until_ns = self.now_ns() + FORGET_LOST_NS
         self._silent: set[str] = set()
         """Cameras of this run that silently left their last burst: one camera must not delay all others."""
         self._trouble = ""
@@ -247,6 +249,9 @@ class ActiveBursts:
         session = BurstSession.begin(burst, facts, writer, self._disk, short_timeouts=self._silent)
         session.order_end = functools.partial(self._end, session) if order.streamed else None
         self._bursts[number] = self.newest = session
+        for name in self._options.awaited if self.now_ns() < self._awaited_until_ns else ():
+            if name not in facts:
+                without[name] = "it has not come back since the leader was lost"
         session.without = "; ".join(f"without {name}: {why}" for name, why in without.items())
         self._background.start(self._follow(session))
         # On disk before any node can learn of it, so that every captured frame can be fetched after a crash.

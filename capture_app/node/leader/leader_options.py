@@ -48,6 +48,8 @@ class LeaderOptions(PortOptions):
     """Interrupted sessions to finish; None for all."""
     continued: Continued | None = None
     """State taken over from a lost leader; `clock` then shows that leader's time."""
+    awaited: Sequence[str] = ()
+    """Names of the cameras that the lost leader had."""
     return_ns: int = RETURN_NS
     """Time that nodes have to return with images of those sessions."""
     spool: Path | None = None

@@ -1,6 +1,7 @@
 """Leaders of one rig by rank: the best one that is alive leads, and the others follow it as standbys."""
 
 import asyncio
+import contextlib
 import ipaddress
 import random
 import secrets
@@ -10,22 +11,25 @@ from dataclasses import dataclass, replace
 
 from capture_app.common.address import Address, own_hosts, resolve
 from capture_app.common.clock import NodeClock
-from capture_app.common.errors import BadInputError
+from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.names import name_like
+from capture_app.common.node_state import WITHOUT_CAMERA, NodeState
 from capture_app.common.tasks import end
 from capture_app.common.text import duration
+from capture_app.net.asking import ask_all_nodes
+from capture_app.net.channel import connect
 from capture_app.net.server import bind_port
 from capture_app.net.udp import Pump, client_socket
 from capture_app.node.key_requests import KeyRequester
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
-from capture_app.protocol.messages import KeyRequest
+from capture_app.protocol.messages import FromLeader, KeyRequest
 from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.tree.succession import Succession
 from capture_app.trust.sealed_engines import SealedClient
 
 ASK_EVERY_S = 5.0
-"""Interval between requests for the machines that the current leader knows."""
+"""Interval between requests for the machines that the current leader knows, and for its cameras."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,7 +66,9 @@ class RankedLeader:
         self._make_options, options = make_options, make_options()
         for bound in bind_port(options.host, options.port):
             bound.close()
-        self._event_log, self._clock = options.log, options.clock
+        self._event_log, self._clock, self._trust = options.log, options.clock, options.trust
+        self.cameras: tuple[str, ...] = ()
+        """Present cameras of the current leader."""
         instance = secrets.randbits(32)
         name = name_like(f"leader-{socket.gethostname().split('.')[0]}-{options.port}", "leader")
         self._engine = engine = Succession(name, instance, others, rank, random.Random(secrets.randbits(64)))
@@ -122,15 +128,28 @@ class RankedLeader:
             "the leader is lost: this one leads now, in the same time within"
             f" {duration(continued.upstream_map.uncertainty_ns)}"
         )
-        return replace(options, clock=ContinuedClock(self._clock, continued.time_map), continued=continued)
+        clock = ContinuedClock(self._clock, continued.time_map)
+        return replace(options, clock=clock, continued=continued, awaited=self.cameras)
 
     async def _ask_whom(self) -> None:
-        """Ask the current leader at intervals which machines it knows; the answer also has a datagram key."""
+        """Ask the current leader at intervals which cameras are there, and which machines it knows.
+
+        The answer to the second question also has a datagram key.
+        """
         while True:
             await asyncio.sleep(ASK_EVERY_S)
-            if self._sealed is not None and self._engine.leader is not None:
-                self._sealed.keys.missing.add(self._engine.leader)
+            leader = self._engine.leader
+            if leader is None:
+                continue
+            if self._sealed is not None:
+                self._sealed.keys.missing.add(leader)
                 self._keys.look()
+            # Whether the leader is alive is noticed by its datagrams.
+            with contextlib.suppress(SimulshotError):
+                async with await connect(Address(*leader), FromLeader, trust=self._trust) as channel:
+                    nodes = (await ask_all_nodes(channel)).nodes
+                there = (node for node in nodes if node.state is not NodeState.LOST)
+                self.cameras = tuple(node.name for node in there if node.camera.kind not in WITHOUT_CAMERA)
 
 
 async def _serve(options: LeaderOptions, lead: Callable[[LeaderNode], Awaitable[None]]) -> None:

@@ -4,18 +4,24 @@ import asyncio
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager, suppress
 from pathlib import Path
+from typing import Any
+
+import pytest
 
 from capture_app.common.address import Address
 from capture_app.common.pairing_codes import Role
 from capture_app.net.asking import ask
 from capture_app.net.channel import connect
 from capture_app.net.server import bind_port
+from capture_app.node.leader import standby
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
-from capture_app.node.leader.standby import lead_by_rank
+from capture_app.node.leader.standby import RankedLeader, lead_by_rank
 from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest
+from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.trust.camera_names import CameraNames
 from capture_app.trust.trust import Trust
+from tests.facts import make_facts
 from tests.node.sealed_nodes import introduced, sealed_node
 from tests.waiting import until
 
@@ -93,6 +99,38 @@ async def test_a_standby_leads_the_nodes_that_were_paired_with_the_leader(
                 await until(lambda: "two machines are called cam" in node.time.why_joining)
             async with sealed_node(new.own_address, Trust(tmp_path / "stranger")) as node:
                 await until(lambda: "does not know the leader" in node.time.why_joining)
+
+
+async def test_a_burst_after_a_takeover_names_the_cameras_that_are_not_back(
+    tmp_path: Path, trust: Trust, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    made: list[RankedLeader] = []
+
+    class Noted(RankedLeader):
+        def __init__(self, *arguments: Any) -> None:
+            super().__init__(*arguments)
+            made.append(self)
+
+    monkeypatch.setattr(standby, "RankedLeader", Noted)
+    monkeypatch.setattr(standby, "ASK_EVERY_S", 0.1)
+    options = LeaderOptions(sessions=tmp_path / "s1", host="127.0.0.1", port=0, trust=trust)
+    async with await LeaderNode.start(options) as leader:
+        machine, second = introduced(tmp_path, trust, "machine"), standby_of(tmp_path, trust)
+        async with standing_by(tmp_path, second, leader.own_address) as led:
+            at = leader.own_address
+            async with (
+                sealed_node(at, machine, "cam0", camera=make_facts()),
+                sealed_node(at, machine, "cam1", camera=make_facts()),
+            ):
+                await until(lambda: [of.cameras for of in made] == [("cam0", "cam1")], seconds=30.0)
+                await until(lambda: second.known.find(machine.identity.pin) is not None, seconds=30.0)
+                await leader.stop()
+            new = await asyncio.wait_for(led.get(), 30.0)
+            async with sealed_node(new.own_address, machine, "cam1", camera=make_facts()):
+                await until(lambda: new.engine.roster.cameras())
+                burst = await new.bursts.order(BurstOrder(frames=1))
+            assert burst.burst.clients == ("cam1",)
+            assert burst.status.message == ("without cam0: it has not come back since the leader was lost")
 
 
 async def test_a_node_goes_on_with_the_standby_when_the_leader_stops(tmp_path: Path, trust: Trust) -> None:

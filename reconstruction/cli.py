@@ -18,6 +18,7 @@ from reconstruction.commands.board import board
 from reconstruction.commands.calibrate import calibrate
 from reconstruction.commands.compare import compare
 from reconstruction.commands.depth import multiview, stereo
+from reconstruction.commands.live import live
 from reconstruction.commands.movers import movers
 from reconstruction.commands.panorama import panorama
 from reconstruction.commands.time import time_command
@@ -51,7 +52,7 @@ def app() -> None:
 
 
 for command in (
-    batch, board, calibrate, compare, movers, multiview, panorama, stereo, time_command, tolerance
+    batch, board, calibrate, compare, live, movers, multiview, panorama, stereo, time_command, tolerance
 ):  # fmt: skip
     app.add_command(command)
 for earlier, command in {"dose": tolerance, "stitch": panorama}.items():

@@ -1,6 +1,6 @@
-"""Run a module of this installation in the background, at the lowest priority.
+"""Run a module of this installation in the background, at a low priority.
 
-    python -m capture_app.common.background MODULE ARGUMENT...
+    python -m capture_app.common.background NICENESS MODULE ARGUMENT...
 
 It ends with the process that started it. SIGTERM acts as Ctrl-C, so that unfinished results are removed.
 """
@@ -11,17 +11,16 @@ import runpy
 import signal
 import sys
 
-LOWEST_PRIORITY = 19
 _PR_SET_PDEATHSIG = 1
 
 
 def main() -> None:
-    """Run the module named by the first argument."""
+    """Run the module named by the second argument."""
     parent = os.getppid()
-    os.nice(LOWEST_PRIORITY)
+    os.nice(int(sys.argv[1]))
     _end_with(parent)
     signal.signal(signal.SIGTERM, signal.default_int_handler)
-    del sys.argv[0]
+    del sys.argv[:2]
     runpy.run_module(sys.argv[0], run_name="__main__", alter_sys=True)
 
 

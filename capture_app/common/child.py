@@ -27,6 +27,8 @@ _KINDS: dict[int | None, type[SimulshotError]] = {
     for kind in (BadInputError, CameraError, NetworkError, NotAvailableError, IncompleteError)
 }
 
+LOWEST_PRIORITY = 19
+
 
 @dataclass(slots=True)
 class Child:
@@ -45,15 +47,15 @@ class Child:
 
     @classmethod
     async def start(
-        cls, name: str, arguments: Sequence[str], *, on_line: Talk | None = None, background: bool = False
+        cls, name: str, arguments: Sequence[str], *, on_line: Talk | None = None, niceness: int = 0
     ) -> Self:
         """Start a module of this installation.
 
-        `background`: run at the lowest priority, killed when this process ends, even by SIGKILL, and cleaning
-        up when it is stopped. Other modules must implement that themselves, as nodes do.
+        With a `niceness`: run in the background, at that priority, killed when this process ends, even by
+        SIGKILL, and cleaning up when it is stopped. Other modules implement that themselves, as nodes do.
         """
-        if background:
-            arguments = ("capture_app.common.background", *arguments)
+        if niceness:
+            arguments = ("capture_app.common.background", str(niceness), *arguments)
         process = await asyncio.create_subprocess_exec(
             sys.executable,
             "-m",

@@ -9,7 +9,7 @@ import msgspec
 
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import UNMEASURED, StampAccuracy, StampSource
-from capture_app.common.child import Child
+from capture_app.common.child import LOWEST_PRIORITY, Child
 from capture_app.common.errors import NotApplicableError
 from capture_app.common.text import UNREADABLE
 from capture_app.protocol.orders import SaveStamp, StampSaved
@@ -83,7 +83,7 @@ async def measure_session(session: Path, reference: str | None) -> MeasuredTimes
     """
     arguments = ["reconstruction.cli", "time", str(session), "--json"]
     arguments += [] if reference is None else ["--reference", reference]
-    child = await Child.start("reconstruct time", arguments, background=True)
+    child = await Child.start("reconstruct time", arguments, niceness=LOWEST_PRIORITY)
     try:
         printed = await child.output()
     finally:

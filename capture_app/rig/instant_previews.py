@@ -1,13 +1,15 @@
 """Previews of one instant: small images of all cameras that show it."""
 
+import time
 from collections.abc import AsyncGenerator
 from contextlib import aclosing
 from typing import TYPE_CHECKING
 
 from msgspec import Struct
+from msgspec.structs import replace
 
 from capture_app.common.errors import NetworkError
-from capture_app.protocol.status import Preview
+from capture_app.protocol.status import Preview, RigStatus
 from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.session.reading.decoding import decode_preview
 
@@ -21,12 +23,20 @@ class InstantPreviews(Struct, frozen=True):
 
     instant_ns: int
     previews: dict[str, Preview]
+    leader_ahead_ns: int | None = None
+    """Leader time minus this machine's monotonic clock; None if unknown."""
 
     @property
     def spread_ns(self) -> int:
         """Time from the first to the last of their frames, in ns."""
         times_ns = [one.leader_ns for one in self.previews.values() if one.leader_ns is not None]
         return max(times_ns) - min(times_ns)
+
+    def age_ns(self) -> int | None:
+        """Return the time since the instant in ns, too short by a message's time from the leader; or None."""
+        if self.leader_ahead_ns is None:
+            return None
+        return time.monotonic_ns() + self.leader_ahead_ns - self.instant_ns
 
     def bgr(self) -> "dict[str, NDArray[np.uint8]]":
         """Return the images by camera, BGR uint8 (height, width, 3), without those that cannot be decoded."""
@@ -53,9 +63,14 @@ async def instant_previews(
     """
     await link.want_previews(cameras=cameras, width=width, fps=fps)
     newest: dict[str, Preview] = {}
+    ahead_ns: int | None = None
     async with aclosing(link.updates()) as updates:
         async for update in updates:
             if isinstance(update, LinkLost):
                 raise NetworkError(update.reason, hint="look for the leader: capture-app rig list")
+            if isinstance(update, RigStatus):
+                # The status that took least time is the newest one by this clock.
+                now_ns = update.now_ns - time.monotonic_ns()
+                ahead_ns = now_ns if ahead_ns is None else max(ahead_ns, now_ns)
             if isinstance(update, Preview) and (found := collect(newest, update)) is not None:
-                yield found
+                yield replace(found, leader_ahead_ns=ahead_ns)

@@ -118,7 +118,7 @@ def from_elsewhere(dataset: Dataset, source: CalibrationSource | Path) -> Candid
         if found is None:
             raise BadInputError(f"{dataset.name} has no calibration of its own", hint="--from sfm finds one")
     elif source is CalibrationSource.KEPT:
-        stored = find_calibration(dataset)
+        stored = find_calibration(camera_modes(dataset))
         if stored is None:
             modes = (f"{name} {of.width}x{of.height}" for name, of in sorted(camera_modes(dataset).items()))
             raise BadInputError(

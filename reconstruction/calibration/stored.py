@@ -5,23 +5,35 @@ A session without a calibration uses the stored one of its rig, if that is still
 
 import hashlib
 import tempfile
-from collections.abc import Iterable
+from collections.abc import Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
 import msgspec
 from platformdirs import user_data_path
 
-from capture_app.common.errors import BadInputError
+from capture_app.common.camera_facts import CameraFacts
+from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.text import pretty_json
 from capture_app.console.terminal import talk
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.format.calibration import Calibration
-from reconstruction.calibration.calibrated_rig import Rig, calibrated_views, refuse_faults, sound_views
+from capture_app.session.format.manifest import MANIFEST
+from capture_app.session.reading.reader import Session
+from reconstruction.calibration.calibrated_rig import (
+    Rig,
+    calibrated_views,
+    impossible,
+    refuse_faults,
+    sound_views,
+)
 from reconstruction.calibration.consistency import RigCheck, check_rig, find_mixups, plainly_fits
+from reconstruction.common.geometry import View
 from reconstruction.pairs import Features, detect_features
 from reconstruction.session.dataset import Dataset
 
+MAX_SESSIONS = 10
+"""Newest sessions in which a running rig's calibration is looked for."""
 GLANCE = 320, 500
 """Longer side (px) and number of points of a reduced image for a first, quick check."""
 
@@ -33,6 +45,11 @@ class CameraMode(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_field
     model: str
     width: int
     height: int
+
+    @classmethod
+    def of(cls, facts: CameraFacts) -> "CameraMode":
+        """Return the mode of a camera with these properties."""
+        return cls(kind=facts.kind, model=facts.model, width=facts.width, height=facts.height)
 
 
 class StoredCalibration(msgspec.Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
@@ -78,27 +95,54 @@ def keep_calibration(dataset: Dataset, calibration: Calibration) -> None:
     write_calibration(path, stored)
 
 
-def find_calibration(dataset: Dataset) -> StoredCalibration | None:
-    """Return the stored calibration that fits the most cameras of a session: at least two, and half of all.
+def find_calibration(modes: Mapping[str, CameraMode]) -> StoredCalibration | None:
+    """Return the stored calibration that fits the most of these cameras: at least two, and half of all.
 
     A camera fits if it has the mode in which it was calibrated. Of equals, the newest calibration is
     returned. Files that cannot be read are ignored.
     """
-    modes = camera_modes(dataset)
     found = [one for path in sorted(shelf().glob("*.json")) if (one := _read(path)) is not None]
     known = [(sum(one.modes.get(name) == mode for name, mode in modes.items()), one) for one in found]
     best = max(known, key=lambda one: (one[0], one[1].created, one[1].session), default=None)
     if best is None or best[0] < max(2, (len(modes) + 1) // 2):
         return None
     stored = best[1]
-    # Leave out cameras whose mode has changed.
+    calibration = _in_same_mode(stored.calibration, stored.modes, modes)
+    return msgspec.structs.replace(stored, calibration=calibration)
+
+
+def find_rig_views(modes: Mapping[str, CameraMode], folder: Path | None) -> dict[str, View]:
+    """Return the calibrated views of a running rig's cameras; empty if none is known.
+
+    By a new session in `folder` that has a calibration of two of these cameras, else by the stored one.
+    """
+    sessions = [] if folder is None else sorted(folder.glob(f"*/{MANIFEST}"), key=lambda p: p.stat().st_mtime)
+    found: list[Calibration] = []
+    for path in reversed(sessions[-MAX_SESSIONS:]):
+        with suppress(SimulshotError):
+            dataset = Dataset(Session.open(path.parent))
+            if (own := dataset.calibration()) is not None:
+                found.append(_in_same_mode(own, camera_modes(dataset), modes))
+    if (stored := find_calibration(modes)) is not None:
+        found.append(stored.calibration)
+    cameras = next((one.cameras for one in found if len(one.cameras) > 1), {})
+    return {
+        name: View.from_calibration(camera, modes[name].width, modes[name].height)
+        for name, camera in cameras.items()
+        if not impossible(camera)
+    }
+
+
+def _in_same_mode(
+    calibration: Calibration, before: Mapping[str, CameraMode], now: Mapping[str, CameraMode]
+) -> Calibration:
+    """Return a calibration without the cameras whose mode has changed."""
     same = {
         name: camera
-        for name, camera in stored.calibration.cameras.items()
-        if stored.modes.get(name) == modes.get(name)
+        for name, camera in calibration.cameras.items()
+        if name in now and before.get(name) == now[name]
     }
-    calibration = msgspec.structs.replace(stored.calibration, cameras=same)
-    return msgspec.structs.replace(stored, calibration=calibration)
+    return msgspec.structs.replace(calibration, cameras=same)
 
 
 def _path(modes: dict[str, CameraMode]) -> Path:
@@ -124,11 +168,7 @@ def write_calibration(path: Path, calibration: Calibration | StoredCalibration) 
 
 def camera_modes(dataset: Dataset) -> dict[str, CameraMode]:
     """Return the mode of each of a session's cameras."""
-    facts = {camera.name: camera.facts for camera in dataset.session.manifest.cameras}
-    return {
-        name: CameraMode(kind=of.kind, model=of.model, width=of.width, height=of.height)
-        for name, of in facts.items()
-    }
+    return {camera.name: CameraMode.of(camera.facts) for camera in dataset.session.manifest.cameras}
 
 
 def _read(path: Path) -> StoredCalibration | None:
@@ -163,7 +203,7 @@ def choose_calibration(dataset: Dataset) -> None:
         return
     if dataset.session.manifest.origin == "imported":
         return
-    stored = find_calibration(dataset)
+    stored = find_calibration(camera_modes(dataset))
     if stored is None:
         return
     try:

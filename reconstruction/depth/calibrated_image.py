@@ -7,7 +7,10 @@ import cv2
 import numpy as np
 
 from reconstruction.common.geometry import Array, View, other_from_reference, resize_view
+from reconstruction.common.image_matching import noise_level
 
+NOISE_FACTOR = 3.0
+NOISE_LIMITS = (2.0, 100.0)
 NOISY = 1.25
 """A window contains only noise if its variance is below this multiple of the noise term."""
 BLACK, WHITE = 20, 245
@@ -83,6 +86,11 @@ class CalibratedImage:
         inverse = np.linalg.inv(self.view.matrix).astype(np.float32)
         x, y = inverse[0, 0] * xs + inverse[0, 2], inverse[1, 1] * ys + inverse[1, 2]
         return np.stack([x, y, np.ones_like(xs)])
+
+
+def matching_noise(grey: Array) -> float:
+    """Return the variance that an image's noise adds to a window: three sigma, within limits, squared."""
+    return float(np.clip((NOISE_FACTOR * noise_level(grey)) ** 2, *NOISE_LIMITS))
 
 
 def box_filter(image: Array, window: int) -> Array:

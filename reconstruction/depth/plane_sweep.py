@@ -40,7 +40,7 @@ def move_edges(
     surface only move it nearer or farther: a pixel beside an edge that was taken for background stays there.
     Windows bend with the surface, so the surface with the correct edges matches on both sides.
     """
-    cost = _cost_along(planes[0], source_views, engine) - MIN_GAIN * WORST_COST
+    cost = cost_along(planes[0], source_views, engine) - MIN_GAIN * WORST_COST
     best = planes.copy()
     _, height, width = planes.shape
     # The border's planes are repeated beyond it.
@@ -49,14 +49,15 @@ def move_edges(
         dx, dy = off_px * right, off_px * down
         level, *slopes = around[:, off_px + dy :, off_px + dx :][:, :height, :width]
         level = level - slopes[0] * np.float32(dx) - slopes[1] * np.float32(dy)
-        found = _cost_along(level, source_views, engine)
+        found = cost_along(level, source_views, engine)
         for part, moved in zip(best, (level, *slopes), strict=True):
             np.copyto(part, moved, where=found < cost)
         cost = np.minimum(found, cost)
     return best
 
 
-def _cost_along(inverse_depth: Array, source_views: Sequence[SourceView], engine: SweepEngine) -> Array:
+def cost_along(inverse_depth: Array, source_views: Sequence[SourceView], engine: SweepEngine = CPU) -> Array:
+    """Return the smoothed costs along a surface, float32 height x width, 0 to `WORST_COST`."""
     return box_filter(engine.costs_along(source_views, inverse_depth).astype(np.float32), SMOOTHING_PX)
 
 

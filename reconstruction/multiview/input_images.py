@@ -10,10 +10,9 @@ from capture_app.common.errors import BadInputError, NotApplicableError
 from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.geometry import Array, View, resize_view
-from reconstruction.common.image_matching import noise_level
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.worker_pool import SWEEP_BYTES, worker_count
-from reconstruction.depth.calibrated_image import CalibratedImage
+from reconstruction.depth.calibrated_image import CalibratedImage, matching_noise
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion, dilate
 
@@ -24,8 +23,6 @@ MAP_BYTES_PER_PIXEL = 60
 """Memory per pixel of every camera: its image, rays, surface, depth and normals."""
 SWEEP_BYTES_PER_PIXEL = 300
 """Memory per pixel of an image in a worker: sources, voters and intermediate results."""
-NOISE_FACTOR = 3.0
-NOISE_LIMITS = (2.0, 100.0)
 
 
 @dataclass(frozen=True, eq=False)
@@ -74,8 +71,7 @@ def undistort_image(camera: str, instant: int, image: Array, view: View) -> Inpu
             "its image has the same brightness everywhere",
             hint="uncover the lens or add light, or choose another instant",
         )
-    noise = float(np.clip((NOISE_FACTOR * noise_level(grey)) ** 2, *NOISE_LIMITS))
-    photo = CalibratedImage(plain, grey.astype(np.float32), 5, noise)
+    photo = CalibratedImage(plain, grey.astype(np.float32), 5, matching_noise(grey))
     return InputImage(camera, instant, colours, photo, view)
 
 

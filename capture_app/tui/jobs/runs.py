@@ -18,7 +18,7 @@ from socket import gethostname
 
 import msgspec
 
-from capture_app.common.child import Child
+from capture_app.common.child import LOWEST_PRIORITY, Child
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.text import UNREADABLE, ProgressStep, pretty_json, printable
 from capture_app.session.files.durable import write_atomic
@@ -212,7 +212,9 @@ class Runs:
                 run.step = step
 
         module, arguments = run.command.module, run.command.arguments(run.session, run.out, run.options)
-        child = await Child.start(run.command.title, (module, *arguments), on_line=hear, background=True)
+        child = await Child.start(
+            run.command.title, (module, *arguments), on_line=hear, niceness=LOWEST_PRIORITY
+        )
         self._child = child
         try:
             if run.state is RunState.CANCELLED:

@@ -11,6 +11,7 @@ from textual.content import Content
 from capture_app.common.text import printable
 from capture_app.protocol.status import NodeStatus, Preview, RigStatus
 from capture_app.rig.rig_link import RigLink
+from capture_app.session.format.live_depth import DepthPreview
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.shoot.full_view import FullView
 from capture_app.tui.signs import SIGNS, cameras_of
@@ -93,6 +94,8 @@ class PreviewGrid(Container, can_focus=True):
         self._tiles: dict[str, PreviewTile] = {}
         self._columns = 1
         self._at = 0
+        self._depth_of = ""
+        """Camera whose depth is shown instead of its preview; empty for none."""
 
     @property
     def tiles(self) -> tuple[PreviewTile, ...]:
@@ -128,10 +131,20 @@ class PreviewGrid(Container, can_focus=True):
         for name, node in nodes.items():
             self._tiles[name].show_node(node)
 
+    def chosen(self) -> str:
+        """Return the camera under the cursor; empty without cameras."""
+        return next(iter([*self._tiles][self._at :]), "")
+
     def show_preview(self, preview: Preview) -> None:
-        """Show a camera's preview."""
-        if tile := self._tiles.get(preview.camera):
-            tile.picture.show(preview.jpeg)
+        """Show a camera's preview, unless its depth is shown."""
+        if preview.camera in self._tiles and preview.camera != self._depth_of:
+            self._tiles[preview.camera].picture.show(preview.jpeg)
+
+    def show_depth(self, depth: DepthPreview | None) -> None:
+        """Show a camera's depth instead of its preview; None: all previews again."""
+        self._depth_of = "" if depth is None or not depth.jpeg else depth.camera
+        if depth is not None and self._depth_of in self._tiles:
+            self._tiles[self._depth_of].picture.show(depth.jpeg)
 
     def action_move(self, x: int, y: int) -> None:
         """Move the cursor."""

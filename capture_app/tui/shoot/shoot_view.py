@@ -1,6 +1,7 @@
 """Mode Shoot: Space takes; live previews beside the plan, followed by the contact sheet of the take."""
 
 import asyncio
+from contextlib import aclosing
 from typing import ClassVar
 
 from msgspec.structs import replace
@@ -8,6 +9,7 @@ from textual import work
 from textual.binding import Binding, BindingType
 from textual.containers import Horizontal, Vertical
 from textual.content import Content
+from textual.worker import Worker
 
 from capture_app.common.errors import SimulshotError
 from capture_app.common.node_state import NodeState
@@ -15,6 +17,7 @@ from capture_app.common.text import clock_offset, count, printable
 from capture_app.common.timeouts import READY_TIMEOUT_S
 from capture_app.protocol.orders import CancelBurst, EndBurst, Order
 from capture_app.protocol.status import BurstStatus, NodeStatus, Preview, RigStatus
+from capture_app.rig.live_depth import live_depth
 from capture_app.rig.rig_link import RigLink
 from capture_app.rig.taking import (
     Begun,
@@ -37,7 +40,7 @@ from capture_app.tui.rig_record import ActionFailed, RecordChanged, RigRecord, s
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.shoot import take_depth
 from capture_app.tui.shoot.shoot_plan import PlanPanel
-from capture_app.tui.shoot.stage import Stage
+from capture_app.tui.shoot.stage import LIVE, Stage
 from capture_app.tui.shoot.takes import (
     Take,
     TakePanel,
@@ -65,6 +68,7 @@ class ShootView(ModeView):
         Binding("v", "switch", "Live/sheet", id="shoot.switch", tooltip="live pictures or contact sheet"),
         Binding("w", "wiggle", "Wiggle", id="shoot.wiggle", tooltip="back and forth through the cameras"),
         Binding("d", "open_depth", "Depth", id="shoot.depth", tooltip="the newest take in 3D in the browser"),
+        Binding("l", "live_depth", "Live depth", id="shoot.live-depth", tooltip="of the chosen preview"),
         Binding("y", "explain", "Why", id="shoot.why", tooltip="explains the verdict on the newest take"),
         Binding("n", "edit('name')", "Name", id="shoot.name"),
         Binding("t", "edit('notes')", "Notes", id="shoot.note"),
@@ -97,6 +101,9 @@ class ShootView(ModeView):
         """What these takes wait for, in words."""
         self._failure = ""
         """Reason why the last order failed."""
+        self._wants_depth = False
+        self._depth: Worker[None] | None = None
+        """Worker that shows live depth."""
         self.plan_panel = PlanPanel(settings)
         self.take_panel = TakePanel()
         self.stage = Stage(rig, record)
@@ -199,6 +206,25 @@ class ShootView(ModeView):
     def action_switch(self) -> None:
         """Switch between the live previews and the last take."""
         (self.stage.show_live if self.stage.is_sheet else self.stage.show_sheet)()
+
+    def action_live_depth(self) -> None:
+        """Show the depth of the chosen camera instead of its preview, or its preview again."""
+        self._wants_depth = not self._wants_depth
+        self.stage.show_live()
+        self._want_previews()
+
+    @work(group="live-depth", exclusive=True)
+    async def _show_depth(self, status: RigStatus) -> None:
+        try:
+            with showing_errors(self):
+                async with aclosing(
+                    live_depth(self._rig.another(), status, self.stage.grid.chosen)
+                ) as depths:
+                    async for depth in depths:
+                        self.stage.show_depth(depth)
+            self._wants_depth = False  # it ended by an error
+        finally:
+            self.stage.show_depth(None)
 
     def action_wiggle(self) -> None:
         """Wiggle through the cameras at the selected instant of the last take."""
@@ -375,6 +401,12 @@ class ShootView(ModeView):
         if not self.is_attached:  # a take may end while the screen closes
             return
         self.stage.want_previews(self.screen.is_active)
+        is_seen = self.screen.is_active and self.stage.current == LIVE
+        goes_on = self._depth is not None and not self._depth.is_finished
+        if self._wants_depth and is_seen and not goes_on and self._record.status is not None:
+            self._depth = self._show_depth(self._record.status)
+        elif self._depth is not None and not (self._wants_depth and is_seen):
+            self._depth.cancel()
 
     on_mode_hidden = _want_previews
 

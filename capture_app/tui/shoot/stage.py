@@ -1,6 +1,8 @@
 """Main area of the mode Shoot: live previews, countdown, or contact sheet of the last take."""
 
+from collections import deque
 from functools import partial
+from statistics import mean
 
 from textual.containers import Vertical
 from textual.content import Content
@@ -10,6 +12,7 @@ from capture_app.common.text import duration, printable
 from capture_app.protocol.status import Preview
 from capture_app.rig.instant_previews import collect
 from capture_app.rig.rig_link import RigLink
+from capture_app.session.format.live_depth import DepthPreview
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.rig_record import RigRecord
 from capture_app.tui.shoot.preview_grid import PreviewGrid
@@ -17,15 +20,19 @@ from capture_app.tui.widgets.contact_sheet import ContactSheet
 from capture_app.tui.widgets.lines import Lines
 
 LIVE, SHEET, COUNTDOWN = "live", "sheet", "countdown"
+DEPTHS = 20
+"""Number of latest depths over which their figures are averaged."""
 
 
 class Stage(ContentSwitcher):
     """Switcher between live previews, contact sheet and countdown; `current` is the one shown."""
 
     def __init__(self, rig: RigLink, record: RigRecord) -> None:
-        self._rig = rig
+        self._rig, self._record = rig, record
         self._asked: tuple[int, float] = (0, 0.0)
         self._newest: dict[str, Preview] = {}
+        self._depths: deque[tuple[float, float | None]] = deque(maxlen=DEPTHS)
+        """Times (s) of the latest depths, with the fraction of moving pixels that have depth."""
         self.grid = PreviewGrid(rig, record, id=LIVE)
         self.sheet = ContactSheet(id=SHEET)
         self._digits = Digits("")
@@ -43,9 +50,27 @@ class Stage(ContentSwitcher):
         """Show a camera's preview, and how far apart in time the previews of its instant are."""
         self.grid.show_preview(preview)
         found = collect(self._newest, preview)
-        if found is not None and len(found.previews) > 1 and self.current == LIVE:
+        if found is not None and len(found.previews) > 1 and self.current == LIVE and not self._depths:
             pictures = f"{len(found.previews)} pictures of one instant"
             self.border_title = f"Live · {pictures}, within {duration(found.spread_ns)}"
+
+    def show_depth(self, depth: DepthPreview | None) -> None:
+        """Show a camera's depth, its rate and delay, and how much of what moves has depth; None: none."""
+        self.grid.show_depth(depth)
+        if depth is None:
+            self._depths.clear()
+            self.border_title = "Live" if self.current == LIVE else self.border_title
+            return
+        self._depths.append((self._record.clock(), depth.moving_confirmed))
+        words = [f"Live · depth of {printable(depth.camera)}"]
+        if depth.problem:
+            words.append(printable(depth.problem))
+        elif len(self._depths) > 1:
+            rate = (len(self._depths) - 1) / max(self._depths[-1][0] - self._depths[0][0], 1e-3)
+            words.append(f"{rate:.1f} a second, {duration(depth.late_ns)} late")
+        if moving := [fraction for _, fraction in self._depths if fraction is not None]:
+            words.append(f"{100 * mean(moving):.0f} % of moving pixels have depth")
+        self.border_title = Content(" · ".join(words))
 
     def show_live(self) -> None:
         """Show the live previews."""

@@ -15,7 +15,13 @@ from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import Manifest
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.consistency import check_rig
-from reconstruction.calibration.stored import choose_calibration, find_calibration, keep_calibration, shelf
+from reconstruction.calibration.stored import (
+    camera_modes,
+    choose_calibration,
+    find_calibration,
+    keep_calibration,
+    shelf,
+)
 from reconstruction.common.geometry import View
 from reconstruction.pairs import Features, detect_features
 from reconstruction.session.dataset import Dataset
@@ -135,14 +141,14 @@ def test_other_modes_and_other_rigs_get_none(bare: Session, tmp_path: Path) -> N
     other = write_session(
         tmp_path, ROOM, {"a": RIG["a"], "x": RIG["b"]}, instants=1, calibrated=False, truth=False
     )
-    assert find_calibration(Dataset(other)) is None
+    assert find_calibration(camera_modes(Dataset(other))) is None
     larger = change_manifest(bare, tmp_path / "larger", "width", 640)
-    assert find_calibration(Dataset(larger)) is None
+    assert find_calibration(camera_modes(Dataset(larger))) is None
     # A camera less than the rig has is no matter.
     fewer = write_session(
         tmp_path / "fewer", ROOM, {n: RIG[n] for n in "bcd"}, instants=1, calibrated=False, truth=False
     )
-    assert find_calibration(Dataset(fewer)) is not None
+    assert find_calibration(camera_modes(Dataset(fewer))) is not None
 
 
 def change_manifest(session: Session, folder: Path, fact: str, value: object) -> Session:
@@ -160,7 +166,7 @@ def test_one_without_a_scale_does_not_replace_one_in_metres(bare: Session) -> No
     keep_calibration(dataset, calibration(RIG, "m"))
     with pytest.raises(BadInputError, match="from boards is in metres"):
         keep_calibration(dataset, calibration(RIG, "arbitrary"))
-    kept = find_calibration(dataset)
+    kept = find_calibration(camera_modes(dataset))
     assert kept is not None
     assert kept.calibration.unit == "m"
     assert len(list(shelf().glob("*.json"))) == 1
@@ -170,7 +176,7 @@ def test_what_cannot_be_read_is_left_alone(bare: Session) -> None:
     keep_calibration(Dataset(bare), calibration(RIG))
     (shelf() / "broken.json").write_text("{")
     (shelf() / "other.json").write_text('{"schema_version": 9}')
-    assert find_calibration(Dataset(bare)) is not None
+    assert find_calibration(camera_modes(Dataset(bare))) is not None
 
 
 @pytest.mark.slow

@@ -1,0 +1,61 @@
+"""`reconstruct live`: depth of a running rig's previews; `capture-app` starts it, so it is hidden."""
+
+import sys
+from collections.abc import Iterator
+from pathlib import Path
+from time import monotonic
+
+import click
+import msgspec
+
+from capture_app.common.errors import NotApplicableError, SimulshotError
+from capture_app.session.format.live_depth import LENGTH, DepthPreview, InstantImages, LiveRig, pack
+
+LOOK_S = 2.0
+"""Interval between two searches for the rig's calibration."""
+HINT = "docs/calibration.md shows how; with simulated cameras, take once"
+
+
+@click.command(hidden=True)
+@click.option("--width", type=click.IntRange(80, 1920), default=320, help="Width of the depth, px.")
+def live(width: int) -> None:
+    """Read previews of one instant after the other from stdin, and write the depth of each to stdout."""
+    import cv2
+
+    from capture_app.session.reading.decoding import decode_preview, encode_image
+    from reconstruction.calibration.stored import CameraMode, find_rig_views
+    from reconstruction.common.drawing import colour_depth
+    from reconstruction.depth.live_depth import LiveDepth
+
+    cv2.setNumThreads(1)
+    messages = _messages()
+    rig = msgspec.msgpack.decode(next(messages), type=LiveRig)
+    modes = {name: CameraMode.of(facts) for name, facts in rig.cameras.items()}
+    folder = Path(rig.sessions_folder) if rig.sessions_folder else None
+    engine, due_s = None, 0.0
+    for data in messages:
+        given = msgspec.msgpack.decode(data, type=InstantImages)
+        decoded = {name: decode_preview(jpeg) for name, jpeg in given.jpegs.items()}
+        images = {name: image for name, image in decoded.items() if image is not None}
+        answer = DepthPreview(given.instant_ns, given.camera)
+        if engine is None and monotonic() >= due_s:
+            due_s = monotonic() + LOOK_S
+            views = find_rig_views(modes, folder)
+            engine = LiveDepth(views, width) if views else None
+        try:
+            if engine is None:
+                raise NotApplicableError("the rig is not calibrated", hint=HINT)
+            found = engine.compute(images, given.camera)
+            jpeg = encode_image(colour_depth(found.depth, *found.depth_range))
+            answer = msgspec.structs.replace(answer, jpeg=jpeg, moving_confirmed=found.moving_confirmed)
+        except SimulshotError as error:
+            answer = msgspec.structs.replace(answer, problem=str(error))
+        sys.stdout.buffer.write(pack(answer))
+        sys.stdout.buffer.flush()
+
+
+def _messages() -> Iterator[bytes]:
+    """Yield the messages on stdin until it is closed."""
+    stream = sys.stdin.buffer
+    while len(prefix := stream.read(LENGTH.size)) == LENGTH.size:
+        yield stream.read(*LENGTH.unpack(prefix))

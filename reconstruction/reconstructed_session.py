@@ -13,15 +13,18 @@ from typing import Any, Generic, TypeVar
 
 import numpy as np
 
+from capture_app.common.errors import BadInputError
 from capture_app.console.usage import silence
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply
 from capture_app.session.files.untrusted_files import read_arrays
 from capture_app.session.reading.array_access import OpenSession
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
+from reconstruction.calibration.calibrated_rig import calibrated_views
 from reconstruction.calibration.calibration_run import CalibrateOptions, CalibrateResult, calibrate
 from reconstruction.common.geometry import Array
 from reconstruction.compare.comparison import CompareOptions, compare
+from reconstruction.depth.live_depth import LiveDepth
 from reconstruction.multiview.instant_model import FUSED, MultiviewOptions, multiview
 from reconstruction.multiview.result import MultiviewResult
 from reconstruction.panorama.panorama_run import PanoramaOptions, PanoramaResult, panorama
@@ -144,6 +147,17 @@ class ReconstructedSession(OpenSession):
         found = self.frame(camera, instant).record
         self._motion.require_several_images([camera])
         return self._motion.detected_moving(found.camera, found.instant)
+
+    def live_depth(self, width_px: int = 320) -> LiveDepth:
+        """Return what computes depth of this rig's previews, by this session's calibration.
+
+        Raises BadInputError if it has none.
+        """
+        dataset = Dataset.open(self.folder)
+        calibration = dataset.calibration()
+        if calibration is None:
+            raise BadInputError(f"{dataset.name} has no calibration", hint="calibrate() computes one")
+        return LiveDepth(calibrated_views(dataset, calibration), width_px)
 
     def time(self, reference: str | None = None, *, apply: bool = False) -> TimeResult:
         """Measure each camera's time offset by a lamp or motion; `apply` corrects the recording's times."""

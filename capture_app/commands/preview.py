@@ -1,8 +1,9 @@
 """`capture-app preview`: a small live image of a camera of a rig."""
 
 import asyncio
+from contextlib import aclosing
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import Any
 
 import click
 
@@ -11,9 +12,6 @@ from capture_app.common.address import Address
 from capture_app.common.errors import IncompleteError, NetworkError, SimulshotError
 from capture_app.console.terminal import FiniteRange, answer, json_option
 from capture_app.console.usage import examples
-
-if TYPE_CHECKING:
-    from capture_app.protocol.status import Preview
 
 
 @click.command(
@@ -28,6 +26,9 @@ if TYPE_CHECKING:
     help="JPEG file to write; an existing one is replaced.",
 )
 @click.option(
+    "--depth", is_flag=True, help="Save its depth, 320 px wide, if the rig is calibrated: near is bright."
+)
+@click.option(
     "--width", type=click.IntRange(16, 1920), metavar="PX", default=640, help="Maximum width of the picture."
 )
 @click.option(
@@ -39,40 +40,52 @@ if TYPE_CHECKING:
 )
 @leader_option
 @json_option
-def preview(camera: str, out: Path | None, width: int, wait_s: float, leader: Address, as_json: bool) -> None:
+def preview(
+    camera: str, out: Path | None, depth: bool, width: int, wait_s: float, leader: Address, as_json: bool
+) -> None:
     """Save a small live picture of CAMERA, and print the path of the file.
 
     A preview waits while a burst is taken or sent.
     """
-    seen = asyncio.run(_next_preview(leader, camera, width, wait_s))
+    facts, jpeg = asyncio.run(_next_preview(leader, camera, width, wait_s, depth=depth))
     path = out or Path(f"{camera}.jpg")
     try:
-        path.write_bytes(seen.jpeg)
+        path.write_bytes(jpeg)
     except OSError as error:
         raise SimulshotError(f"cannot write {path}: {error.strerror}", hint="choose another --out") from error
-    facts = {"camera": seen.camera, "leader_ns": seen.leader_ns, "width": seen.width, "height": seen.height}
     answer(as_json, facts | {"file": str(path)}, [str(path)])
 
 
-async def _next_preview(leader: Address, camera: str, width: int, wait_s: float) -> "Preview":
+async def _next_preview(
+    leader: Address, camera: str, width: int, wait_s: float, *, depth: bool
+) -> tuple[dict[str, Any], bytes]:
+    """Return the facts and the JPEG of a camera's next preview, or of its depth."""
     from capture_app.protocol.status import Preview
+    from capture_app.rig.live_depth import live_depth
     from capture_app.rig.rig_link import LinkLost, RigLink, ask_status
 
-    known = [node.name for node in (await ask_status(leader)).nodes]
+    status = await ask_status(leader)
+    known = [node.name for node in status.nodes]
     if camera not in known:
         there = f"cameras: {', '.join(known)}" if known else "no camera has joined it"
         raise IncompleteError(f"{leader} has no camera named {camera}", hint=there)
-    link = RigLink(leader)
-    await link.want_previews(cameras=(camera,), width=width, fps=5)
+    link, problem = RigLink(leader), f"{camera} sent no picture within {wait_s:g} s"
     try:
         async with asyncio.timeout(wait_s):
+            if depth:
+                async with aclosing(live_depth(link, status, lambda: camera)) as depths:
+                    async for found in depths:
+                        if found.jpeg:
+                            facts = {"camera": camera, "leader_ns": found.instant_ns}
+                            return facts | {"moving_confirmed": found.moving_confirmed}, found.jpeg
+                        problem = found.problem
+            await link.want_previews(cameras=(camera,), width=width, fps=5)
             async for update in link.updates():
                 if isinstance(update, Preview):
-                    return update
+                    facts = {"camera": camera, "leader_ns": update.leader_ns}
+                    return facts | {"width": update.width, "height": update.height}, update.jpeg
                 if isinstance(update, LinkLost):
                     raise NetworkError(update.reason, hint="look for the leader: capture-app rig list")
     except TimeoutError:
         pass
-    raise IncompleteError(
-        f"{camera} sent no picture within {wait_s:g} s", hint="see its state: capture-app status"
-    )
+    raise IncompleteError(problem, hint="see its state: capture-app status")

@@ -25,9 +25,7 @@ from capture_app.console.usage import examples
     show_default="CAMERA.jpg",
     help="JPEG file to write; an existing one is replaced.",
 )
-@click.option(
-    "--depth", is_flag=True, help="Save its depth, 320 px wide, if the rig is calibrated: near is bright."
-)
+@click.option("--depth", is_flag=True, help="Save its depth instead, if the rig is calibrated.")
 @click.option(
     "--width", type=click.IntRange(16, 1920), metavar="PX", default=640, help="Maximum width of the picture."
 )
@@ -69,16 +67,16 @@ async def _next_preview(
     if camera not in known:
         there = f"cameras: {', '.join(known)}" if known else "no camera has joined it"
         raise IncompleteError(f"{leader} has no camera named {camera}", hint=there)
-    link, problem = RigLink(leader), f"{camera} sent no picture within {wait_s:g} s"
+    link = RigLink(leader)
     try:
         async with asyncio.timeout(wait_s):
             if depth:
                 async with aclosing(live_depth(link, status, lambda: camera)) as depths:
                     async for found in depths:
-                        if found.jpeg:
-                            facts = {"camera": camera, "leader_ns": found.instant_ns}
-                            return facts | {"moving_confirmed": found.moving_confirmed}, found.jpeg
-                        problem = found.problem
+                        if found.problem:
+                            raise IncompleteError(found.problem)
+                        facts = {"camera": camera, "leader_ns": found.instant_ns}
+                        return facts | {"moving_confirmed": found.moving_confirmed}, found.jpeg
             await link.want_previews(cameras=(camera,), width=width, fps=5)
             async for update in link.updates():
                 if isinstance(update, Preview):
@@ -88,4 +86,6 @@ async def _next_preview(
                     raise NetworkError(update.reason, hint="look for the leader: capture-app rig list")
     except TimeoutError:
         pass
-    raise IncompleteError(problem, hint="see its state: capture-app status")
+    raise IncompleteError(
+        f"{camera} sent no picture within {wait_s:g} s", hint="see its state: capture-app status"
+    )

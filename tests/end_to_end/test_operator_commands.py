@@ -48,6 +48,8 @@ async def test_a_camera_is_started_looked_at_and_removed(start: Start, tmp_path:
     assert cv2.imread(str(picture)).shape == (24, 32, 3)
     there = await refusal(ExitCode.INCOMPLETE, "preview", "door")
     assert "no camera named door (cameras: cam00, desk)" in there
+    deep = await refusal(ExitCode.INCOMPLETE, "preview", "desk", "--depth", "--wait-s", "200")
+    assert "the rig is not calibrated" in deep
 
     counting = await start("coverage", *at, "--for-s", "3", "--json")
     covered = json.loads((await counting.finish()).splitlines()[-1])

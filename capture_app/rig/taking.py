@@ -259,13 +259,13 @@ class Taking:
     async def end(self) -> None:
         """Stop, and end the recordings that have begun; they are followed until they are saved."""
         self.stop()
-        for status in self._active.values():
+        for status in tuple(self._active.values()):
             await self._link.order(EndBurst(burst=status.burst))
 
     async def cancel(self) -> None:
         """Stop, and cancel the takes that have begun; images received so far are saved."""
         self.stop()
-        for status in self._active.values():
+        for status in tuple(self._active.values()):
             await self._link.order(CancelBurst(burst=status.burst))
 
     def _start(self, work: Coroutine[Any, Any, None]) -> asyncio.Task[None]:

@@ -313,9 +313,15 @@ class ActiveBursts:
         await session.finish_now(CANCELLED, silent=False)
 
     async def end(self, number: int | None = None) -> None:
-        """End a recording or a long burst now; None: the newest one. Raises BadInputError."""
-        streamed = (of for of in self._bursts.values() if of.burst.streamed and not of.finished.is_set())
-        found = [of for of in streamed if number in (None, of.burst.number)]
+        """End a recording or a long burst now; None: the newest one. Raises BadInputError.
+
+        A burst that is over already stays as it is: its operator learns of that only afterwards.
+        """
+        under_way = [of for of in self._bursts.values() if not of.finished.is_set()]
+        is_known = number is not None and 0 < number <= self._last_number
+        if is_known and all(number != of.burst.number for of in under_way):
+            return
+        found = [of for of in under_way if of.burst.streamed and number in (None, of.burst.number)]
         if not found:
             what = "no recording is" if number is None else f"burst {number} is not a recording"
             raise BadInputError(f"{what} under way", hint="capture-app status shows the current one")

@@ -35,7 +35,7 @@ UNSYNCHRONIZED_SENTENCE = (
 LONE_INSTANT_SENTENCE = (
     "images of one instant show no motion by which to align them: import --synchronized vouches for them"
 )
-MAX_MISSING = 0.5
+MAX_MISSING = 1 / 3
 """Fraction of missing images above which a take is poor, whatever its synchronization."""
 _LIMITS_PX: tuple[tuple[float, Grade], ...] = ((0.1, "excellent"), (1.0, "good"), (10.0, "fair"))
 GRADE_LIMITS = "spread and error together: " + ", ".join(

@@ -25,7 +25,7 @@ const link = new Link({
     document.body.className = "off";
     seen("state").textContent = isRefused ? "Not let in" : "Disconnected";
     seen("advice").textContent = words;
-    seen("shutter").disabled = true;
+    showCourse();
   },
 });
 
@@ -56,7 +56,7 @@ const SHOW = {
     seen("take-name").textContent = seen("last-name").textContent = take.name;
     seen("grade").textContent = take.grade === "unknown" ? "" : take.grade;
     seen("grade").className = take.grade;
-    seen("verdict").textContent = take.words;
+    seen("verdict").textContent = take.words.replace(`${take.grade}: `, "");
     seen("kinds").hidden = !take.has_pictures;
     seen("last").disabled = false;
     if (isNew) { kind = "sheet"; openPicture(); }
@@ -98,7 +98,7 @@ function fitTiles() {
   }
   main.style.gridTemplateColumns = `repeat(${best}, minmax(0, 1fr))`;
 }
-addEventListener("resize", fitTiles);
+new ResizeObserver(fitTiles).observe(seen("cameras"));
 
 function lookAt(name) {
   for (const other of [closeUp, name]) if (tiles.has(other)) tiles.get(other).box.classList.toggle("close", other === name);
@@ -134,8 +134,9 @@ function showState() {
   const ready = cameras.filter(camera => GOOD.includes(camera.state)).length;
   document.body.classList.toggle("off", Boolean(rigLost));
   document.body.classList.toggle("good", !rigLost && cameras.length > 0 && ready === cameras.length);
-  seen("state").textContent = rigLost ? "No leader" : cameras.length === ready && ready ? `${ready} ${ready === 1 ? "camera" : "cameras"} ready` : `${ready} of ${cameras.length} cameras ready`;
-  seen("advice").textContent = rigLost || seen("advice").dataset.rig || "";
+  const state = cameras.length === ready ? `${ready} ${ready === 1 ? "camera" : "cameras"} ready` : `${ready} of ${cameras.length} cameras ready`;
+  seen("state").textContent = rigLost ? "No leader" : cameras.length ? state : "No cameras yet";
+  seen("advice").textContent = rigLost || (seen("advice").dataset.rig || "").replace(`${state}, `, "");
   showCourse();
 }
 
@@ -143,6 +144,7 @@ function showState() {
 
 const isWaiting = () => ["ordered", "countdown", "waiting"].includes(course.state);
 const isRecording = () => Boolean(burst && burst.is_recording);
+const capital = words => words[0].toUpperCase() + words.slice(1);
 const minutes = seconds => `${Math.floor(seconds / 60)}:${String(seconds % 60).padStart(2, "0")}`;
 
 function showCourse() {
@@ -163,13 +165,14 @@ function showCourse() {
 function courseWords() {
   if (refused) return ["bad", refused];
   if (course.state === "failed") return ["bad", course.words];
-  if (course.state === "countdown") return ["wait", "Tap to cancel"];
-  if (course.state === "waiting") return ["wait", (course.words || "Waiting …") + (course.can_hurry ? "; press to take at once" : "")];
-  if (course.state === "ordered") return ["wait", course.words || "Ordered …"];
+  if (document.body.classList.contains("off")) return ["", ""];
+  if (course.state === "countdown") return ["wait", "Press to cancel"];
+  if (course.state === "waiting") return ["wait", capital(course.words || "waiting …") + (course.can_hurry ? "; press to take at once" : "")];
+  if (course.state === "ordered") return ["wait", capital(course.words || "ordered …")];
   if (isRecording()) return ["red", `Recording · ${burst.received} frames`];
   if (burst && !burst.is_done) return ["wait", burst.received ? `Saving ${burst.received} of ${burst.expected} images` : "Taking …"];
   if (take) return ["", `${take.name}${take.grade === "unknown" ? "" : `: ${take.grade}`}`];
-  return ["", "Ready to take"];
+  return ["", tiles.size ? "Ready to take" : ""];
 }
 
 function plan() {

@@ -1,11 +1,16 @@
-"""Print the error bars of a session's cameras: python docs/examples/error_bars.py [SESSION]."""
+"""Draw the error bars of a session's cameras: python docs/examples/error_bars.py PNG [SESSION]."""
 
 import sys
 
+from matplotlib import pyplot
+
 from capture_app import open_session
 
-session = open_session(sys.argv[1] if len(sys.argv) > 1 else "sample_sessions/jumper")
-tables = [session.times(name) / 1000 for name in ("residual_ns", "uncertainty_ns", "hard_bound_ns")]
+session = open_session(sys.argv[2] if len(sys.argv) > 2 else "sample_sessions/jumper")
 for row, name in enumerate(session.cameras):
-    residual, error, bound = (abs(table[row]).max() for table in tables)
-    print(f"{name}: within {residual:.0f} us ± {error:.0f} us (95 %), hard bound {bound:.0f} us")
+    late, error = (session.times(field)[row] / 1000 for field in ("residual_ns", "uncertainty_ns"))
+    instants = [instant + row / 9 for instant in range(late.size)]
+    pyplot.errorbar(instants, late, error, fmt="o", capsize=3, label=name)
+pyplot.gca().set(xlabel="instant", ylabel="residual in µs, with its 95 % uncertainty")
+pyplot.legend()
+pyplot.savefig(sys.argv[1])

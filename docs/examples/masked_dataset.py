@@ -15,7 +15,6 @@ for name, camera in session.cameras.items():
     for frame in camera.frames:
         mask = np.where(session.moving(name, frame.instant), 255, 0).astype(np.uint8)
         for kind, image in (("image", frame.bgr()), ("mask", mask)):
-            cv2.imwrite(
-                str(folder / name / f"{frame.instant}-{kind}.png"), camera.calibration.undistort(image)
-            )
+            path = folder / name / f"{frame.instant}-{kind}.png"
+            cv2.imwrite(str(path), camera.calibration.undistort(image))
 print(f"{folder}: {len(session.cameras)} cameras, {len(session.instants)} instants")

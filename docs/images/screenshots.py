@@ -37,7 +37,7 @@ async def take_pictures(out: Path, folder: Path) -> None:
             await pilot.press("i")
             await asyncio.sleep(1)
             save(app, out / "tui-start.svg")
-            await pilot.press("s")
+            await pilot.press("escape", "s")
             await pilot.resize_terminal(*WIDE)
             async with asyncio.timeout(TIMEOUT_S):
                 while True:

@@ -53,6 +53,9 @@ MIN_SOURCES = 2
 LIKE, LIKE_ON_AVERAGE = 0.3, 0.08
 """Minimum correlation of a wide window that counts as evidence, and its minimum mean over a plane's patch."""
 MIN_PATCH_PX = 12
+MIN_ADVANTAGE, MIN_SCATTER = 0.1, 0.06
+"""Minimum mean advantage in correlation of a plane over a surface in front of it, and the scatter of relative
+depth above which that surface is noise. A smooth one that matches as well is an object, perhaps moving."""
 AS_FOUND = 0
 EVIDENT_COST = 0.45
 """Matching cost that counts as evidence with the windows of the full-size image."""
@@ -241,8 +244,31 @@ def choose_planes(
     number = CPU.aggregate(volume, part.shade, CHANGE, CHANGE).argmin(1)
     number[~there] = AS_FOUND
     likeness = 1 - np.take_along_axis(volume, number[:, None], 1)[:, 0] / WORST_COST
+    advantage = likeness - (1 - volume[:, AS_FOUND] / WORST_COST)
+    chosen = np.take_along_axis(np.stack(levels), number[None], 0)[0]
+    nearer = np.log(np.maximum(found, low) / np.clip(chosen, low, high))
+    number[own_surfaces(number, advantage, nearer)] = AS_FOUND
     evident = there & ((likeness > LIKE) | evident_patches(number, likeness))
     return np.stack(gradients), number, evident
+
+
+def own_surfaces(number: Array, advantage: Array, nearer: Array) -> Array:
+    """Return patches of one plane (bool) whose own surface is in front of it, smooth, and matches as well.
+
+    `advantage`: by how much the plane correlates better. `nearer`: the logarithm of the plane's depth
+    relative to the surface's.
+    """
+    found = np.zeros(number.shape, bool)
+    for one in np.unique(number[number != AS_FOUND]):
+        mine = number == one
+        _, patches = cv2.connectedComponents(mine.astype(np.uint8), connectivity=4)
+        count = np.maximum(np.bincount(patches[mine]), 1)
+        better, mean, square = (
+            np.bincount(patches[mine], part[mine]) / count for part in (advantage, nearer, nearer**2)
+        )
+        in_front = (mean > 3 * TOLERANCE) & (square - mean**2 < MIN_SCATTER**2)
+        found |= mine & ((better < MIN_ADVANTAGE) & in_front)[np.where(mine, patches, 0)]
+    return found
 
 
 def _cost_and_sight(level: Array, source_views: Sequence[SourceView]) -> tuple[Array, Array]:

@@ -14,6 +14,7 @@ from reconstruction.depth.blank_walls import (
     evident_patches,
     extract_blank_part,
     find_scene_planes,
+    own_surfaces,
 )
 from reconstruction.depth.calibrated_image import CalibratedImage
 from reconstruction.depth.rough_scene import find_rough_scene
@@ -81,6 +82,23 @@ def test_a_patch_is_evident_by_its_mean_if_it_is_large_enough() -> None:
     number[12:18, 2:20], likeness[12:18, 2:20] = 2, np.where(np.arange(18) % 2, 0.0, 0.2)
     expected = (number == 2) | ((number == 1) & (likeness == 0.1))
     assert np.array_equal(evident_patches(number, likeness), expected)
+
+
+def test_no_plane_is_laid_behind_a_smooth_surface_that_matches_as_well() -> None:
+    """Nothing says that the object moves: its cloth is as blank as the wall behind it."""
+    number, advantage, nearer = np.zeros((20, 60), int), np.zeros((20, 60)), np.zeros((20, 60))
+    cloth, likely, noise, behind = (np.s_[4:16, at : at + 10] for at in (2, 16, 30, 44))
+    for patch, better, front in (
+        (cloth, 0.05, 0.2),
+        (likely, 0.2, 0.2),
+        (noise, 0.05, 0.2),
+        (behind, 0.05, -0.2),
+    ):
+        number[patch], advantage[patch], nearer[patch] = 1, better, front
+    nearer[noise] += np.random.default_rng(0).normal(0, 0.15, (12, 10))
+    expected = np.zeros(number.shape, bool)
+    expected[cloth] = True
+    assert np.array_equal(own_surfaces(number, advantage, nearer), expected)
 
 
 def test_a_plane_is_where_a_camera_sees_it() -> None:

@@ -123,7 +123,7 @@ test-slow: $(VENV)/.installed-dev
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m slow
 
 test-docs: $(VENV)/.installed-dev
-	$(BIN)/pytest -m "slow or not slow" -n auto tests/documentation
+	$(BIN)/pytest -m "slow or long or not slow" -n auto tests/documentation
 
 test-long: $(VENV)/.installed-dev
 	$(BIN)/pytest -n $(WORKERS) --dist worksteal -m long

@@ -18,7 +18,13 @@ from tests.documentation import stand_in
 from tests.documentation.pages import PAGES, ROOT, blocks
 from tests.waiting import until
 
-pytestmark = pytest.mark.slow
+SLOWEST = "docs-calibration"
+"""It calibrates eight times, which takes minutes of a processor."""
+CASES = [
+    pytest.param(page, id=name, marks=pytest.mark.long if name == SLOWEST else pytest.mark.slow)
+    for page, name in ((page, f"{page.parent.name}-{page.stem}") for page in PAGES)
+    if not all(block.not_run for block in blocks(page))
+]
 
 
 @pytest.fixture(scope="module")
@@ -65,7 +71,7 @@ def world(tmp_path_factory: pytest.TempPathFactory) -> Iterator[tuple[Path, dict
 
 
 @pytest.mark.timeout(1200)  # calibrations by pictures: minutes of processor time, beside three other tests
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: f"{page.parent.name}-{page.stem}")
+@pytest.mark.parametrize("page", CASES)
 def test_a_pages_blocks_run(page: Path, world: tuple[Path, dict[str, str]]) -> None:
     folder, environment = world
     # What another page has done to its sessions is not this one's.

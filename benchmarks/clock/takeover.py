@@ -21,6 +21,7 @@ from benchmarks.simulated.clock_tree import OnceASecond, Tree, TreeSpec
 from benchmarks.simulated.ranked_leaders import Machine, add_leaders
 from capture_app.common.camera_facts import SIMULATED, CameraFacts, PhaseControl, TimestampSource
 from capture_app.sync.rig.burst_orders import BurstOrder
+from capture_app.sync.rig.client import CLOCK_TOLERANCE_NS
 from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.failover import LeaderChoice
 from capture_app.sync.rig.leader_engine import LeaderConfig
@@ -37,7 +38,6 @@ MEMBERS = 1000
 SETTLE_S, COUNT_S, AFTER_S = 25.0, 5.0, 9.0
 BIN_S = 0.5
 FLAT_FROM_S = 5.0
-TOLERANCE_NS = 100_000
 CAMERA = CameraFacts(
     kind=SIMULATED,
     model="none",
@@ -60,7 +60,7 @@ class Member:
         tree: Tree,
         schedule: SteadySchedule | None = None,
     ) -> None:
-        keeper = Timekeeper(rng.getrandbits(32), schedule, target=AccuracyTarget(TOLERANCE_NS))
+        keeper = Timekeeper(rng.getrandbits(32), schedule, target=AccuracyTarget(CLOCK_TOLERANCE_NS))
         self.time = TimeClient(name, rng.getrandbits(32), keeper, CAMERA)
         self.choice = LeaderChoice(leaders, self.time)
         self.next_timer = self.time.next_timer

@@ -218,14 +218,16 @@ class Timekeeper:
         if self.clock.samples < schedule.min_samples or (self._stepped and self.clock.is_settling):
             return
         self._stepped = False
-        if abs(own.offset_ns) > FURTHEST_NS or (in_holdover and self._is_worse(asked.root_map(own))):
-            return
         time_map = asked.root_map(own)
-        if abs(time_map.offset_ns) > FURTHEST_NS:
+        if max(abs(own.offset_ns), abs(time_map.offset_ns)) > FURTHEST_NS:
             return
-        self.time_map, self.path, self.time_is_known = time_map, asked.path, True
-        if event := self.rate.judge(time_map, self.clock.rate_changed_ns):
-            self.events.append(event)
+        if in_holdover and self._is_worse(time_map):
+            assert self.time_map is not None, "in holdover there is a map"
+            time_map = self.time_map
+        else:
+            self.time_map, self.path, self.time_is_known = time_map, asked.path, True
+            if event := self.rate.judge(time_map, self.clock.rate_changed_ns):
+                self.events.append(event)
         if self.target.judge(time_map, now_ns) and not self.synced:
             self.synced = True
             self.events.append(ClockSynced(time_map))

@@ -163,8 +163,10 @@ def test_the_next_standby_leads_without_a_time_step_when_the_leader_is_lost(seed
     # These cameras cannot be moved: a leader follows what they drift.
     assert second.leader.grid is not None
     assert abs(continued.grid.phase_error(second.leader.grid.anchor_leader_ns)) < 300_000
-    rig.check_burst("b")
-    rig.until(rig.all_ready, limit_s=10.0)
+    cameras = [camera.client for camera in rig.cameras.values()]
+    ready_s = rig.until(lambda: any(client.state == "ready" for client in cameras))
+    assert ready_s <= 0.1, "ten answers: the time that it knows goes on, and is accurate enough"
+    assert rig.until(rig.all_ready) < 1.0
     rig.check_burst("b")
 
 

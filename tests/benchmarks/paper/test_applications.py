@@ -80,7 +80,7 @@ def test_the_page_shows_them_or_says_that_they_were_not_run(compared: Path, tmp_
     assert (markdown.parent / "images" / "paper-figure-9-offset.jpg").exists()
 
 
-@pytest.mark.slow
+@pytest.mark.long
 def test_the_quick_form_makes_all_of_them_small(tmp_path: Path) -> None:
     compared = compare_samples(tmp_path / "compared", quick=True)
     out = tmp_path / "out"

@@ -3,6 +3,7 @@
 import json
 import os
 import shutil
+import signal
 import subprocess
 import sys
 from collections.abc import Callable
@@ -216,6 +217,19 @@ def test_the_page_is_there_while_a_study_runs_and_says_that_it_failed(
     page = (out / "report.html").read_text()
     assert "<b>Failed</b>: something new: unexpected KeyError in buggy.py:15" in page
     assert "Still being measured" not in page
+
+
+@pytest.mark.slow
+def test_an_interrupt_ends_all_studies_and_leaves_nothing(boards: Session, tmp_path: Path) -> None:
+    out = tmp_path / "out"
+    command = [sys.executable, "-m", "reconstruction.cli", "compare", str(boards.folder), "--out", str(out)]
+    with subprocess.Popen(command, cwd=ROOT, stdout=subprocess.PIPE, stderr=subprocess.STDOUT) as running:
+        assert running.stdout is not None
+        # Then other studies run.
+        assert any(b"first pictures" in line for line in running.stdout)
+        running.send_signal(signal.SIGTERM)
+        assert running.wait(60) == 130
+    assert list(tmp_path.iterdir()) == []
 
 
 @pytest.mark.slow

@@ -65,6 +65,10 @@ LOADED_NS = 2_000_000
 """Mean delay of time replies, from the kernel's timestamp of the request, above which the leader is
 overloaded."""
 MIN_FRACTION = 0.025
+"""Minimum fraction of its request rate that an overloaded leader accepts: 500 requests a second.
+
+200 nodes over a cable are then ready after 7.9 s (simulated).
+"""
 RELIEF, RISE, ADAPT_EVERY_NS = 0.7, 1.05, 250_000_000
 """Factors of the accepted request rate when overloaded and when not, and the interval of this adaptation."""
 

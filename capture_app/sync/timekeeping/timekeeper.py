@@ -24,6 +24,10 @@ from capture_app.sync.wire.codec import request_at, request_before_t0
 from capture_app.sync.wire.datagrams import Report, RigConfigMessage, TimeReply
 
 OUTSTANDING = 512
+"""Maximum number of unanswered requests that are remembered: those of 1.5 s at the first interval.
+
+A silent leader counts as lost after as long.
+"""
 STEP_REPORT_INTERVAL_NS = 10_000_000_000
 FURTHEST_NS = 2**62
 """Maximum offset between a clock and the root's; a relay could not send its clients a larger one."""

@@ -242,12 +242,14 @@ def _wiggle(sheet: TakeSheet) -> bytes:
 
 
 def _depth(sheet: TakeSheet) -> bytes:
-    results = (results_folder(sheet.session.folder) / run / "multiview.json" for run in DEPTH_RUNS)
-    found = next((result for result in results if result.is_file()), None)
+    session = sheet.session.folder
+    results = results_folder(session)
+    files = (results / run / "multiview.json" for run in DEPTH_RUNS)
+    found = next((file for file in files if file.is_file()), None)
     if found is None:
         raise IncompleteError(
             "No depth of this take has been computed",
-            hint=f"on the leader's machine: reconstruct multiview {sheet.session.folder}",
+            hint=f"on the leader's machine: reconstruct multiview {session} --out {results / DEPTH_RUNS[-1]}",
         )
     return depth_picture(found)
 

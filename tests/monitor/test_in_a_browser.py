@@ -102,6 +102,10 @@ async def test_ten_cameras_are_live_and_the_button_takes(
         await browser.shows("document.getElementById('picture').naturalWidth > 1000")
         name = await browser.ask("document.getElementById('take-name').textContent")
         assert served.leader.status().sessions[-1].endswith(name)
+        for kind in ("depth", "sheet", "depth"):
+            await browser.tap(f"[data-kind={kind}]")
+            said = "startsWith('No depth')" if kind == "depth" else "trim() === ''"
+            await browser.shows(f"document.getElementById('absent').textContent.{said}")
     finally:
         browser.kill()
 

@@ -5,6 +5,8 @@ const STATES = {joining: "joining", syncing: "clock …", aligning: "aligning �
 const GOOD = ["ready", "coarse"];
 const MIN_TILE_PX = 104, GAP_PX = 6;
 const tiles = new Map();
+// Why a picture of a take is absent. The server says it once, also to monitors that did not ask for it.
+const reasons = new Map();
 let aspect = 0.75;
 const settings = {mode: "burst", frames: "8", countdown: "0", motion: "", ...JSON.parse(memory.get("settings") || "{}")};
 let closeUp = "", kind = "sheet", take = null, course = {state: "idle"}, burst = null, rigLost = "", shownTake = null, refused = "";
@@ -63,6 +65,7 @@ const SHOW = {
     showCourse();
   },
   absent({picture, words}) {
+    reasons.set(picture, words);
     if (take && picture === takeKey()) { seen("picture").hidden = true; seen("absent").textContent = words; }
   },
 };
@@ -223,7 +226,7 @@ function openPicture() {
     button.setAttribute("aria-checked", String(button.dataset.kind === kind));
   }
   if (!take) return;
-  if (shownTake !== takeKey()) { seen("picture").hidden = true; seen("absent").textContent = take.has_pictures ? "One moment …" : ""; }
+  if (shownTake !== takeKey()) { seen("picture").hidden = true; seen("absent").textContent = take.has_pictures ? reasons.get(takeKey()) || "One moment …" : ""; }
   link.say("open", {picture: take.has_pictures ? takeKey() : ""});
 }
 

@@ -17,6 +17,7 @@ from capture_app.protocol.orders import StopRig
 from capture_app.rig.process import start_rig
 from capture_app.rig.rig_link import RigLink, ask_status
 from capture_app.tui.app import SimulshotApp
+from capture_app.tui.rig.camera_screen import CameraScreen
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.shoot.shoot_view import ShootView
 
@@ -34,10 +35,8 @@ async def take_pictures(out: Path, folder: Path) -> None:
         app = SimulshotApp(link, settings=Settings(), sessions=folder / "sessions")
         async with app.run_test(size=SMALL) as pilot:
             await asyncio.sleep(2)
-            await pilot.press("i")
-            await asyncio.sleep(1)
             save(app, out / "tui-start.svg")
-            await pilot.press("escape", "s")
+            await pilot.press("s")
             await pilot.resize_terminal(*WIDE)
             async with asyncio.timeout(TIMEOUT_S):
                 while True:
@@ -50,7 +49,9 @@ async def take_pictures(out: Path, folder: Path) -> None:
             await pilot.press("enter")
             await asyncio.sleep(6)
             save(app, out / "tui-camera.svg")
-            await pilot.press("escape", "2")
+            await pilot.press("escape")
+            await until(lambda: not isinstance(app.screen, CameraScreen))
+            await pilot.press("2")
             view = app.screen.query_one(ShootView)
             await until(lambda: all(tile.picture.cells is not None for tile in view.stage.grid.tiles))
             save(app, out / "tui-shoot.svg")

@@ -22,7 +22,7 @@ CAMERA = "sim:perfect,scene=bars"
 CAMERA_NAMES = {"cam01": "perfect", "cam02": "perfect-2"}
 TIMEOUT_S = 300
 SHORTER: dict[tuple[str, ...], tuple[str, ...]] = {
-    ("compare",): ("--max-instants=1", "--max-multiview-instants=0", "--no-poses"),
+    ("compare",): ("--max-instants=1", "--study=stereo"),
     ("tolerance",): ("--max-instants=2", "--max-offset-ms=34"),
     ("coverage",): ("--for-s=3",),
     ("burst",): ("--wait-s=120",),

@@ -199,9 +199,11 @@ def rectify(
     if mirror:
         low, high = np.array([-high[0], low[1]]), np.array([-low[0], high[1]])
     low, high = low * scale, high * scale
-    left = np.floor(low[0] - max(disparities[1] * scale, 0.0)) - 1
+    # The canvas's pixels are the reference's own where nothing is turned: a rectified pair is not resampled.
+    phase = (reference.matrix[:2, 2] * scale * (1.0 if mirror else -1.0, -1.0)) % 1
+    left = np.floor(low[0] - max(disparities[1] * scale, 0.0) - phase[0]) + phase[0] - 1
     right = np.ceil(high[0] - min(disparities[0] * scale, 0.0)) + 1
-    top, bottom = np.floor(low[1]) - 1, np.ceil(high[1]) + 1
+    top, bottom = np.floor(low[1] - phase[1]) + phase[1] - 1, np.ceil(high[1]) + 1
     return Rectification(
         reference,
         other,
@@ -211,8 +213,8 @@ def rectify(
         baseline=length,
         left=float(left),
         top=float(top),
-        width=int(right - left) + 1,
-        height=int(bottom - top) + 1,
+        width=int(np.ceil(right - left)) + 1,
+        height=int(np.ceil(bottom - top)) + 1,
         mirror=mirror,
     )
 

@@ -42,6 +42,19 @@ def test_a_point_lies_in_one_row_and_its_disparity_gives_its_depth(reference: Vi
     assert np.allclose(disparity, canvas.focal * canvas.baseline / depth)
 
 
+@pytest.mark.parametrize("x", [0.2, -0.2])
+def test_a_rectified_pair_is_not_resampled(x: float) -> None:
+    matrix = np.array([[300.0, 0, 159.5], [0, 300.0, 119.5], [0, 0, 1]])
+    reference, other = (
+        View(320, 240, matrix, np.zeros(5), np.eye(3), np.array([-at, 0.0, 0.0])) for at in (0.0, x)
+    )
+    image = np.random.default_rng(1).integers(0, 255, (240, 320)).astype(np.uint8)
+    canvas, seen = rectify(reference, other, (0.0, 80.0)).remap(image)
+    ys, xs = np.nonzero(seen)
+    shown = canvas[ys.min() : ys.max() + 1, xs.min() : xs.max() + 1]
+    assert (shown[:, :: 1 if x > 0 else -1] == image[1:-1, 1:-1]).all()
+
+
 def test_pictures_stay_upright() -> None:
     for reference, other in (PAIRS["side by side"], PAIRS["swapped"]):
         turn, _, _, _ = rectifying_rotations(reference, other)

@@ -27,13 +27,15 @@ class RectifiedPair:
 
 LAYOUTS = (
     ("im0.png", "im1.png", ("disp0GT.pfm", "disp0.pfm"), 1.0),
+    ("im0.png", "im1.png", ("disp0.png",), 256.0),
     ("im2.png", "im6.png", ("disp2.png",), 4.0),
     ("view1.png", "view5.png", ("disp1.png",), 3.0),
     ("*_left.png", "*_right.png", ("*_disp.npz",), 1.0),
 )
 """Left, right, truth, and the number of steps of the truth per px.
 
-Middlebury 2014 and 2021, 2003 at quarter size, 2005 and 2006 at a third, and Motorcycle from scikit-image.
+Middlebury 2014 and 2021, KITTI, Middlebury 2003 at quarter size, 2005 and 2006 at a third, and Motorcycle
+from scikit-image.
 """
 
 

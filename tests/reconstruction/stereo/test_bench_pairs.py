@@ -47,7 +47,16 @@ def test_it_ends_with_a_line_of_json(
     (pair,) = json.loads(capsys.readouterr().out.splitlines()[-1])["pairs"].values()
     assert pair["ours"] < 1
     assert pair["sgbm_padded"] < 20
+    assert pair["hh_padded"] < 20
     assert pair["cpu_ratio"] > 0
+
+
+def test_a_street_of_kitti_is_read_by_its_own_steps(tmp_path: Path) -> None:
+    truth = middlebury_folder(tmp_path)
+    (tmp_path / "disp0.pfm").unlink()
+    known = np.isfinite(truth)
+    cv2.imwrite(str(tmp_path / "disp0.png"), (np.where(known, truth, 0) * 256).astype(np.uint16))
+    assert (read_pair(tmp_path).truth == np.where(known, SHIFT, 0)).all()
 
 
 @pytest.mark.parametrize("broken", [b"", b"Pf\n9 9\n-1\n", b"Pf\nno size\n-1\n\0\0\0\0"])

@@ -112,7 +112,7 @@ APPLICATIONS = (
         "panorama",
         "panorama_overlap",
         {
-            "mover_misfit_px": ("what moves, misfit", "px"),
+            "mover_misfit_px": ("what moves, alignment error", "px"),
             "static_misfit_px": ("what stands still (control)", "px"),
         },
     ),

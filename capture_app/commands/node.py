@@ -49,7 +49,7 @@ if TYPE_CHECKING:
     "--tolerance-us",
     type=FiniteRange(1.0, 100_000.0),
     metavar="US",
-    show_default="phase 100, clock 300; both 2000 for a camera that can only restart its stream",
+    show_default="100, a clock's later 300; 2000 for a camera that can only restart its stream",
     help="Phase errors up to this are left alone. Also the clock accuracy required to be ready.",
 )
 @spool_option

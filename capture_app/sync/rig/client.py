@@ -53,7 +53,7 @@ PHASE_TOLERANCE_NS, RESET_TOLERANCE_NS = 100_000, 2_000_000
 """Phase tolerances if none is requested: the second for cameras that can only restart their stream, as a
 restart is uncertain by that much."""
 CLOCK_TOLERANCE_NS = 300_000
-"""Clock uncertainty of a ready node if no tolerance is requested.
+"""Clock uncertainty of a ready node some seconds after its start if no tolerance is requested.
 
 Recorded WiFi has minimum round trips up to 2.1 ms, which leave 210 us uncertain (likely_line.ASYMMETRY). A
 tenth to a third more comes from the delays (docs/accuracy-measurements.md).
@@ -84,10 +84,10 @@ class ClientConfig:
         only_restarts = self.camera.phase_control is PhaseControl.RESET
         return self.tolerance_ns or (RESET_TOLERANCE_NS if only_restarts else PHASE_TOLERANCE_NS)
 
-    @property
-    def clock_tolerance_ns(self) -> int:
-        """Clock uncertainty, 95 %, within which a node is ready."""
-        return self.tolerance_ns or max(self.phase_tolerance_ns, CLOCK_TOLERANCE_NS)
+    def accuracy_target(self) -> AccuracyTarget:
+        """Return the target for the clock: the phase's tolerance at first, and later what WiFi reaches."""
+        first_ns = self.phase_tolerance_ns
+        return AccuracyTarget(first_ns, self.tolerance_ns or max(first_ns, CLOCK_TOLERANCE_NS))
 
 
 class PhaseLoop:
@@ -226,7 +226,7 @@ class Client(Generic[F]):
                 rng.getrandbits(32),
                 schedule,
                 samples=samples,
-                target=AccuracyTarget(config.clock_tolerance_ns),
+                target=config.accuracy_target(),
             ),
             config.camera,
             report=self._report_to_leader,

@@ -1,7 +1,7 @@
 """When a clock is known well enough, and when asking on in quick succession is over."""
 
 from capture_app.sync.clock.time_map import TimeMap
-from capture_app.sync.timekeeping.poll_schedule import AHEAD_NS, LEAVE_AT, AccuracyTarget
+from capture_app.sync.timekeeping.poll_schedule import AHEAD_NS, FIRST_TRY_NS, LEAVE_AT, AccuracyTarget
 
 MS, S = 1_000_000, 1_000_000_000
 TOLERANCE_NS = 100_000
@@ -62,6 +62,16 @@ def test_an_error_at_the_limit_does_not_flicker_and_a_large_one_is_reported() ->
     assert not target.met
     target.judge(known_to(WANTED_NS), 4 * S)
     assert target.met
+
+
+def test_a_clock_that_misses_the_first_target_meets_a_second_one_later() -> None:
+    target = AccuracyTarget(TOLERANCE_NS, 3 * TOLERANCE_NS)
+    assert not target.judge(known_to(2 * WANTED_NS), 0)
+    assert not target.judge(known_to(1.5 * WANTED_NS), FIRST_TRY_NS - 1)
+    assert target.judge(known_to(1.5 * WANTED_NS), FIRST_TRY_NS)
+    assert target.met
+    target.restart()
+    assert target.judge(known_to(2 * WANTED_NS), 2 * FIRST_TRY_NS), "the start is over"
 
 
 def test_without_a_tolerance_any_clock_will_do() -> None:

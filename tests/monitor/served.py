@@ -48,8 +48,9 @@ async def monitored(folder: Path, cameras: int) -> AsyncGenerator[ServedMonitor,
 class StandInMonitor:
     """What a page says and hears, without a browser; it acknowledges pictures only when told to."""
 
-    def __init__(self, served: ServedMonitor, key: str = "0" * 32) -> None:
-        self._served, self._key = served, key
+    def __init__(self, page: ListeningPage, key: str = "0" * 32) -> None:
+        self._page, self._key = page, key
+        self._base = f"https://{page.address}/"
         context = ssl.create_default_context()
         context.check_hostname, context.verify_mode = False, ssl.CERT_NONE
         self.session = aiohttp.ClientSession(connector=aiohttp.TCPConnector(ssl=context))
@@ -59,16 +60,16 @@ class StandInMonitor:
         self.link: aiohttp.ClientWebSocketResponse
 
     async def join(self, secret: str | None = None, **headers: str) -> tuple[int, dict[str, str]]:
-        secret = self._served.page.admission.secret if secret is None else secret
+        secret = self._page.admission.secret if secret is None else secret
         asked = {"secret": secret, "key": self._key, "name": ""}
-        async with self.session.post(f"{self._served.base}join", json=asked, headers=headers) as answer:
+        async with self.session.post(f"{self._base}join", json=asked, headers=headers) as answer:
             is_json = answer.content_type == "application/json"
             return answer.status, await answer.json() if is_json else {"words": await answer.text()}
 
     async def open(self) -> None:
         status, body = await self.join()
         assert status == 200, body
-        self.link = await self.session.ws_connect(f"{self._served.base}link/{body['ticket']}")
+        self.link = await self.session.ws_connect(f"{self._base}link/{body['ticket']}")
 
     async def say(self, **order: Any) -> None:
         await self.link.send_str(json.dumps(order))

@@ -19,7 +19,7 @@ async def served(tmp_path: Path) -> AsyncIterator[ServedMonitor]:
 
 
 async def test_a_stranger_without_the_code_is_refused(served: ServedMonitor) -> None:
-    async with StandInMonitor(served) as stranger:
+    async with StandInMonitor(served.page) as stranger:
         status, body = await stranger.join(secret="")
         assert status == 403
         assert body["words"] == "This monitor is not known here yet: scan the code that the leader shows."
@@ -30,7 +30,7 @@ async def test_a_stranger_without_the_code_is_refused(served: ServedMonitor) -> 
 
 
 async def test_a_foreign_origin_or_host_is_refused(served: ServedMonitor) -> None:
-    async with StandInMonitor(served) as monitor:
+    async with StandInMonitor(served.page) as monitor:
         status, _ = await monitor.join(Origin="https://evil.example")
         assert status == 403
         status, _ = await monitor.join(Host="rebound.example")
@@ -40,7 +40,7 @@ async def test_a_foreign_origin_or_host_is_refused(served: ServedMonitor) -> Non
 
 
 async def test_a_camera_that_is_not_acknowledged_sends_no_further_picture(served: ServedMonitor) -> None:
-    async with StandInMonitor(served) as slow, StandInMonitor(served, "1" * 32) as quick:
+    async with StandInMonitor(served.page) as slow, StandInMonitor(served.page, "1" * 32) as quick:
         await slow.open()
         await quick.open()
         while len(slow.pictures) < 2:
@@ -61,7 +61,7 @@ async def test_a_camera_that_is_not_acknowledged_sends_no_further_picture(served
 
 
 async def test_an_order_that_cannot_be_is_answered_and_nonsense_ends_the_link(served: ServedMonitor) -> None:
-    async with StandInMonitor(served) as monitor:
+    async with StandInMonitor(served.page) as monitor:
         await monitor.open()
         await monitor.say(type="take", plan={"frames": 0})
         while await monitor.hear() != "refused":
@@ -84,7 +84,7 @@ async def test_an_order_that_cannot_be_is_answered_and_nonsense_ends_the_link(se
 async def test_a_take_is_seen_by_all_monitors_and_its_pictures_come_on_request(
     served: ServedMonitor,
 ) -> None:
-    async with StandInMonitor(served) as director, StandInMonitor(served, "1" * 32) as other:
+    async with StandInMonitor(served.page) as director, StandInMonitor(served.page, "1" * 32) as other:
         await director.open()
         await other.open()
         async with time_limit("a take", SLOW_PATIENCE_S):

@@ -2,9 +2,9 @@
 
 import os
 import time
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
-from contextlib import suppress
+from contextlib import closing, suppress
 from dataclasses import dataclass, field, replace
 from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
@@ -151,14 +151,14 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
             )
             return msgspec.structs.replace(found, verdict=verdict(found), words=report_words(found))
 
-        def show(known: Known, running: Sequence[str]) -> None:
-            """Write the page as far as it goes, from the first measurement on."""
-            if any(one.measures for one in known.studies.values()):
-                write_report(filled(known), output.folder, running)
-                if output.show_early(REPORT):
-                    talk(f"first pictures, more follow: {out / REPORT}")
-
-        known = _run_studies(context, asked, show)
+        known = Known()
+        with closing(_run_studies(context, asked)) as steps:
+            for known, running in steps:
+                # The page appears with the first measurement.
+                if any(one.measures for one in known.studies.values()):
+                    write_report(filled(known), output.folder, running)
+                    if output.show_early(REPORT):
+                        talk(f"first pictures, more follow: {out / REPORT}")
         unasked = {name: study.found for name, study in studies.items() if name not in asked}
         known = replace(known, studies={**known.studies, **unasked})
         further_found = _further_conditions(context, list(asked.values()), options.conditions, against)
@@ -183,11 +183,11 @@ def _chosen(studies: Mapping[str, Study], names: Sequence[str]) -> dict[str, Stu
 
 
 def _run_studies(
-    context: Context, studies: Mapping[str, Study], show: Callable[[Known, Sequence[str]], None]
-) -> Known:
+    context: Context, studies: Mapping[str, Study]
+) -> Generator[tuple[Known, tuple[str, ...]], None, None]:
     """Run each study as soon as those that it needs are done; skip an impossible one with its reason.
 
-    `show` is called after each study, with all results and the subjects of the studies that are left.
+    Yields after each study all results and the subjects of the studies that are left.
 
     Raises:
         NotAvailableError: the calibration needs a package that is not installed, and nothing could be made.
@@ -225,10 +225,9 @@ def _run_studies(
                     known = replace(known, **found)
                 else:
                     known = replace(known, studies={**known.studies, name: found})
-            show(known, tuple(left.values()))
+            yield known, tuple(left.values())
     if isinstance(no_views, NotAvailableError) and not any(one.measures for one in known.studies.values()):
         raise no_views
-    return known
 
 
 def _order(studies: Mapping[str, Study]) -> TopologicalSorter[str]:

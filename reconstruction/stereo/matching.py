@@ -20,7 +20,12 @@ CHECK_WINDOW = 9
 MAX_LEFT_RIGHT_PX = 1.0
 """Difference between the disparities of both directions up to which a match is accepted."""
 MAX_GREY_DIFFERENCE = 10.0
-"""Mean brightness difference beyond the noise up to which a match is accepted, grey levels of 255."""
+"""Mean brightness difference beyond noise and half a pixel up to which a match is accepted, grey levels."""
+FLOW_WINDOW = 9
+"""Side of the window over which the optical flow left by a match is averaged, px.
+
+At 15 px, a late ball 9 to 25 px wide that has moved 3.5 px keeps a depth on 21 % of its pixels, at 9 on none.
+"""
 SURFACE_PX = 1.0
 """Scatter of neighbours on one surface, standard deviation in px of disparity."""
 SEARCH_PX = 5.0
@@ -82,21 +87,44 @@ def warp_by_disparity(image: Array, disparity: Array) -> Array:
     return np.asarray(cv2.remap(source, shifted, ys, cv2.INTER_LINEAR, borderValue=(float("nan"),)))
 
 
-def same_appearance(a: Array, b: Array, min_correlation: float = 0.0) -> Array:
-    """Return where two images (float32, grey levels) look the same, by correlation and brightness (bool).
+def same_brightness(a: Array, b: Array) -> Array:
+    """Return where two images (float32, grey levels) differ by no more than noise and half a pixel (bool).
 
-    The correlation is normalized over a window, and required only where there is texture.
+    At an edge, half a pixel of the row changes the brightness by half its slope (Birchfield and Tomasi 1998).
     """
+    beside = np.ones((1, 3), np.uint8)
+    half_pixel = (cv2.dilate(a, beside) - cv2.erode(a, beside)) / 4
+    beyond = cv2.blur(np.abs(a - b) - half_pixel, (5, 5))
+    return np.asarray(beyond < MAX_GREY_DIFFERENCE + 3 * noise_level(a))
+
+
+def residual_displacement(reference: Array, warped: Array) -> Array:
+    """Return the displacement left between the reference and the warped image (both uint8), px.
+
+    It is the mean optical flow around each pixel, weighted by the squared slope of the brightness in the
+    flow's direction. Where no slope is above the noise, nothing shows a displacement, and it is near 0.
+    """
+    flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_FAST).calc(reference, warped, None)
+    window = (FLOW_WINDOW, FLOW_WINDOW)
+    # Half the noise, as a slope: what flat surfaces show by chance.
+    unseen = 0.25 * noise_level(reference) ** 2 + 1e-6
+    means = []
+    for direction in (0, 1):
+        slope = cv2.Sobel(reference, cv2.CV_32F, 1 - direction, direction, ksize=5, scale=1 / 128)
+        weight = slope * slope
+        flow_there = np.ascontiguousarray(flow[..., direction])
+        means.append(cv2.blur(weight * flow_there, window) / (cv2.blur(weight, window) + unseen))
+    return np.asarray(np.hypot(*means))
+
+
+def window_correlation(a: Array, b: Array) -> Array:
+    """Return the normalized correlation of two images (float32) over a window around each pixel."""
     size = (CHECK_WINDOW, CHECK_WINDOW)
     mean_a, mean_b = cv2.blur(a, size), cv2.blur(b, size)
     var_a = np.maximum(cv2.blur(a * a, size) - mean_a**2, 0)
     var_b = np.maximum(cv2.blur(b * b, size) - mean_b**2, 0)
     both = cv2.blur(a * b, size) - mean_a * mean_b
-    correlation = both / np.sqrt(np.maximum(var_a * var_b, 1e-3))
-    noise = noise_level(a)
-    flat = np.minimum(var_a, var_b) < (3 * noise) ** 2
-    near = cv2.blur(np.abs(a - b), (3, 3)) < MAX_GREY_DIFFERENCE + 3 * noise
-    return np.asarray(near & (flat | (correlation > min_correlation)))
+    return np.asarray(both / np.sqrt(np.maximum(var_a * var_b, 1e-3)))
 
 
 def fill_small_holes(checked: Array, raw: Array) -> Array:

@@ -30,6 +30,7 @@ from capture_app.rig.taking import (
     Taking,
     Waiting,
 )
+from capture_app.session.format.live_depth import DepthPreview
 from capture_app.session.library.trash import trash_session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.jobs.result_screen import open_report
@@ -215,6 +216,8 @@ class ShootView(ModeView):
 
     @work(group="live-depth", exclusive=True)
     async def _show_depth(self, status: RigStatus) -> None:
+        # The process takes seconds to start.
+        self.stage.show_depth(DepthPreview(0, self.stage.grid.chosen(), problem="starting"))
         try:
             with showing_errors(self):
                 async with aclosing(

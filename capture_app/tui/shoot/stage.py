@@ -33,6 +33,7 @@ class Stage(ContentSwitcher):
         self._newest: dict[str, Preview] = {}
         self._depths: deque[tuple[float, float | None]] = deque(maxlen=DEPTHS)
         """Times (s) of the latest depths, with the fraction of moving pixels that have depth."""
+        self._shows_depth = False
         self.grid = PreviewGrid(rig, record, id=LIVE)
         self.sheet = ContactSheet(id=SHEET)
         self._digits = Digits("")
@@ -50,22 +51,24 @@ class Stage(ContentSwitcher):
         """Show a camera's preview, and how far apart in time the previews of its instant are."""
         self.grid.show_preview(preview)
         found = collect(self._newest, preview)
-        if found is not None and len(found.previews) > 1 and self.current == LIVE and not self._depths:
+        if found is not None and len(found.previews) > 1 and self.current == LIVE and not self._shows_depth:
             pictures = f"{len(found.previews)} pictures of one instant"
             self.border_title = f"Live · {pictures}, within {duration(found.spread_ns)}"
 
     def show_depth(self, depth: DepthPreview | None) -> None:
         """Show a camera's depth, its rate and delay, and how much of what moves has depth; None: none."""
         self.grid.show_depth(depth)
+        self._shows_depth = depth is not None
         if depth is None:
             self._depths.clear()
             self.border_title = "Live" if self.current == LIVE else self.border_title
             return
-        self._depths.append((self._record.clock(), depth.moving_confirmed))
         words = [f"Live · depth of {printable(depth.camera)}"]
         if depth.problem:
             words.append(printable(depth.problem))
-        elif len(self._depths) > 1:
+        else:
+            self._depths.append((self._record.clock(), depth.moving_confirmed))
+        if not depth.problem and len(self._depths) > 1:
             rate = (len(self._depths) - 1) / max(self._depths[-1][0] - self._depths[0][0], 1e-3)
             words.append(f"{rate:.1f} a second, {duration(depth.late_ns)} late")
         if moving := [fraction for _, fraction in self._depths if fraction is not None]:

@@ -243,8 +243,9 @@ class PlanPanel(Lines, can_focus=True):
     def change(self, settings: TakeSettings) -> None:
         """Use these settings from now on, and store them."""
         if settings != self.settings:
-            self.settings = settings
-            self._chosen = min(self._chosen, len(self._rows()) - 1)
+            chosen, self.settings = self._rows()[self._chosen], settings
+            rows = self._rows()
+            self._chosen = rows.index(chosen) if chosen in rows else min(self._chosen, len(rows) - 1)
             self._show()
             settings.remember(self._store)
 

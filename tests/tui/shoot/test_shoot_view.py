@@ -81,6 +81,10 @@ async def test_the_plan_is_changed_with_arrows(tmp_path: Path) -> None:
         assert lines[0].startswith("before    2  -67 ms")
         assert lines[3] == "mode      ‹ interval ›"
         assert lines[4] == "every     5 s"
+        await pilot.press("right", "right", "right")
+        assert "mode      ‹ recording ›" in studio.view.plan_panel.plain, "it has fewer settings above it"
+        await pilot.press("right")
+        assert studio.view.plan_panel.plain[3] == "mode      ‹ single ›"
 
 
 async def test_a_countdown_is_seen_from_afar_and_can_be_stopped(tmp_path: Path) -> None:

@@ -166,6 +166,10 @@ class ShootView(ModeView):
             self.action_stop()
         elif newest is not None and newest.recording and not newest.done:
             self._order(EndBurst(burst=newest.burst))
+            for take in self.takes:
+                if take.status.burst == newest.burst and take.ended_s is None:
+                    take.ended_s = self._record.clock()
+            self._show_course()
         else:
             self._shoot(self.plan_panel.settings.plan())
 
@@ -391,7 +395,7 @@ class ShootView(ModeView):
         if self._course:
             return Content.styled(printable(self._course), "bold $primary")
         if newest is not None and not newest.status.done and not newest.problem:
-            far = progress_words(newest.status, now_s - newest.begun_s)
+            far = progress_words(newest, now_s)
             return Content.styled(f"◔ {printable(newest.name)}: {far}", "bold $primary")
         if self._failure:
             return Content.styled(f"! no take: {printable(self._failure)}", "bold $warning")

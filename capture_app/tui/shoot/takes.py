@@ -36,6 +36,8 @@ class Take:
     """Whether it was taken while the screen was open."""
     begun_s: float = 0.0
     """Time at which the screen first received its status."""
+    ended_s: float | None = None
+    """Time at which the end of this recording was ordered here."""
     retake_of: str = ""
     """Name of the take that this one repeats."""
 
@@ -54,11 +56,15 @@ def open_take(status: BurstStatus) -> TakeSheet | None:
     return None if session is None else TakeSheet(session)
 
 
-def progress_words(status: BurstStatus, seconds: float) -> str:
-    """Return the progress of a burst ordered `seconds` ago, in words."""
+def progress_words(take: Take, now_s: float) -> str:
+    """Return the progress of a take that is not done, in words."""
+    status, seconds = take.status, (take.ended_s or now_s) - take.begun_s
     if status.recording and not status.done:
+        length = f"{int(seconds) // 60}:{int(seconds) % 60:02}"
+        if take.ended_s is not None:
+            return f"recorded {length}; {status.received} of {status.expected} frames"
         lacking = f", {status.expected - status.received} in transit" if status.expected else ""
-        return f"recording: {status.received} frames{lacking}; Space stops"
+        return f"recording {length}: {status.received} frames{lacking}; Space stops"
     after = f", {seconds:.0f} s" if seconds >= SAID_AFTER_S else ""
     if status.received:
         return f"{status.received} of {status.expected} images"
@@ -148,7 +154,7 @@ def _in_full(take: Take, now_s: float) -> Iterator[Content]:
     elif take.problem:
         yield Content.styled(f"✖ {printable(take.problem)}", "$error")
     elif not status.done:
-        yield Content.styled(f"◔ {progress_words(status, now_s - take.begun_s)}", "$primary")
+        yield Content.styled(f"◔ {progress_words(take, now_s)}", "$primary")
     elif status.session is not None:
         yield Content.styled("✔ saved on the leader's machine:", "$success")
         yield Content(printable(status.session))
@@ -170,7 +176,7 @@ def _in_short(take: Take, now_s: float) -> Content:
         return Content.assemble((name, "$foreground-muted strike"), ("in the trash", "$foreground-muted"))
     if take.sheet is None:
         status = take.status
-        state = progress_words(status, now_s - take.begun_s)
+        state = progress_words(take, now_s)
         if status.done:
             state = "saved" if status.session else "no session"
         return Content.assemble(name, (state, "$foreground-muted"))

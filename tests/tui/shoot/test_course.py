@@ -288,9 +288,12 @@ async def test_space_records_and_ends_the_recording(tmp_path: Path) -> None:
         )
         rig.tell()
         await studio.settle(pilot)
+        assert "recording 0:0" in line_of(studio)
         assert "80 frames, 2 in transit; Space stops" in line_of(studio)
         await pilot.press("space")
         await studio.settle(pilot)
+        assert line_of(studio).endswith("; 80 of 82 frames")
+        assert "Space stops" not in line_of(studio)
         assert ("order", EndBurst(burst=4)) in rig.asked
         assert sum(asked[0] == "burst" for asked in rig.asked) == 1
 

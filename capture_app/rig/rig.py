@@ -140,16 +140,26 @@ class AsyncRig:
         return instant_previews(RigLink(self.address), cameras=wanted, width=width, fps=fps)
 
     async def preview(self, width: int = 640, wait_s: float = 10.0) -> InstantPreviews:
-        """Return small images of all cameras at one instant, now.
+        """Return small images of all cameras at one instant, now; of fewer if some give none within `wait_s`.
 
-        Raises NetworkError, and IncompleteError if no synchronized camera gives one within `wait_s`.
+        Raises NetworkError, and IncompleteError if no synchronized camera gives one.
         """
+        status = await self.status()
+        ready = {node.name for node in status.nodes if node.state is NodeState.READY}
+        found: InstantPreviews | None = None
         try:
             async with asyncio.timeout(wait_s), contextlib.aclosing(self.previews(width)) as previews:
-                return await anext(previews)
+                async for instant in previews:
+                    if found is None or len(instant.previews) > len(found.previews):
+                        found = instant
+                    if ready <= instant.previews.keys():
+                        break
         except TimeoutError as error:
-            what = f"no synchronized camera gave a preview within {wait_s:g} s"
-            raise IncompleteError(what, hint="see their states: capture-app status") from error
+            if found is None:
+                what = f"no synchronized camera gave a preview within {wait_s:g} s"
+                raise IncompleteError(what, hint="see their states: capture-app status") from error
+        assert found is not None, "previews end with an error"
+        return found
 
     async def _stop(self) -> None:
         """End the rig that was started here, and wait until its process has ended."""

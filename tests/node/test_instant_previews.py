@@ -1,7 +1,7 @@
 """Previews of one instant: chosen by the nodes, put together by the leader, received whole by operators."""
 
 import asyncio
-from collections.abc import AsyncIterator, Sequence
+from collections.abc import AsyncGenerator, AsyncIterator, Sequence
 from contextlib import AsyncExitStack, aclosing, asynccontextmanager
 from itertools import pairwise
 from pathlib import Path
@@ -16,11 +16,12 @@ from capture_app.node.camera.viewfinder import MAX_PERIODS, periods_between
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.viewfinders import STORED, newest_instant
-from capture_app.protocol.status import Preview
+from capture_app.protocol.status import Preview, RigStatus
 from capture_app.rig.instant_previews import InstantPreviews, collect, instant_previews
 from capture_app.rig.rig_link import RigLink
 from tests.node.joining import joined
 from tests.node.test_viewfinder import Node
+from tests.tui.fake_rig import FakeRig
 from tests.waiting import time_limit
 
 pytestmark = pytest.mark.usefixtures("open_rig")
@@ -128,6 +129,31 @@ async def test_previews_are_of_one_instant(tmp_path: Path) -> None:
             assert once.instant_ns > found[-1].instant_ns
         running = False
         await exposing
+
+
+class _Lagging(AsyncRig):
+    """A rig of two ready cameras, of which `b` has a preview of every third instant only."""
+
+    async def status(self) -> RigStatus:
+        return FakeRig(2).status()
+
+    async def previews(self, *_: object, **__: object) -> AsyncGenerator[InstantPreviews, None]:
+        number = 0
+        while True:
+            number += 1
+            names = ("cam00", "cam01")[: 1 + (number % 3 == 0)]
+            images = {
+                name: Preview(camera=name, leader_ns=number, instant_ns=number, width=4, height=3)
+                for name in names
+            }
+            yield InstantPreviews(number, images)
+            await asyncio.sleep(0.01)
+
+
+async def test_one_preview_is_of_all_ready_cameras_or_of_most() -> None:
+    rig = _Lagging("127.0.0.1:9")
+    assert {*(await rig.preview()).previews} == {"cam00", "cam01"}
+    assert {*(await rig.preview(wait_s=0.015)).previews} == {"cam00"}
 
 
 async def test_a_rig_that_shows_no_instant_says_so(tmp_path: Path) -> None:

@@ -196,7 +196,7 @@ class RigView(ModeView):
             if self._local and not self._starting:
                 words = f"press l to restart it. {words}"
         else:
-            sign = rig_sign(status)
+            self._starting, sign = "", rig_sign(status)
             words = " ".join(filter(None, (status.message, status.advice))) or sign.word
             if sign.glyph == MISSING:
                 words += "; del removes a lost camera"
@@ -248,7 +248,7 @@ class RigView(ModeView):
         """Restart the local leader at its address, with its simulated cameras; running cameras reconnect."""
         leader, status = self._source.leader, self._record.status
         alone = status is not None and parse_address(status.leader).host in LOOPBACK_HOSTS
-        self._starting = f"starting a leader at {leader} …"
+        self._starting, connecting = f"starting a leader at {leader} …", ""
         self._draw()
         with showing_errors(self):
             host = LOOPBACK_HOSTS[1] if alone else ANY_HOST[1]
@@ -257,7 +257,9 @@ class RigView(ModeView):
             simulated = sum(node.on_leader and node.camera.kind == SIMULATED for node in nodes)
             if simulated:
                 await self._source.order(AddSimulated(cameras=simulated, scene=self._start.scene))
-        self._starting = ""
+            connecting = f"the leader at {leader} runs again, connecting …"
+        self._starting = connecting
+        self._draw()
 
     def action_log(self) -> None:
         """Move the focus to the log for scrolling, or back."""

@@ -229,6 +229,9 @@ async def test_a_leader_of_this_machine_that_is_gone_is_started_again_by_a_key(
         assert started == [{"sessions": tmp_path, "host": "0.0.0.0", "port": 47010}]
         assert "starting a leader at 127.0.0.1:47010" in text(app, "#advice")
         answers.set()
+        await settle(pilot)
+        assert "runs again, connecting" in text(app, "#advice")
+        assert "press l" not in text(app, "#advice")
         rig.tell()
         await settle(pilot)
         assert "Restart leader" not in text(app, "#footer")

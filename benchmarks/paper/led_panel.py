@@ -8,7 +8,6 @@ import random
 from collections.abc import Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from benchmarks.paper.five_phones import PAPERS_TOLERANCE_NS
 from benchmarks.paper.panel_trial import DEFAULT, EXPOSURE_NS, PAPERS, Trial, run_trial
@@ -19,9 +18,6 @@ from benchmarks.paper.values import FIGURE_5, TABLE_2
 from capture_app.console.terminal import talk
 from capture_app.simulation.rendering.panel_photograph import Image
 from capture_app.sync.rig.client import PHASE_TOLERANCE_NS
-
-if TYPE_CHECKING:
-    pass
 
 
 def draw_panel(pictures: tuple[Image, Image], path: Path) -> Path:

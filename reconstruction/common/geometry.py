@@ -53,6 +53,11 @@ class View:
         )
 
     @property
+    def undistorted(self) -> Self:
+        """The same view without lens distortion, as undistorted images have it."""
+        return replace(self, distortion=np.zeros(5))
+
+    @property
     def centre(self) -> Array:
         """The camera's position in the rig, (3,)."""
         return np.asarray(-self.rotation.T @ self.translation)

@@ -106,10 +106,9 @@ class LiveDepth:
             grey = cv2.resize(grey, (view.width, view.height), interpolation=cv2.INTER_AREA)
         if name in self._maps:
             grey = cv2.remap(grey, *self._maps[name], cv2.INTER_LINEAR)
-        plain = replace(view, distortion=np.zeros(5))
         if name not in self._noise:
             self._noise[name] = matching_noise(grey)
-        return CalibratedImage(plain, grey.astype(np.float32), SWEEP.window, self._noise[name])
+        return CalibratedImage(view.undistorted, grey.astype(np.float32), SWEEP.window, self._noise[name])
 
     def _look(self, images: Mapping[str, CalibratedImage]) -> RoughScene:
         """Return where the scene is; search it again in the background, as what moves may come nearer."""

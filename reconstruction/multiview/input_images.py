@@ -61,7 +61,6 @@ def undistort_image(camera: str, instant: int, image: Array, view: View) -> Inpu
     Raises:
         BadInputError: the image is empty.
     """
-    plain = replace(view, distortion=np.zeros(5))
     colours = image
     if view.distortion.any():
         colours = cv2.undistort(image, view.matrix, view.distortion, None, view.matrix)
@@ -71,7 +70,7 @@ def undistort_image(camera: str, instant: int, image: Array, view: View) -> Inpu
             "its image has the same brightness everywhere",
             hint="uncover the lens or add light, or choose another instant",
         )
-    photo = CalibratedImage(plain, grey.astype(np.float32), 5, matching_noise(grey))
+    photo = CalibratedImage(view.undistorted, grey.astype(np.float32), 5, matching_noise(grey))
     return InputImage(camera, instant, colours, photo, view)
 
 

@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -73,7 +72,7 @@ def known_surfaces(
     known = {camera: one for camera, one in loaded.items() if one is not None}
     if len(known) < len(loaded):
         return None
-    plain = {camera: replace(view, distortion=np.zeros(5)) for camera, view in views.items()}
+    plain = {camera: view.undistorted for camera, view in views.items()}
     depth, moving_masks = ({camera: one[which] for camera, one in known.items()} for which in (0, 1))
     return true_surfaces(plain, depth, moving_masks)
 

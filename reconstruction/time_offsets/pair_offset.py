@@ -166,9 +166,10 @@ class PairOffsets:
             asked = choose_moving_instants(self.rig.motion, cameras, asked, limit)
         pair = views[first], views[second]
         at_rest = self._still_matches(first, second, 0 if all_moves else STILL_INSTANTS)
-        recorded_px = median_px(still_errors(pair, *at_rest)[0])
-        if recorded_px > TYPICAL_AT_REST_PX:
-            pair = correct_views(pair, *at_rest) or pair
+        still = still_errors(pair, *at_rest)
+        recorded_px = median_px(still[0])
+        if recorded_px > TYPICAL_AT_REST_PX and (corrected := correct_views(pair, *at_rest)) is not None:
+            pair, still = corrected, still_errors(corrected, *at_rest)
         apart_ms = {
             (now, other): at_ms - times.at_ms(first, now) for now in asked for other, at_ms in others.items()
         }
@@ -180,7 +181,7 @@ class PairOffsets:
         ]
         period_ms = self.dataset.period_ns / 1e6
         crossings = Crossings.join(found).later(-near_ms)
-        fit = fit_offset(crossings, still_errors(pair, *at_rest), period_ms, recorded_px)
+        fit = fit_offset(crossings, still, period_ms, recorded_px)
         if fit.offset_ms is None:
             return fit
         found_ms, fit = fit.offset_ms, fit.later(near_ms)

@@ -170,6 +170,5 @@ def _check_times(burst: ExportedBurst) -> None:
             same = image.leader_ns == last.leader_ns
             if image.leader_ns < last.leader_ns or (same and not (image.substitute or last.substitute)):
                 raise BadInputError(
-                    f"{where}: the times of {camera} go backwards at instant {image.instant}",
-                    hint=RESTORE_IMAGE,
+                    f"{where}: the times of {camera} go backwards at instant {image.instant}", hint=RESTORE
                 )

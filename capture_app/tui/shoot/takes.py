@@ -58,7 +58,8 @@ def open_take(status: BurstStatus) -> TakeSheet | None:
 
 def progress_words(take: Take, now_s: float) -> str:
     """Return the progress of a take that is not done, in words."""
-    status, seconds = take.status, (take.ended_s or now_s) - take.begun_s
+    until_s = now_s if take.ended_s is None else take.ended_s
+    status, seconds = take.status, until_s - take.begun_s
     if status.recording and not status.done:
         length = f"{int(seconds) // 60}:{int(seconds) % 60:02}"
         if take.ended_s is not None:

@@ -303,7 +303,12 @@ class Uploader:
     @property
     def is_busy(self) -> bool:
         """Whether images are being encoded or sent, as opposed to waiting for the leader or work."""
-        return self._stream is not None or any(burst.frames for burst in self._waiting)
+        return self._stream is not None or any(burst.frames for burst in self._bursts)
+
+    @property
+    def _bursts(self) -> tuple[BurstUpload, ...]:
+        """All bursts that this node keeps, those that a leader refused among them."""
+        return *self._waiting, *self._refused
 
     def load_spool(self) -> None:
         """Add the bursts that an earlier run of this node left in the spool. Raises SimulshotError."""
@@ -380,7 +385,7 @@ class Uploader:
     async def _encode_all(self) -> None:
         while True:
             self._to_encode.clear()
-            burst = next((burst for burst in self._waiting if burst.frames), None)
+            burst = next((burst for burst in self._bursts if burst.frames), None)
             if burst is None:
                 await self._keep_ends()
                 await self._to_encode.wait()
@@ -432,7 +437,7 @@ class Uploader:
 
     async def _keep_ends(self) -> None:
         """Store the final reports of ended bursts in the spool."""
-        for burst in tuple(self._waiting):
+        for burst in self._bursts:
             has_ended = burst.ended and not burst.is_over
             if has_ended and not burst.end_is_stored and burst.spooled is not None:
                 burst.end_is_stored = True
@@ -444,7 +449,7 @@ class Uploader:
         while True:
             await self._to_sync.wait()
             self._to_sync.clear()
-            for burst in tuple(self._waiting):
+            for burst in self._bursts:
                 images, spooled = dict(burst.unsynced), burst.spooled
                 if not images or spooled is None:
                     continue
@@ -510,6 +515,10 @@ class Uploader:
                 await asyncio.to_thread(burst.spooled.remove)
             self._space_is_due = self.spool is not None
         else:
+            # A burst that is not this leader's to delete is kept whole: its last frames, too.
+            while burst.frames and burst.spooling and self.spool is not None and not forget:
+                self._changed.clear()
+                await self._changed.wait()
             burst.frames.clear()
             where = ""
             if burst.spooled is not None and forget:
@@ -523,7 +532,7 @@ class Uploader:
 
     def _uploads_of(self, leader: int, burst: int) -> list[BurstUpload]:
         of = leader, burst
-        return [u for u in (*self._waiting, *self._refused) if (u.report.leader, u.report.burst) == of]
+        return [u for u in self._bursts if (u.report.leader, u.report.burst) == of]
 
     async def _watch_space(self) -> None:
         while self.spool is not None:

@@ -1,6 +1,7 @@
 """What a node sends of a burst when its leader wants only some of it, or nothing any more."""
 
 import asyncio
+import threading
 from pathlib import Path
 
 from capture_app.net.channel import Channel
@@ -15,7 +16,7 @@ from capture_app.protocol.messages import (
 )
 from capture_app.session.format.manifest import MissingImage
 from tests.node.camera.uploading import Picture, burst_upload, further, images, uploading
-from tests.waiting import until
+from tests.waiting import TIMEOUT_S, until
 
 
 def pictures(count: int) -> list[Picture]:
@@ -118,8 +119,24 @@ async def test_a_burst_that_was_cancelled_while_the_node_was_away_is_deleted(tmp
         await until(lambda: not list((tmp_path / "a").iterdir()))
 
 
+class SlowPicture(Picture):
+    """A picture that is encoded only when a test says so."""
+
+    def __init__(self, data: bytes) -> None:
+        super().__init__(data)
+        self.may_end = threading.Event()
+
+    def encode(self) -> bytes:
+        self.may_end.wait(TIMEOUT_S)
+        return super().encode()
+
+
 async def test_only_the_leader_that_ordered_a_burst_can_have_it_deleted(tmp_path: Path) -> None:
+    slow = SlowPicture(b"picture 1")
+    refused = asyncio.Event()
+
     def refuse(_: CameraReport) -> Refusal:
+        refused.set()
         return Refusal(what="burst 1 was cancelled", forget=True)
 
     async def serve(channel: Channel[ToLeader]) -> None:
@@ -130,6 +147,9 @@ async def test_only_the_leader_that_ordered_a_burst_can_have_it_deleted(tmp_path
     async with uploading(serve, said, Spool(tmp_path, "a")) as uploader:
         assert uploader.leader is not None
         uploader.set_leader(uploader.leader, 2)
-        uploader.add_burst(burst_upload(*pictures(1)))
+        uploader.add_burst(burst_upload(*pictures(1), slow))
+        await refused.wait()
+        await asyncio.sleep(0.1)  # long enough for a node that would not wait for the frame to give it up
+        slow.may_end.set()
         await until(lambda: any("its images stay in" in line for line in said))
-        assert [file.name for file in (tmp_path / "a").glob("*/*.jpg")] == ["000000.jpg"]
+        assert sorted(file.name for file in (tmp_path / "a").glob("*/*.jpg")) == ["000000.jpg", "000001.jpg"]

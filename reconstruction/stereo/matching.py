@@ -79,12 +79,13 @@ def match_rectified_back(reference: Array, other: Array, low: int, count: int) -
     return match_rectified(first, second, low, count)[::-1, : low + count - 1 : -1]
 
 
-def warp_by_disparity(image: Array, disparity: Array) -> Array:
+def warp_by_disparity(image: Array, disparity: Array, *, nearest: bool = False) -> Array:
     """Warp the other view's image (float32) onto the reference's canvas by the disparity."""
     xs, ys = np.meshgrid(*(np.arange(size, dtype=np.float32) for size in reversed(disparity.shape)))
     shifted = (xs - np.where(np.isnan(disparity), np.float32(1e6), disparity)).astype(np.float32)
     source = np.ascontiguousarray(image, np.float32)
-    return np.asarray(cv2.remap(source, shifted, ys, cv2.INTER_LINEAR, borderValue=(float("nan"),)))
+    how = cv2.INTER_NEAREST if nearest else cv2.INTER_LINEAR
+    return np.asarray(cv2.remap(source, shifted, ys, how, borderValue=(float("nan"),)))
 
 
 def same_brightness(a: Array, b: Array) -> Array:

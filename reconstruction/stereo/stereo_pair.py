@@ -313,15 +313,20 @@ class StereoPair:
     def compute_filled_depth(self, reference: Array, other: Array) -> FilledDepthMap:
         """Return depth, depth with its holes filled from the background, and confidence.
 
-        A filled pixel is part of the depth, too, if the forward match agrees with it, or the other view sees
-        nothing nearer there. All others are a guess. What is too far for a finite depth has its least one.
+        A filled pixel is part of the depth, too, if the forward match agrees with it, the other view sees
+        nothing nearer there, or a nearer surface that both views see hides it from the other. All others are
+        a guess. What is too far for a finite depth has its least one.
         """
         found = self._match_both_ways(reference, other)
         filled = np.maximum(fill_holes(found.surface), ACCURACY_PX)
-        not_hidden = warp_by_disparity(found.backward, filled) <= filled + MAX_LEFT_RIGHT_PX
-        supported = not_hidden | (np.abs(found.forward - filled) <= MAX_LEFT_RIGHT_PX)
-        finite = np.where(supported & (filled > ACCURACY_PX), filled, np.nan)
-        checked = found.check(finite, MAX_FILLED_RESIDUAL_PX)
+        finite = filled > ACCURACY_PX
+        seen = warp_by_disparity(found.backward, filled)
+        supported = np.abs(found.forward - filled) <= MAX_LEFT_RIGHT_PX
+        supported |= seen <= filled + MAX_LEFT_RIGHT_PX
+        checked = found.check(np.where(supported & finite, filled, np.nan), MAX_FILLED_RESIDUAL_PX)
+        occluder = warp_by_disparity(found.surface, filled - seen, nearest=True)
+        hidden = (seen > filled + MAX_LEFT_RIGHT_PX) & (np.abs(occluder - seen) <= MAX_LEFT_RIGHT_PX)
+        checked = np.where(hidden & finite, filled, checked)
         return FilledDepthMap(
             depth=self._depth(checked),
             difference=self._difference(found.difference),

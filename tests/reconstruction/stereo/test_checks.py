@@ -67,6 +67,15 @@ def test_what_is_too_far_for_a_disparity_has_no_finite_depth() -> None:
     assert (np.abs(box - NEAR) < 1).mean() > 0.95
 
 
+def test_a_wall_hidden_by_a_seen_box_has_the_depth_beside_it() -> None:
+    """Before, 1 % of it had one."""
+    left, right, _ = wall_and_box(1, contrast=20.0, shift=10.0)
+    depth = StereoPair(REFERENCE, OTHER, (0, 46)).compute_filled_depth(left, right).depth
+    # The box begins at column 135, and hides NEAR - 10 columns of the wall from the other camera.
+    hidden = FOCAL_BASELINE / np.maximum(depth[95:195, 121:133], 1e-6)
+    assert (np.abs(hidden - 10.0) < 1).mean() > 0.9
+
+
 def test_a_displacement_counts_where_texture_shows_it() -> None:
     rng = np.random.default_rng(5)
     for contrast, rows, visible in ((20.0, 3, True), (20.0, 0, False), (0.1, 3, False)):

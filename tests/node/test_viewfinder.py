@@ -168,6 +168,9 @@ async def test_the_next_preview_waits_until_the_last_was_seen(leader: LeaderNode
             assert (await coming).leader_ns in (0, 1, 2)
         await showing.aclose()
         assert (await receive(node, PreviewRequest)).fps == 0, "nobody looks any more"
+        # A preview that was under way: the node would else send none to the next who looks.
+        await node.send(Preview(camera="a", leader_ns=9, width=1, height=1), b"jpeg")
+        await receive(node, PreviewSeen)
 
 
 async def test_a_node_is_asked_for_what_all_operators_together_want(leader: LeaderNode) -> None:

@@ -51,15 +51,13 @@ class _Stream:
     asking: asyncio.Lock = field(default_factory=asyncio.Lock)
     """One request at a time, because answers do not name their request."""
 
-    def wants(self, size: int) -> bool:
-        """Return whether to read a preview of `size` bytes: an operator watches, and it is not too large."""
-        return bool(self.request.fps) and size <= MAX_PREVIEW_BYTES
-
-    def add(self, picture: Preview) -> None:
-        """Store its next preview."""
-        self.pictures.append(picture)
-        while sum(len(one.jpeg) for one in self.pictures) > MAX_PREVIEW_BYTES:
-            self.pictures.popleft()
+    async def read(self, preview: Preview) -> None:
+        """Read its next preview and store it, if an operator watches and it is not too large."""
+        if self.request.fps and self.channel.unread <= MAX_PREVIEW_BYTES:
+            jpeg = b"".join([chunk async for chunk in self.channel.payload()])
+            self.pictures.append(replace(preview, jpeg=jpeg, completes=False))
+            while sum(len(one.jpeg) for one in self.pictures) > MAX_PREVIEW_BYTES:
+                self.pictures.popleft()
 
 
 @dataclass(slots=True)
@@ -83,9 +81,9 @@ class Viewfinders:
                 match message:
                     case CameraHealth():
                         stream.health = message
-                    case Preview(camera=camera) if camera == name and stream.wants(channel.unread):
-                        jpeg = b"".join([chunk async for chunk in channel.payload()])
-                        stream.add(replace(message, jpeg=jpeg, completes=False))
+                    case Preview(camera=camera) if camera == name:
+                        await stream.read(message)
+                        # Its node waits for this, also if nobody has watched since it sent the preview.
                         await channel.send(PreviewSeen(camera=name))
                     case NodeDetail() | ControlsAnswer() | StampSaved():
                         asked = stream.asked.pop(type(message), None)

@@ -1,6 +1,7 @@
-"""Mesh of the fused point cloud, cut where no points support it, and views of clouds from six places."""
+"""Cleaned cloud, mesh of the depth maps, cut at edges of depth, and views of clouds from six places."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,13 +11,17 @@ import numpy as np
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import foreign_calls, load_open3d
+from reconstruction.depth.geometric_consistency import MIN_ISLAND_PX, remove_speckles
+from reconstruction.depth.sweep_matcher import ViewDepth
+from reconstruction.depth.visibility import find_denied, project_points
 
 NEIGHBOURS = 16
-MAX_POISSON_DEPTH = 9
-"""Maximum octree depth: 2^9 cells along the longest side of the cloud's box."""
-MAX_DISTANCE_SPACINGS = 4.0
-"""Maximum distance of the mesh from the cloud, in units of the points' spacing; beyond it is removed."""
-MAX_MESH_POINTS = 400_000
+SAME_SURFACE = 0.01
+"""Maximum relative difference of depths that two views measured of one surface."""
+MAX_JUMP = 0.01
+"""Maximum relative difference of depths in a triangle; it is larger at edges, and at grazing angles."""
+MAX_WIDTH_PX = 960
+"""Width of the grid of triangles in wider maps."""
 MAX_SHOWN_POINTS = 150_000
 TURNS_DEG = (-50, -30, -10, 10, 30, 50)
 ALL_ROUND_DEG = (0, 60, 120, 180, 240, 300)
@@ -26,25 +31,36 @@ FRAME_PX, WIDE_DEG, GROUND_GREY = (480, 360), 65.0, 32
 
 
 def build_mesh(
-    fused: Path, folder: Path, views: Sequence[View], *, mesh: bool = True
+    fused: Path,
+    folder: Path,
+    views: Mapping[str, View],
+    depth_views: Mapping[str, ViewDepth],
+    pictures: Mapping[str, Array],
+    *,
+    mesh: bool = True,
 ) -> tuple[int, int, tuple[str, ...]]:
-    """Clean the fused cloud, mesh it, and write cloud.ply, mesh.ply and turntable.png into the folder.
+    """Clean the fused cloud, mesh the maps, and write cloud.ply, mesh.ply and turntable.png into the folder.
 
     Returns the remaining numbers of points and triangles, and the files' names.
 
-    A cloud of too few points gives no mesh and no picture, nor does `mesh` False.
+    Maps of too few pixels give no mesh and no picture, nor does `mesh` False.
 
-    `views`: the cameras; the pictures are taken from their side.
+    `pictures`: the maps' images (uint8 BGR). turntable.png is drawn from the cameras' side.
 
     Raises:
         OSError: a file could not be written.
     """
     o3d = load_open3d()
-    with foreign_calls("Open3D", "making a mesh"):
+    made = o3d.geometry.TriangleMesh()
+    if mesh:
+        vertices, painted, triangles = join_maps(views, depth_views, pictures)
+        made.vertices = o3d.utility.Vector3dVector(vertices)
+        made.vertex_colors = o3d.utility.Vector3dVector(painted / 255)
+        made.triangles = o3d.utility.Vector3iVector(triangles)
+    with foreign_calls("Open3D", "cleaning a cloud"):
         cloud = _drop_outliers(o3d.io.read_point_cloud(str(fused)))
-        made = _poisson_mesh(o3d, cloud) if mesh else o3d.geometry.TriangleMesh()
         written = o3d.io.write_point_cloud(str(folder / "cloud.ply"), cloud)
-        # A few points give no mesh, and Open3D refuses to write an empty one.
+        # Open3D refuses to write an empty mesh.
         if len(made.triangles):
             written &= o3d.io.write_triangle_mesh(str(folder / "mesh.ply"), made)
     if not written:
@@ -52,8 +68,73 @@ def build_mesh(
     if not len(made.triangles):
         return len(cloud.points), 0, ("cloud.ply",)
     points, colours = np.asarray(cloud.points), np.rint(255 * np.asarray(cloud.colors)).astype(np.uint8)
-    write_image(folder / "turntable.png", draw_clouds({"": (points, colours)}, views)[""])
+    drawn = draw_clouds({"": (points, colours)}, list(views.values()))
+    write_image(folder / "turntable.png", drawn[""])
     return len(cloud.points), len(made.triangles), ("cloud.ply", "mesh.ply", "turntable.png")
+
+
+def join_maps(
+    views: Mapping[str, View], depth_views: Mapping[str, ViewDepth], pictures: Mapping[str, Array]
+) -> tuple[Array, Array, Array]:
+    """Return a mesh of all maps: points (n, 3), colours (n, 3) uint8 RGB, and triangles (m, 3) of indices.
+
+    Each map is triangulated on its pixels, without triangles across a jump of depth. What an earlier map
+    contains is left out, except for a seam of one pixel. Each point is the mean of all maps that measured its
+    surface. Points that other views deny are left out, see `find_denied`.
+    """
+    small = {name: _reduce(views[name], depth_views[name], pictures[name]) for name in depth_views}
+    views = {name: view for name, (view, _, _) in small.items()}
+    depth_views = {name: found for name, (_, found, _) in small.items()}
+    taken: dict[str, Array] = {}
+    parts, count = [], 0
+    for name, (view, found, picture) in small.items():
+        depth, mine = found.depth, found.depth > 0
+        surface = view.unproject(view.grid(), depth.reshape(-1)).reshape(*depth.shape, 3)
+        for other, theirs in taken.items():
+            pixels = np.nonzero(mine)
+            rows, columns, ratio = _compare(surface[pixels], views[other], depth_views[other])
+            mine[pixels] = (ratio == 0) | ~theirs[rows, columns]
+        mine = remove_speckles(mine, 1 / np.maximum(depth, 1e-12), MIN_ISLAND_PX)
+        taken[name] = mine
+        seam = cv2.dilate(mine.astype(np.uint8), np.ones((3, 3), np.uint8))
+        pixels = np.nonzero((depth > 0) & (seam > 0))
+        points = surface[pixels]
+        ratios = [_compare(points, views[other], depth_views[other])[2] for other in small if other != name]
+        mean = (1 + np.sum(ratios, axis=0)) / (1 + np.count_nonzero(ratios, axis=0))
+        points = view.centre + (points - view.centre) * mean[:, None]
+        denied = find_denied(points, found.normals[pixels] @ view.rotation, views, depth_views)
+        index = np.full(depth.shape, -1)
+        index[pixels] = np.where(denied, -1, np.arange(len(points)))
+        corners = np.stack([index[:-1, :-1], index[1:, :-1], index[:-1, 1:], index[1:, 1:]], axis=-1)
+        triangles = corners[..., [0, 1, 2, 2, 1, 3]].reshape(-1, 3)
+        triangles = triangles[(triangles >= 0).all(1)]
+        z = depth[pixels][triangles.T]
+        whole = np.ptp(z, axis=0) < MAX_JUMP * z.min(0)
+        parts.append((points, picture[pixels][:, ::-1], triangles[whole] + count))
+        count += len(points)
+    points, colours, triangles = (np.concatenate(part) for part in zip(*parts, strict=True))
+    used = np.zeros(count, bool)
+    used[triangles] = True
+    return points[used], colours[used], (np.cumsum(used) - 1)[triangles]
+
+
+def _reduce(view: View, found: ViewDepth, picture: Array) -> tuple[View, ViewDepth, Array]:
+    """Return every second or n-th pixel of a map wider than `MAX_WIDTH_PX`, with its view and picture."""
+    step = max(1, round(view.width / MAX_WIDTH_PX))
+    depth, normals, colours = (part[::step, ::step] for part in (found.depth, found.normals, picture))
+    matrix = np.diag([1 / step, 1 / step, 1]) @ view.matrix
+    size = {"width": depth.shape[1], "height": depth.shape[0]}
+    return replace(view, matrix=matrix, **size), ViewDepth(depth, normals), colours
+
+
+def _compare(points: Array, view: View, found: ViewDepth) -> tuple[Array, Array, Array]:
+    """Return the rows and columns at which a view sees points, and its depths relative to theirs.
+
+    The relative depth is 0 where the view did not measure that surface.
+    """
+    rows, columns, z, inside = project_points(view, points)
+    ratio = found.depth[rows, columns] / np.where(inside, z, 1)
+    return rows, columns, np.where(inside & (np.abs(ratio - 1) < SAME_SURFACE), ratio, 0)
 
 
 def draw_clouds(clouds: Mapping[str, tuple[Array, Array]], views: Sequence[View]) -> dict[str, Array]:
@@ -113,23 +194,6 @@ def _drop_outliers(cloud: Any) -> Any:
     if len(cloud.points) <= NEIGHBOURS:
         return cloud
     return cloud.remove_statistical_outlier(NEIGHBOURS, 2.5)[0]
-
-
-def _poisson_mesh(o3d: Any, cloud: Any) -> Any:
-    if len(cloud.points) < 100:
-        return o3d.geometry.TriangleMesh()
-    if len(cloud.points) > MAX_MESH_POINTS:
-        cloud = cloud.random_down_sample(MAX_MESH_POINTS / len(cloud.points))
-    spacing = float(np.median(np.asarray(cloud.compute_nearest_neighbor_distance())))
-    side = float(np.max(cloud.get_max_bound() - cloud.get_min_bound()))
-    depth = int(np.clip(np.ceil(np.log2(side / max(2 * spacing, 1e-9))), 5, MAX_POISSON_DEPTH))
-    mesh, _ = o3d.geometry.TriangleMesh.create_from_point_cloud_poisson(cloud, depth=depth, n_threads=-1)
-    vertices = o3d.geometry.PointCloud(mesh.vertices)
-    distance = np.asarray(vertices.compute_point_cloud_distance(cloud))
-    # Poisson closes every surface: parts without supporting points are invented.
-    mesh.remove_vertices_by_mask(distance > MAX_DISTANCE_SPACINGS * max(spacing, side / 2**depth))
-    mesh.remove_unreferenced_vertices()
-    return mesh
 
 
 def up_direction(rotations: Sequence[Array]) -> Array:

@@ -157,7 +157,8 @@ def model_instant(
     files: tuple[str, ...] = ()
     if options.mesh or options.cloud:
         progress.step("cloud, mesh and pictures" if options.mesh else "cleaning the cloud")
-        points, triangles, files = build_mesh(cloud, part, list(views.values()), mesh=options.mesh)
+        pictures = image_colours(found.images)
+        points, triangles, files = build_mesh(cloud, part, views, found.depth, pictures, mesh=options.mesh)
         marks["mesh"] = time.perf_counter()
     reference = choose_reference_view(views, found.scene.points)
     image, depth = found.images[reference], found.depth[reference].depth

@@ -59,7 +59,6 @@ async def _next_preview(
 ) -> tuple[dict[str, Any], bytes]:
     """Return the facts and the JPEG of a camera's next preview, or of its depth."""
     from capture_app.protocol.status import Preview
-    from capture_app.rig.live_depth import live_depth
     from capture_app.rig.rig_link import LinkLost, RigLink, ask_status
 
     status = await ask_status(leader)
@@ -71,6 +70,8 @@ async def _next_preview(
     try:
         async with asyncio.timeout(wait_s):
             if depth:
+                from capture_app.rig.live_depth import live_depth
+
                 async with aclosing(live_depth(link, status, lambda: camera)) as depths:
                     async for found in depths:
                         if found.problem:

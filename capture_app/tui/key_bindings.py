@@ -15,7 +15,7 @@ from capture_app.tui.widgets.lines import Lines
 
 OWN = "capture_app."
 EVERYWHERE = "app"
-KEY_WIDTH, NAME_WIDTH = 16, 22
+KEY_WIDTH, NAME_WIDTH = 9, 22
 TERMS = {
     "instant": "a common time at which every camera takes a frame",
     "burst": "frames of all cameras at successive instants; its session is the folder",

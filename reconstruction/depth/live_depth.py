@@ -73,7 +73,7 @@ class LiveDepth:
 
         Raises:
             BadInputError: that camera is not calibrated, or has no image.
-            NotApplicableError: no camera sees what this one sees.
+            NotApplicableError: no other camera has an image, or sees what this one sees.
         """
         for names, problem in ((self.views, "is not in the calibration"), (images, "gives no picture")):
             if camera not in names:
@@ -81,6 +81,10 @@ class LiveDepth:
         calibrated = {
             name: self._calibrate(name, image) for name, image in images.items() if name in self.views
         }
+        if len(calibrated) < 2:
+            raise NotApplicableError(
+                f"no camera beside {camera} gives a picture", hint="see their states: capture-app status"
+            )
         scene = self._look(calibrated)
         known = [name for name in self._sources.get(camera, ()) if name in calibrated]
         sources = [calibrated[name] for name in known[:MAX_SOURCES]]

@@ -49,7 +49,7 @@ class CameraScreen(Dialog[None]):
             "match",
             "Set all like this",
             id="camera.match",
-            tooltip="copies exposure, gain, white balance and focus",
+            tooltip="all cameras get its exposure and colour",
         ),
     ]
 

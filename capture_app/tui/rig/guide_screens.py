@@ -16,7 +16,14 @@ from textual.containers import Horizontal
 from textual.content import Content
 from textual.renderables.digits import DIGITS, DIGITS3X3
 
-from capture_app.common.address import ANY_HOST, Address, listen_tcp, reachable_host
+from capture_app.common.address import (
+    ANY_HOST,
+    LOOPBACK_HOSTS,
+    Address,
+    listen_tcp,
+    parse_address,
+    reachable_host,
+)
 from capture_app.common.errors import SimulshotError
 from capture_app.common.pairing_codes import show_code
 from capture_app.common.text import printable
@@ -70,6 +77,13 @@ def joining_line(leader: str) -> str:
     return f"capture-app node --leader {leader} --camera {DEVICE}"
 
 
+def joining_place(leader: str) -> str:
+    """Return where to type that command."""
+    if parse_address(leader).host in LOOPBACK_HOSTS:
+        return "This rig accepts this machine only. In another terminal, type:"
+    return "On the camera's machine, type:"
+
+
 def qr_lines(text: str) -> list[Content]:
     """Return a QR code in half blocks; the light modules are drawn, on a dark background."""
     code = segno.make(text, error="l", boost_error=False, micro=False)
@@ -103,7 +117,12 @@ class GuideScreen(BoxDialog[None]):
         self.id = f"{name}-guide"
 
     def on_mount(self) -> None:
-        """Start the guide."""
+        """Start the guide once the dialog is visible, as it may load a web server."""
+        self.show("", ("Preparing …", ""))
+        self.call_after_refresh(self.restart)
+
+    def restart(self) -> None:
+        """Run the guide from its beginning."""
         self.run_worker(self._guide(self), exclusive=True, group="guide")
 
     def on_record_changed(self, message: RecordChanged) -> None:
@@ -140,12 +159,12 @@ class InviteScreen(GuideScreen):
 
     def action_another(self) -> None:
         """Show another pairing code."""
-        self.on_mount()
+        self.restart()
 
 
 async def _invite(source: RigLink, leader: str, screen: GuideScreen) -> None:
     command = joining_line(printable(leader))
-    line = ("On the camera's machine, type:", ""), (command, "bold $secondary"), ("", "")
+    line = (joining_place(leader), ""), (command, "bold $secondary"), ("", "")
     try:
         invited = await source.ask(Invite(), Invited)
     except SimulshotError as error:
@@ -170,7 +189,6 @@ async def _show_codes(
     ask: Callable[[], Awaitable[PhoneInvited]], steps: tuple[str, ...], screen: GuideScreen
 ) -> None:
     """Show the code of a page for the next device, forever; it changes with each device that joins."""
-    screen.show("", ("Preparing the page …", ""))
     shown = ""
     while True:
         try:

@@ -78,7 +78,7 @@ class RigView(ModeView):
             "panel",
             "Panel",
             id="rig.panel",
-            tooltip="check the synchronization with a clock that all cameras see",
+            tooltip="check the timing by a clock on a screen",
         ),
         Binding(
             "h", "phones", "Phones", show=False, id="rig.phones", tooltip="phones as cameras, by a QR code"
@@ -229,7 +229,7 @@ class RigView(ModeView):
             return self._cameras.display
         if action == "start":
             return bool(self._record.lost) and self._local
-        return self._adding is not None if action == "back" else True
+        return self._adding is not None or self._event_log.has_focus if action == "back" else True
 
     def action_add(self) -> None:
         """Show the start panel to add cameras."""
@@ -239,9 +239,10 @@ class RigView(ModeView):
             self._draw()
 
     def action_back(self) -> None:
-        """Show the cameras again."""
+        """Show the cameras again, or leave the log."""
         self._adding = None
         self._draw()
+        self.focus_first()
 
     @work(exclusive=True, group="start")
     async def action_start(self) -> None:

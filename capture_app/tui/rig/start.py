@@ -23,6 +23,7 @@ from capture_app.rig.rig_link import RigLink
 from capture_app.tui.rig.guide_screens import (
     InviteScreen,
     joining_line,
+    joining_place,
     phones_screen,
 )
 from capture_app.tui.rig_record import SessionsRequested, showing_errors
@@ -184,7 +185,7 @@ class StartPanel(Vertical):
             words, style = self._busy, "$warning"
         self._title.show([Content.styled("Add cameras", "bold $primary")])
         self._meaning.show(Content.styled(each, style) for each in textwrap.wrap(printable(words), width))
-        said = ["To add a camera of another machine, type there:"]
+        said = [joining_place(self._leader)] if self._leader else []
         if self._leader and not self._leader.endswith(f":{DEFAULT_PORT}"):
             said.insert(0, f"The port differs from the default, {DEFAULT_PORT}.")
         muted = [Content.styled(each, "$foreground-muted") for each in said]

@@ -383,9 +383,10 @@ class ShootView(ModeView):
         now_s = self._record.clock()
         sheet = self._newest_sheet
         runs = self._depth_runs
-        self.take_panel.show(
-            self.takes, now_s, take_depth.lines(runs, sheet), take_depth.picture(runs, sheet)
-        )
+        depth = list(take_depth.lines(runs, sheet))
+        self.take_panel.show(self.takes, now_s, depth, take_depth.picture(runs, sheet))
+        # The sheet hides that pane in a narrow window.
+        self.stage.border_subtitle = depth[0] if depth and self.has_class("narrow", "sheet") else ""
         line = self._words(now_s).truncate(max(self._line.size.width, 1), ellipsis=True)
         self._line.show([line])
 

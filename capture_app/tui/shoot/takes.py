@@ -68,7 +68,7 @@ def progress_words(take: Take, now_s: float) -> str:
         return f"recording {length}: {status.received} frames{lacking}; Space stops"
     after = f", {seconds:.0f} s" if seconds >= SAID_AFTER_S else ""
     if status.received:
-        return f"{status.received} of {status.expected} images"
+        return f"{status.received} of {status.expected} images{after}"
     if status.message or not status.expected:
         return f"{printable(status.message) or 'ordered'}{after}"
     return f"taken; cameras are saving{after}"

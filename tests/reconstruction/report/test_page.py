@@ -143,6 +143,9 @@ def test_an_unfinished_page_says_what_is_left_and_loads_itself_again(
     page = write_report(pictured, tmp_path, ["points by COLMAP", "bullet time"]).read_text()
     assert again in page
     assert "Still being measured: points by COLMAP, bullet time." in page
+    unknown = msgspec.structs.replace(pictured, tolerance=None)
+    assert "was not measured yet" in write_report(unknown, tmp_path, ["time offsets"]).read_text()
+    assert "was not measured<" in write_report(unknown, tmp_path, ["bullet time"]).read_text()
     page = write_report(pictured, tmp_path).read_text()
     assert again not in page
     assert "Still" not in page

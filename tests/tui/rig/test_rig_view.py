@@ -141,6 +141,8 @@ async def test_news_have_times_and_keep_their_words(utc: None) -> None:
         assert isinstance(app.focused, LogPane)
         await pilot.press("n")
         assert isinstance(app.focused, CameraList)
+        await pilot.press("n", "escape")
+        assert isinstance(app.focused, CameraList)
 
 
 async def test_a_phase_that_comes_home_is_a_trace_into_the_band() -> None:

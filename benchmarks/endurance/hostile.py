@@ -195,8 +195,7 @@ async def attack(options: Namespace, folder: Path) -> dict[str, Any]:
         looking.cancel()
         attack_s, full = loop.time() - attack_s, dropped_datagrams() - full
         read_all(run.processes, 1)
-        began_s, whole = loop.time(), False
-        tries = 0
+        began_s, whole, tries = loop.time(), False, 0
         while not whole and loop.time() - began_s < 10 * BURST_S:
             before, tries = len(run.incomplete), tries + 1
             await run.take(request, keep=True)

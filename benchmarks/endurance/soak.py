@@ -20,7 +20,7 @@ from argparse import Namespace
 from collections import defaultdict
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import asdict, dataclass, field
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any
 
@@ -47,18 +47,6 @@ LIMITS = {"threads": 4.0, "files": 6.0, "memory_mb": 12.0, "phase_us": TOLERANCE
 FEWEST = 6
 """Minimum number of bursts of a meaningful run."""
 LOOK_EVERY_S, TALK_EVERY_S = 1.0, 300.0
-
-
-@dataclass(frozen=True, slots=True)
-class Figure:
-    """One figure of one process: its first and last value, and its growth by the slope."""
-
-    process: str
-    kind: str
-    first: float
-    last: float
-    growth: float
-    limit: float
 
 
 @dataclass(slots=True)
@@ -154,20 +142,28 @@ class Soak:
         """Return the largest phase error seen in any camera that takes images."""
         return max((max(of) for of in self.between.values()), default=0.0)
 
-    def figures(self) -> list[Figure]:
-        """Return the growth of each figure, and its limit."""
+    def figures(self) -> list[dict[str, Any]]:
+        """Return the first and last value of each figure, its growth by the slope, and its limit."""
         series = [(name, kind, of) for name, one in self.processes.items() for kind, of in one.series.items()]
         series += [(name, "phase_us", of) for name, of in sorted(self.phases.items())]
         return [
-            Figure(name, kind, of[0][1], of[-1][1], growth(of), LIMITS[kind]) for name, kind, of in series
+            {
+                "process": name,
+                "kind": kind,
+                "first": of[0][1],
+                "last": of[-1][1],
+                "growth": growth(of),
+                "limit": LIMITS[kind],
+            }
+            for name, kind, of in series
         ]
 
     def complaints(self) -> list[str]:
         """Return the faults other than incomplete bursts, as lines; empty if there are none."""
         grown = [
-            f"{of.process}: {of.kind} grew by {of.growth:.1f}, over its limit of {of.limit:g}"
+            f"{of['process']}: {of['kind']} grew by {of['growth']:.1f}, over its limit of {of['limit']:g}"
             for of in self.figures()
-            if of.growth > of.limit
+            if of["growth"] > of["limit"]
         ]
         bound = (
             [f"{self.over_bound} pictures are further off than their hard bound"] if self.over_bound else []
@@ -254,7 +250,7 @@ def report_of(run: Soak, options: Namespace, complaints: list[str]) -> dict[str,
         "bursts": run.bursts,
         "images": run.images,
         "over_bound": run.over_bound,
-        "figures": [asdict(figure) for figure in run.figures()],
+        "figures": run.figures(),
         "phases": [
             {
                 "camera": name,

@@ -1,11 +1,10 @@
 """Trials: their number, parallel execution on all available cores, and summaries."""
 
 import signal
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
-from contextlib import contextmanager
 from math import nan
-from multiprocessing import active_children, get_context, resource_tracker
+from multiprocessing import active_children, get_context
 from os import sched_getaffinity
 from typing import TypeVar
 
@@ -24,11 +23,13 @@ def call_all(calls: Sequence[Callable[[], T]], *, jobs: int | None = None, few: 
     if processes < 2 or len(calls) < few:
         return [call() for call in calls]
     others = set(active_children())
-    with ProcessPoolExecutor(processes, mp_context=get_context("spawn")) as pool:
+    # Only this process handles Ctrl-C.
+    with ProcessPoolExecutor(
+        processes, get_context("spawn"), signal.signal, (signal.SIGINT, signal.SIG_IGN)
+    ) as pool:
         size = max(1, len(calls) // (4 * processes))
-        with _children_without_interrupts():
-            # Not pool.map: when interrupted, it cancels pending calls, on which a pool without workers fails.
-            parts = [pool.submit(_call_each, calls[k : k + size]) for k in range(0, len(calls), size)]
+        # Not pool.map: when interrupted, it cancels pending calls, on which a pool without workers fails.
+        parts = [pool.submit(_call_each, calls[k : k + size]) for k in range(0, len(calls), size)]
         try:
             return [result for part in parts for result in part.result()]
         except BaseException:
@@ -36,18 +37,6 @@ def call_all(calls: Sequence[Callable[[], T]], *, jobs: int | None = None, few: 
             for worker in set(active_children()) - others:
                 worker.kill()
             raise
-
-
-@contextmanager
-def _children_without_interrupts() -> Iterator[None]:
-    """Make processes that start here ignore Ctrl-C, which this process handles."""
-    # Started first, because its start unblocks SIGINT.
-    resource_tracker.ensure_running()
-    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
-    try:
-        yield
-    finally:
-        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 def _call_each(calls: Sequence[Callable[[], T]]) -> list[T]:

@@ -1,7 +1,6 @@
 """Ranked leaders in virtual time, each as a process runs it."""
 
 import random
-from collections import Counter
 from dataclasses import dataclass, field
 
 from benchmarks.simulated.changing_clocks import WanderingClock
@@ -23,8 +22,6 @@ class Machine:
     deaf_to: set[str] = field(default_factory=set)
     leader: Leader | None = None
     clock: WanderingClock = field(init=False)
-    received: Counter[str] = field(default_factory=Counter)
-    """Number of messages of each kind received for the leader."""
 
     def __post_init__(self) -> None:
         self.rng = random.Random(f"{self.name} {self.run}")
@@ -50,7 +47,6 @@ class Machine:
         if not isinstance(message, FromClient):
             self.succession.receive_datagram(data, address, now_ns)
         elif self.leader is not None:
-            self.received[type(message).__name__] += 1
             self.leader.receive_datagram(data, address, self.leader_ns(now_ns))
         self._look()
 

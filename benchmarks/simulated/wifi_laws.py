@@ -32,28 +32,21 @@ class LognormalDelay(GammaDelay):
         return round(self.minimum_ns + excess_ns + self.draw_outlier_ns(rng))
 
 
-def _gamma_link(shape: float) -> Link:
+def _link(law: type[GammaDelay], shape: float) -> Link:
     return Link(
-        GammaDelay(479_000, MEAN_TO_LEADER_NS, shape, LATE_FRACTION, LATE_NS),
-        GammaDelay(517_000, MEAN_TO_CLIENT_NS, shape, LATE_FRACTION, LATE_NS),
-    )
-
-
-def _lognormal_link(sigma: float) -> Link:
-    return Link(
-        LognormalDelay(479_000, MEAN_TO_LEADER_NS, sigma, LATE_FRACTION, LATE_NS),
-        LognormalDelay(517_000, MEAN_TO_CLIENT_NS, sigma, LATE_FRACTION, LATE_NS),
+        law(479_000, MEAN_TO_LEADER_NS, shape, LATE_FRACTION, LATE_NS),
+        law(517_000, MEAN_TO_CLIENT_NS, shape, LATE_FRACTION, LATE_NS),
     )
 
 
 LINKS_BY_LAW: Mapping[str, Link] = {
     "paper": PAPER_LINK,
-    "gamma 1": _gamma_link(1.0),
-    "gamma 1.5": _gamma_link(1.5),
-    "gamma 2": _gamma_link(2.0),
-    "gamma 3": _gamma_link(3.0),
-    "lognormal 0.6": _lognormal_link(0.6),
-    "lognormal 1.0": _lognormal_link(1.0),
+    "gamma 1": _link(GammaDelay, 1.0),
+    "gamma 1.5": _link(GammaDelay, 1.5),
+    "gamma 2": _link(GammaDelay, 2.0),
+    "gamma 3": _link(GammaDelay, 3.0),
+    "lognormal 0.6": _link(LognormalDelay, 0.6),
+    "lognormal 1.0": _link(LognormalDelay, 1.0),
 }
 """All laws of a WiFi link, by name: the first from Ansari et al. 2019, table III and supplement.
 

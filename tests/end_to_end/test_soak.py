@@ -16,9 +16,9 @@ async def test_forty_bursts_leave_no_threads_memory_or_files_behind(tmp_path: Pa
     options = Namespace(cameras=2, frames=2, bursts=BURSTS, seconds=400.0, every=0.0, keep=None)
     run = await soak(options, tmp_path)
     assert run.complaints() == []
-    assert {figure.kind for figure in run.figures()} == {"threads", "files", "memory_mb", "phase_us"}
+    assert {figure["kind"] for figure in run.figures()} == {"threads", "files", "memory_mb", "phase_us"}
     assert {*run.between} == {"cam1", "cam2"}
-    assert run.largest_us() >= max(figure.last for figure in run.figures() if figure.kind == "phase_us")
+    assert run.largest_us() >= max(f["last"] for f in run.figures() if f["kind"] == "phase_us")
     # On a starved machine a node may fall silent for as long as a lost one.
     assert len(run.incomplete) < run.bursts // 2
 

@@ -35,23 +35,23 @@ for (const figure of document.querySelectorAll(".cloud")) {
     const { count, points, colours, sizes } = clouds[side];
     const focal = Number(canvas.dataset.focal) * wide;
     const cy = Math.cos(yaw), sy = Math.sin(yaw), cp = Math.cos(pitch), sp = Math.sin(pitch);
-    const away = home / near;
-    // The camera looks at what is turned about, as it did when the pictures were taken.
-    const [ax, ay, az] = pivot.map((value) => value / home);
+    // From behind the camera, in its direction: so all of its picture is in view.
+    const [ax, ay, az] = pivot.map((value) => (1.15 * value) / near);
+    const nearest = 0.05 * home;
     pixels.fill(0xff1c1e22);
     depths.fill(Infinity);
     for (let k = 0; k < count; k++) {
       const x0 = points[3 * k], y0 = points[3 * k + 1], z0 = points[3 * k + 2];
-      const x1 = cy * x0 + sy * z0, z1 = cy * z0 - sy * x0;
-      const x = x1 + ax * away, y = cp * y0 - sp * z1 + ay * away, z = sp * y0 + cp * z1 + az * away;
-      if (z < 0.05 * home) continue;
-      const size = Math.max(1, Math.min(24, Math.round(sizes[k] / z)));
-      const left = Math.round(wide / 2 + (focal * x) / z - size / 2);
-      const top = Math.round(high / 2 + (focal * y) / z - size / 2);
-      for (let v = Math.max(0, top); v < Math.min(high, top + size); v++) {
-        for (let u = Math.max(0, left); u < Math.min(wide, left + size); u++) {
-          const at = v * wide + u;
-          if (z < depths[at]) { depths[at] = z; pixels[at] = colours[k]; }
+      const z1 = cy * z0 - sy * x0, z = sp * y0 + cp * z1 + az;
+      if (z < nearest) continue;
+      const size = Math.max(1, Math.min(24, (sizes[k] / z + 0.5) | 0)), scale = focal / z;
+      const left = (wide / 2 + scale * (cy * x0 + sy * z0 + ax) - size / 2 + 0.5) | 0;
+      const top = (high / 2 + scale * (cp * y0 - sp * z1 + ay) - size / 2 + 0.5) | 0;
+      if (left < 0 || top < 0 || left + size > wide || top + size > high) continue;
+      const colour = colours[k];
+      for (let row = top * wide + left, end = row + size * wide; row < end; row += wide) {
+        for (let at = row; at < row + size; at++) {
+          if (z < depths[at]) { depths[at] = z; pixels[at] = colour; }
         }
       }
     }
@@ -87,11 +87,13 @@ for (const figure of document.querySelectorAll(".cloud")) {
   for (const choice of figure.querySelectorAll("input")) {
     choice.addEventListener("change", () => { side = choice.value; redraw(); });
   }
-  // It swings a little until somebody takes it: that it has depth is seen at once.
+  // It swings to both sides until somebody takes it: that it has depth is seen at once.
   const swing = (now) => {
     if (!swinging || !inView) return;
     began ||= now;
-    yaw = 0.3 * Math.sin((now - began) / 1600);
+    const angle = Math.min((now - began) / 1600, 4 * Math.PI);
+    swinging = angle < 4 * Math.PI;
+    yaw = 0.3 * Math.sin(angle);
     draw();
     requestAnimationFrame(swing);
   };

@@ -10,7 +10,8 @@ import pytest
 
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply, write_ply
-from reconstruction.report.embedding import MAX_POINTS, view_clouds
+from reconstruction.report import embedding
+from reconstruction.report.embedding import view_clouds
 from reconstruction.scores.study_result import InstantClouds
 
 TURN = cv2.Rodrigues(np.array([0.1, 0.7, -0.2]))[0]
@@ -63,11 +64,12 @@ def test_both_sides_show_the_same_part_of_space(tmp_path: Path) -> None:
     assert view["offset"]["of"] == 3_000
 
 
-def test_large_clouds_are_thinned_evenly(tmp_path: Path) -> None:
+def test_large_clouds_are_thinned_evenly(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(embedding, "MAX_POINTS", 52_000)
     points = np.random.default_rng(3).uniform([-1, -1, 3], [1, 1, 6], (80_000, 3))
     view = view_clouds(save(tmp_path, points, points[:5]), tmp_path, "cam1", 5)
     shown, _ = unpack(view["synced"])
-    assert len(shown) == MAX_POINTS
+    assert len(shown) == 26_000
     assert shown.mean(0) == pytest.approx([0, 0, 4.5], abs=0.03)
     assert len(view["synced"]["data"]) < 320_000
 

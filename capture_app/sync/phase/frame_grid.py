@@ -11,6 +11,8 @@ LARGEST_LEAD = 0.6
 if half the tolerance is to be met."""
 BURST_FRACTION = 0.25
 """Fraction of the tolerance beyond which a burst's predicted error is corrected in advance."""
+SHORT_BURST_NS = 2_000_000_000
+"""Longest burst that drift always crosses in its middle."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,12 +89,14 @@ def setpoint_to_meet(drift: Drift, lead_ns: float, ahead_ns: float) -> Setpoint 
 def setpoint_for_burst(
     drift: Drift, lead_ns: float, ready_ns: float, scatter_ns: float, *, begins_ns: float, lasts_ns: float
 ) -> Setpoint | None:
-    """Return the setpoint from which drift takes a stream to its grid in the middle of a burst.
+    """Return the setpoint from which drift takes a stream to its grid in the middle of a burst, or before.
 
     None if the burst begins before `ready_ns`, while a long frame may still be under way. Also None if the
     error will be small, or no larger than `scatter_ns`, the scatter of moves.
     """
-    middle_ns = begins_ns + lasts_ns / 2
+    # A recording may last for hours or end at any time: it begins within the tolerance.
+    held_ns = LARGEST_LEAD * drift.tolerance_ns / max(abs(drift.rate), 1e-12)
+    middle_ns = begins_ns + min(lasts_ns / 2, max(held_ns, SHORT_BURST_NS / 2))
     small_ns = max(BURST_FRACTION * drift.tolerance_ns, scatter_ns)
     if begins_ns < ready_ns or abs(drift.error_after(middle_ns)) <= small_ns:
         return None

@@ -12,6 +12,7 @@ from benchmarks.paper.phase_trials import unknown_phone
 from benchmarks.simulated.aligner_bench import Bench
 from capture_app.common.camera_facts import CameraFacts, PhaseControl
 from capture_app.sync.phase.actuators import InjectionProfile, Move
+from capture_app.sync.phase.frame_grid import Drift, setpoint_for_burst
 from capture_app.sync.phase.injection import InjectionActuator
 from capture_app.sync.wire.datagrams import CLOCK
 
@@ -192,3 +193,19 @@ def test_one_bad_observation_is_outvoted() -> None:
     assert inject.profile is not None
     assert inject.profile.gain == 2
     assert inject.profile.neutral_rows == (PERIOD_NS - 250_000) // ROW_NS
+
+
+@pytest.mark.parametrize(("lasts_s", "ppm"), [(1, 300), (6_000, 14), (6_000, -300), (20, 2)])
+def test_drift_crosses_the_grid_in_a_burst_and_a_recording_begins_within_the_tolerance(
+    lasts_s: int, ppm: float
+) -> None:
+    rate, lead_ns, begins_ns = ppm * 1e-6, 200_000_000, 500_000_000
+    drift = Drift(error_ns=90_000, rate=rate, period_ns=33e6, tolerance_ns=100_000, grace_ns=0)
+    setpoint = setpoint_for_burst(drift, lead_ns, 0, 0, begins_ns=begins_ns, lasts_ns=lasts_s * 1e9)
+    assert setpoint is not None
+    first_ns = setpoint.target_ns + rate * (begins_ns - lead_ns)
+    if lasts_s < 2:
+        assert first_ns == pytest.approx(-rate * lasts_s * 1e9 / 2)
+    else:
+        assert abs(first_ns) <= max(100_000, abs(rate) * 1e9)
+        assert first_ns * rate < 0, "drift crosses the grid"

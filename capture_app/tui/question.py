@@ -172,7 +172,7 @@ def explain_verdict(sheet: TakeSheet) -> BoxDialog[None]:
     verdict = sheet.verdict
     parts = (
         verdict.headline,
-        f"Largest time between images of one instant: {verdict.spread}.",
+        f"Spread, the largest time between images of one instant: {verdict.spread}.",
         verdict.sentence,
         verdict.stamps,
         GRADE_LIMITS,

@@ -149,7 +149,7 @@ def multiview(
     for camera, why in result.left_out.items():
         talk(f"{camera} is left out: {why}")
     measured = result.moving_measured
-    moving = "" if measured is None else f"; {100 * measured:.0f} % of what moves measured"
+    moving = "" if measured is None else f"; {100 * measured:.0f} % of moving pixels have depth"
     maps = f"{count(len(result.views), 'depth map')}, {result.fused_points:,} points"
     lines = [f"{maps} in {result.seconds:.1f} s{moving}"]
     if (right := result.within_2pct) is not None:

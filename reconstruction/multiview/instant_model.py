@@ -352,7 +352,7 @@ def write_moment(result: MultiviewResult, image: InputImage, depth: Array, fused
         pivot=tuple(np.median(points, axis=0).tolist()),
     )
     measured = result.moving_measured
-    moving = "" if measured is None else f" {percentage(measured)} of what moves was measured."
+    moving = "" if measured is None else f" {percentage(measured)} of moving pixels have depth."
     page = {
         "title": f"{result.session}, instant {result.instant}",
         "kicker": "One instant in space",

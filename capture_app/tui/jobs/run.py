@@ -84,7 +84,7 @@ MULTIVIEW = Command(
 )
 MOMENT = Command(
     "moment",
-    "Depth of the moment",
+    "Depth of one instant",
     "quick depth of one instant, and a 3D page",
     RECONSTRUCT,
     ("multiview",),

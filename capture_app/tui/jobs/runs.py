@@ -284,8 +284,8 @@ def _read_all(root: Path) -> list[Run]:
     """Return the stored runs in a sessions folder, latest first."""
     places = [*(root / RESULTS).glob("*/*.json"), *(root / RESULTS).glob("_*/*/*.json")]
     found = [run for place in places if (run := _read(place, root)) is not None]
-    oldest = datetime.min.replace(tzinfo=UTC)
-    return sorted(found, key=lambda run: (run.ended or oldest, run.key), reverse=True)
+    newest = datetime.max.replace(tzinfo=UTC)  # one that still runs
+    return sorted(found, key=lambda run: (run.ended or newest, run.key), reverse=True)
 
 
 def _read(place: Path, root: Path) -> Run | None:

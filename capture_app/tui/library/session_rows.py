@@ -130,7 +130,7 @@ class SessionRows(RowList[Entry]):
         card = entry.card
         left = Content.styled(printable(card.name), "bold")
         if entry.is_best:
-            left = Content.assemble(left, ("  ★ best", "bold $warning"))
+            left = Content.assemble(left, ("  ★ best synchronized", "bold $warning"))
         if entry.is_sample:
             left = Content.assemble(left, ("  sample", "$secondary"))
         return justified(left, Content.styled(_when(card.created), "$foreground-muted"), room)

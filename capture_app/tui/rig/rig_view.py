@@ -48,12 +48,13 @@ class LogPane(VerticalScroll, can_focus=True):
         super().__init__(self._lines, id="log")
         self.border_title = "log"
 
+    def on_mount(self) -> None:
+        """Follow the newest line."""
+        self.anchor()
+
     def draw(self) -> None:
         """Draw the log."""
-        following = self.scroll_y >= self.max_scroll_y
         self._lines.show(log_lines(self._record.log, self.size.width - SCROLLBAR))
-        if following:
-            self.call_after_refresh(self.scroll_end, animate=False)
 
     on_resize = draw
 
@@ -194,7 +195,7 @@ class RigView(ModeView):
         if self._record.lost:
             sign, words = NO_LEADER, self._starting or self._record.lost
             if self._local and not self._starting:
-                words = f"press l to restart it. {words}"
+                words = f"press l to restart it ({words.partition(';')[0]})"
         else:
             self._starting, sign = "", rig_sign(status)
             words = " ".join(filter(None, (status.message, status.advice))) or sign.word

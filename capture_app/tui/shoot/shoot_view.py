@@ -221,7 +221,7 @@ class ShootView(ModeView):
     @work(group="live-depth", exclusive=True)
     async def _show_depth(self, status: RigStatus) -> None:
         # The process takes seconds to start.
-        self.stage.show_depth(DepthPreview(0, self.stage.grid.chosen(), problem="starting"))
+        self.stage.show_depth(DepthPreview(0, self.stage.grid.chosen(), problem="depth is starting"))
         try:
             with showing_errors(self):
                 async with aclosing(

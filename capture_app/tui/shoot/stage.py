@@ -63,10 +63,9 @@ class Stage(ContentSwitcher):
             self._depths.clear()
             self.border_title = "Live" if self.current == LIVE else self.border_title
             return
-        words = [f"Live · depth of {printable(depth.camera)}"]
-        if depth.problem:
-            words.append(printable(depth.problem))
-        else:
+        # A narrow window has room for the reason alone.
+        words = [f"Live · {printable(depth.problem) or f'depth of {printable(depth.camera)}'}"]
+        if not depth.problem:
             self._depths.append((self._record.clock(), depth.moving_confirmed))
         if not depth.problem and len(self._depths) > 1:
             rate = (len(self._depths) - 1) / max(self._depths[-1][0] - self._depths[0][0], 1e-3)

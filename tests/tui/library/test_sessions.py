@@ -63,7 +63,7 @@ async def test_the_best_synchronized_is_marked_and_sorted_first(sessions: Path) 
     async with library(sessions, settings=settings) as pilot:
         line = next(line for line in text(pilot.app).splitlines() if "★" in line)
         assert "two" in line
-        assert "★ best " in line
+        assert "★ best synchronized " in line
         await pilot.press("s")
         await settle(pilot)
         assert names(pilot) == ["two", "one", "three"]

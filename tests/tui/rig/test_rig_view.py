@@ -58,7 +58,7 @@ async def test_the_advice_is_above_the_list_and_a_lost_leader_is_said_there() ->
         assert text(app, "#advice").strip() == "◑ cam02 is aligning: wait a few seconds."
         rig.lose_link("192.168.1.5:47010 does not answer; trying again")
         await settle(pilot)
-        assert text(app, "#advice").startswith("✖ press l to restart it. 192.168.1.5:47010 does not answer")
+        assert text(app, "#advice").startswith("✖ press l to restart it (192.168.1.5:47010 does not answer")
 
 
 async def test_why_a_camera_failed_is_in_place_of_its_strip() -> None:
@@ -143,6 +143,28 @@ async def test_news_have_times_and_keep_their_words(utc: None) -> None:
         assert isinstance(app.focused, CameraList)
         await pilot.press("n", "escape")
         assert isinstance(app.focused, CameraList)
+
+
+async def test_the_newest_line_of_the_log_is_visible_after_another_mode() -> None:
+    rig = FakeRig(2)
+    app = make_app(rig)
+    async with app.run_test(size=(80, 24)) as pilot:
+        rig.news("cam00 joined")
+        await settle(pilot)
+        await pilot.press("2")
+        for number in range(8):
+            rig.news(f"burst {number}: 16 of 16 images, saved as /home/ada/sessions/a-long-name-{number}")
+        await settle(pilot)
+        await pilot.press("1")
+        rig.lose_link("192.168.1.5:47010 does not answer")
+        await settle(pilot)
+        log = app.screen.query_one(LogPane)
+        assert 0 < log.scroll_y == log.max_scroll_y
+        await pilot.press("n", "up", "up")
+        await settle(pilot)
+        rig.news("one more, while one reads an old one")
+        await settle(pilot)
+        assert log.scroll_y < log.max_scroll_y - 1
 
 
 async def test_a_phase_that_comes_home_is_a_trace_into_the_band() -> None:

@@ -26,8 +26,8 @@ async def test_l_shows_depth_of_the_chosen_camera(tmp_path: Path, monkeypatch: p
 
         assert shows("Live")
         await pilot.press("l")
-        await until(pilot, lambda: shows("depth of cam00 · starting"))
-        await until(pilot, lambda: shows("depth of cam00 · the rig is not calibrated"), SLOW_PATIENCE_S)
+        await until(pilot, lambda: shows("Live · depth is starting"))
+        await until(pilot, lambda: shows("Live · the rig is not calibrated"), SLOW_PATIENCE_S)
         shutil.copytree(JUMPER, tmp_path / "sessions" / "jumper")
         await until(pilot, lambda: shows(" a second, "), SLOW_PATIENCE_S)
         await studio.settle(pilot)

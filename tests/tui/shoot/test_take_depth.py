@@ -35,7 +35,7 @@ views = [{"camera": "cam01", "picture": "depth/cam01.png", "coverage": 0.9}]
 found = {"views": views, "reference": "cam01", "fused_points": 12345, "moving_measured": 0.94}
 (out / "multiview.json").write_text(json.dumps(found))
 (out / "report.html").write_text("to be turned")
-print("1 depth map, 12,345 points in 0.1 s; 94 % of what moves measured")
+print("1 depth map, 12,345 points in 0.1 s; 94 % of moving pixels have depth")
 """
 
 
@@ -65,7 +65,7 @@ async def test_the_panel_shows_depth_after_a_take_and_a_key_opens_its_page(
     async with studio.app.run_test(size=(120, 50)) as pilot:
         await studio.enter(pilot)
         await pilot.press("space")
-        await until(pilot, lambda: "94 % of what moves measured" in studio.view.take_panel.plain)
+        await until(pilot, lambda: "94 % of moving pixels have depth" in studio.view.take_panel.plain)
         (made,) = studio.app.runs.all
         assert "--quick" in made.line
         assert f"--instant {studio.view.takes[-1].sheet.instants // 2}" in made.line
@@ -95,7 +95,7 @@ async def test_the_depth_of_two_cameras_is_shown_before_that_of_all(studio: Stud
             == (run.out / "pair.png").read_bytes()
         )
         (tmp_path / "how").write_text("")
-        await until(pilot, lambda: "94 % of what moves measured" in studio.view.take_panel.plain)
+        await until(pilot, lambda: "94 % of moving pixels have depth" in studio.view.take_panel.plain)
         assert take_depth.picture(studio.app.runs, studio.view.takes[-1].sheet) is not None
 
 
@@ -162,6 +162,6 @@ async def test_a_machine_that_has_not_the_power_makes_none_by_itself_and_says_so
         await until(pilot, lambda: not any(one.group == "jobs" for one in studio.app.workers))
         studio.app.runs.all.append(before)
         await pilot.press("space")
-        said = "of what moves measured" if made else "no automatic depth"
+        said = "of moving pixels have depth" if made else "no automatic depth"
         await until(pilot, lambda: said in studio.view.take_panel.plain)
         assert len(studio.app.runs.all) == 1 + made

@@ -430,22 +430,24 @@ typedef struct {
   float relative, sure, pixels, cosine;
 } Pair;
 
-FOR_ALL int votes(int height, int width, const float *surface, int other_height, int other_width,
-                  const float *other, const Pair *pair, uint8_t *same, uint8_t *able) {
+/* `other` has a border of one pixel, of 0. All is `restrict`: bytes may alias anything, and a loop that writes them
+ * is made of vectors only if it knows that they do not. */
+FOR_ALL int votes(int height, int width, const float *restrict surface, int other_height, int other_width,
+                  const float *restrict other, const Pair *restrict pair, uint8_t *restrict same,
+                  uint8_t *restrict able) {
   const float *m = pair->to, *r = pair->turn, *c = pair->centre;
   for (int y = 0; y < height; y++) {
-    const float *restrict levels = surface + (size_t)y * width;
-    uint8_t *restrict agrees = same + (size_t)y * width, *restrict sees = able + (size_t)y * width;
+    const float *levels = surface + (size_t)y * width;
+    uint8_t *agrees = same + (size_t)y * width, *sees = able + (size_t)y * width;
     const float u0 = m[1] * y + m[2], v0 = m[4] * y + m[5], z0 = m[7] * y + m[8];
     const float ray_y = pair->ray_y[0] * y + pair->ray_y[1];
     for (int x = 0; x < width; x++) {
       const float level = levels[x], z = m[6] * x + z0 + m[11] * level, far = 1.f / MAX(z, 1e-6f);
       const float u = (m[0] * x + u0 + m[9] * level) * far, v = (m[3] * x + v0 + m[10] * level) * far;
       /* From the border's corner on nothing is negative: adding a half and cutting off rounds. */
-      const int column = (int)(MIN(MAX(u, -1.f), (float)other_width) + 1.5f) - 1;
-      const int row = (int)(MIN(MAX(v, -1.f), (float)other_height) + 1.5f) - 1;
-      const int there = (column >= 0) & (column < other_width) & (row >= 0) & (row < other_height) & (z > 1e-6f);
-      const float found = other[there ? row * other_width + column : 0], seen = there ? found : 0.f;
+      const int column = (int)(at_most(at_least(u, -1.f), other_width) + 1.5f);
+      const int row = (int)(at_most(at_least(v, -1.f), other_height) + 1.5f);
+      const float found = other[row * (other_width + 2) + column], seen = found * (z > 1e-6f);
       const float expected = level * far, off = fabsf(seen - expected);
       /* How many px of the reference the other's depth is worth there. */
       const float px = pair->back_x[0] * u + pair->back_x[1], py = pair->back_y[0] * v + pair->back_y[1];

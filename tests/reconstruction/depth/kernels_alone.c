@@ -56,7 +56,9 @@ int main(void) {
   tell("planes", found, sizeof found);
   const Pair pair = {{1, .01f, .3f, -.01f, 1, .5f, 1e-5f, 2e-5f, 1, 20.f, 5.f, .05f, 9}, {1, 0, 0, 0, 1, 0, 0, 0, 1},
                      {.2f, .01f, 0}, {.01f, -.6f}, {.01f, -.5f}, {.01f, -.6f}, {.01f, -.5f}, 110, .2f, .1f, 3, .7f};
-  votes(H, W, base, H, W, place, &pair, same, able);
+  static float bordered[(H + 2) * (W + 2)];
+  for (int y = 0; y < H; y++) memcpy(bordered + (y + 1) * (W + 2) + 1, place + y * W, sizeof(float) * W);
+  votes(H, W, base, H, W, bordered, &pair, same, able);
   tell("same", same, sizeof same);
   tell("able", able, sizeof able);
   return 0;

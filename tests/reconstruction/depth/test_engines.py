@@ -278,6 +278,14 @@ def test_votes_are_those_of_the_array_version(compiled: CompiledEngine) -> None:
         assert 0.05 < expected.mean() < 0.99
 
 
+def test_a_scan_in_memory_used_before_is_that_in_fresh_memory(compiled: CompiledEngine) -> None:
+    rng = np.random.default_rng(5)
+    large, small = (rng.integers(0, 256, (20, depths, 33), np.uint8) for depths in (40, 9))
+    grey = rng.uniform(0, 255, (20, 33)).astype(np.float32)
+    for costs in (large, small):
+        assert np.array_equal(compiled.aggregate(costs, grey, 20, 800), NUMPY.aggregate(costs, grey, 20, 800))
+
+
 def test_what_is_seen_through_a_surface_is_that_of_the_array_version(compiled: CompiledEngine) -> None:
     view = source_views(1, 5)[0]
     ys, xs = np.mgrid[0 : view.reference.grey.shape[0], 0 : view.reference.grey.shape[1]]

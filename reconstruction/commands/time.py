@@ -56,7 +56,7 @@ def _lines(result: "TimeResult") -> Iterator[str]:
         else:
             more = ""
             if found.misfit_px is not None:
-                more = f", with the calibration corrected: it is {found.misfit_px:.1f} px off points at rest"
+                more = f", with the calibration corrected: its lines are {found.misfit_px:.1f} px off"
             if found.rate_ppm is not None and found.rate_sd_ppm is not None:
                 more = f", rate {found.rate_ppm:+.1f} ± {2 * found.rate_sd_ppm:.1f} ppm"
             if found.row_time_ns is not None and found.row_time_sd_ns is not None:

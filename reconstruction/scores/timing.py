@@ -55,7 +55,7 @@ class Timing(Struct, frozen=True, kw_only=True):
     jitter_ms: float | None = None
     """Standard deviation of the images' own offsets, if it is certainly not zero."""
     misfit_px: float | None = None
-    """Median epipolar error of points at rest, if the calibration does not fit the images."""
+    """Median epipolar error of static points (of all if cameras move), if the calibration does not fit."""
     same_frame_ms: float | None = None
     """Upper bound of the offset of images that are of the same frame; None if this is unknown.
 
@@ -127,9 +127,10 @@ def judge_timing(
     if jitter_ms is not None:
         reason = f"{other}'s frames wander by ± {SIGMAS * jitter_ms:.1f} ms"
     elif fit.misfit_px is not None:
+        points = "matched points" if moving_cameras else "points at rest"
         reason = (
-            f"the calibration does not fit the pictures: points at rest are {fit.misfit_px:.1f} pixels off "
-            "their epipolar lines; check it with a board"
+            f"the calibration does not fit the pictures: {points} are {fit.misfit_px:.1f} pixels off their "
+            "epipolar lines; check it with a board"
         )
     elif SIGMAS * sd > limit_ms:
         reason = "the error of the measured offset is more than a tenth of a frame"

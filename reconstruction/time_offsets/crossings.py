@@ -157,17 +157,19 @@ def _errors(views: tuple[View, View], at_a: Array, at_b: Array) -> Array:
     return errors
 
 
-def errors_at_offset(views: tuple[View, View], a: Path, b: Path, offset_ms: float) -> Array:
-    """Return the epipolar errors (n,) px of matches at the same time, if B's images are later by an offset.
+def points_at_offset(a: Path, b: Path, offset_ms: float) -> tuple[Array, Array, Array]:
+    """Return matches (n, 2) px in A and B at the same time, if B's images are later by an offset.
 
-    B's points are moved along their paths by less than the time to the previous or next image.
+    B's points are moved along their paths by less than the time to the previous or next image. Their speeds
+    (n, 2) px/ms are the third array.
     """
     (at_a, a_ms), (at_b, b_ms) = a, b
     early_ms = a_ms[1] - b_ms[1] - offset_ms
     beside = np.where((early_ms > 0)[:, None], at_b[2], at_b[0])
     steps = np.where(early_ms > 0, b_ms[2], b_ms[0]) - b_ms[1]
-    errors = _errors(views, at_a[1], at_b[1] + (beside - at_b[1]) * (early_ms / steps)[:, None])
-    return np.asarray(errors[np.isfinite(errors) & (np.abs(early_ms) < np.abs(steps))])
+    speeds = (beside - at_b[1]) / steps[:, None]
+    good = np.isfinite(speeds).all(1) & (np.abs(early_ms) < np.abs(steps))
+    return at_a[1][good], (at_b[1] + speeds * early_ms[:, None])[good], speeds[good]
 
 
 StillErrors = tuple[Array, Array]
@@ -213,7 +215,7 @@ class OffsetFit:
     votes: float = 0.0
     """Approximate number of crossings that agree."""
     misfit_px: float | None = None
-    """Median epipolar error of static points, if the calibration does not fit them.
+    """Median epipolar error of static points (of all if cameras move), if the calibration does not fit them.
 
     If the offset is known, it was measured with a geometry corrected by these points.
     """

@@ -1,6 +1,7 @@
 """Epipolar geometry of two views, and the effect of calibration errors on it."""
 
 from dataclasses import replace
+from typing import NamedTuple
 
 import cv2
 import numpy as np
@@ -17,6 +18,8 @@ TERMS = 12
 CORRECTIONS = np.array([0.02] * 3 + [0.05] * 2 + [0.02, 0.01, 0.01, 0.05] * 2)
 """Standard deviations of a wrong calibration's errors: three angles and two directions of the baseline (rad);
 for each camera the logarithm of the focal length, the principal point (image widths), and k1 of the lens."""
+DIRECTION_IN_MOTION = 0.3
+"""The same of the baseline's directions for moving cameras, rad: at constant velocity they act as a delay."""
 MAX_CORRECTION = 10.0
 """Maximum correction, in those standard deviations; a larger one is another optimum or another lens model."""
 CORRECTED_PX = 0.5
@@ -67,37 +70,63 @@ def places(geometry: Array) -> Array:
     return np.asarray(geometry[:, 1:3] / ODDS_PX[1])
 
 
-def correct_views(views: tuple[View, View], at_a: Array, at_b: Array) -> tuple[View, View] | None:
-    """Return two views with their calibration corrected so that static matches (n, 2) px fit it, or None.
+class Correction(NamedTuple):
+    """Views with a corrected calibration, and the second camera's delay with its standard deviation, ms."""
 
-    Gauss-Newton with Cauchy weights and a zero-mean prior of `CORRECTIONS`: errors that the matches do not
-    determine stay uncorrected. None if no correction of plausible size fits.
+    views: tuple[View, View]
+    late_ms: float
+    sd_ms: float
+
+
+def correct_views(
+    views: tuple[View, View],
+    at_a: Array,
+    at_b: Array,
+    speeds: Array | None = None,
+    period_ms: float = 1.0,
+) -> Correction | None:
+    """Correct a calibration so that matches (n, 2) px fit it; None if no correction of plausible size does.
+
+    The matches are static, or move at `speeds` (n, 2) px/ms in the second view: its delay is then fitted
+    together with the calibration.
+
+    Gauss-Newton with Cauchy weights and a zero-mean prior of `CORRECTIONS` and one frame period: errors that
+    the matches do not determine stay uncorrected.
     """
-    correction, steps = np.zeros(len(CORRECTIONS)), 1e-3 * np.eye(len(CORRECTIONS))
+    sds, steps_px = np.append(CORRECTIONS, 1.0), np.zeros_like(at_b)
+    if speeds is not None:
+        sds[3:5], steps_px = DIRECTION_IN_MOTION, speeds * period_ms
+    found, changes = np.zeros(len(sds)), 1e-3 * np.eye(len(sds))
+
+    def errors_px(values: Array) -> Array:
+        at = at_b[chosen] - values[-1] * steps_px[chosen]
+        return epipolar_errors_px(*_corrected(views, values * sds), at_a[chosen], at)
+
     for _ in range(2):
-        good = consistent_matches(_corrected(views, correction), at_a, at_b)
+        good = consistent_matches(_corrected(views, found * sds), at_a, at_b - found[-1] * steps_px)
         if good is None:
             return None
         chosen = np.random.default_rng(0).permutation(np.flatnonzero(good))[:CORRECTION_POINTS]
-        both = at_a[chosen], at_b[chosen]
         for _ in range(8):
-            errors = epipolar_errors_px(*_corrected(views, correction), *both)
-            beside = [epipolar_errors_px(*_corrected(views, correction + step), *both) for step in steps]
-            slopes = (np.column_stack(beside) - errors[:, None]) / steps[0, 0]
+            errors = errors_px(found)
+            beside = np.column_stack([errors_px(found + change) for change in changes])
+            slopes = (beside - errors[:, None]) / changes[0, 0]
             sd_px = max(MIN_POINT_PX, 1.4826 * float(np.median(np.abs(errors))))
             weights = 1 / sd_px**2 / (1 + (errors / (2 * sd_px)) ** 2)
-            normal = slopes.T @ (weights[:, None] * slopes) + np.eye(len(correction))
-            correction = correction - np.linalg.solve(normal, slopes.T @ (weights * errors) + correction)
-            if not np.abs(correction).max() < 2 * MAX_CORRECTION:
+            normal = slopes.T @ (weights[:, None] * slopes) + np.eye(len(found))
+            found = found - np.linalg.solve(normal, slopes.T @ (weights * errors) + found)
+            if not np.abs(found).max() < 2 * MAX_CORRECTION:
                 return None
-    found = _corrected(views, correction)
-    left_px = float(np.median(np.abs(epipolar_errors_px(*found, *both))))
-    return found if np.abs(correction).max() < MAX_CORRECTION and left_px < CORRECTED_PX else None
+    if np.abs(found).max() >= MAX_CORRECTION or np.median(np.abs(errors_px(found))) >= CORRECTED_PX:
+        return None
+    sd_ms = float(np.sqrt(np.linalg.inv(normal)[-1, -1])) * period_ms
+    return Correction(_corrected(views, found * sds), float(found[-1]) * period_ms, sd_ms)
 
 
-def _corrected(views: tuple[View, View], correction: Array) -> tuple[View, View]:
+def _corrected(views: tuple[View, View], errors: Array) -> tuple[View, View]:
+    """Return the views without these errors, in the order of `CORRECTIONS`."""
     a, b = views
-    angles, aside, *lenses = np.split(correction * CORRECTIONS, [3, 5, 9])
+    angles, aside, *lenses = np.split(errors[: len(CORRECTIONS)], [3, 5, 9])
     apart = b.centre - a.centre
     distance = float(np.linalg.norm(apart))
     towards = apart + distance * aside @ np.linalg.svd(apart[None])[2][1:]

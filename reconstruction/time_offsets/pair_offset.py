@@ -1,7 +1,7 @@
 """Time offset of one camera of a session relative to another, from objects that move in front of both."""
 
-from collections.abc import Iterable, Sequence
-from dataclasses import dataclass
+from collections.abc import Callable, Iterable, Sequence
+from dataclasses import dataclass, replace
 from functools import lru_cache, partial
 
 import cv2
@@ -9,7 +9,7 @@ import numpy as np
 
 from capture_app.session.format.manifest import RowExposures, row_exposures
 from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.common.geometry import Array
+from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_matching import track_there_and_back
 from reconstruction.pairs import match_at_rest, match_descriptors
 from reconstruction.session.camera_motion import CameraMotion, measure_camera_motion
@@ -22,15 +22,15 @@ from reconstruction.time_offsets.crossings import (
     Crossings,
     OffsetFit,
     Path,
-    errors_at_offset,
     find_crossings,
     fit_offset,
     median_px,
     misfit,
+    points_at_offset,
     still_errors,
 )
 from reconstruction.time_offsets.outlines import Outlines, find_outlines, similar_objects
-from reconstruction.time_offsets.pair_geometry import correct_views
+from reconstruction.time_offsets.pair_geometry import Correction, correct_views, epipolar_errors_px
 
 MAX_POINTS = 400
 MAX_SIDE_PX = 960
@@ -56,6 +56,10 @@ INSTANTS = 6, 48
 """Minimum and maximum number of instants of a pair."""
 IMAGES = 150
 """Approximate number of images of all cameras together; more cameras mean fewer instants of each pair."""
+DISAGREEING = 3.0
+"""Standard deviations between two fits of an offset from which they contradict each other."""
+LINEAR_STEPS = 4
+"""Maximum number of times that points are moved along their paths to the offset found."""
 OUTLINE_COUNTS = 4.0
 """Number of points that an object's centre counts for: its whole outline determines it."""
 
@@ -116,6 +120,10 @@ RoughOffset = tuple[float, float]
 """Approximate delay of a pair's second camera, and the maximum error of this delay, ms."""
 
 
+MovingMatches = tuple[Array, Array, Array]
+"""Matches (n, 2) px in two cameras at the same time, and their speeds (n, 2) in the second, px/ms."""
+
+
 class PairOffsets:
     """Time offsets between cameras of a calibrated rig; the points of each image are detected once."""
 
@@ -164,34 +172,30 @@ class PairOffsets:
             asked = evenly_spaced(asked, limit)
         else:
             asked = choose_moving_instants(self.rig.motion, cameras, asked, limit)
-        pair = views[first], views[second]
-        at_rest = self._still_matches(first, second, 0 if all_moves else STILL_INSTANTS)
-        still = still_errors(pair, *at_rest)
-        recorded_px = median_px(still[0])
-        if recorded_px > TYPICAL_AT_REST_PX and (corrected := correct_views(pair, *at_rest)) is not None:
-            pair, still = corrected, still_errors(corrected, *at_rest)
         apart_ms = {
             (now, other): at_ms - times.at_ms(first, now) for now in asked for other, at_ms in others.items()
         }
         paths = partial(self._paths, times, (first, second), all_moves)
-        found = [
-            find_crossings(pair, images[0], *paths(images))
-            for images, ms in apart_ms.items()
-            if abs(ms) <= max_offset_ms
-        ]
         period_ms = self.dataset.period_ns / 1e6
-        crossings = Crossings.join(found).later(-near_ms)
-        fit = fit_offset(crossings, still, period_ms, recorded_px)
-        if fit.offset_ms is None:
-            return fit
-        found_ms, fit = fit.offset_ms, fit.later(near_ms)
+
+        def cross(pair: tuple[View, View]) -> Crossings:
+            found = [
+                find_crossings(pair, images[0], *paths(images))
+                for images, ms in apart_ms.items()
+                if abs(ms) <= max_offset_ms
+            ]
+            return Crossings.join(found).later(-near_ms)
+
+        def in_motion(offset_ms: float) -> MovingMatches:
+            same = [images for images, ms in apart_ms.items() if abs(ms + offset_ms) <= period_ms / 2]
+            parts = [points_at_offset(*paths(images)[0], near_ms + offset_ms) for images in same]
+            at_a, at_b, speeds = zip((np.zeros((0, 2)),) * 3, *parts, strict=True)
+            return np.concatenate(at_a), np.concatenate(at_b), np.concatenate(speeds)
+
+        pair = views[first], views[second]
         if all_moves:
-            same = [images for images, ms in apart_ms.items() if abs(ms + found_ms) <= period_ms / 2]
-            errors = [errors_at_offset(pair, *paths(images)[0], found_ms + near_ms) for images in same]
-            errors_px = np.concatenate([np.zeros(0), *errors])
-            if median_px(errors_px) > MAX_IN_MOTION_PX:
-                return misfit(len(errors_px), "matched points", median_px(errors_px))
-        return fit
+            return fit_in_motion(pair, period_ms, cross, in_motion).later(near_ms)
+        return _fit_at_rest(pair, period_ms, cross, self._still_matches(first, second)).later(near_ms)
 
     def _paths(
         self, times: "ImageTimes", cameras: tuple[str, str], all_moves: bool, instants: tuple[int, int]
@@ -258,10 +262,10 @@ class PairOffsets:
         moving = motion.widened_moving(camera, instant)
         return find_outlines(self.dataset.grey(camera, instant), motion.background(camera), moving)
 
-    def _still_matches(self, first: str, second: str, instants: int) -> tuple[Array, Array]:
-        """Return matched static points, (n, 2) px in each camera, from the given number of instants."""
+    def _still_matches(self, first: str, second: str) -> tuple[Array, Array]:
+        """Return matched static points, (n, 2) px in each camera."""
         found = [(np.zeros((0, 2)), np.zeros((0, 2)))]
-        some = evenly_spaced(self.dataset.instants(first, second), instants) if instants else []
+        some = evenly_spaced(self.dataset.instants(first, second), STILL_INSTANTS)
         for place, k in enumerate(some):
             a, b = (self.rig.features(k)[name] for name in (first, second))
             of_a, of_b = match_at_rest(a, b)
@@ -277,6 +281,75 @@ class PairOffsets:
         there = _follow(self.dataset.grey(camera, instant), self.dataset.grey(camera, other), at)
         with np.errstate(invalid="ignore"):
             return np.asarray(np.linalg.norm(there - at, axis=1) < MAX_DRIFT_PX)
+
+
+def _fit_at_rest(
+    pair: tuple[View, View],
+    period_ms: float,
+    cross: Callable[[tuple[View, View]], Crossings],
+    at_rest: tuple[Array, Array],
+) -> OffsetFit:
+    """Fit the offset of cameras that stand still, with a calibration corrected by static matches."""
+    still = still_errors(pair, *at_rest)
+    recorded_px = median_px(still[0])
+    if recorded_px > TYPICAL_AT_REST_PX and (correction := correct_views(pair, *at_rest)) is not None:
+        pair, still = correction.views, still_errors(correction.views, *at_rest)
+    return fit_offset(cross(pair), still, period_ms, recorded_px)
+
+
+def fit_in_motion(
+    pair: tuple[View, View],
+    period_ms: float,
+    cross: Callable[[tuple[View, View]], Crossings],
+    in_motion: Callable[[float], MovingMatches],
+) -> OffsetFit:
+    """Fit the offset of cameras that move, together with the calibration if that does not fit the matches.
+
+    `in_motion` returns the matches at an offset, ms.
+    """
+    matches = in_motion(0.0)
+    nothing = still_errors(pair, matches[0][:0], matches[1][:0])
+    recorded_px = _off_px(pair, matches)
+    fits = recorded_px <= TYPICAL_AT_REST_PX
+    correction = None if fits else _correct_in_motion(pair, period_ms, in_motion, 0.0)
+    if correction is None:
+        fit = fit_offset(cross(pair), nothing, period_ms)
+        if fit.offset_ms is None:
+            return fit
+        matches = in_motion(fit.offset_ms)
+        left_px = _off_px(pair, matches)
+        if left_px <= MAX_IN_MOTION_PX:
+            if fits:
+                return fit
+            # More than a frame late, or another calibration.
+            correction = _correct_in_motion(pair, period_ms, in_motion, fit.offset_ms)
+        if correction is None:
+            return misfit(len(matches[0]), "matched points", max(left_px, recorded_px))
+    off_px = _off_px(pair, in_motion(correction.late_ms))
+    fit = fit_offset(cross(correction.views), nothing, period_ms, off_px)
+    sd_ms = float(np.hypot(fit.sd_ms or 0.0, correction.sd_ms))
+    if fit.offset_ms is not None and abs(fit.offset_ms - correction.late_ms) > DISAGREEING * sd_ms:
+        return OffsetFit(reason="the moving points do not agree on one offset")
+    return fit if fit.offset_ms is None else replace(fit, sd_ms=sd_ms)
+
+
+def _off_px(pair: tuple[View, View], matches: MovingMatches) -> float:
+    return median_px(epipolar_errors_px(*pair, *matches[:2])) if len(matches[0]) else 0.0
+
+
+def _correct_in_motion(
+    pair: tuple[View, View],
+    period_ms: float,
+    in_motion: Callable[[float], MovingMatches],
+    near_ms: float,
+) -> Correction | None:
+    """Correct a calibration together with the offset, starting at `near_ms`."""
+    for _ in range(LINEAR_STEPS):
+        found = correct_views(pair, *in_motion(near_ms), period_ms)
+        if found is None or abs(found.late_ms) < period_ms / 2:
+            break
+        near_ms += found.late_ms
+    return found and found._replace(late_ms=near_ms + found.late_ms)
 
 
 class ImageTimes:

@@ -6,7 +6,7 @@ import cv2
 import numpy as np
 import pytest
 
-from reconstruction.time_offsets.crossings import Crossings, errors_at_offset, fit_offset, still_errors
+from reconstruction.time_offsets.crossings import Crossings, fit_offset, points_at_offset, still_errors
 from reconstruction.time_offsets.pair_geometry import correct_views, epipolar_errors_px, geometry_terms
 from tests.reconstruction.conftest import make_view
 
@@ -57,7 +57,7 @@ def test_matches_of_moving_cameras_are_on_their_lines_only_at_the_right_offset()
     a = np.stack([at_a - down, at_a, at_a + down]), times_ms
     late = at_b + 0.4 * down
     b = np.stack([late - down, late, late + down]), times_ms
-    right, wrong = (errors_at_offset((A, B), a, b, ms) for ms in (8.0, 0.0))
+    right, wrong = (epipolar_errors_px(A, B, *points_at_offset(a, b, ms)[:2]) for ms in (8.0, 0.0))
     at_once = epipolar_errors_px(A, B, at_a, at_b)
     assert np.abs(right - at_once).max() < 0.01
     assert np.median(np.abs(wrong - at_once)) > 0.3
@@ -77,7 +77,7 @@ def test_a_calibration_pixels_off_is_corrected_by_what_stands_still(fault: str) 
     assert np.median(np.abs(epipolar_errors_px(A, off, *nearer))) > 1.5
     found = correct_views((A, off), *seen((2.0, 5.0), 600))
     assert found is not None
-    assert np.median(np.abs(epipolar_errors_px(*found, *nearer))) < 0.4
+    assert np.median(np.abs(epipolar_errors_px(*found.views, *nearer))) < 0.4
 
 
 def test_matches_that_fit_no_geometry_correct_nothing() -> None:

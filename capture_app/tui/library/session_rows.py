@@ -7,6 +7,7 @@ from datetime import datetime
 from pathlib import Path
 from typing import Literal, get_args
 
+from rich.style import Style
 from textual import work
 from textual.content import Content
 from textual.geometry import Size
@@ -108,7 +109,7 @@ class SessionRows(RowList[Entry]):
         """Draw the thumbnail beside three lines."""
         room = width - THUMB - 3
         notes = Content.styled(" · ", "$foreground-muted").join(_notes(entry.card))
-        lines = [self._title(entry, room), self._facts(entry.card, room), notes]
+        lines, plain = [self._title(entry, room), self._facts(entry.card, room), notes], self.rich_style
         style = "on $block-cursor-background" if chosen else ""
         mark = strip_of_line(self, Content.styled("▌" if chosen else " ", "$primary").stylize_before(style))
 
@@ -118,7 +119,8 @@ class SessionRows(RowList[Entry]):
             return strip_of_line(self, line.stylize_before(style))
 
         return [
-            Strip.join([mark, self._thumb_line(entry, at), beside(line)]) for at, line in enumerate(lines)
+            Strip.join([mark, self._thumb_line(entry, at, plain), beside(line)])
+            for at, line in enumerate(lines)
         ]
 
     def notify_style_update(self) -> None:
@@ -143,7 +145,7 @@ class SessionRows(RowList[Entry]):
         tags = fitting(map(run_tag, self._runs.of(card.folder)), "  ", room - time_difference.cell_length - 2)
         return justified(time_difference, Content("  ").join(tags), room)
 
-    def _thumb_line(self, entry: Entry, line: int) -> Strip:
+    def _thumb_line(self, entry: Entry, line: int, plain: Style) -> Strip:
         images = entry.card.first_images[:1]
         thumb = self._thumbs.get(images)
         if thumb is None:
@@ -151,8 +153,8 @@ class SessionRows(RowList[Entry]):
                 self._requested.append(entry.key)
                 if len(self._requested) == 1:
                     self._load()
-            return Strip.blank(THUMB, self.rich_style)
-        return strip_of_middle(thumb, line, Size(THUMB, ROWS), self.rich_style, self.rich_style)
+            return Strip.blank(THUMB, plain)
+        return strip_of_middle(thumb, line, Size(THUMB, ROWS), plain, plain)
 
     @work(group="thumbnails")
     async def _load(self) -> None:

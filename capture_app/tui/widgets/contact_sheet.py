@@ -64,6 +64,8 @@ class ContactSheet(ScrollView, can_focus=True):
         self._missing_thumbs: list[tuple[int, int]] = []
         """Visible pictures that are not drawn yet."""
         self._zoom = 1.0
+        self._plain = Style()
+        """The widget's style while a line is drawn: Textual computes it anew at each look."""
 
     def show(self, sheet: TakeSheet | None) -> None:
         """Show another take from its first picture."""
@@ -124,7 +126,8 @@ class ContactSheet(ScrollView, can_focus=True):
 
     def render_line(self, y: int) -> Strip:
         """Return one line: the cameras' names, or a line of pictures and of the notes below them."""
-        width, plain, sheet = self.size.width, self.rich_style, self.sheet
+        width, sheet = self.size.width, self.sheet
+        plain = self._plain = self.rich_style
         if sheet is None:
             return Strip.blank(width, plain)
         size, left = self.thumb_size, self.scroll_offset.x
@@ -170,7 +173,7 @@ class ContactSheet(ScrollView, can_focus=True):
         elif line == 1 and (scatter := sheet.spread_ns(instant)) is not None:
             gutter = self._words(f"↔{duration(scatter)}".rjust(GUTTER - 1), GUTTER, "sheet--label", gap=1)
         else:
-            gutter = Strip.blank(GUTTER, self.rich_style)
+            gutter = Strip.blank(GUTTER, self._plain)
         if self.cursor == (0, instant) and line < self.thumb_size.height:
             gutter = Strip.join([gutter.crop(0, GUTTER - 1), self._words("▐", 1, "sheet--frame")])
         return gutter
@@ -203,13 +206,13 @@ class ContactSheet(ScrollView, can_focus=True):
             text = "no picture" if known and line == size.height // 2 else ""
             return self._words(text.center(size.width), size.width, "sheet--empty")
         empty = self.get_component_rich_style("sheet--empty")
-        return strip_of_middle(thumb, line, size, self.rich_style, empty)
+        return strip_of_middle(thumb, line, size, self._plain, empty)
 
     def _words(self, text: str, width: int, style: str, *, gap: int = 0) -> Strip:
         look: Style = self.get_component_rich_style(style)
         room = width - gap
         cut = Strip([Segment(text if len(text) <= room else text[: room - 1] + "…", look)])
-        return Strip.join([cut, Strip.blank(gap, self.rich_style)]).adjust_cell_length(width, self.rich_style)
+        return Strip.join([cut, Strip.blank(gap, self._plain)]).adjust_cell_length(width, self._plain)
 
     def _put_cursor(self, x: int, y: int) -> None:
         if self.sheet is None or not self.sheet.cameras or not self.sheet.instants:

@@ -138,10 +138,10 @@ class RowList(ScrollView, Generic[Item], can_focus=True):
     def _lines(self, key: str) -> list[Strip]:
         lines = self._drawn.get(key)
         if lines is None:
-            width = self.size.width
+            width, plain = self.size.width, self.rich_style
             drawn = self._draw_row(self.items[key], width, key == self.chosen)
             strips = [strip_of_line(self, line) if isinstance(line, Content) else line for line in drawn]
-            lines = [strip.adjust_cell_length(width, self.rich_style) for strip in strips]
+            lines = [strip.adjust_cell_length(width, plain) for strip in strips]
             self._drawn[key] = lines
         return lines
 

@@ -7,8 +7,11 @@ from typing import Any
 
 import pytest
 
+from capture_app.common.address import parse_address
 from capture_app.common.errors import ExitCode
+from capture_app.common.node_state import NodeState
 from capture_app.node.camera.device_profiles import FILE
+from capture_app.rig.rig_link import ask_status
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.end_to_end.rig import burst, join, join_ready, lead, output
@@ -16,9 +19,8 @@ from tests.end_to_end.rig import burst, join, join_ready, lead, output
 from .conftest import Start
 
 
-async def status(start: Start, leader: str) -> dict[str, dict[str, Any]]:
-    rig = json.loads(await output(await start("status", "--leader", leader, "--json")))
-    return {node["name"]: node for node in rig["nodes"]}
+async def states(leader: str) -> dict[str, NodeState]:
+    return {node.name: node.state for node in (await ask_status(parse_address(leader))).nodes}
 
 
 def number(done: dict[str, Any]) -> int:
@@ -47,7 +49,7 @@ async def test_a_rig_started_by_hand_takes_a_burst_and_survives_a_node(start: St
 
     await nodes[0].kill()
     await leader.says("lost a: silent")
-    assert (await status(start, address))["a"]["state"] == "lost"
+    assert (await states(address))["a"] == NodeState.LOST
 
     again = await join(start, "a", address)
     await leader.says("a is back")
@@ -106,8 +108,8 @@ async def test_a_camera_that_goes_away_is_told_to_the_leader(start: Start, tmp_p
     camera = "sim:phone-a,fail_after_s=1"
     node = await start("node", "--name", "a", "--camera", camera, "--leader", address)
     await node.says("failed: ")
-    seen = await status(start, address)
-    assert seen["a"]["state"] in {"failed", "syncing", "aligning"}
+    seen = await states(address)
+    assert seen["a"] in {NodeState.FAILED, NodeState.SYNCING, NodeState.ALIGNING}
     await node.says("camera is back")
 
 

@@ -2,6 +2,7 @@
 
 import json
 from pathlib import Path
+from typing import Any
 
 import cv2  # before pycolmap
 import numpy as np
@@ -14,11 +15,17 @@ from capture_app.session.reading.reader import Session
 from reconstruction.depth.colmap_workspace import write_array
 from tests.exporters.conftest import GRID, POINT, Export, Make, calibrated, spot
 
-pycolmap = pytest.importorskip("pycolmap")
+pycolmap: Any = None
 NAMES = {image_path(c, i).removeprefix("images/") for c in ("left", "mid", "right") for i in range(4)}
 JUMPER = Path(__file__).parents[2] / "sample_sessions" / "jumper"
 FARTHEST_M = 0.005
 KEPT = NAMES - {"rig1/right/000001.jpg", "rig1/mid/000002.jpg"}
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _pycolmap() -> None:
+    """Import it only where it is used: each of pytest's workers imports all files of tests."""
+    globals()["pycolmap"] = pytest.importorskip("pycolmap")
 
 
 def test_images_stay_as_they_are(make: Make, export: Export, tmp_path: Path) -> None:
@@ -165,7 +172,7 @@ def test_jumper_maps_without_being_told_the_rig(tmp_path: Path) -> None:
     assert np.linalg.norm(placed - wanted, axis=1).max() < FARTHEST_M
 
 
-def _map(out: Path, folder: Path) -> "pycolmap.Reconstruction":  # type: ignore[name-defined]
+def _map(out: Path, folder: Path) -> Any:
     """Global mapping with the export's intrinsics and rig, but without the poses of the rig's cameras."""
     pycolmap.set_random_seed(0)
     database_path = str(folder / "database.db")

@@ -8,9 +8,6 @@ import cv2
 import numpy as np
 import pytest
 from mcap.reader import make_reader
-from rosbags.highlevel import AnyReader
-from rosbags.rosbag2 import StoragePlugin, Writer
-from rosbags.typesys import Stores, get_typestore
 
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
@@ -21,7 +18,16 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.exporters.conftest import Export, Make, calibrated, picture
 
-STORE = get_typestore(Stores.ROS2_JAZZY)
+rosbag2: Any = None
+store: Any = None
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _rosbags() -> None:
+    """Import it only where it is used: each of pytest's workers imports all files of tests."""
+    from rosbags import rosbag2, typesys
+
+    globals().update(rosbag2=rosbag2, store=typesys.get_typestore(typesys.Stores.ROS2_JAZZY))
 
 
 def test_every_picture_lens_and_place_is_in_the_bag(make: Make, export: Export, tmp_path: Path) -> None:
@@ -29,6 +35,8 @@ def test_every_picture_lens_and_place_is_in_the_bag(make: Make, export: Export, 
     export(session, "mcap", ros=True)
     images = {(i.camera, i.leader_ns): i for i in session.manifest.images}
     seen: Counter[str] = Counter()
+    from rosbags.highlevel import AnyReader
+
     with AnyReader([tmp_path / "out" / "clap"]) as bag:
         for connection, at_ns, raw in bag.messages():
             message: Any = bag.deserialize(raw, connection.msgtype)
@@ -94,21 +102,22 @@ def test_no_two_cameras_share_a_topic() -> None:
     assert ros_topics(["a-b", "2nd", "a_b"]) == {"a_b": "/a_b", "a-b": "/a_b_2", "2nd": "/cam2nd"}
 
 
-@pytest.mark.parametrize("plugin", [StoragePlugin.SQLITE3, StoragePlugin.MCAP])
+@pytest.mark.parametrize("plugin", ["SQLITE3", "MCAP"])
 def test_stamps_and_arrival_of_a_strangers_bag(
-    tmp_path: Path, plugin: StoragePlugin, capsys: pytest.CaptureFixture[str]
+    tmp_path: Path, plugin: str, capsys: pytest.CaptureFixture[str]
 ) -> None:
     """Raw pictures of a driver (rgb8), which came 20 ms after their stamps, and later from one camera."""
     kind = "sensor_msgs/msg/Image"
-    with Writer(tmp_path / "drive", version=9, storage_plugin=plugin) as writer:
-        topics = {n: writer.add_connection(f"/cam{n}/image_raw", kind, typestore=STORE) for n in (1, 2)}
+    stored = rosbag2.StoragePlugin[plugin]
+    with rosbag2.Writer(tmp_path / "drive", version=9, storage_plugin=stored) as writer:
+        topics = {n: writer.add_connection(f"/cam{n}/image_raw", kind, typestore=store) for n in (1, 2)}
         for k in range(3):
             for n, topic in topics.items():
                 at_ns = 1_700_000_000 * 10**9 + k * 40_000_000 + n * 1_000_000
                 pixels = picture("left", k)[:, :, ::-1]
-                stamp = STORE.types["builtin_interfaces/msg/Time"](*divmod(at_ns, 10**9))
-                message = STORE.types[kind](
-                    header=STORE.types["std_msgs/msg/Header"](stamp, "optical"),
+                stamp = store.types["builtin_interfaces/msg/Time"](*divmod(at_ns, 10**9))
+                message = store.types[kind](
+                    header=store.types["std_msgs/msg/Header"](stamp, "optical"),
                     height=64,
                     width=96,
                     encoding="rgb8",
@@ -116,7 +125,7 @@ def test_stamps_and_arrival_of_a_strangers_bag(
                     step=96 * 3,
                     data=np.ascontiguousarray(pixels).ravel(),
                 )
-                writer.write(topic, at_ns + n * 20_000_000, STORE.serialize_cdr(message, kind))
+                writer.write(topic, at_ns + n * 20_000_000, store.serialize_cdr(message, kind))
     assert run(["sessions", "import", str(tmp_path / "drive"), "--out", str(tmp_path / "out")]) == ExitCode.OK
     session = Session.open(tmp_path / "out" / "drive")
     assert "common times recorded" in capsys.readouterr().out
@@ -130,10 +139,11 @@ def test_stamps_and_arrival_of_a_strangers_bag(
 
 
 def test_what_is_no_bag_of_pictures_is_said(tmp_path: Path) -> None:
-    with Writer(tmp_path / "words", version=9, storage_plugin=StoragePlugin.MCAP) as writer:
-        topic = writer.add_connection("/chatter", "std_msgs/msg/String", typestore=STORE)
-        text = STORE.types["std_msgs/msg/String"]("hello")
-        writer.write(topic, 1, STORE.serialize_cdr(text, "std_msgs/msg/String"))
+    stored = rosbag2.StoragePlugin.MCAP
+    with rosbag2.Writer(tmp_path / "words", version=9, storage_plugin=stored) as writer:
+        topic = writer.add_connection("/chatter", "std_msgs/msg/String", typestore=store)
+        text = store.types["std_msgs/msg/String"]("hello")
+        writer.write(topic, 1, store.serialize_cdr(text, "std_msgs/msg/String"))
     with pytest.raises(BadInputError, match="no pictures of sensor_msgs"):
         import_recording([str(tmp_path / "words")], tmp_path, "s", ImportOptions())
     (tmp_path / "broken.bag").write_bytes(b"#ROSBAG V2.0\n nothing more")

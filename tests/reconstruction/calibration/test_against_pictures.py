@@ -61,7 +61,8 @@ def calibrated(tmp_path_factory: pytest.TempPathFactory) -> Callable[[Rig], Path
     return write
 
 
-@pytest.mark.parametrize("fault", FAULTS)
+# Exchanged cameras are found in each command below.
+@pytest.mark.parametrize("fault", sorted({*FAULTS} - {"exchanged"}))
 def test_all_faults_are_in_one_message(
     calibrated: Callable[[Rig], Path], reconstruct: Reconstruct, fault: str
 ) -> None:
@@ -86,9 +87,8 @@ def test_every_command_asks_before_it_makes_anything(
     assert not (tmp_path / "out").exists()
 
 
-@pytest.mark.parametrize("off", [{}, {"c": turned(RIG["c"], pitch_px=2.0)}])
-def test_what_fits_or_is_a_little_off_is_taken(calibrated: Callable[[Rig], Path], off: Rig) -> None:
-    choose_calibration(Dataset.open(calibrated({**RIG, **off})))
+def test_what_is_a_little_off_is_taken(calibrated: Callable[[Rig], Path]) -> None:
+    choose_calibration(Dataset.open(calibrated({**RIG, "c": turned(RIG["c"], pitch_px=2.0)})))
 
 
 LEFT_OUT: dict[str, tuple[Rig, set[str], str]] = {

@@ -157,13 +157,13 @@ def _equally_bright(inverse_depth: Array, source_view: SourceView, same: Array) 
     """Return where the other view, warped by the surface, is as bright as this one (bool, height x width)."""
     seen = CPU.warp(source_view, inverse_depth)
     reference = source_view.reference.grey
-    gain, bias = _brightness_match(seen.reshape(-1), reference.reshape(-1), np.flatnonzero(same))
+    gain, bias = match_brightness(seen.reshape(-1), reference.reshape(-1), np.flatnonzero(same))
     difference = cv2.blur(gain * seen + bias - reference, (5, 5))
     noise = float(np.sqrt(max(source_view.reference.noise, source_view.source.noise)))
     return np.asarray(np.abs(difference) < MAX_GREY_LEVELS + noise)
 
 
-def _brightness_match(seen: Array, reference: Array, pixels: Array) -> tuple[float, float]:
+def match_brightness(seen: Array, reference: Array, pixels: Array) -> tuple[float, float]:
     """Return gain and bias between two images from percentiles at these pixels; exposures may differ."""
     if pixels.size < 100:
         return 1.0, 0.0

@@ -14,6 +14,7 @@ from reconstruction.common.worker_pool import worker_count, worker_pool
 from reconstruction.depth.blank_walls import fit_blank_walls
 from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
 from reconstruction.depth.compiled import CPU
+from reconstruction.depth.edge_sharpening import sharpen_edges
 from reconstruction.depth.geometric_consistency import (
     consistent_and_visible_views,
     consistent_pixels,
@@ -109,6 +110,10 @@ def match_all_views(
         steps.step(f"depth of {name}")
         return found
 
+    def sharpen(name: str) -> Surface:
+        views = [SourceView(images[name], images[other]) for other in sources[name]]
+        return renewed(surfaces[name], sharpen_edges(surfaces[name], views), WHOLE, new[name])
+
     def propose(name: str) -> Surface:
         """Return the surface where others confirm it, elsewhere the others' surfaces if these match."""
         others = [images[other] for other in sources[name]]
@@ -137,7 +142,10 @@ def match_all_views(
         surfaces = dict(zip(names, pool.map(match, names), strict=True))
         laid, still.planes = fit_blank_walls(images, sources, depth_ranges, surfaces, pool, still.planes)
         surfaces = {name: renewed(surfaces[name], laid[name], WHOLE, new[name]) for name in names}
-        confirmed = _confirmed_depths(pool, images, sources, surfaces, engine)
+        sharp = dict(zip(names, pool.map(sharpen, names), strict=True))
+        confirmed = _confirmed_depths(pool, images, sources, sharp, engine)
+        # Where no others find the moved edges, the sweep's depth may be right.
+        surfaces = {n: renewed(surfaces[n], sharp[n], WHOLE, confirmed[n] > 0) for n in names}
         surfaces = dict(zip(names, pool.map(propose, names), strict=True))
         confirmed = _confirmed_depths(pool, images, sources, surfaces, engine)
         if paired:

@@ -1,0 +1,61 @@
+"""Edges that windows made too wide are moved back to where pixels match, and true ones stay."""
+
+import cv2
+import numpy as np
+import pytest
+
+from reconstruction.common.geometry import Array
+from reconstruction.depth.calibrated_image import CalibratedImage, SourceView
+from reconstruction.depth.edge_sharpening import sharpen_edges
+from reconstruction.depth.plane_sweep import Surface
+from tests.reconstruction.conftest import Scene, make_view
+from tests.reconstruction.depth.small_views import SLOPE, photo_of, view_at
+
+TIME = 2.0
+
+
+@pytest.fixture(scope="module")
+def seen(scene: Scene) -> tuple[list[SourceView], Array]:
+    """Two sources on either side of a view of the boards, one of them darker; and its true inverse depth."""
+    photos = []
+    for x, gain in ((0.0, 1.0), (-0.12, 0.8), (0.12, 1.0)):
+        view = make_view((x, 0.0, 0.0))
+        grey, depth, _ = scene.look(view, TIME)
+        photos.append(CalibratedImage(view, gain * grey.astype(np.float32), 7, 9.0))
+        if not x:
+            true = 1 / depth
+    return [SourceView(photos[0], other) for other in photos[1:]], true
+
+
+def surface_of(inverse_depth: Array) -> Surface:
+    flat = np.zeros_like(inverse_depth)
+    return Surface(inverse_depth, flat, flat, flat)
+
+
+def right(found: Surface, true: Array, where: Array) -> float:
+    return float(np.mean((np.abs(found.inverse_depth - true) < 0.01 * true)[where]))
+
+
+def test_pixels_beside_a_near_surface_get_the_far_depth_again(seen: tuple[list[SourceView], Array]) -> None:
+    views, true = seen
+    wide = cv2.dilate(true, np.ones((5, 5), np.uint8))
+    beside, inner = wide > 1.05 * true, np.s_[8:-8, 40:-40]
+    assert beside[inner].sum() > 1000
+    found = sharpen_edges(surface_of(wide), views)
+    assert right(surface_of(wide), true, beside) == 0
+    assert right(found, true, beside) > 0.75
+    assert right(found, true, ~beside) > 0.985
+
+
+def test_true_edges_stay(seen: tuple[list[SourceView], Array]) -> None:
+    views, true = seen
+    assert right(sharpen_edges(surface_of(true), views), true, true > 0) > 0.985
+
+
+def test_a_slanted_plane_has_no_edges() -> None:
+    shots = [photo_of(view_at(x), SLOPE, seed=k) for k, x in enumerate((0.0, -0.1, 0.1))]
+    inverse_depth = (1 / shots[0][1]).astype(np.float32)
+    slopes = np.gradient(inverse_depth)
+    surface = Surface(inverse_depth, slopes[1], slopes[0], np.zeros_like(inverse_depth))
+    found = sharpen_edges(surface, [SourceView(shots[0][0], other) for other, _ in shots[1:]])
+    assert np.array_equal(np.stack(found), np.stack(surface))

@@ -74,6 +74,23 @@ def test_equal_delays_of_one_spell_count_once() -> None:
     assert repeated.excess**0.5 > 10_000.0, "all of the ten tightest are of one spell"
 
 
+@pytest.mark.parametrize("directions", [1, 2])
+def test_rare_faster_messages_shift_the_offset_only_if_both_directions_have_them(directions: int) -> None:
+    uppers, lowers = bounds(0.0, 0.0, count=600, seconds=2.0, power=2.0)
+    for bounds_of_one in (uppers, lowers)[:directions]:
+        bounds_of_one += [(-0.2 * S, 1e5), (-0.1 * S, 1.1e5)]
+    line = line_between(uppers, lowers)
+    assert abs(line.offset) < 30e3, "half of the 400 us by which one direction is faster"
+    assert abs(line.skew) < 40e-6
+    assert line.excess**0.5 > 100e3, "the error bar still covers a faster path in one direction only"
+
+
+def test_a_path_that_has_become_faster_is_believed_after_seven_messages() -> None:
+    uppers, lowers = bounds(0.0, 0.0, count=600, seconds=2.0, power=2.0)
+    faster = line_between(uppers + [(-1e7 * n, 1e5 + 1e3 * n) for n in range(7)], lowers)
+    assert faster.offset == pytest.approx(-2e5, abs=30e3)
+
+
 def test_one_bound_of_each_direction_gives_the_middle_and_is_not_trusted() -> None:
     line = line_between([(0.0, 900.0)], [(0.0, -100.0)])
     assert (line.offset, line.gap) == pytest.approx((500.0, 800.0))

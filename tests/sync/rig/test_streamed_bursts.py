@@ -65,7 +65,8 @@ def test_a_long_burst_can_be_ended_early() -> None:
 def test_a_burst_ends_with_its_leader() -> None:
     rig = rig_of_two()
     burst = rig.trigger(frames=10_000_000, streamed=True)
-    assert rig.run_until(lambda: rig.now_true_ns > burst.instants_ns[50], limit_ns=10 * S)
+    # A node notices within one request, mostly before a frame just taken has arrived.
+    assert rig.run_until(lambda: rig.now_true_ns > burst.instants_ns[52], limit_ns=10 * S)
     rig.restart_leader()
     assert rig.run_until(lambda: ended(rig, burst.number), limit_ns=60 * S)
     for node in rig.nodes.values():

@@ -19,14 +19,18 @@ from capture_app.sync.wire.camera_commands import CameraCommand, RestartStream
 LEAD_NS = 1_000_000_000
 """Time from a command until the phase is known again."""
 REMEMBERED = 24
+"""Restarts whose latencies are stored: older ones have less than 0.3 of the newest one's weight
+(FORGETTING)."""
 WIDTH = 1 / 40
 """Width of the kernels, as a fraction of a period."""
 FIRST_WIDTH = 0.1
 """Standard deviation assumed after a single latency, as a fraction of a period."""
 FORGETTING = 0.95
+"""Factor on the weight of a latency with each later restart: half after 14, so that a slow change shows."""
 BACKGROUND = 0.05
 """Fraction of a uniform density in each kernel density, as a start latency may always be a new one."""
 AIMS = 256
+"""Steps of a period at which the density of latencies is evaluated: six in the width of a kernel (WIDTH)."""
 UNSURE = 1.05
 """Minimum likelihood of the best window, relative to a uniform density, for an aimed restart."""
 

@@ -30,11 +30,14 @@ Two streams that land by chance are up to twice as far from each other as from t
 """
 LONG_STAY_NS = 2_000_000_000
 """Minimum time within the tolerance for a stream that occasional corrections can hold there."""
-INJECTION_TIMEOUT_NS = 5_000_000_000
-RESET_TIMEOUT_NS = 15_000_000_000
+INJECTION_TIMEOUT_NS, RESET_TIMEOUT_NS = 5_000_000_000, 15_000_000_000
+"""Times after which a command that shows no effect is given up: the longest latency of an injection is 13
+frames, 0.43 s at 30 fps, to which 60 frames are added; a restart takes 0.8 s on average."""
 WARM_FRAMES = (30, 90)
 """Frames after which a period is judged: the first number if they are quiet, the second in any case."""
 SETTLED_FRAMES = (5, 60)
+"""Minimum frames after a start before a correction, and frames after which a phase that is still noisier than
+a quarter of the tolerance is used nevertheless (2 s at 30 fps)."""
 FRAMES_TO_ACT = 3
 """Frames needed to act: one at the expected time shows a moved phase, but one may be late by chance."""
 FRAMES_TO_OUTVOTE, UNALIKE = 5, 4.0

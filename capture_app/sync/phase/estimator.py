@@ -14,14 +14,15 @@ from capture_app.sync.phase.frame_line import MEDIAN_FACTOR, PHASE_FRAMES, Frame
 
 LATENCY_FRAMES = (2, 13)
 """Minimum and maximum number of frames from a command to its effect."""
-TYPICAL_LATENCY_FRAMES = 4
-REMEMBERED_LATENCIES = 15
+TYPICAL_LATENCY_FRAMES, REMEMBERED_LATENCIES = 4, 15
+"""Latency assumed before any was observed, and number of observed latencies whose median replaces it."""
 REMEMBERED_FRAMES = 20_000
 """Frames whose effective shift is stored: as many as a ring buffer may hold."""
 FIRST_INTERVALS = 8
 """Intervals whose median gives the first period."""
-RATE_FRAMES = 15
-CALM_FRAMES = 5
+RATE_FRAMES, CALM_FRAMES = 15, 5
+"""Intervals whose median shows another frame rate (half a second at 30 fps); equally displaced frames that
+show a moved phase, as two or three may be late by chance."""
 TIMEOUT_FRAMES = 30
 """Frames after which a shift is given up: devices respond after 2 to 12 frames."""
 UNMISTAKABLE = 4.0

@@ -13,11 +13,13 @@ from math import isfinite, sqrt
 from statistics import median
 
 SIGMA_FROM_MAD = 1.4826
+"""Standard deviation of normal noise, relative to its median absolute deviation."""
 ROUNDS = 4
+"""Rounds of reweighting (chosen)."""
 HUBER = 1.345
 """Residuals beyond this many sigma lose weight (Huber 1964; 95 % efficient for normal noise)."""
-REMEMBERED = 90
-MIN_INTERVALS = 29
+REMEMBERED, MIN_INTERVALS = 90, 29
+"""Newest intervals that are searched for a step, 3 s at 30 fps, and the minimum for it: the first second."""
 EVERY_FRAMES = 12
 """Number of frames between searches for the step."""
 ON_LATTICE = 0.15
@@ -36,6 +38,7 @@ EXACT_NS = 2.0
 FINEST_NS = 200.0
 """Minimum step of interest; finer steps make no difference to any camera."""
 WIDEST_GAPS = 8
+"""Gaps between intervals that may show the step: it is among the widest, and each costs a search."""
 STRETCHES = (1.0, 1.2, 1.5, 2.0)
 """Factors on the gaps between lattice intervals, as jitter narrows these gaps."""
 COARSEST = 0.25
@@ -50,6 +53,7 @@ REFIT_FRAMES = 10
 REFIT_FRACTION = 0.1
 """The period is refitted after REFIT_FRAMES, or after this fraction of the fitted frames if that is more."""
 PHASE_FRAMES = 10
+"""Frames whose median gives the phase: its standard deviation is then 0.4 of a frame's noise."""
 MEDIAN_FACTOR = 1.25
 """Standard deviation of a median of normal noise, relative to a mean's."""
 QUANTIZED_FRAMES = 60

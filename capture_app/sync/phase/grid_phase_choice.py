@@ -16,6 +16,8 @@ from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.phase.period_choice import MAX_DRIFT_PPM
 
 MAX_WEIGHT = 1000
+"""Weight of a camera that cannot move: more than all the restarts of a rig, so that no number of them
+outweighs one camera that only the grid can meet."""
 WEIGHTS = {PhaseControl.NONE: MAX_WEIGHT, PhaseControl.RESET: 1}
 """Weight of a camera in the choice, by its phase control; other cameras can move to any grid."""
 RESTART_NS = 800_000_000

@@ -18,8 +18,8 @@ from capture_app.sync.phase.frame_grid import Drift, Setpoint, setpoint_for_burs
 from capture_app.sync.phase.frame_line import SIGMA_FROM_MAD
 from capture_app.sync.wire.camera_commands import InjectFrame, SetFrameDuration
 
-GAINS = (1.0, 2.0, 3.0)
-GAIN_LIMITS = (0.5, 4.0)
+GAINS, GAIN_LIMITS = (1.0, 2.0, 3.0), (0.5, 4.0)
+"""Gains that are tried first, as those of most pipelines are whole, and limits of a gain that is not."""
 REAL_GAIN = 1.2
 """Penalty in rows of mean residual on a gain that is not a whole number."""
 MAX_RESIDUAL_ROWS = 20.0
@@ -33,9 +33,11 @@ FINEST_NS = 1_000
 TYPICAL_OVERHEAD_NS = 250_000
 """Initial assumption of the time by which a frame is longer than its exposure."""
 OVERHEAD_SCALE_NS = 1_000_000
+"""Difference from it that costs a profile as much as one row of mean residual."""
 NO_OVERHEAD = 10.0
 """Penalty in rows on a profile by which an exposure longer than the frame does not stretch it."""
 REMEMBERED = 8
+"""Newest injections to which the profile is fitted (chosen)."""
 LEAD_FRAMES = 6
 """Frames from a command until the phase has moved, before any was observed: latency of 2-4, and long ones."""
 WAIT_NS = 1_000_000_000
@@ -45,11 +47,12 @@ BURST_LEAD_FRAMES = 12
 BURST_SPARE_FRAMES = 4
 """Frames between the longest observed latency and a burst: two that long ones add, two spare."""
 ENOUGH_LATENCIES = 3
+"""Observed latencies from which on the longest one counts instead of BURST_LEAD_FRAMES."""
 BURST_NOTICE_NS = 450_000_000
 """Notice of a burst: a leader orders it half a second ahead, less the order's delay."""
-FIRST_GAIN = 2
-FIRST_STRETCH_NS = 2_000_000
-RAISE_NS = 1_000_000
+FIRST_GAIN, FIRST_STRETCH_NS, RAISE_NS = 2, 2_000_000, 1_000_000
+"""The first injection: it assumes a gain between the smallest and the largest of GAINS, exceeds a period by
+at least the second value, and by the third one more after each that showed no effect."""
 INSIDE_ROW = 0.25
 """Fraction of a row added to exposures, so that drivers that truncate and drivers that round both fit."""
 WORTHWHILE = 0.7
@@ -59,6 +62,7 @@ INSIDE_TOLERANCE = 0.8
 SURE_ROWS = 1.0
 """Maximum residual in rows of an injection that confirms its profile."""
 REMEMBERED_LATENCIES = 8
+"""Latencies of which the longest is used: as many as injections (REMEMBERED)."""
 FRUITLESS = 8
 """Consecutive frames exposed longer than a period without effect that show an immovable camera."""
 FINE_ROWS = 16

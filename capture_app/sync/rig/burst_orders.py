@@ -24,9 +24,11 @@ from capture_app.sync.timekeeping.poll_schedule import AT_ONCE_NS
 from capture_app.sync.wire.datagrams import Trigger, TriggerAck
 
 MAX_CANDIDATES = 200
+"""Instants among which the best one is searched: of a minute, one each 0.3 s."""
 TRIGGER_LEAD_NS = 500_000_000
 """Delay before a burst that is requested for now begins, so that every client receives its trigger first."""
 TRIGGER_AGAIN_NS = 50_000_000
+"""Interval of a trigger that is not acknowledged: ten repetitions fit into TRIGGER_LEAD_NS."""
 AFTER_BURST_NS = 1_000_000_000
 """Time after a burst's last instant in which the grid must not move: clients still select frames."""
 MAX_LEAD_NS = 24 * 3_600_000_000_000

@@ -11,6 +11,7 @@ from capture_app.sync.wire.codec import Message, encode
 from capture_app.sync.wire.datagrams import PROBE_NUMBER, Heartbeat, Report, UnknownMember
 
 PROBE_EVERY_NS = 15_000_000_000
+"""Interval of liveness probes to a leader of better rank; four answers (MIN_ANSWERS) take a minute."""
 MIN_ANSWERS, MAX_ANSWERS = 4, 64
 """Consecutive liveness probes that a preferred leader must answer before it is followed again. The number
 doubles, up to the maximum, each time it fails soon after."""

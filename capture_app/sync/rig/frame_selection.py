@@ -18,8 +18,9 @@ from capture_app.sync.wire.datagrams import RigConfigMessage, Trigger
 F = TypeVar("F")
 
 
-RING_NS = 3_000_000_000
-RING_BYTES = 256_000_000
+RING_NS, RING_BYTES = 3_000_000_000, 256_000_000
+"""Length of a ring buffer, which covers a trigger's delay and TIMEOUT_PERIODS at 30 fps, and its maximum
+size: half of a Raspberry Pi's smallest memory."""
 MAX_FRAMES, MAX_BURST_NS = 1000, 600_000_000_000
 """Maximum frames of a burst that is reported after its last frame, and maximum time from first to last."""
 MAX_STREAMED_FRAMES, MAX_STREAMED_NS = 100_000_000, 31 * 86_400_000_000_000

@@ -60,7 +60,10 @@ MIN_REPORT_INTERVAL_NS, REPEAT_REPORT_NS, MAX_REPORTED = 5_000_000_000, 600_000_
 """Interval between two reported refusals of one machine; interval for an unchanged reason; machines
 remembered."""
 MAX_POLL_INTERVAL_NS = 60_000_000_000
+"""Maximum request interval that an overloaded leader asks for: a clock that drifts by 0.05 ppm/s is off by 90
+us."""
 WAITED_FRACTION = 1.0 / 64.0
+"""Weight of one request in the mean delay, which some 64 requests determine: 0.13 s at MIN_FRACTION."""
 LOADED_NS = 2_000_000
 """Mean delay of time replies, from the kernel's timestamp of the request, above which the leader is
 overloaded."""

@@ -31,6 +31,7 @@ from capture_app.sync.wire.datagrams import (
 from capture_app.sync.wire.principal import Principal
 
 MAX_CLIENTS = 32_000
+"""Maximum number of a leader's clients; the largest simulated rig has 20,000 nodes."""
 MAX_CAMERAS_PER_MACHINE = 100
 """Maximum number of names per machine, so that one machine cannot exhaust the roster."""
 MAX_BELOW_RELAY = 1000

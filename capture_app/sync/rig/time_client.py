@@ -40,6 +40,7 @@ from capture_app.sync.wire.datagrams import (
 )
 
 HEARTBEAT_EVERY_NS = 500_000_000
+"""Interval of heartbeats; three unanswered ones are the silence of a lost leader (LEADER_SILENT_NS)."""
 HELLO_EVERY_NS, RAREST_HELLO_NS, RARER = 500_000_000, 2_000_000_000, 1.5
 """Interval of hellos, its maximum, and its growth factor: thousands of nodes may have lost the same
 leader."""

@@ -29,6 +29,7 @@ OUTSTANDING = 512
 A silent leader counts as lost after as long.
 """
 STEP_REPORT_INTERVAL_NS = 10_000_000_000
+"""Minimum interval between two reports of refused steps, so that forged messages cannot flood the log."""
 FURTHEST_NS = 2**62
 """Maximum offset between a clock and the root's; a relay could not send its clients a larger one."""
 

@@ -33,9 +33,9 @@ from capture_app.sync.wire.datagrams import (
     TriggerAck,
 )
 
-MAGIC = b"sS"
-VERSION = 7
-TOKEN_BYTES = 8
+MAGIC, VERSION, TOKEN_BYTES = b"sS", 7, 8
+"""First bytes of each datagram, version of the protocol, and length of the token by which an answer to a
+version query is matched; nobody guesses 64 bits while one query is open."""
 KIND_VERSION = 0
 _ASKING = 0
 _FORM = struct.Struct(f">2sBB{TOKEN_BYTES}s")

@@ -44,15 +44,18 @@ def main() -> None:
 
 def _import(name: str, folder: Folder) -> list[dict[str, Any]]:
     with tempfile.TemporaryDirectory() as temporary:
-        root, out, talk = Path(temporary) / "footage", Path(temporary) / "out", io.StringIO()
+        root, out = Path(temporary) / "footage", Path(temporary) / "out"
+        printed, talk = io.StringIO(), io.StringIO()
         path = folder.make(root)
-        with redirect_stdout(io.StringIO()), redirect_stderr(talk):
+        with redirect_stdout(printed), redirect_stderr(talk):
             code = run(["sessions", "import", str(path), "--out", str(out)])
         sessions = [Session.open(one.folder) for one in list_sessions(out)] if out.is_dir() else []
         lines = talk.getvalue().splitlines()
         files = sum(path.is_file() for path in root.rglob("*"))
         said = f"{_last(lines, temporary)}, {code}"
-        about = {"folder": name, "files": files, "lines": len(lines), "said": said}
+        # A terminal shows progress as a bar in one line.
+        shown = [line for line in (*printed.getvalue().splitlines(), *lines) if not line.startswith("[")]
+        about = {"folder": name, "files": files, "lines": len(shown), "said": said}
         return [about | row for row in _offsets(folder, sessions)] or [about]
 
 

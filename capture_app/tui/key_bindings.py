@@ -17,12 +17,17 @@ OWN = "capture_app."
 EVERYWHERE = "app"
 KEY_WIDTH, NAME_WIDTH = 9, 22
 TERMS = {
+    "leader": "program whose clock is the rig's time; it saves the takes",
+    "syncing": "a camera measures its clock",
+    "aligning": "a camera moves its frames onto the instants",
     "instant": "a common time at which every camera takes a frame",
     "burst": "frames of all cameras at successive instants; its session is the folder",
     "phase": "time from the rig's common frame times to a camera's frames",
     "error": "uncertainty (95 %) of a camera's frame times",
     "degraded": "synchronized, but less accurately than requested",
     "drops": "frames that a camera did not deliver",
+    "↔": "spread: time from the first to the last image of an instant",
+    "late": "an image off its instant by more than the tolerance",
 }
 """Words of the screen that a newcomer may not know."""
 

@@ -120,8 +120,8 @@ def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:
         alone = {source.name: [TimedFrame(0, 0)] for source in sources}
         return timeline_by_times("the recording", alone)
     raise BadInputError(
-        "give either the rate, --fps, or a table of times, --timestamps",
-        hint="--times name or exif takes the images' own",
+        f"the images of {', '.join(one.name for one in sources if isinstance(one, Images))} have no times",
+        hint="add their rate, --fps, or a table, --timestamps; --times name or exif takes the images' own",
     )
 
 

@@ -203,7 +203,7 @@ class ContactSheet(ScrollView, can_focus=True):
                 self._missing_thumbs.append((at, instant))
                 if len(self._missing_thumbs) == 1:
                     self._load()
-            text = "no picture" if known and line == size.height // 2 else ""
+            text = ("no picture" if known else "loading …") if line == size.height // 2 else ""
             return self._words(text.center(size.width), size.width, "sheet--empty")
         empty = self.get_component_rich_style("sheet--empty")
         return strip_of_middle(thumb, line, size, self._plain, empty)

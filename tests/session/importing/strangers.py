@@ -147,6 +147,7 @@ FOLDERS = {
         {"a.mp4": (A, Take(CLAPS.claps_s, lamp_s=(2.9,))), "b.mp4": (B, CLAPS), "c.mp4": (C, CLAPS)},
         sources=("sound",),
         sessions=(3,),
+        said="c lacks 24 images: no frame within half a period (of instants 2, 8,",
     ),
     "stray files": Folder(
         {"l.mp4": (A, CLAPS), "r.mp4": (B, CLAPS)},
@@ -264,7 +265,7 @@ FOLDERS = {
         images=tuple(f"{side}/{n:04}.jpg" for side in ("left", "right") for n in range(5)),
         sound=False,
         sessions=(),
-        said="--fps",
+        said="images of left, right have no times (add their rate, --fps",
     ),
     "images of two cameras in one folder": Folder(
         {},

@@ -1,5 +1,6 @@
 """The contact sheet and the pictures of a take, as a user looks through them."""
 
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -78,6 +79,24 @@ async def test_a_picture_is_chosen_with_arrows_and_enter_or_two_clicks() -> None
         await pilot.click(ContactSheet, offset=(60, 14))
         await pilot.pause()
         assert looked_at(app) == ("cam04", 1)
+
+
+async def test_a_picture_that_is_being_read_says_so(monkeypatch: pytest.MonkeyPatch) -> None:
+    load, may_read = TakeSheet.load, threading.Event()
+
+    def load_late(sheet: TakeSheet, *which: Any) -> Any:
+        may_read.wait()
+        return load(sheet, *which)
+
+    monkeypatch.setattr(TakeSheet, "load", load_late)
+    app = SheetApp(TakeSheet.open(SAMPLE))
+    async with app.run_test(size=(120, 40)) as pilot:
+        await pilot.pause()
+        reading = "\n".join(text_of(app.contact))
+        may_read.set()
+        await settle(app, pilot)
+        assert "loading …" in reading
+        assert "loading" not in "\n".join(text_of(app.contact))
 
 
 async def test_what_is_missing_late_or_beside_is_said_in_its_place(tmp_path: Path) -> None:

@@ -10,7 +10,7 @@ import numpy as np
 
 from reconstruction.common.geometry import Array
 from reconstruction.depth.calibrated_image import SourceView
-from reconstruction.depth.compiling import LIBRARY
+from reconstruction.depth.compiling import LIBRARY, source_checksum
 from reconstruction.depth.cost_volume import BETTER_OF_TWO
 from reconstruction.depth.sweep_engine import Agreement, SweepEngine
 
@@ -31,9 +31,11 @@ class CompiledEngine(SweepEngine):
     """CPU engine of the sweep, from a library of `kernels.c`; equal to NumPy's except for rounding."""
 
     def __init__(self, library: Path) -> None:
-        """Raises OSError if the library is missing or is not for this machine."""
+        """Raises OSError or ValueError if the library is missing, or not of this machine and source."""
         super().__init__()
         self._library = ctypes.CDLL(str(library))
+        if ctypes.c_int.in_dll(self._library, "source_checksum").value != source_checksum():
+            raise ValueError(f"{library} is compiled from another source")
         self._kept = threading.local()
 
     def cost_volume(self, source_views: Sequence[SourceView], base: Array | None, offsets: Array) -> Array:
@@ -153,10 +155,8 @@ def load_engine(library: Path) -> SweepEngine:
     """Return the compiled engine if its library was built, else NumPy's with a note that says so."""
     try:
         return CompiledEngine(library)
-    except OSError:
-        return SweepEngine(
-            "by NumPy, three times slower: no C compiler was there when simulshot was installed"
-        )
+    except (OSError, ValueError):
+        return SweepEngine("by NumPy, three times slower: install simulshot again, with a C compiler")
 
 
 CPU = load_engine(LIBRARY)

@@ -8,6 +8,7 @@ import platform
 import shutil
 import subprocess
 import sys
+import zlib
 from pathlib import Path
 
 SOURCE = Path(__file__).with_name("kernels.c")
@@ -25,6 +26,11 @@ FLAGS = (
 )
 
 
+def source_checksum() -> int:
+    """Return the checksum that a library has in itself if it was compiled from today's source."""
+    return zlib.crc32(SOURCE.read_bytes()) >> 1
+
+
 def compile_kernels(library: Path = LIBRARY) -> bool:
     """Compile the sweep's hot loops into a library; False if no C compiler can."""
     compiler = next(filter(None, map(shutil.which, (os.environ.get("CC", "cc"), "cc", "gcc", "clang"))), None)
@@ -33,7 +39,8 @@ def compile_kernels(library: Path = LIBRARY) -> bool:
     # Gathers are worth it from Haswell on; generic tuning avoids them.
     tuned = ["-mtune=haswell"] if platform.machine() == "x86_64" else []
     part = library.with_suffix(f".{os.getpid()}")
-    command = [compiler, *FLAGS, *tuned, "-o", str(part), str(SOURCE), "-lm"]
+    checksum = f"-DSOURCE_CHECKSUM={source_checksum()}"
+    command = [compiler, *FLAGS, *tuned, checksum, "-o", str(part), str(SOURCE), "-lm"]
     # A compiler without support for several processor versions builds a single one.
     for plain in ([], ["-DONE_VERSION"]):
         if subprocess.run([*command, *plain], capture_output=True, check=False).returncode == 0:  # noqa: S603

@@ -8,6 +8,9 @@
 #include <stdlib.h>
 #include <string.h>
 
+/* A library of another source would be called with wrong arguments: `compiled.py` loads only its own. */
+const int source_checksum = SOURCE_CHECKSUM;
+
 /* One library for all x86-64: the loader takes the version that fits the processor. */
 #if defined(__x86_64__) && defined(__GLIBC__) && !defined(ONE_VERSION)
 #define FOR_ALL __attribute__((target_clones("arch=x86-64-v4", "arch=x86-64-v3", "default")))

@@ -1,6 +1,7 @@
 """Points that COLMAP places under the rig's poses: on what moves many when synchronized, few when not."""
 
 import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 from typing import Any
 
@@ -60,6 +61,15 @@ def test_points_lie_where_the_scene_is(boards: Session, tmp_path: Path) -> None:
     z = found.points[:, 2]
     nearest = np.abs(z[:, None] / np.array([2.2, 2.6, 3.0, 3.4, 4.0]) - 1).min(1)
     assert np.median(nearest) < 0.01
+
+
+def test_two_studies_that_begin_together_share_the_features_of_an_instant(
+    boards: Session, tmp_path: Path
+) -> None:
+    rig = Rig(Dataset(boards), tmp_path)
+    with ThreadPoolExecutor(2) as pool:
+        first, second = pool.map(rig.features, (2, 2))
+    assert first is second
 
 
 @pytest.mark.slow

@@ -12,8 +12,8 @@ from reconstruction.common.geometry import Array
 from reconstruction.common.memory import gigabytes, memory_budget
 from reconstruction.common.native_libraries import opencv_calls, silenced_output
 
-FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 1)
-"""PNG options for images that are read once and deleted."""
+FAST_PNG = (cv2.IMWRITE_PNG_COMPRESSION, 0)
+"""PNG options for images that are read once: a third larger, and written and read in a third of the time."""
 JPEG_QUALITY = 92
 
 

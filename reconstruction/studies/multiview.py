@@ -47,7 +47,7 @@ MIN_CAMERAS = 3
 MAX_CAMERAS = 5
 """More cameras improve the cloud but say no more about timing; each takes as long as the first."""
 AT_A_TIME = 2
-"""Number of conditions whose depth is computed at a time."""
+"""Number of conditions whose depth is computed at a time, and of instants that are scored."""
 MAX_TRIES = 4
 """Number of instants tried until every camera has a usable image."""
 SECTION = """
@@ -383,16 +383,19 @@ class MultiviewStudy(ConditionStudy):
             later = pool.map(lambda at: depth(at, first.planes), every[1:])
             made = dict(zip([(one.instant, side) for one, side in every], [first, *later], strict=True))
         found = [{side: made[one.instant, side] for side in one.by_condition} for one in instants]
+        nows = [one.instant for one in instants]
         scorer = InstantScorer(
             self.shots,
             self.group.reference,
             self.rig.unit,
-            [one.instant for one in instants],
+            nows,
             [maps["synced"] for maps in found],
         )
+        asked = nows, [one.shown for one in instants], found
+        with worker_pool(AT_A_TIME) as pool:
+            scores = list(pool.map(scorer.measure, *asked))
         tally = Tally()
-        for one, maps in zip(instants, found, strict=True):
-            measured = scorer.measure(one.instant, one.shown, maps)
+        for one, measured in zip(instants, scores, strict=True):
             pixels = measured["synced"].shares["mover_coverage"][1]
             facts = {"instant": one.instant, "mover_pixels": pixels, **one.delays_ms(self.dataset)}
             tally.add(measured, facts)

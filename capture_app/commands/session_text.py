@@ -14,9 +14,6 @@ from capture_app.session.library.listing import SessionCard
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import PX_PER_S, find_sync_record, judge, pixels, skipped_text
 
-MAX_NAMED = 8
-"""Maximum number of instants named of which a camera has no image."""
-
 
 def list_entry(card: SessionCard) -> dict[str, Any]:
     """Return a session's entry in JSON; `problem` is the reason why it cannot be used."""
@@ -71,13 +68,12 @@ def session_lines(session: Session) -> Iterator[str]:
         stamp = camera.facts.stamp
         if stamp is not None and not stamp.is_exact:
             yield f"{camera.name} stamps its frames {describe_stamp(stamp)}"
-    missing = defaultdict[tuple[str, str], list[int]](list)
+    missing = defaultdict[tuple[str, str], list[str]](list)
     for one in manifest.missing:
-        missing[one.camera, one.reason].append(one.instant)
+        missing[one.camera, one.reason].append(str(one.instant))
     for (name, reason), at in missing.items():
-        first = ", ".join(map(str, at[:MAX_NAMED]))
-        more = ", …" if len(at) > MAX_NAMED else ""
-        yield f"{name} lacks {count(len(at), 'image')}: {reason} (of instants {first}{more})"
+        named = ", ".join([*at[:8], "…"] if len(at) > 8 else at)
+        yield f"{name} lacks {count(len(at), 'image')}: {reason} (instants {named})"
 
 
 def _describe_scatter(session: Session) -> Iterator[str]:

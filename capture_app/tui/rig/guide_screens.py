@@ -79,9 +79,8 @@ def joining_line(leader: str) -> str:
 
 def joining_place(leader: str) -> str:
     """Return where to type that command."""
-    if parse_address(leader).host in LOOPBACK_HOSTS:
-        return "This rig accepts this machine only. In another terminal, type:"
-    return "On the camera's machine, type:"
+    is_alone = parse_address(leader).host in LOOPBACK_HOSTS
+    return "This rig accepts this machine only. Type here:" if is_alone else "On the camera's machine, type:"
 
 
 def qr_lines(text: str) -> list[Content]:
@@ -119,10 +118,10 @@ class GuideScreen(BoxDialog[None]):
     def on_mount(self) -> None:
         """Start the guide once the dialog is visible, as it may load a web server."""
         self.show("", ("Preparing …", ""))
-        self.call_after_refresh(self.restart)
+        self.call_after_refresh(self.action_begin)
 
-    def restart(self) -> None:
-        """Run the guide from its beginning."""
+    def action_begin(self) -> None:
+        """Run the guide from its beginning; an invitation then shows another code."""
         self.run_worker(self._guide(self), exclusive=True, group="guide")
 
     def on_record_changed(self, message: RecordChanged) -> None:
@@ -151,15 +150,11 @@ class InviteScreen(GuideScreen):
     """Instructions for another machine: the command, also as a QR code, and the pairing code."""
 
     BINDINGS: ClassVar[list[BindingType]] = [
-        Binding("i", "another", "Another code", id="invite.another"),
+        Binding("i", "begin", "Another code", id="invite.another"),
     ]
 
     def __init__(self, source: RigLink, leader: str) -> None:
         super().__init__("invite", "Another machine", 36, partial(_invite, source, leader))
-
-    def action_another(self) -> None:
-        """Show another pairing code."""
-        self.restart()
 
 
 async def _invite(source: RigLink, leader: str, screen: GuideScreen) -> None:

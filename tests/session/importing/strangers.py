@@ -147,7 +147,7 @@ FOLDERS = {
         {"a.mp4": (A, Take(CLAPS.claps_s, lamp_s=(2.9,))), "b.mp4": (B, CLAPS), "c.mp4": (C, CLAPS)},
         sources=("sound",),
         sessions=(3,),
-        said="c lacks 24 images: no frame within half a period (of instants 2, 8,",
+        said="c lacks 24 images: no frame within half a period (instants 2, 8,",
     ),
     "stray files": Folder(
         {"l.mp4": (A, CLAPS), "r.mp4": (B, CLAPS)},

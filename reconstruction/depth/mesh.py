@@ -16,7 +16,7 @@ from reconstruction.depth.sweep_matcher import ViewDepth
 from reconstruction.depth.visibility import find_denied, project_points
 
 NEIGHBOURS = 16
-SAME_SURFACE = 0.01
+SAME_SURFACE = 0.015
 """Maximum relative difference of depths that two views measured of one surface."""
 MAX_JUMP = 0.01
 """Maximum relative difference of depths in a triangle; it is larger at edges, and at grazing angles."""

@@ -100,7 +100,7 @@ def ours(
 def _cloud_scores(cloud: Path, views: dict[str, View], condition: Condition) -> dict[str, float]:
     """Return precision, recall and F-score of a fused cloud at 1 cm against what two views can see."""
     still = {name: np.zeros_like(moving) for name, moving in condition.movers.items()}
-    index, shared = true_surfaces(views, condition.depth, still)["static"]
+    index, shared = true_surfaces(views, condition.depth, still, ["static"])["static"]
     points, _, _ = read_fused_cloud(cloud, len(views))
     found = {"precision": index.count_near(points), "recall": PointIndex(points).count_near(shared)}
     scores = Measurements(found)

@@ -294,7 +294,7 @@ def test_a_cloud_is_held_against_true_surfaces() -> None:
     movers = {name: np.zeros((240, 320), bool) for name in views}
     for mask in movers.values():
         mask[:, :160] = True
-    surfaces = true_surfaces(views, depth, movers)
+    surfaces = true_surfaces(views, depth, movers, ["mover", "static"])
     wall = np.array([(x, y, 2.0) for x in np.linspace(-0.5, 0.5, 120) for y in np.linspace(-0.5, 0.5, 120)])
     near = [surfaces[kind][0].count_near(wall)[0] for kind in ("mover", "static")]
     assert sum(near) >= len(wall)

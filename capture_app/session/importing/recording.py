@@ -154,8 +154,6 @@ def import_recording(
             rate_given=options.fps is not None,
             talk=talk,
         )
-        if not common.unknown:  # else the session's own lines say it
-            talk(common.words)
     if common is not None and common.cameras:
         sources = [source for source in sources if source.name in common.cameras]
         timeline = overlap(with_common_times(timeline, common), talk)

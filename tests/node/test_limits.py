@@ -25,7 +25,7 @@ from capture_app.rig.rig_link import ask_status
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.roster import MAX_CAMERAS_PER_MACHINE
 from capture_app.sync.wire.codec import encode
-from capture_app.sync.wire.datagrams import Heartbeat, Hello, Report
+from capture_app.sync.wire.datagrams import Heartbeat, Hello, Report, Welcome
 from capture_app.sync.wire.principal import Principal
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts
@@ -97,7 +97,7 @@ async def test_one_machine_has_so_many_names_and_others_still_join(
     """It took 10,500 in 37 s, and nobody could be let in."""
     join_many(leader, "pin-of-one", [f"made-up-{n}" for n in range(3000)])
     assert len(leader.status().nodes) == MAX_CAMERAS_PER_MACHINE
-    assert isinstance(await say_hello(leader.own_address, introduced(tmp_path, trust, "x"), *OWN), object)
+    assert isinstance(await say_hello(leader.own_address, introduced(tmp_path, trust, "x"), *OWN), Welcome)
     assert "mine" in {node.name for node in leader.status().nodes}
     # What it leaves goes first when it comes under further names: it keeps to its share.
     await until(lambda: all(node.state is NodeState.LOST for node in leader.status().nodes))

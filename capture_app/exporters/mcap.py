@@ -30,7 +30,7 @@ from capture_app.session.format.lens import (
     rotation_of,
 )
 from capture_app.session.format.manifest import CALIBRATION, MANIFEST, ImageRecord
-from capture_app.session.format.message_types import foxglove_message, ros_messages
+from capture_app.session.importing.bags import foxglove_message, ros_messages
 
 _CHUNK = 1 << 62  # a chunk ends with a set of frames, never because of its size
 _IMAGE, _INFO, _TF = "sensor_msgs/msg/CompressedImage", "sensor_msgs/msg/CameraInfo", "tf2_msgs/msg/TFMessage"

@@ -1,24 +1,66 @@
-"""Known machines of this one, by pin, with the roles of each; stored in one file."""
+"""What this user's processes remember of other machines: their pins and roles, and who owns each camera name.
 
+Each is a small JSON file in the folder of keys, which processes change one at a time.
+"""
+
+import os
 import ssl
 import time
 from collections.abc import Callable, Collection, Iterable
 from pathlib import Path
+from typing import Generic, TypeVar
 
+import msgspec
 from msgspec import Struct
 from msgspec.structs import replace
 
-from capture_app.common.errors import BadInputError, SimulshotError
+from capture_app.common.errors import BadInputError, DiskError, SimulshotError
 from capture_app.common.names import free_name, name_like
 from capture_app.common.pairing_codes import Role, pin_of
-from capture_app.trust.state_file import StateFile
+from capture_app.common.text import UNREADABLE, pretty_json
+from capture_app.session.files.durable import write_atomic
+from capture_app.session.files.locks import lock_file
 
-FILE = "machines.json"
+FILE, NAMES_FILE = "machines.json", "names.json"
 MAX_MACHINES = 1000
-
-
+T = TypeVar("T")
 INCLUDED = {Role.STANDBY: (Role.STANDBY, Role.LEADER, Role.CAMERA)}
 """A standby follows the current leader as cameras do, and may lead them later."""
+
+
+class StateFile(Generic[T]):
+    """Persistent value of type `T`; `empty` if the file does not exist."""
+
+    def __init__(self, path: Path, kind: type[T], empty: T, if_damaged: str) -> None:
+        """`if_damaged` is the hint in the error that a damaged file raises."""
+        self.path, self._empty, self._if_damaged = path, empty, if_damaged
+        self._decoder = msgspec.json.Decoder(kind)
+
+    def read(self) -> T:
+        """Return the value. Raises BadInputError for a damaged file, DiskError for an unreadable one."""
+        try:
+            return self._decoder.decode(self.path.read_bytes())
+        except FileNotFoundError:
+            return self._empty
+        except OSError as error:
+            raise DiskError(
+                f"cannot read {self.path}: {error.strerror}", hint="check its permissions and the disk"
+            ) from error
+        except UNREADABLE as error:
+            raise BadInputError(f"{self.path} is damaged: {error}", hint=self._if_damaged) from error
+
+    def change(self, change: Callable[[T], T]) -> None:
+        """Replace the value by `change` of it. Raises DiskError, and as `read` does."""
+        try:
+            lock = lock_file(self.path.with_suffix(".lock"), wait=True)
+            try:
+                write_atomic(self.path, pretty_json(change(self.read())))
+            finally:
+                os.close(lock)
+        except OSError as error:
+            raise DiskError(
+                f"cannot write {self.path}: {error.strerror}", hint="check its permissions and free space"
+            ) from error
 
 
 class KnownMachine(Struct, frozen=True, kw_only=True):
@@ -202,3 +244,27 @@ def _check_certificate(certificate: bytes, pin: str) -> None:
         raise BadInputError(
             f"a certificate does not match the pin {pin}", hint="pair it again: capture-app trust invite"
         )
+
+
+class CameraNames:
+    """File that records which machine owns each camera name, shared by all leaders of one user."""
+
+    def __init__(self, folder: Path) -> None:
+        """Raises BadInputError if the file is damaged, DiskError if it cannot be read."""
+        self._file = StateFile(
+            folder / NAMES_FILE,
+            dict[str, str],
+            {},
+            "delete it: the first machine to use a name owns it again",
+        )
+        self.owners = dict(self._file.read())
+        """Pin of the machine of each name; the leader changes it, and `keep` stores it."""
+        self._stored = dict(self.owners)
+
+    def keep(self) -> None:
+        """Store the changes. Raises DiskError if that fails; the next call tries again."""
+        if self.owners != self._stored:
+            removed = self._stored.keys() - self.owners.keys()
+            changed = {name: pin for name, pin in self.owners.items() if self._stored.get(name) != pin}
+            self._file.change(lambda all_: {n: p for n, p in all_.items() if n not in removed} | changed)
+            self._stored = dict(self.owners)

@@ -12,9 +12,8 @@ from pathlib import Path
 from platformdirs import user_data_path
 
 from capture_app.common.pairing_codes import Role, pin_of
-from capture_app.trust.camera_names import CameraNames
 from capture_app.trust.identity import Identity, load_identity
-from capture_app.trust.known_machines import KnownMachine, KnownMachines
+from capture_app.trust.known_machines import CameraNames, KnownMachine, KnownMachines
 
 OPEN_VARIABLE = "SIMULSHOT_OPEN"
 """If 1, pairing is skipped, as with --open."""

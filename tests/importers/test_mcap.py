@@ -10,7 +10,7 @@ from mcap.writer import CompressionType, Writer
 from mcap_protobuf.schema import register_schema
 
 from capture_app.common.errors import BadInputError
-from capture_app.session.format.message_types import foxglove_message
+from capture_app.session.importing.bags import foxglove_message
 from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.verify import verify

@@ -25,7 +25,7 @@ from capture_app.protocol.status import RigStatus
 from capture_app.sync.rig.events import BurstAnswered
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
 from capture_app.sync.rig.rig_config import RigConfig
-from capture_app.trust.camera_names import CameraNames
+from capture_app.trust.known_machines import CameraNames
 from capture_app.trust.sealed_engines import SealedLeader
 
 

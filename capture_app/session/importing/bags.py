@@ -11,6 +11,7 @@ import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import ExitStack, contextmanager
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
 
@@ -20,13 +21,14 @@ from capture_app.common.errors import BadInputError, SimulshotError, reading
 from capture_app.common.names import is_name, name_like
 from capture_app.common.optional_packages import load_optional
 from capture_app.session.files.untrusted_files import open_regular
-from capture_app.session.format.message_types import ROS_BAGS, foxglove_message, ros_messages
 from capture_app.session.importing.frame_matching import TimedFrame
 from capture_app.session.importing.recording_sources import Source
 from capture_app.session.importing.views import View, Views, view_at
 from capture_app.session.reading.decoding import encode_image, image_size
 
 MCAP = ".mcap"
+ROS_BAGS = "ROS bags"
+"""What the package rosbags is needed for, in words."""
 _MAGIC_BYTES, _CHUNK, _MAX_CHUNK = 8, 0x06, 1 << 26
 """Length of the file's magic, opcode of a chunk record, and the largest chunk that is unpacked, bytes."""
 _FOXGLOVE = "foxglove."
@@ -39,6 +41,18 @@ _CHANNELS = {"rgb8": 3, "bgr8": 3, "mono8": 1, "8UC1": 1, "8UC3": 3}
 _ENCODINGS = {True: "protobuf", False: "cdr"}
 """Message encoding: Foxglove's (True), and ROS 2's."""
 _RECOVER = "copy it from the recorder again; `mcap recover` repairs an interrupted .mcap"
+
+
+def foxglove_message(name: str) -> Any:
+    """Return the class of a Foxglove message, such as CompressedImage. Raises NotAvailableError."""
+    return getattr(load_optional(f"foxglove_schemas_protobuf.{name}_pb2", "export", "MCAP"), name)
+
+
+@cache
+def ros_messages() -> Any:
+    """Return the types of ROS 2's messages, as of Humble. Raises NotAvailableError without rosbags."""
+    typesys = load_optional("rosbags.typesys", "ros", ROS_BAGS)
+    return typesys.get_typestore(typesys.Stores.ROS2_HUMBLE)
 
 
 def is_bag(path: Path) -> bool:

@@ -19,7 +19,7 @@ from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.node.leader.standby import RankedLeader, lead_by_rank
 from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest
 from capture_app.sync.rig.burst_orders import BurstOrder
-from capture_app.trust.camera_names import CameraNames
+from capture_app.trust.known_machines import CameraNames
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts
 from tests.node.sealed_nodes import introduced, sealed_node

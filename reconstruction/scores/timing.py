@@ -159,14 +159,20 @@ def judge_timing(
 
 
 def _max_jitter_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:
-    """Return the upper bound (95 %) of the jitter, a standard deviation, from the scatter about a delay."""
+    """Return the upper bound (95 %) of the jitter, a standard deviation, from the scatter about a delay.
+
+    With more jitter, so little scatter would be improbable (Q-profile method, Viechtbauer 2007).
+    """
     if not instants:
         return 0.0
     variances = np.array([one.sd_ms for one in instants]) ** 2
-    excess = np.array([one.late_ms - late_ms for one in instants]) ** 2 - variances
-    # The variance of a squared normal error is twice the square of its own.
-    found = np.average(excess, weights=variances**-2) + 1.64 * np.sqrt(2 / (variances**-2).sum())
-    return float(np.sqrt(max(0.0, found)))
+    scatter = np.array([one.late_ms - late_ms for one in instants]) ** 2
+    # The 5 % quantile of chi-squared (Wilson and Hilferty 1931).
+    part = 2 / (9 * len(instants))
+    least = len(instants) * (1 - part - 1.64 * np.sqrt(part)) ** 3
+    jitters = np.linspace(0, 3 * np.sqrt(scatter.max() + variances.max()), 200)
+    possible = (scatter / (variances + jitters[:, None] ** 2)).sum(1) >= least
+    return float(jitters[possible].max(initial=0.0))
 
 
 def _scatter(instants: Sequence[InstantOffset], limit_ms: float) -> tuple[float | None, bool]:

@@ -1,6 +1,7 @@
 """`capture-app panel read` on the bundled session and on an import that says nothing of its cameras."""
 
 import json
+from collections.abc import Iterator
 from functools import cache
 from pathlib import Path
 
@@ -16,6 +17,16 @@ from capture_app.session.reading.reader import Session
 from capture_app.simulation.rendering import panel_photograph
 
 BUNDLED = Path(__file__).parents[2] / "sample_sessions" / "led_panel"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _each_session_is_read_once() -> Iterator[None]:
+    """Share what is read off a session's pictures: it takes most of these tests' time."""
+    read = session_times.read_session
+    found = cache(lambda folder: read(Session.open(folder)))
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(session_times, "read_session", lambda session, *_: found(session.folder))
+        yield
 
 
 def test_the_bundled_session_gives_its_truth_back(capsys: pytest.CaptureFixture[str]) -> None:
@@ -69,9 +80,8 @@ def test_a_session_without_a_panel_is_refused(capsys: pytest.CaptureFixture[str]
     assert "no marker of a panel" in capsys.readouterr().err
 
 
-def test_a_panel_tells_how_late_a_camera_is_against_another(monkeypatch: pytest.MonkeyPatch) -> None:
+def test_a_panel_tells_how_late_a_camera_is_against_another() -> None:
     session = Session.open(BUNDLED)
-    monkeypatch.setattr(session_times, "read_session", cache(session_times.read_session))
     there = times_by_panel(session, "cam00")
     back = times_by_panel(session, "cam01")
     assert there.cameras.keys() == back.cameras.keys() == {"cam00", "cam01"}

@@ -53,7 +53,7 @@ FIRST_TRY_NS = 2_000_000_000
 """Time after the start for which a clock has to meet the first target, and not the second.
 
 The largest error of 24 takes of the paper's panel, each as soon as both phones were ready, was 181 us with no
-such time, 68 us with this and 57 us with 3 s; of 239 takes 175 us with this (docs/paper.md).
+such time, 68 us with this and 57 us with 3 s; of 239 takes 164 us with this (docs/paper.md).
 """
 LONGEST_TRY_NS = 15_000_000_000
 """Maximum time for which a node sends its leader requests in quick succession."""

@@ -343,13 +343,15 @@ def _correct_in_motion(
     in_motion: Callable[[float], MovingMatches],
     near_ms: float,
 ) -> Correction | None:
-    """Correct a calibration together with the offset, starting at `near_ms`."""
+    """Correct a calibration and the offset, starting at `near_ms`; None if that does not converge."""
     for _ in range(LINEAR_STEPS):
         found = correct_views(pair, *in_motion(near_ms), period_ms)
-        if found is None or abs(found.late_ms) < period_ms / 2:
+        if found is None:
             break
         near_ms += found.late_ms
-    return found and found._replace(late_ms=near_ms + found.late_ms)
+        if abs(found.late_ms) < period_ms / 2:
+            return found._replace(late_ms=near_ms)
+    return None
 
 
 class ImageTimes:

@@ -138,7 +138,8 @@ async def test_look_at_a_take_and_a_picture(sessions: Path) -> None:
     async with library(sessions, (80, 24)) as pilot:
         await choose(pilot, "one")
         await pilot.press("enter")
-        await until(pilot, lambda: looks(pilot.app))
+        sheet = view(pilot.app).query_one(ContactSheet)
+        await until(pilot, lambda: looks(pilot.app) and sheet.sheet)
         await pilot.press("right", "down", "enter")
         await until(pilot, lambda: isinstance(pilot.app.screen, LookScreen))
         assert pilot.app.screen.shown == ("cam01", 1)

@@ -161,7 +161,8 @@ def judge_timing(
 def _max_jitter_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:
     """Return the upper bound (95 %) of the jitter, a standard deviation, from the scatter about a delay.
 
-    With more jitter, so little scatter would be improbable (Q-profile method, Viechtbauer 2007).
+    With more jitter, so little scatter would be improbable (Q-profile method, Viechtbauer 2007). A square
+    counts 4 at most, so that a wrong match does not raise the bound; the quantile falls by 4 % at most.
     """
     if not instants:
         return 0.0
@@ -171,7 +172,7 @@ def _max_jitter_ms(instants: Sequence[InstantOffset], late_ms: float) -> float:
     part = 2 / (9 * len(instants))
     least = len(instants) * (1 - part - 1.64 * np.sqrt(part)) ** 3
     jitters = np.linspace(0, 3 * np.sqrt(scatter.max() + variances.max()), 200)
-    possible = (scatter / (variances + jitters[:, None] ** 2)).sum(1) >= least
+    possible = np.minimum(scatter / (variances + jitters[:, None] ** 2), 4).sum(1) >= least
     return float(jitters[possible].max(initial=0.0))
 
 

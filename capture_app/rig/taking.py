@@ -203,6 +203,7 @@ class Taking:
         """Numbers of the takes for which the leader waits until the rig is ready."""
         self._active: dict[int, BurstStatus] = {}
         """Status of the takes that have begun and are not saved, by number."""
+        self._newest = 0
         self._last_begun = asyncio.Event()
         """Set when the last ordered take has begun or failed."""
 
@@ -318,6 +319,8 @@ class Taking:
 
     def _order(self, number: int, request: BurstRequest, over: asyncio.Event) -> None:
         """Order a take; `over` is set when it is saved or has failed."""
+        # Before the task: an eager one (Python 3.12, Textual) begins within the call.
+        self._newest = max(number, self._newest)
         self._orders[number] = (self._start(self._follow(number, request, over)), request, over)
 
     async def _follow(self, number: int, request: BurstRequest, over: asyncio.Event) -> None:
@@ -366,7 +369,7 @@ class Taking:
         self._events.put_nowait(Progress(number, status))
 
     def _note_begun(self, number: int) -> None:
-        if number == max(self._orders):
+        if number == self._newest:
             self._last_begun.set()
 
     async def _find_again(self, number: int, last: BurstStatus, error: NetworkError) -> BurstStatus:

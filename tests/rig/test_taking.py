@@ -12,6 +12,7 @@ lost leader  Progress says so, then Saved  a line, then the path             in 
 
 import asyncio
 import dataclasses
+import sys
 from collections.abc import AsyncGenerator, AsyncIterator
 from contextlib import asynccontextmanager
 from pathlib import Path
@@ -94,6 +95,12 @@ async def test_a_take_begins_goes_on_and_is_judged(rig: FakeRig) -> None:
     assert saved.verdict is not None
     assert (saved.verdict.grade, saved.open().name) == ("excellent", "jump-001")
     assert [(request.frames, request.before) for request in requests(rig)] == [(3, 1)]
+
+
+@pytest.mark.skipif(sys.version_info < (3, 12), reason="eager tasks came with Python 3.12")
+async def test_a_take_may_begin_within_its_order(rig: FakeRig) -> None:
+    asyncio.get_running_loop().set_task_factory(getattr(asyncio, "eager_task_factory", None))
+    assert course(await events_of(rig, frames=3)) == ["begun 1", "saved 1"]
 
 
 async def test_a_session_of_another_machine_is_not_judged(rig: FakeRig) -> None:

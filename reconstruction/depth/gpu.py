@@ -5,6 +5,7 @@ import os
 import sys
 import threading
 from collections.abc import Callable, Sequence
+from contextlib import suppress
 from copy import copy
 from functools import cache
 from pathlib import Path
@@ -220,7 +221,8 @@ def find_adapters() -> Sequence[Any]:
     extras = importlib.import_module("wgpu.backends.wgpu_native.extras")
     # Mesa's choice of a default complains on machines without a screen; OpenGL lacks what the kernels need.
     os.environ.setdefault("NODEVICE_SELECT", "1")
-    extras.set_instance_extras(backends=("Primary",))
+    with suppress(RuntimeError):  # only before the first use of wgpu-py in a process
+        extras.set_instance_extras(backends=("Primary",))
     return list(importlib.import_module("wgpu").gpu.enumerate_adapters_sync())
 
 

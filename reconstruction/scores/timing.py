@@ -144,6 +144,8 @@ def judge_timing(
     same = is_same_instant(abs(late) + ODD_SIGMAS * sd, spacing_ms) and all(
         abs(one.late_ms) - ODD_SIGMAS * one.sd_ms < spacing_ms / 2 for one in instants
     )
+    # If measured images disagree, others may be farther off.
+    same &= not odd or is_same_instant(possible_ms, spacing_ms)
     denied = offset or jitter_ms is not None
     return msgspec.structs.replace(
         unknown,

@@ -107,6 +107,14 @@ def test_jitter_that_few_exact_instants_miss_is_not_certified() -> None:
     assert "single images may be off by up to 3.7 ms" in timing_sentences(found)
 
 
+def test_images_that_disagree_are_not_called_the_same_frame() -> None:
+    """Frames that wander by 15 ms, of which 9 and -11 were measured."""
+    measured = ((9.2, 0.9), (0.8, 2.1), (-10.6, 0.6), (1.1, 0.5), (2.5, 1.8))
+    instants = tuple(InstantOffset(k, ms, sd_ms, 50) for k, (ms, sd_ms) in enumerate(measured))
+    found = judge_timing(PAIR, OffsetFit(1.0, 1.5, "", instants), 0.0, 33.3)
+    assert (found.synchronized, found.offset, found.same_frame_ms) == (False, False, None)
+
+
 def test_offsets_that_drift_over_the_take_are_the_geometrys() -> None:
     drift = [-1.4, -4, -9, -14, -19, -24, -20, -16, -11, -6.2]
     instants = tuple(InstantOffset(k, ms, 1.0, 20) for k, ms in enumerate(drift))

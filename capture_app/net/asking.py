@@ -16,8 +16,8 @@ from capture_app.trust.trust import Trust
 A = TypeVar("A", bound=Message)
 
 
-async def receive_answer(channel: Channel[Any], timeout_s: float = ANSWER_TIMEOUT_S) -> messages.FromLeader:
-    """Return the leader's next message, without its payload. Raises NetworkError, and the leader's errors."""
+async def next_message(channel: Channel[Any], timeout_s: float = ANSWER_TIMEOUT_S) -> messages.FromLeader:
+    """Return the leader's next message, which may be a refusal, without its payload. Raises NetworkError."""
     try:
         async with asyncio.timeout(timeout_s):
             answer: messages.FromLeader | None = await channel.receive_header()
@@ -31,6 +31,12 @@ async def receive_answer(channel: Channel[Any], timeout_s: float = ANSWER_TIMEOU
         raise NetworkError(
             f"the leader at {channel.peer} closed the connection", hint=f"check that it runs{asks}"
         )
+    return answer
+
+
+async def receive_answer(channel: Channel[Any], timeout_s: float = ANSWER_TIMEOUT_S) -> messages.FromLeader:
+    """Return the leader's next message, without its payload. Raises NetworkError, and the leader's errors."""
+    answer = await next_message(channel, timeout_s)
     if isinstance(answer, messages.Refusal):
         raise answer.as_error()
     return answer

@@ -41,7 +41,8 @@ class Bench:
 
     async def start(self) -> None:
         options = NodeOptions(name="cam", open_camera=self._open, leaders=(), clock=self.clock)
-        stream = await CameraStream.start(options)
+        stream = CameraStream(options)
+        await stream.open()
         self.supervisor = CameraSupervisor(options, stream, cast(Any, self), cast(Any, self), retry_s=0.0)
 
     async def next_camera(self) -> FakeCamera:

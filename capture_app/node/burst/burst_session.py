@@ -3,7 +3,7 @@
 import asyncio
 import dataclasses
 import functools
-from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Mapping, Sequence
+from collections.abc import AsyncIterator, Awaitable, Callable, Collection, Iterable, Mapping
 from contextlib import suppress
 from pathlib import Path
 
@@ -11,7 +11,7 @@ from msgspec.structs import replace
 
 from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.errors import BadInputError, DiskError, DiskFullError, SimulshotError, TryAgainError
-from capture_app.common.tasks import Background
+from capture_app.common.tasks import Background, has_come
 from capture_app.common.text import count
 from capture_app.common.timeouts import AFTER_LAST_INSTANT_NS
 from capture_app.node.burst.camera_delivery import CameraDelivery
@@ -31,7 +31,6 @@ from capture_app.protocol.status import BurstStatus
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import (
-    BurstRecord,
     CameraRecord,
     MissingImage,
     check_image_path,
@@ -106,10 +105,14 @@ class BurstSession:
         Cameras in `short_timeouts` are awaited for a shorter time.
         """
         heard_ns = burst.instants_ns[0 if burst.streamed else -1] + AFTER_LAST_INSTANT_NS
-        records = (CameraRecord(name=n, facts=facts) for n, facts in cameras.items() if n in burst.clients)
         deliveries = [
-            CameraDelivery(CameraPlan(camera=camera), heard_ns, short_timeout=camera.name in short_timeouts)
-            for camera in records
+            CameraDelivery(
+                CameraPlan(camera=CameraRecord(name=name, facts=facts)),
+                heard_ns,
+                short_timeout=name in short_timeouts,
+            )
+            for name, facts in cameras.items()
+            if name in burst.clients
         ]
         return cls(burst, deliveries, writer, disk)
 
@@ -176,8 +179,7 @@ class BurstSession:
 
     def mean_image_bytes(self) -> dict[str, int]:
         """Return the mean size in bytes of each camera's images and their ground truth, where any arrived."""
-        videos = self._writer.videos.records()
-        means = {video.camera: video.bytes // video.frames for video in videos if video.frames}
+        means = {of.camera: of.bytes // of.frames for of in self._writer.videos.records() if of.frames}
         return means | self._intake.mean_bytes()
 
     def silent_cameras(self) -> set[str]:
@@ -235,7 +237,7 @@ class BurstSession:
             self.trouble = str(error)
             raise
         self.trouble = ""
-        if not await self._choice.wait(wait_s):
+        if not await has_come(self._choice.committed, wait_s):
             return ReportAck(undecided=True)
         receipts = await self._disk.call(delivery.receipts, self._writer, self._choice)
         await self.finish_if_complete()
@@ -294,12 +296,8 @@ class BurstSession:
         Raises DiskFullError; the burst is then committed to nothing.
         """
         async with self._committing:
-            if self._choice.is_committed:
-                return
-            awaited = [
-                delivery.reported_plan for delivery in self._deliveries.values() if not delivery.given_up
-            ]
-            chosen = self._choice.find(awaited)
+            awaited = [of.reported_plan for of in self._deliveries.values() if not of.given_up]
+            chosen = None if self._choice.is_committed else self._choice.find(awaited)
             if chosen is not None:
                 await self._save_plan(chosen)
                 self._choice.commit(chosen)
@@ -333,7 +331,8 @@ class BurstSession:
         if self.order_end is not None and not self._is_broken_off:
             self._is_broken_off = True
             await self.order_end()
-        await self.finish_now(_disk_reason(error))
+        is_full = isinstance(error, DiskFullError)
+        await self.finish_now("the leader's disk is full" if is_full else f"at the leader: {error.what}")
 
     async def give_up_camera(self, name: str, reason: str, *, silent: bool = False) -> None:
         """Stop waiting for a camera; `silent` if it may still have its images."""
@@ -389,8 +388,10 @@ class BurstSession:
         async with self._intake.at_rest():
             if not self.finished.is_set():
                 await self._disk.call(self._writer.abort)
-                how = f"the next leader continues it, or: capture-app sessions repair {self.folder}"
-                self.message = f"left unfinished: {how}"
+                self.message = (
+                    "left unfinished: the next leader continues it,"
+                    f" or: capture-app sessions repair {self.folder}"
+                )
                 self.finished.set()
 
     def _may_finish(self) -> bool:
@@ -399,20 +400,31 @@ class BurstSession:
         )
 
     def _finish(self) -> Path | None:
-        choice = self._choice
+        """Write the manifest with the images received so far, and return the session's folder.
+
+        Return None if no image arrived or may still come. Blocks on the disk. Raises BadInputError where the
+        records contradict each other, DiskFullError.
+        """
+        choice, writer, deliveries = self._choice, self._writer, self._deliveries.values()
         if self.burst.video:
             instants_ns = self.burst.instants_ns[: max(1, self._recorded_instants)]
             choice = InstantChoice(dataclasses.replace(self.burst, instants_ns=instants_ns))
-        lost = self._lost or {}
-        missing = [gap for of in self._deliveries.values() for gap in of.missing_images(choice, lost)]
+        missing = [gap for of in deliveries for gap in of.missing_images(choice, self._lost or {})]
         burst = choice.record(self._reported_plans)
         self.message = result_text(burst, missing)
-        silent = any(delivery.silent for delivery in self._deliveries.values())
-        if self.is_empty() and self._lost is None and not silent:
-            self._writer.discard()
+        if self.is_empty() and self._lost is None and not any(of.silent for of in deliveries):
+            writer.discard()
             self.message = f"no image arrived, so no session was made; {self.message}"
             return None
-        return write_manifest(self._writer, self._deliveries, burst, missing, self._plan)
+        plans = {of.name: of.plan for of in deliveries}
+        calibrated = {name: of.calibration for name, of in plans.items() if of.calibration is not None}
+        if calibrated:
+            writer.set_calibration(Calibration(cameras=calibrated, source="the simulated scene"))
+        writer.images.clocks = {n: of.true_clock for n, of in plans.items() if of.true_clock is not None}
+        origin = "simulated" if writer.knows_true_times else "captured"
+        note = "" if writer.plan is None else writer.plan.note
+        cameras = [of.camera for of in plans.values()]
+        return writer.finish(cameras, burst, missing, origin, note, plan=self._plan).folder
 
     # Parts
 
@@ -470,19 +482,15 @@ class BurstSession:
         return f"waiting for images of {', '.join(of.name for of in late)}"
 
 
-def _disk_reason(error: DiskError) -> str:
-    """Return why images are missing after an error of the leader's disk."""
-    return "the leader's disk is full" if isinstance(error, DiskFullError) else f"at the leader: {error.what}"
-
-
 def lost_images(writer: SessionWriter, deliveries: Iterable[CameraDelivery]) -> Lost:
     """Return the images that an earlier run's session lists as missing or damaged. Blocks on the disk.
 
     If that session was finished, no camera is awaited any more; images that it gave up may still come.
     """
-    reason = "its file was damaged or lost after it arrived"
     lost = {
-        (camera, instant): MissingImage(camera=camera, instant=instant, reason=reason)
+        (camera, instant): MissingImage(
+            camera=camera, instant=instant, reason="its file was damaged or lost after it arrived"
+        )
         for camera, instant in writer.images.damaged
     }
     try:
@@ -495,25 +503,3 @@ def lost_images(writer: SessionWriter, deliveries: Iterable[CameraDelivery]) -> 
         )
         delivery.silent = True
     return lost | {(gap.camera, gap.instant): gap for gap in missing}
-
-
-def write_manifest(
-    writer: SessionWriter,
-    deliveries: Mapping[str, CameraDelivery],
-    burst: BurstRecord,
-    missing: Sequence[MissingImage],
-    plan: BurstPlan | None,
-) -> Path:
-    """Finish a session with the images received so far, and return its folder. Blocks on the disk.
-
-    Raises BadInputError where the records contradict each other, DiskFullError.
-    """
-    plans = {name: delivery.plan for name, delivery in deliveries.items()}
-    calibrated = {name: of.calibration for name, of in plans.items() if of.calibration is not None}
-    if calibrated:
-        writer.set_calibration(Calibration(cameras=calibrated, source="the simulated scene"))
-    writer.images.clocks = {n: of.true_clock for n, of in plans.items() if of.true_clock is not None}
-    origin = "simulated" if writer.knows_true_times else "captured"
-    note = "" if writer.plan is None else writer.plan.note
-    cameras = [of.camera for of in plans.values()]
-    return writer.finish(cameras, burst, missing, origin, note, plan=plan).folder

@@ -65,11 +65,9 @@ class CameraDelivery:
         if not plan.reported or not choice.is_committed or plan.picking:
             return False
         if plan.picked is not None:
-            decided = min(plan.picked, len(choice.chosen or ()))
-            missing = sum(
-                max(0, min(run.first + run.count, decided) - run.first) for run in plan.missing_runs
-            )
-            return len(self.instants) >= decided - missing
+            decided = range(min(plan.picked, len(choice.chosen or ())))
+            missing = sum(len(decided[run.first : run.first + run.count]) for run in plan.missing_runs)
+            return len(self.instants) >= len(decided) - missing
         return self.instants >= choice.numbers(plan.instants)
 
     def transfer(self, instants: int) -> CameraTransfer:
@@ -84,18 +82,18 @@ class CameraDelivery:
         `lost` are reasons by name; `ends_ns` is the burst's last instant.
         """
         silent_ns = now_ns - self.heard_ns
-        if self.short_timeout:
-            disconnected_ns, stalled_ns = CAMERA_DISCONNECTED_AGAIN_NS, CAMERA_DISCONNECTED_NS
-        else:
-            disconnected_ns, stalled_ns = CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS
+        disconnected_ns, stalled_ns = (
+            (CAMERA_DISCONNECTED_AGAIN_NS, CAMERA_DISCONNECTED_NS)
+            if self.short_timeout
+            else (CAMERA_DISCONNECTED_NS, CAMERA_STALLED_NS)
+        )
         if silent_ns >= disconnected_ns and (not self.streams or self.name in lost):
             return lost.get(self.name, "it sent nothing")
         # The next instant of a camera that still selects frames may be hours away, but not after the last.
         is_selecting = self.streams and self.name not in lost and self.plan.picking
         since_ns = max(self.advanced_ns, ends_ns) if is_selecting else self.advanced_ns
         # Messages without images, or images that trickle, do not count: they could go on forever.
-        stalled = now_ns - since_ns >= stalled_ns
-        return f"it sent nothing for {stalled_ns // 10**9} s" if stalled else ""
+        return f"it sent nothing for {stalled_ns // 10**9} s" if now_ns - since_ns >= stalled_ns else ""
 
     def note_heard(self, now_ns: int, *, advanced: bool = False) -> None:
         """Record a message of the camera; `advanced` if it delivered something or waits for other cameras."""

@@ -29,8 +29,6 @@ MAX_BATCH = 128
 MAX_WAITING_TRUTH_BYTES = 1 << 20
 """Larger ground truth does not wait for the disk in memory: its camera's next image waits."""
 
-_BLOCK = 1 << 20
-
 P = ParamSpec("P")
 T = TypeVar("T")
 
@@ -43,8 +41,8 @@ class DiskThreads:
 
     async def call(self, work: Callable[P, T], *arguments: P.args, **options: P.kwargs) -> T:
         """Run work that blocks on the disk, and return or raise its result."""
-        loop = asyncio.get_running_loop()
-        return await loop.run_in_executor(self._threads, functools.partial(work, *arguments, **options))
+        blocking = functools.partial(work, *arguments, **options)
+        return await asyncio.get_running_loop().run_in_executor(self._threads, blocking)
 
     def close(self) -> None:
         """Accept no more work, and end when pending work is done."""
@@ -65,11 +63,11 @@ class PartialImage:
         """Open the file at the upload's offset. Raises TryAgainError where it has fewer bytes than that."""
         with disk_errors(self.file.parent):
             self.file.parent.mkdir(exist_ok=True)
-            self._handle = os.open(self.file, os.O_WRONLY | os.O_CREAT | os.O_CLOEXEC, 0o666)
+            how = os.O_WRONLY | os.O_APPEND | os.O_CREAT | os.O_CLOEXEC
+            self._handle = os.open(self.file, how, 0o666)
             length = os.fstat(self._handle).st_size
             if length >= self.upload.offset:
                 os.ftruncate(self._handle, self.upload.offset)
-                os.lseek(self._handle, self.upload.offset, os.SEEK_SET)
                 return
         raise TryAgainError(
             f"this part of the image starts at byte {self.upload.offset}, but only {length} have arrived"
@@ -92,26 +90,25 @@ class PartialImage:
                 self._handle = -1
 
     def split_off_truth(self) -> bytes:
-        """Verify the file, truncate it to the image, and return the ground truth.
+        """Truncate the file to the image, verify both, and return the ground truth.
 
         Raises TryAgainError, and deletes the file, where it does not match the upload's header; DiskError.
         """
         self.close()
         upload, record = self.upload, self.upload.record
-        sha256 = hashlib.sha256()
         with disk_errors(self.file.parent):
-            with self.file.open("rb") as file:
-                length = os.fstat(file.fileno()).st_size
-                left = record.bytes
-                while left and (block := file.read(min(left, _BLOCK))):
-                    sha256.update(block)
-                    left -= len(block)
+            with self.file.open("r+b") as file:
+                length = file.seek(0, os.SEEK_END)
+                file.seek(record.bytes)
                 truth = file.read(upload.truth_bytes)
-            whole = length == record.bytes + upload.truth_bytes and sha256.hexdigest() == record.sha256
-            if whole and upload.truth_sha256 is not None:
-                whole = hashlib.sha256(truth).hexdigest() == upload.truth_sha256
-            if whole:
-                os.truncate(self.file, record.bytes)
+                file.truncate(record.bytes)
+                file.seek(0)
+                sha256 = hashlib.file_digest(file, "sha256").hexdigest()
+            if (
+                length == record.bytes + upload.truth_bytes
+                and sha256 == record.sha256
+                and upload.truth_sha256 in (None, hashlib.sha256(truth).hexdigest())
+            ):
                 return truth
             self.file.unlink()
         raise damaged(record)
@@ -248,17 +245,17 @@ class Intake:
     async def _save_all(self) -> None:
         try:
             while self._waiting:
-                batch = [(saved, image) for saved, (image, _) in islice(self._waiting.items(), MAX_BATCH)]
-                images = [image for _, image in batch]
-                errors = await self._disk.call(self._writer.save, images, in_videos=self._in_videos)
-                for (saved, image), error in zip(batch, errors, strict=True):
+                batch = {saved: image for saved, (image, _) in islice(self._waiting.items(), MAX_BATCH)}
+                errors = await self._disk.call(
+                    self._writer.save, [*batch.values()], in_videos=self._in_videos
+                )
+                for (saved, image), error in zip(batch.items(), errors, strict=True):
                     del self._waiting[saved]
-                    if saved.done():
-                        continue  # its caller no longer waits
-                    if error is None:
-                        saved.set_result(image.record.sha256)
-                    else:
+                    # The caller of one that is done no longer waits.
+                    if error is not None and not saved.done():
                         saved.set_exception(error)
+                    elif not saved.done():
+                        saved.set_result(image.record.sha256)
         finally:
             for saved in self._waiting:
                 saved.cancel()

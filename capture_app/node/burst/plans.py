@@ -5,7 +5,6 @@ from collections.abc import Collection, Mapping, Sequence
 
 from capture_app.common.camera_facts import SIMULATED, CameraFacts
 from capture_app.common.errors import BadInputError, TryAgainError
-from capture_app.common.tasks import has_come
 from capture_app.common.text import count
 from capture_app.protocol.messages import ImageUpload
 from capture_app.session.format.burst_plan import BurstPlan, CameraPlan, InstantRange
@@ -43,18 +42,10 @@ def choose_instants(
         return None
     there = [frozenset(camera.instants) for camera in reports]
     missing = {gap.instant for camera in reports for gap in camera.missing}
-    complete: list[int] = []
-    undecided = False
-    for instant in range(ordered):
-        if len(complete) == frames:
-            break
-        if instant in missing:
-            continue
-        if all(instant in instants for instants in there):
-            complete.append(instant)
-        else:
-            undecided = True
-    if undecided:
+    possible = (instant for instant in range(ordered) if instant not in missing)
+    complete = [instant for instant in possible if all(instant in instants for instants in there)][:frames]
+    decided = complete[-1] + 1 if len(complete) == frames else ordered
+    if {*range(decided)} - missing - {*complete}:
         return None
     if len(complete) < frames:
         others = (instant for instant in range(ordered) if instant not in complete)
@@ -75,23 +66,20 @@ class InstantChoice:
         self._burst = burst
         self.chosen: Sequence[int] | None = chosen if burst.spare else range(burst.frames)
         """Their numbers as ordered; None while the burst is not committed."""
-        self._committed = asyncio.Event()
+        self.committed = asyncio.Event()
+        """Set when the instants are decided; they never change after that."""
         if self.chosen is not None:
-            self._committed.set()
+            self.committed.set()
 
     @property
     def is_committed(self) -> bool:
-        """Whether the instants are decided; they never change after that."""
+        """Whether the instants are decided."""
         return self.chosen is not None
 
     def commit(self, chosen: Sequence[int]) -> None:
         """Commit the burst to these instants, by their numbers as ordered."""
         self.chosen = chosen
-        self._committed.set()
-
-    async def wait(self, timeout_s: float) -> bool:
-        """Wait until the instants are decided, at most `timeout_s`; return whether they are."""
-        return await has_come(self._committed, timeout_s)
+        self.committed.set()
 
     @property
     def requested(self) -> tuple[int, ...] | None:
@@ -106,12 +94,6 @@ class InstantChoice:
         """Return the instants to commit to, by the awaited cameras' reports; None if it is too early."""
         return choose_instants(len(self._burst.instants_ns), self._burst.frames, awaited)
 
-    def check_ordered(self, instants: Collection[int]) -> None:
-        """Raise BadInputError for an instant that was not ordered."""
-        for instant in instants:
-            if not 0 <= instant < len(self._burst.instants_ns):
-                raise BadInputError(f"burst {self._burst.number} has no instant {instant}")
-
     def numbers(self, ordered: Collection[int]) -> set[int]:
         """Return the session's numbers of the given ordered instants that it contains."""
         if not self._burst.spare:
@@ -124,7 +106,8 @@ class InstantChoice:
 
         Raises BadInputError for an instant that was not chosen, TryAgainError while that is undecided.
         """
-        self.check_ordered([instant])
+        if not 0 <= instant < len(self._burst.instants_ns):
+            raise BadInputError(f"burst {self._burst.number} has no instant {instant}")
         if self.chosen is None:
             raise TryAgainError(f"the instants of burst {self._burst.number} are not decided yet")
         if instant not in self.chosen:
@@ -144,8 +127,7 @@ class InstantChoice:
                 for gap in (report.missing if report is not None else ())
                 if gap.instant == instant
             )
-            leader_ns = self._burst.instants_ns[instant]
-            skipped.append(SkippedInstant(leader_ns=leader_ns, missing=tuple(gaps)))
+            skipped.append(SkippedInstant(leader_ns=self._burst.instants_ns[instant], missing=tuple(gaps)))
         return tuple(skipped)
 
     def record(self, reports: Reports) -> BurstRecord:
@@ -186,25 +168,24 @@ def check_report(plan: CameraPlan, burst: Burst, latest: int) -> None:
 
     `latest` is the number of instants that can have passed. Raises BadInputError.
     """
-    name, ordered = plan.camera.name, len(burst.instants_ns)
-    runs_end, problem = 0, ""
-    for run in plan.missing_runs:
-        if run.first < runs_end:
-            problem = "its missing instants are not in order"
-        runs_end = run.first + run.count
+    name, runs = plan.camera.name, plan.missing_runs
     instants = [*plan.instants, *(gap.instant for gap in plan.missing)]
-    if any(gap.camera != name for gap in plan.missing):
-        problem = "it reports missing images of another camera"
-    elif len(instants) > len({*instants}):
-        problem = "it lists an instant twice"
-    elif max(instants, default=-1) >= ordered:
-        problem = f"the burst has no instant {max(instants)}"
-    elif (plan.picking or plan.picked is not None or plan.missing_runs) and not burst.streamed:
-        problem = "it streams a burst that is not streamed"
-    elif max(runs_end, plan.picked or 0) > latest:
-        problem = f"it reports {max(runs_end, plan.picked or 0)} instants, of which {latest} have passed"
-    if problem:
-        raise BadInputError(f"{name} sent an invalid report of burst {burst.number}: {problem}")
+    last = max(instants, default=-1)
+    run_ends = [0, *(run.first + run.count for run in runs)]
+    decided = max(run_ends[-1], plan.picked or 0)
+    is_streamed = plan.picking or plan.picked is not None or bool(runs)
+    problems = {
+        "it reports missing images of another camera": any(gap.camera != name for gap in plan.missing),
+        "it lists an instant twice": len(instants) > len({*instants}),
+        f"the burst has no instant {last}": last >= len(burst.instants_ns),
+        "it streams a burst that is not streamed": is_streamed and not burst.streamed,
+        f"it reports {decided} instants, of which {latest} have passed": decided > latest,
+        "its missing instants are not in order": any(
+            run.first < end for run, end in zip(runs, run_ends, strict=False)
+        ),
+    }
+    if found := [problem for problem, is_so in problems.items() if is_so]:
+        raise BadInputError(f"{name} sent an invalid report of burst {burst.number}: {found[0]}")
     if plan.calibration is not None:
         check_lens(f"the calibration of {name}", plan.calibration)
 
@@ -263,8 +244,6 @@ def burst_of(plan: BurstPlan) -> Burst:
 
 def result_text(burst: BurstRecord, missing: Sequence[MissingImage]) -> str:
     """Return one line about missing images and skipped instants; empty for neither."""
-    text = ""
-    if missing:
-        reasons = sorted({f"{gap.camera}: {gap.reason}" for gap in missing})
-        text = f"{count(len(missing), 'image')} missing ({'; '.join(reasons)})"
+    reasons = "; ".join(sorted({f"{gap.camera}: {gap.reason}" for gap in missing}))
+    text = f"{count(len(missing), 'image')} missing ({reasons})" if missing else ""
     return "; ".join(filter(None, (text, skipped_text(burst.skipped))))

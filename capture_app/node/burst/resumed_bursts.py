@@ -11,7 +11,7 @@ from capture_app.node.burst.intake import DiskThreads
 from capture_app.node.burst.plans import check_machine
 from capture_app.protocol.messages import CameraReport, ImageReceipt, ReportAck
 from capture_app.session.files.disk import SPARE_BYTES, free_bytes
-from capture_app.session.format.burst_plan import PLAN, CameraPlan, read_plan
+from capture_app.session.format.burst_plan import PLAN, read_plan
 from capture_app.session.format.manifest import MANIFEST
 from capture_app.session.reading.reader import Session, is_being_written
 from capture_app.session.writing.recovery import INCOMING
@@ -64,19 +64,18 @@ class ResumedBursts:
         Returns None if there is no such session, or it lacks images. Raises BadInputError for another
         machine's camera.
         """
-        key = (report.leader, report.burst)
-        session = self._open.get(key)
+        session = self._open.get((report.leader, report.burst))
         if session is not None and not session.finished.is_set():
             return None
-        return await asyncio.to_thread(self._answer_if_whole, key, report.plan, pin)
+        return await asyncio.to_thread(self._answer_if_whole, report, pin)
 
-    def _answer_if_whole(self, key: Key, offered: CameraPlan, pin: str) -> ReportAck | None:
-        folder = self._find(key)
+    def _answer_if_whole(self, report: CameraReport, pin: str) -> ReportAck | None:
+        folder = self._find((report.leader, report.burst))
         if folder is None:
             return None
-        camera = offered.camera.name
+        plan, camera = read_plan(folder), report.camera
         # Check before anything is reopened.
-        check_machine(plan := read_plan(folder), camera, pin)
+        check_machine(plan, camera, pin)
         try:
             session = Session.open(folder)
         except SimulshotError:
@@ -89,8 +88,8 @@ class ResumedBursts:
         requested = chosen if plan.spare else None
         if plan.streamed is not None:
             # A recording that was cut off is shorter than ordered: the camera may have more of it.
-            requested = tuple(n for n in offered.instants if n < plan.streamed.count)
-            if offered.picking or not {*requested} <= {record.instant for record in records}:
+            requested = tuple(n for n in report.plan.instants if n < plan.streamed.count)
+            if report.plan.picking or not {*requested} <= {record.instant for record in records}:
                 return None
         receipts = (
             ImageReceipt(instant=chosen[r.instant], sha256=r.sha256, bytes=r.bytes, stored=True)

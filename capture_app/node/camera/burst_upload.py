@@ -58,10 +58,8 @@ class SpooledBurst:
 
     def write_report(self, report: CameraReport) -> None:
         """Store the report, safe against a power cut. Raises SimulshotError."""
-        with self._changing:
-            if self._is_removed:
-                return
-            with disk_errors(self.folder):
+        with self._changing, disk_errors(self.folder):
+            if not self._is_removed:
                 write_atomic(self.folder / REPORT, msgspec.json.encode(report))
 
     def add_image(self, image: ImageUpload, data: bytes) -> None:
@@ -293,7 +291,7 @@ class BurstUpload:
 
     def report_now(self) -> CameraReport:
         """Return the node's report of this burst, as the leader is to get it now."""
-        return self.report_to_keep(tuple(image.record.instant for image in self.images))
+        return self.report_to_keep(self._encoded)
 
     def report_to_keep(self, waiting: tuple[int, ...] = ()) -> CameraReport:
         """Return the report for the spool, which stores the images beside it.
@@ -302,9 +300,10 @@ class BurstUpload:
         """
         if not self.streamed:
             return self.report
-        plan = self.report.with_plan(instants=waiting, picking=not self.ended, missing=())
-        runs = tuple(self.missing_runs)
-        return plan.with_plan(picked=self.over, missing_runs=runs) if self.ended else plan
+        report = self.report.with_plan(instants=waiting, picking=not self.ended, missing=())
+        if not self.ended:
+            return report
+        return report.with_plan(picked=self.over, missing_runs=tuple(self.missing_runs))
 
     def load(self, image: ImageUpload) -> bytes | None:
         """Return an image's bytes; None if the spool no longer has them unchanged.
@@ -325,26 +324,31 @@ class BurstUpload:
         return data if whole and hashlib.sha256(data[: record.bytes]).hexdigest() == record.sha256 else None
 
     def extend(self, picked: FramesSelected[CapturedFrame]) -> None:
-        """Add frames selected for further instants, unless the leader does not need them."""
-        if self.streamed:
-            self.over = max(self.over, picked.over)
-            for gap in picked.gaps:
-                self._note_missing(gap.instant, gap.reason, dropped=gap.reason == DROPPED)
-            self._add_frames(picked.frames)
-            if picked.ended and not self.ended:
-                self.ended = True
-                self.report = replace(self.report)
+        """Add frames selected for further instants, unless the leader does not need them.
+
+        Frames of a streamed burst that do not fit into memory are missing.
+        """
+        if not self.streamed and (self.is_committed or self.is_over):
             return
-        if self.is_committed or self.is_over:
+        for gap in picked.gaps:
+            self._note_missing(gap.instant, gap.reason, dropped=gap.reason == DROPPED)
+        if not self.streamed:
+            self.frames.extend(picked.frames)
+            further = (frame.instant for frame in picked.frames)
+            self.report = self.report.with_plan(instants=(*self.report.plan.instants, *further))
             return
-        self.frames.extend(picked.frames)
-        plan, name = self.report.plan, self.report.camera
-        instants = (*plan.instants, *(frame.instant for frame in picked.frames))
-        missing = (
-            MissingImage(camera=name, instant=gap.instant, reason=gap.reason, dropped=gap.reason == DROPPED)
-            for gap in picked.gaps
-        )
-        self.report = self.report.with_plan(instants=instants, missing=(*plan.missing, *missing))
+        self.over = max(self.over, picked.over)
+        held_bytes = sum(map(len, list(self.in_memory.values())))
+        held_bytes += sum(waiting.frame.picture.held_bytes for waiting in self.frames)
+        for frame in picked.frames:
+            if held_bytes + frame.frame.picture.held_bytes > self.max_bytes:
+                self._note_missing(frame.instant, TOO_SLOW)
+            else:
+                held_bytes += frame.frame.picture.held_bytes
+                self.frames.append(frame)
+        if picked.ended and not self.ended:
+            self.ended = True
+            self.report = replace(self.report)
 
     def commit(self, requested: Collection[int] | None) -> list[Path]:
         """Restrict the upload to the `requested` instants (None: all); return the dropped images' files."""
@@ -355,7 +359,7 @@ class BurstUpload:
         if requested is None:
             return []
         self.frames = deque(frame for frame in self.frames if frame.instant in requested)
-        return self._let_go(lambda instant: instant not in requested)
+        return self._let_go({*self._encoded}.difference(requested))
 
     def reopen(self) -> None:
         """Reset for a new stream: the leader may be another one, or have changed its mind."""
@@ -374,59 +378,48 @@ class BurstUpload:
             if stored.get(image.record.instant, image.record.sha256) != image.record.sha256:
                 self.images.remove(image)
                 self.disputed.append(image)
-        return self._let_go(lambda instant: instant in stored)
+        return self._let_go(stored)
 
     def end(self) -> None:
         """Drop the whole burst: its frames, images and report."""
         self.is_over = True
         self.frames.clear()
-        self._let_go(lambda _: True)
+        self._let_go(self._encoded)
 
     def lost_instants(self) -> list[int]:
         """Return the requested instants that were announced, and are neither here nor with the leader."""
-        if self.streamed:
-            return []
-        here = {image.record.instant for image in self.images} | {frame.instant for frame in self.frames}
+        here = {*self._encoded, *(frame.instant for frame in self.frames)}
         announced = frozenset(self.report.plan.instants)
         requested = announced if self.requested is None else self.requested & announced
         return sorted(requested - here - self.confirmed)
 
     def report_lost(self, instants: Collection[int], reason: str) -> None:
         """Report announced images that will not come as missing."""
-        reason = cut(reason)
-        if self.streamed:
-            for instant in instants:
-                self._note_missing(instant, reason)
-            if self.ended:
-                self.report = replace(self.report)
-            return
-        plan, name = self.report.plan, self.report.camera
-        missing = tuple(MissingImage(camera=name, instant=instant, reason=reason) for instant in instants)
-        left = tuple(instant for instant in plan.instants if instant not in instants)
-        self.report = self.report.with_plan(instants=left, missing=(*plan.missing, *missing))
+        for instant in instants:
+            self._note_missing(instant, cut(reason))
+        if not self.streamed or self.ended:
+            left = tuple(instant for instant in self.report.plan.instants if instant not in instants)
+            self.report = self.report.with_plan(instants=left)
 
-    def _add_frames(self, frames: Iterable[SelectedFrame[CapturedFrame]]) -> None:
-        """Add those frames that fit into memory; the others are missing."""
-        held_bytes = sum(map(len, list(self.in_memory.values())))
-        held_bytes += sum(waiting.frame.picture.held_bytes for waiting in self.frames)
-        for frame in frames:
-            size = frame.frame.picture.held_bytes
-            if held_bytes + size > self.max_bytes:
-                self._note_missing(frame.instant, TOO_SLOW)
-                continue
-            held_bytes += size
-            self.frames.append(frame)
+    @property
+    def _encoded(self) -> tuple[int, ...]:
+        """Instants of the encoded images that are here."""
+        return tuple(image.record.instant for image in self.images)
 
     def _note_missing(self, instant: int, reason: str, *, dropped: bool = False) -> None:
-        last = self.missing_runs[-1] if self.missing_runs else None
-        follows = last is not None and last.first + last.count == instant
-        if last is not None and follows and (last.reason, last.dropped) == (reason, dropped):
+        if not self.streamed:
+            gap = MissingImage(camera=self.report.camera, instant=instant, reason=reason, dropped=dropped)
+            self.report = self.report.with_plan(missing=(*self.report.plan.missing, gap))
+            return
+        run = MissingRun(first=instant, count=1, reason=reason, dropped=dropped)
+        last = self.missing_runs[-1] if self.missing_runs else run
+        if replace(run, first=last.first, count=instant - last.first) == last:
             self.missing_runs[-1] = replace(last, count=last.count + 1)
         else:
-            self.missing_runs.append(MissingRun(first=instant, count=1, reason=reason, dropped=dropped))
+            self.missing_runs.append(run)
 
-    def _let_go(self, of: Callable[[int], bool]) -> list[Path]:
-        dropped = [image for image in self.images if of(image.record.instant)]
+    def _let_go(self, instants: Collection[int]) -> list[Path]:
+        dropped = [image for image in self.images if image.record.instant in instants]
         for image in dropped:
             self.images.remove(image)
             self.in_memory.pop(image.record.instant, None)

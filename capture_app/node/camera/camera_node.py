@@ -100,7 +100,8 @@ class CameraNode:
                 )
             watch = JoinWatch(options.leaders, options.log)
             watch.look_ahead()
-            stream = await CameraStream.start(options)
+            stream = CameraStream(options)
+            await stream.open()
             try:
                 peers = tuple(peer for _, peer in found)
                 self._member = RigMember(options, instance, stream, uploader, peers)
@@ -141,8 +142,8 @@ class RigMember:
             tolerance_ns=options.tolerance_ns,
             ring_ns=options.ring_ns,
             ring_bytes=options.ring_bytes,
-            injection_profile=self._profiles.injection_profile(facts) if self._profiles else None,
-            start_latencies_ns=self._profiles.start_latencies_ns(facts) if self._profiles else (),
+            injection_profile=self._profiles.injection_profile(facts),
+            start_latencies_ns=self._profiles.start_latencies_ns(facts),
         )
         self._engine: Client[CapturedFrame] = Client(
             config,
@@ -157,7 +158,7 @@ class RigMember:
         self._keys = KeyRequester(keys, request, self._engine.time, options.trust, self._pump)
         self._camera = CameraSupervisor(options, stream, self._engine, self._pump)
         self._viewfinder = Viewfinder(options, instance, self._camera.controls, self)
-        stream.receivers.append(self._viewfinder)
+        stream.receivers.append(self._viewfinder.add_frame)
         self._host_rate = HostRate()
         self._last_state: NodeState | None = None
         self._is_leaving = False
@@ -168,13 +169,16 @@ class RigMember:
         try:
             with ungrouped_errors():
                 async with asyncio.TaskGroup() as tasks:
-                    tasks.create_task(self._keys.run())
-                    tasks.create_task(self._camera.keep_open())
-                    tasks.create_task(self._camera.carry_out_commands())
-                    tasks.create_task(self._camera.controls.run())
-                    tasks.create_task(self._uploader.run())
-                    tasks.create_task(self._viewfinder.run())
-                    tasks.create_task(watch.run(self._engine.time))
+                    for work in (
+                        self._keys.run(),
+                        self._camera.keep_open(),
+                        self._camera.carry_out_commands(),
+                        self._camera.controls.run(),
+                        self._uploader.run(),
+                        self._viewfinder.run(),
+                        watch.run(self._engine.time),
+                    ):
+                        tasks.create_task(work)
         finally:
             self._is_leaving = True
             self._engine.leave()
@@ -184,9 +188,8 @@ class RigMember:
     @property
     def standing(self) -> tuple[NodeState | None, str]:
         """The node's state, None before it has begun, and in plain words why it is not ready."""
-        if self._last_state is None:
-            return None, ""
-        return self._last_state, self._engine.report(self._clock.now_ns()).message
+        message = "" if self._last_state is None else self._engine.report(self._clock.now_ns()).message
+        return self._last_state, message
 
     # For the viewfinder
 
@@ -206,19 +209,17 @@ class RigMember:
 
     def save_stamp(self, measured: SaveStamp) -> StampSaved:
         """Apply a measurement from now on; return whether it is saved for later runs, too."""
-        facts, name, profiles, is_stored = self._stream.facts, self.options.name, self._profiles, True
-        uncertainty_ns = None
+        name, is_stored, uncertainty_ns = self.options.name, True, None
         if measured.stamp is not None:
-            self._stream.set_stamp(measured.stamp)
+            facts = self._stream.facts
+            self._stream.measured_stamp = measured.stamp
             self._camera.note_exposure()
             self._pump.turn()
-            is_stored = profiles is not None and profiles.save_stamp(name, facts, measured.stamp)
+            is_stored = self._profiles.save_stamp(name, facts, measured.stamp)
         if measured.asymmetry is not None:
             asymmetry = self._engine.add_path_asymmetry(measured.asymmetry)
             uncertainty_ns = asymmetry.uncertainty_ns
-            is_stored = profiles is not None and profiles.save_asymmetry(
-                name, self._failover.leader[0], asymmetry
-            )
+            is_stored = self._profiles.save_asymmetry(name, self._failover.leader[0], asymmetry)
         return StampSaved(camera=name, is_stored=is_stored, asymmetry_uncertainty_ns=uncertainty_ns)
 
     def detail(self) -> NodeDetail:
@@ -249,28 +250,26 @@ class RigMember:
         self._keys.look()
         while (event := self._engine.next_event()) is not None:
             self._handle_event(event)
-        for refused in (
-            () if self._sealed is None else self._sealed.refusals.take_events(self._clock.now_ns())
-        ):
-            self._log.say(str(refused))
+        if self._sealed is not None:
+            for refused in self._sealed.refusals.take_events(self._clock.now_ns()):
+                self._log.say(str(refused))
         state = self._engine.state
         if state != self._last_state:
             self._last_state = state
             message = self._engine.report(self._clock.now_ns()).message
             self._log.say(f"{state}: {message}" if message else str(state))
             if state is NodeState.READY:
-                self._keep_profile()
+                self._save_profile()
 
-    def _keep_profile(self) -> None:
+    def _save_profile(self) -> None:
         """Store the parameters that brought the camera into phase, as they are proven."""
         aligner = self._engine.aligner
-        if self._profiles is not None and aligner.actuator.profile is not None:
+        if aligner.actuator.profile is not None:
             self._profiles.save_injection(self._stream.facts, aligner.actuator.profile)
-        if self._profiles is not None and aligner.start_latencies_ns:
+        if aligner.start_latencies_ns:
             self._profiles.save_start_latencies(self._stream.facts, aligner.start_latencies_ns)
 
     def _handle_event(self, event: events.ClientEvent[CapturedFrame]) -> None:
-        now_ns = self._clock.now_ns()
         if isinstance(event, FramesSelected):
             self._upload(event)
             return
@@ -282,13 +281,10 @@ class RigMember:
             self._uploader.set_leader(leader, self._engine.time.followed.path[0])
             self._viewfinder.set_leader(leader)
             self._samples.clear()
-            known = (
-                None if self._profiles is None else self._profiles.asymmetry(self.options.name, leader.host)
-            )
-            self._engine.set_path_asymmetry(known)
+            self._engine.set_path_asymmetry(self._profiles.asymmetry(self.options.name, leader.host))
             if len(self.options.leaders) > 1:
                 self._log.say(f"joined {leader}")
-        self._happened.append({"local_ns": now_ns, **event_line(event)})
+        self._happened.append({"local_ns": self._clock.now_ns(), **event_line(event)})
         if words := event_words(event):
             self._log.say(words)
 
@@ -380,16 +376,22 @@ def event_line(event: events.ClientEvent[Any]) -> dict[str, EventValue]:
         case events.LeaderNotice(what, text):
             return {"event": _LEADER_LINES[what], "text" if what == "said" else "reason": text}
         case clock_events.ClockSynced(time_map):
-            bound_ns = round(time_map.hard_bound_ns)
-            return {"event": "clock-synced", "offset_ns": time_map.offset_ns, "hard_bound_ns": bound_ns}
+            return {
+                "event": "clock-synced",
+                "offset_ns": time_map.offset_ns,
+                "hard_bound_ns": round(time_map.hard_bound_ns),
+            }
         case clock_events.ClockChanged(jumped):
             return {"event": "clock-stepped" if jumped else "clock-rate-changed"}
         case clock_events.ClockRateUnusual(None):
             return {"event": "clock-rate-usual"}
         case events.PhaseCorrected(command, before):
-            error_ns = None if before is None else before.error_ns
-            fields = msgspec.to_builtins(command) | {"phase_error_ns": error_ns}
-            return {"event": "phase-corrected", "command": type(command).__name__, **fields}
+            return {
+                "event": "phase-corrected",
+                "command": type(command).__name__,
+                **msgspec.to_builtins(command),
+                "phase_error_ns": None if before is None else before.error_ns,
+            }
     name, taken = _EVENT_FIELDS.get(type(event), (type(event).__name__, ()))
     return {"event": name} | {field: getattr(event, field) for field in taken}
 

@@ -38,15 +38,14 @@ class DeviceProfiles:
 
     def injection_profile(self, facts: CameraFacts) -> InjectionProfile | None:
         """Return the effect of a long frame on cameras of this kind and mode; None if unknown."""
-        known = self._entry(facts).injection
+        known = self._entry(_key(facts)).injection
         min_gain, max_gain = GAIN_LIMITS
-        if known is None or not min_gain <= known.gain <= max_gain or known.row_time_ns <= 0:
-            return None
-        return known
+        is_usable = known is not None and min_gain <= known.gain <= max_gain and known.row_time_ns > 0
+        return known if is_usable else None
 
     def start_latencies_ns(self, facts: CameraFacts) -> tuple[int, ...]:
         """Return start latencies of cameras of this kind and mode, modulo the period in ns, newest last."""
-        return self._entry(facts).start_latencies_ns[-MAX_LATENCIES:]
+        return self._entry(_key(facts)).start_latencies_ns[-MAX_LATENCIES:]
 
     def save_injection(self, facts: CameraFacts, profile: InjectionProfile) -> bool:
         """Store the effect of a long frame on cameras of this kind; return False if it cannot be written."""
@@ -58,7 +57,7 @@ class DeviceProfiles:
 
     def stamp(self, camera: str, facts: CameraFacts) -> StampAccuracy | None:
         """Return the measured delay of this camera's timestamps; None if it was never measured."""
-        return self._read().get(_key_of_one(camera, facts), _Entry()).stamp
+        return self._entry(_key_of_one(camera, facts)).stamp
 
     def save_stamp(self, camera: str, facts: CameraFacts, stamp: StampAccuracy) -> bool:
         """Store one camera's timestamp delay in this mode; return False if it cannot be written."""
@@ -66,34 +65,31 @@ class DeviceProfiles:
 
     def asymmetry(self, camera: str, leader: str) -> PathAsymmetry | None:
         """Return the measured path asymmetry of a camera's node and the leader on that host, if any."""
-        return self._read().get(f"{camera}>{leader}", _Entry()).asymmetry
+        return self._entry(f"{camera}>{leader}").asymmetry
 
     def save_asymmetry(self, camera: str, leader: str, asymmetry: PathAsymmetry) -> bool:
         """Store the path asymmetry of such a link; return False if it cannot be written."""
         return self._write(f"{camera}>{leader}", asymmetry=asymmetry)
 
-    def _entry(self, facts: CameraFacts) -> _Entry:
-        return self._read().get(_key(facts), _Entry())
+    def _entry(self, key: str) -> _Entry:
+        return self._read().get(key, _Entry())
 
     def _write(self, key: str, **changes: Any) -> bool:
-        known = self._read().get(key, _Entry())
+        known = self._entry(key)
         if msgspec.structs.replace(known, **changes) == known:
             return True
         lock_path = self._path.with_name(f"{FILE}.lock")
         try:
             # Nodes of one host share the file: two concurrent writers must not lose either's entry.
             lock = lock_file(lock_path, wait=True)
+            try:
+                entries = self._read() | {key: msgspec.structs.replace(self._entry(key), **changes)}
+                write_atomic(self._path, msgspec.json.format(msgspec.json.encode(entries, order="sorted")))
+            finally:
+                lock_path.unlink(missing_ok=True)
+                os.close(lock)
         except OSError:
             return False
-        try:
-            entries = self._read()
-            entries[key] = msgspec.structs.replace(entries.get(key, _Entry()), **changes)
-            write_atomic(self._path, msgspec.json.format(msgspec.json.encode(entries, order="sorted")))
-        except OSError:
-            return False
-        finally:
-            lock_path.unlink(missing_ok=True)
-            os.close(lock)
         return True
 
     def _read(self) -> dict[str, _Entry]:
@@ -103,9 +99,13 @@ class DeviceProfiles:
             return {}
 
 
+NO_PROFILES = DeviceProfiles(Path(os.devnull))
+"""Profiles of nodes that store none."""
+
+
 def _key(facts: CameraFacts) -> str:
-    exposure_ns = facts.exposure_ns or 0
-    return f"{facts.kind}/{facts.model}/{facts.width}x{facts.height}/{facts.period_ns}/{exposure_ns}"
+    mode = f"{facts.width}x{facts.height}/{facts.period_ns}/{facts.exposure_ns or 0}"
+    return f"{facts.kind}/{facts.model}/{mode}"
 
 
 def _key_of_one(camera: str, facts: CameraFacts) -> str:

@@ -10,7 +10,6 @@ from collections.abc import Callable, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Protocol, Self
 
 from msgspec.structs import replace
 
@@ -19,7 +18,6 @@ from capture_app.cameras.frames import CapturedFrame
 from capture_app.common.address import Address
 from capture_app.common.camera_facts import (
     CameraControls,
-    CameraFacts,
     Control,
     ControlState,
     ControlValue,
@@ -29,7 +27,7 @@ from capture_app.common.clock import HostClock, NodeClock
 from capture_app.common.errors import CameraError, SimulshotError
 from capture_app.common.tasks import has_come
 from capture_app.net.udp import Pump
-from capture_app.node.camera.device_profiles import DeviceProfiles
+from capture_app.node.camera.device_profiles import NO_PROFILES, DeviceProfiles
 from capture_app.protocol.log import Log
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.rig.client import Client
@@ -92,14 +90,14 @@ class ControlKeeper:
             before = CameraControls(controls=await self._look())
             for control, value in values.items():
                 state = before.state(control)
-                if state is None:
-                    problems[control] = f"its {control} cannot be controlled"
-                    continue
                 try:
-                    if problem := await self._set(state, value):
-                        problems[control] = problem
+                    problem = (
+                        await self._set(state, value) if state else f"its {control} cannot be controlled"
+                    )
                 except REFUSALS as error:
-                    problems[control] = str(error)
+                    problem = str(error)
+                if problem:
+                    problems[control] = problem
             self._supervisor.note_exposure()
             return CameraControls(controls=await self._look(), problems=problems)
 
@@ -135,9 +133,8 @@ class ControlKeeper:
         self._locked.discard(control)
         if value == "hold" and state.automatic and control not in self._live:
             return f"it may report another {control} than it used: check whether the picture has changed"
-        if nearest != asked:
-            return f"{asked:g} {state.unit} is out of its range, {state.minimum:g} to {state.maximum:g}"
-        return ""
+        out_of_range = f"{asked:g} {state.unit} is out of its range, {state.minimum:g} to {state.maximum:g}"
+        return out_of_range if nearest != asked else ""
 
     async def _release(self, state: ControlState) -> str:
         if not state.can_be_automatic:
@@ -189,7 +186,7 @@ class NodeOptions:
     """Maximum memory for stored frames, and again for frames that are not on a disk yet."""
     spool: Path | None = None
     """Folder for the images that the leader does not have yet; without one they stay in memory."""
-    profiles: DeviceProfiles | None = None
+    profiles: DeviceProfiles = NO_PROFILES
     """Stored device profiles; updated with new measurements."""
     trust: Trust = field(default_factory=Trust.of_user)
     """This node's identity and the leaders that it accepts."""
@@ -199,45 +196,25 @@ class NodeOptions:
     """Called when an operator removes the camera from the rig."""
 
 
-class FrameReceiver(Protocol):
-    """Interface of objects that get every frame of a camera."""
-
-    def add_frame(self, frame: CapturedFrame) -> None:
-        """Take the next frame."""
-
-
 class CameraStream:
-    """A streaming camera, across all reopenings of the device; `start` creates one.
+    """A streaming camera, across all reopenings of the device; it begins with `open`.
 
     Each receiver gets each frame in order. Frames that arrive before there is a receiver are dropped.
     """
 
-    camera: Camera
-    """The open camera."""
-    facts: CameraFacts
-    """Properties and abilities of the camera, with the accuracy of its timestamps."""
-    failed: asyncio.Future[Exception]
-    """The error of the device once it has failed."""
-    started_ns: int
-    """Time of the start command, in ns of the node's clock."""
-
     def __init__(self, options: NodeOptions) -> None:
         self._options = options
-        self._set_stamp: StampAccuracy | None = None
-        self.receivers: list[FrameReceiver] = []
-
-    @classmethod
-    async def start(cls, options: NodeOptions) -> Self:
-        """Open a node's camera and start its stream. Raises the camera's errors."""
-        stream = cls(options)
-        await stream.open()
-        return stream
+        self.measured_stamp: StampAccuracy | None = None
+        """Timestamp accuracy measured in this run, for `update_facts`."""
+        self.receivers: list[Callable[[CapturedFrame], None]] = []
 
     async def open(self) -> None:
         """Open the camera, again after a failure, and start its stream. Raises the camera's errors."""
         self.camera = self._options.open_camera()
         self.started_ns = self._options.clock.now_ns()
+        """Time of the start command, in ns of the node's clock."""
         failed = self.failed = asyncio.get_running_loop().create_future()
+        """The error of the device once it has failed."""
 
         def on_failure(error: Exception) -> None:
             if not failed.done():
@@ -246,25 +223,17 @@ class CameraStream:
         await self.camera.start(self._deliver, on_failure)
         self.update_facts()
 
-    def set_stamp(self, stamp: StampAccuracy) -> None:
-        """Use a new timestamp accuracy from the next `update_facts` on."""
-        self._set_stamp = stamp
-
     def update_facts(self) -> None:
         """Read the camera's facts and timestamp accuracy, as the leader and sessions get them."""
         facts = self.camera.facts
-        reported, just_set = facts.stamp_accuracy, self._set_stamp
-        if just_set is not None and just_set.exposure_ns == facts.exposure_ns:
-            self.facts = replace(facts, stamp=just_set)
-            return
-        profiles, measured = self._options.profiles, None
-        if profiles is not None and not reported.is_exact:
-            measured = profiles.stamp(self._options.name, facts)
+        reported, measured = facts.stamp_accuracy, self.measured_stamp
+        if measured is None or measured.exposure_ns != facts.exposure_ns:
+            measured = None if reported.is_exact else self._options.profiles.stamp(self._options.name, facts)
         self.facts = replace(facts, stamp=measured or reported)
 
     def _deliver(self, frame: CapturedFrame) -> None:
-        for receiver in self.receivers:
-            receiver.add_frame(frame)
+        for receive in self.receivers:
+            receive(frame)
 
 
 class CameraSupervisor:
@@ -289,7 +258,7 @@ class CameraSupervisor:
         """Exposure, gain, white balance and focus."""
         self._streams_before = self._last_stream = 0
         engine.stream_started(stream.started_ns)
-        stream.receivers.append(self)
+        stream.receivers.append(self.add_frame)
 
     @property
     def camera(self) -> Camera:
@@ -325,16 +294,17 @@ class CameraSupervisor:
             if isinstance(command, RestartStream):
                 delay_ns = command.delay_ns - (given_ns - reckoned_ns)
                 # Too late for the targeted start: the same phase in a later period is as good.
-                late = delay_ns < 0
-                command = RestartStream(delay_ns % self._stream.facts.period_ns if late else delay_ns)
+                command = RestartStream(
+                    delay_ns if delay_ns >= 0 else delay_ns % self._stream.facts.period_ns
+                )
             try:
                 await self.camera.apply(command)
             except CameraError as error:
                 self._options.log.say(f"camera refused a command: {error}")
-                continue
-            if isinstance(command, RestartStream):
-                # Cameras keep to this moment, or to whole periods after it, whatever the delay of this loop.
-                self._engine.stream_started(given_ns + command.delay_ns)
+            else:
+                if isinstance(command, RestartStream):
+                    # Cameras keep to this moment, or to whole periods after it, whatever this loop's delay.
+                    self._engine.stream_started(given_ns + command.delay_ns)
 
     async def _reopen(self) -> None:
         before = self._stream.facts

@@ -6,7 +6,7 @@ from collections import deque
 from collections.abc import Collection, Sequence
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from msgspec.structs import replace
 
@@ -16,6 +16,7 @@ from capture_app.common.errors import CameraError, DiskError, NetworkError, Simu
 from capture_app.common.tasks import end
 from capture_app.common.text import count
 from capture_app.common.timeouts import UPLOAD_ANSWER_TIMEOUT_S
+from capture_app.net.asking import next_message
 from capture_app.net.channel import Channel, connect
 from capture_app.node.camera.burst_upload import BurstUpload, Spool, encode_frame
 from capture_app.protocol.log import Log
@@ -41,7 +42,7 @@ MAX_IN_FLIGHT = 64
 """Maximum number of unacknowledged images, because the leader syncs its disk for many at a time."""
 ASK_AGAIN_S = 0.05
 
-Answer = ImageAck | ReportAck | Refusal
+A = TypeVar("A", ImageAck, ReportAck)
 
 
 class PostponedError(NetworkError):
@@ -66,7 +67,7 @@ class BurstSender:
         """Below a relay, pins of the rig's leaders: one of them must have signed the answers to a burst."""
         self._channel, self._changed, self._log, self._waiting = channel, changed, log, waiting
         self._in_flight: deque[ImageUpload] = deque()
-        self._answer: asyncio.Task[Answer] | None = None
+        self._answer: asyncio.Task[FromLeader] | None = None
         self._receipts: dict[int, ImageReceipt] = {}
         """The leader's receipts for partial images, by instant."""
 
@@ -83,11 +84,8 @@ class BurstSender:
 
         Raises NetworkError where the stream breaks off or the leader does not answer.
         """
-        await self._send(message)
-        answer = await self._next_answer()
-        if isinstance(answer, ImageAck):
-            raise NetworkError("the leader sent an unexpected answer")
-        return answer
+        await self._channel.send(message, stall_s=UPLOAD_ANSWER_TIMEOUT_S)
+        return await self._next_answer(ReportAck)
 
     async def send_burst(self, burst: BurstUpload) -> Refusal | None:
         """Send a burst while it is encoded; return when the leader has all it requests, or its refusal.
@@ -104,7 +102,7 @@ class BurstSender:
             refusal = None
             if sent_report is not burst.report or not burst.is_committed:
                 first, sent_report = sent_report is None, burst.report
-                refusal = await self._report_burst(burst, first=first)
+                refusal = await self._take_all_answers(burst) or await self._report_burst(burst, first=first)
             elif len(burst.images) > len(self._in_flight) < MAX_IN_FLIGHT:
                 await self._send_image(burst, burst.images[len(self._in_flight)])
             elif self._in_flight:
@@ -135,9 +133,6 @@ class BurstSender:
 
         Drop images that the leader does not need or has already, and store its receipts for partial ones.
         """
-        refusal = await self._take_all_answers(burst)
-        if refusal is not None:
-            return refusal
         report = burst.report_now()
         answer = await self.ask(report if first else replace(report, events=()))
         self._check_proof(answer, burst)
@@ -166,11 +161,12 @@ class BurstSender:
                 burst.images.remove(image)
             await self._report_lost(burst, [record.instant], "its file in the spool is damaged")
             return
-        receipt = self._receipts.pop(record.instant, None)
-        resumes = receipt is not None and receipt.sha256 == record.sha256 and receipt.bytes <= len(data)
-        offset = receipt.bytes if receipt is not None and resumes else 0
+        offset, receipt = 0, self._receipts.pop(record.instant, None)
+        if receipt is not None and receipt.sha256 == record.sha256 and receipt.bytes <= len(data):
+            offset = receipt.bytes
         self._in_flight.append(image)
-        await self._send(replace(image, offset=offset), memoryview(data)[offset:])
+        upload = replace(image, offset=offset)
+        await self._channel.send(upload, memoryview(data)[offset:], stall_s=UPLOAD_ANSWER_TIMEOUT_S)
 
     async def _take_answer(self, burst: BurstUpload) -> Refusal | None:
         """Wait for the answer to the oldest unacknowledged image, or for new work; return any refusal."""
@@ -185,25 +181,20 @@ class BurstSender:
 
     async def _take_all_answers(self, burst: BurstUpload) -> Refusal | None:
         """Wait for the answers to all sent images; return the first refusal."""
-        refusal = None
-        while self._in_flight:
-            refused = await self._take_next(burst)
-            refusal = refusal or refused
-        return refusal
+        answers = [await self._take_next(burst) for _ in tuple(self._in_flight)]
+        return next(filter(None, answers), None)
 
     async def _take_next(self, burst: BurstUpload) -> Refusal | None:
-        answer, image = await self._next_answer(), self._in_flight.popleft()
+        answer, image = await self._next_answer(ImageAck), self._in_flight.popleft()
         self._check_proof(answer, burst)
         if isinstance(answer, Refusal):
             return answer
-        if not isinstance(answer, ImageAck):
-            raise NetworkError("the leader sent an unexpected answer")
         if answer.sha256 != image.record.sha256:
             raise NetworkError("the leader has another checksum than the image sent")
         await _delete(burst.confirm({image.record.instant: answer.sha256}))
         return None
 
-    def _check_proof(self, answer: Answer, burst: BurstUpload) -> None:
+    def _check_proof(self, answer: ImageAck | ReportAck | Refusal, burst: BurstUpload) -> None:
         """Raise NetworkError where the leader above the relay has not signed an answer."""
         report, unsigned = burst.report, replace(answer, proof=None)
         about = report.camera, report.leader, report.burst
@@ -213,46 +204,32 @@ class BurstSender:
                 hint=f"if the rig has a new leader: capture-app trust pair {self._channel.peer}",
             )
 
-    async def _next_answer(self) -> Answer:
-        answer, self._answer = self._answer or asyncio.create_task(self._receive()), None
-        return await answer
-
-    async def _send(
-        self,
-        message: NodeStream | CameraReport | ImageUpload | SpoolSpace,
-        *payloads: memoryview,
-    ) -> None:
-        await self._channel.send(message, *payloads, stall_s=UPLOAD_ANSWER_TIMEOUT_S)
-
-    async def _receive(self) -> Answer:
-        while True:
-            try:
-                async with asyncio.timeout(UPLOAD_ANSWER_TIMEOUT_S):
-                    received = await self._channel.receive()
-            except TimeoutError as error:
-                raise NetworkError(
-                    f"the leader did not answer within {UPLOAD_ANSWER_TIMEOUT_S:g} s",
-                    hint=f"look for the cause: capture-app doctor --leader {self._channel.peer}",
-                ) from error
-            match received:
-                case None:
-                    raise NetworkError(
-                        "the leader closed the stream",
-                        hint=f"check that it runs: capture-app status --leader {self._channel.peer}",
-                    )
-                case (ImageAck(sha256=None), _):
-                    continue
-                case (ReportAck() | ImageAck() | Refusal() as answer, _):
-                    return answer
+    async def _next_answer(self, kind: type[A]) -> A | Refusal:
+        task, self._answer = self._answer or asyncio.create_task(self._receive()), None
+        answer = await task
+        if not isinstance(answer, kind | Refusal):
             raise NetworkError("the leader sent an unexpected answer")
+        return answer
+
+    async def _receive(self) -> FromLeader:
+        """Return the leader's next message, other than that it is still saving images."""
+        while True:
+            answer = await next_message(self._channel, UPLOAD_ANSWER_TIMEOUT_S)
+            if not isinstance(answer, ImageAck) or answer.sha256 is not None:
+                return answer
 
     async def _report_lost(self, burst: BurstUpload, instants: Collection[int], reason: str) -> None:
         burst.report_lost(instants, reason)
         numbers = ", ".join(map(str, instants))
         self._log.say(f"burst {burst.report.burst}: instants {numbers} are lost: {reason}")
-        if burst.spooled is not None:
-            with contextlib.suppress(SimulshotError):
-                await asyncio.to_thread(burst.spooled.write_report, burst.report)
+        await _write_report(burst, burst.report)
+
+
+async def _write_report(burst: BurstUpload, report: CameraReport) -> None:
+    """Store a burst's report where the spool has the burst, unless its disk fails."""
+    if burst.spooled is not None:
+        with contextlib.suppress(SimulshotError):
+            await asyncio.to_thread(burst.spooled.write_report, report)
 
 
 async def _delete(files: Collection[Path]) -> None:
@@ -283,8 +260,7 @@ class Uploader:
 
         `retry_s` are the delays after the first failed stream, the second and so on; the last one repeats.
         """
-        self._log = log
-        self._trust = trust
+        self._log, self._trust = log, trust or Trust.of_user()
         self._opening = NodeStream(camera=camera, instance=instance)
         self.spool = spool
         self.leader: Address | None = None
@@ -321,8 +297,9 @@ class Uploader:
             if not burst.images:
                 spooled.remove()
                 continue
-            waiting = count(len(burst.images), "image")
-            self._log.say(f"burst {burst.report.burst}: {waiting} still in {spooled.folder}")
+            self._log.say(
+                f"burst {burst.report.burst}: {count(len(burst.images), 'image')} still in {spooled.folder}"
+            )
             self._waiting.append(burst)
 
     def add_burst(self, burst: BurstUpload) -> None:
@@ -356,10 +333,8 @@ class Uploader:
         """Encode frames and send images to the leader, until cancelled."""
         try:
             async with asyncio.TaskGroup() as tasks:
-                tasks.create_task(self._encode_all())
-                tasks.create_task(self._send_all())
-                tasks.create_task(self._sync_spool())
-                tasks.create_task(self._watch_space())
+                for work in (self._encode_all(), self._send_all(), self._sync_spool(), self._watch_space()):
+                    tasks.create_task(work)
         finally:
             self._thread.shutdown(wait=False, cancel_futures=True)
 
@@ -402,8 +377,9 @@ class Uploader:
         """Encode the first pending frame of a burst, and move it to its images."""
         picked, image = burst.frames[0], None
         try:
-            loop = asyncio.get_running_loop()
-            image = await loop.run_in_executor(self._thread, self._encode, burst, picked)
+            image = await asyncio.get_running_loop().run_in_executor(
+                self._thread, self._encode, burst, picked
+            )
         except CameraError as error:
             burst.report_lost([picked.instant], str(error))
             self._log.say(f"burst {burst.report.burst}: instant {picked.instant} is lost: {error}")
@@ -438,11 +414,9 @@ class Uploader:
     async def _keep_ends(self) -> None:
         """Store the final reports of ended bursts in the spool."""
         for burst in self._bursts:
-            has_ended = burst.ended and not burst.is_over
-            if has_ended and not burst.end_is_stored and burst.spooled is not None:
-                burst.end_is_stored = True
-                with contextlib.suppress(SimulshotError):
-                    await asyncio.to_thread(burst.spooled.write_report, burst.report_to_keep())
+            if burst.ended and not burst.is_over and not burst.end_is_stored:
+                burst.end_is_stored = burst.spooled is not None
+                await _write_report(burst, burst.report_to_keep())
 
     async def _sync_spool(self) -> None:
         """Sync the spool for all images that were written during the previous sync."""
@@ -480,8 +454,7 @@ class Uploader:
                     ) as sender,
                 ):
                     self._stream = channel
-                    trust = self._trust or Trust.of_user()
-                    self._roots = sender.roots = trust.roots_of(channel.who.pin)
+                    self._roots = sender.roots = self._trust.roots_of(channel.who.pin)
                     if isinstance(refusal := await sender.ask(self._opening), Refusal):
                         raise NetworkError(refusal.what, hint=refusal.hint)
                     while self._waiting or self._space_is_due:
@@ -507,32 +480,28 @@ class Uploader:
         if refusal is None and burst.is_picking and not burst.is_over:
             self._waiting.rotate(-1)
             return
-        forget = refusal is not None and refusal.forget and burst.report.leader == self._run
-        if refusal is None or forget:
+        where = ""
+        if refusal is None or (refusal.forget and burst.report.leader == self._run):
             burst.end()
-        if refusal is None:
             if burst.spooled is not None:
                 await asyncio.to_thread(burst.spooled.remove)
-            self._space_is_due = self.spool is not None
+            self._space_is_due = True
         else:
             # A burst that is not this leader's to delete is kept whole: its last frames, too.
-            while burst.frames and burst.spooling and self.spool is not None and not forget:
+            while burst.frames and burst.spooling and self.spool is not None:
                 self._changed.clear()
                 await self._changed.wait()
             burst.frames.clear()
-            where = ""
-            if burst.spooled is not None and forget:
-                await asyncio.to_thread(burst.spooled.remove)
-            elif burst.spooled is not None:
+            if burst.spooled is not None:
                 self._refused.append(burst)
                 where = f"; its images stay in {burst.spooled.folder}"
+        if refusal is not None:
             self._log.say(f"burst {burst.report.burst} given up: {refusal.what}{where}")
         with contextlib.suppress(ValueError):
             self._waiting.remove(burst)
 
     def _uploads_of(self, leader: int, burst: int) -> list[BurstUpload]:
-        of = leader, burst
-        return [u for u in self._bursts if (u.report.leader, u.report.burst) == of]
+        return [one for one in self._bursts if one.report.leader == leader and one.report.burst == burst]
 
     async def _watch_space(self) -> None:
         while self.spool is not None:

@@ -77,7 +77,7 @@ class Viewfinder:
         self.newest: CapturedFrame | None = None
         self._options, self._instance, self._controls, self._member = options, instance, controls, member
         self._name = options.name
-        self._leader: Address | None = None
+        self._leader: Address
         self._leader_changed = asyncio.Event()
         self._channel: Channel[Any] | None = None
         self.request = NO_PREVIEWS
@@ -127,10 +127,8 @@ class Viewfinder:
     async def run(self) -> None:
         """Keep the stream open, and send what is requested, until cancelled."""
         try:
+            await self._leader_changed.wait()
             while True:
-                if self._leader is None:
-                    await self._leader_changed.wait()
-                assert self._leader is not None
                 self._leader_changed.clear()
                 with suppress(NetworkError):
                     async with await connect(self._leader, FromLeader, trust=self._options.trust) as channel:
@@ -171,8 +169,6 @@ class Viewfinder:
                     self._options.put_off()
                 case Refusal():
                     raise NetworkError(message.what, hint=message.hint)
-                case _:
-                    pass
         raise NetworkError(
             "the leader closed the stream",
             hint=f"check that it runs: capture-app status --leader {channel.peer}",
@@ -200,9 +196,12 @@ class Viewfinder:
                 continue
             jpeg, width, height = made
             self._may_send.clear()
-            leader_ns = self._member.leader_ns(frame.timestamp_ns)
             preview = Preview(
-                camera=self._name, leader_ns=leader_ns, instant_ns=shown_ns, width=width, height=height
+                camera=self._name,
+                leader_ns=self._member.leader_ns(frame.timestamp_ns),
+                instant_ns=shown_ns,
+                width=width,
+                height=height,
             )
             await channel.send(preview, jpeg)
 

@@ -82,7 +82,8 @@ class Node:
         self._timer: asyncio.TimerHandle | None = None
 
     async def run(self, rng: random.Random) -> None:
-        stream = await CameraStream.start(self.options)
+        stream = CameraStream(self.options)
+        await stream.open()
         config = ClientConfig(self.name, rng.getrandbits(32), stream.facts, self.rig.tolerance_ns)
         self.client = Client(config, rng)
         self.supervisor = CameraSupervisor(self.options, stream, self.client, cast(Pump, self))

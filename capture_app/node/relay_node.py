@@ -25,8 +25,7 @@ from capture_app.net.discovery import announced
 from capture_app.net.server import TransferServer, bind_port
 from capture_app.net.udp import Pump
 from capture_app.node.enrolment import Asked, Enrolment, is_node, speaks_for
-from capture_app.node.join_watch import JoinWatch
-from capture_app.node.key_requests import KeyRequester
+from capture_app.node.joining import JoinWatch, KeyRequester
 from capture_app.node.leader.followers import SharedGrid
 from capture_app.node.leader.leader_options import PortOptions
 from capture_app.node.leader.readiness import rig_advice
@@ -80,9 +79,13 @@ class RelayNode:
         self._enrolment = Enrolment(options.trust, options.log, self._sealed, is_relay=True)
         self._server = TransferServer(ToLeader, self._serve, trust=options.trust)
         self._pump = Pump(self._sealed or engine, options.clock, self._drain)
-        request = KeyRequest(name=options.name, instance=self.instance, is_relay=True)
-        keys = None if self._sealed is None else self._sealed.parent_keys
-        self._requester = KeyRequester(keys, request, engine.member.time, options.trust, self._pump)
+        self._requester = KeyRequester(
+            None if self._sealed is None else self._sealed.parent_keys,
+            KeyRequest(name=options.name, instance=self.instance, is_relay=True),
+            engine.member.time,
+            options.trust,
+            self._pump,
+        )
         self._upstream: Address | None = None
         self._upstream_channels: set[Channel[Any]] = set()
         self._lost_ns: int | None = None
@@ -102,20 +105,15 @@ class RelayNode:
         datagrams, listening = bind_port(options.host, options.port)
         try:
             if any(family != datagrams.family for family, _ in found):
-                address = Address(options.host, options.port)
                 raise NetworkError(
-                    f"{address} and a leader's address mix IPv4 and IPv6",
+                    f"{Address(options.host, options.port)} and a leader's address mix IPv4 and IPv6",
                     hint="listen on an address of the leader's kind with --host",
                 )
             peers = tuple((peer.host, peer.port) for _, peer in found)
-            instance = secrets.randbits(32)
-            rng = random.Random(secrets.randbits(64))
+            instance, rng = secrets.randbits(32), random.Random(secrets.randbits(64))
             engine = Relay(
                 TreeMember(options.name, instance, peers, rng, OF_CAMERAS),
-                LeaderConfig(
-                    instance,
-                    transfer_port=listening.getsockname()[1],
-                ),
+                LeaderConfig(instance, transfer_port=listening.getsockname()[1]),
                 rng,
             )
             relay = cls(options, engine, listening)
@@ -127,9 +125,8 @@ class RelayNode:
             listening.close()
             raise
         relay._pump.start(datagrams)
-        watch = JoinWatch(options.parents, options.log)
-        relay._tasks.append(asyncio.create_task(watch.run(engine.member.time)))
-        relay._tasks.append(asyncio.create_task(relay._requester.run()))
+        watching = JoinWatch(options.parents, options.log).run(engine.member.time)
+        relay._tasks = [asyncio.create_task(work) for work in (watching, relay._requester.run())]
         return relay
 
     def announced(self) -> AbstractAsyncContextManager[None]:
@@ -239,9 +236,8 @@ class RelayNode:
     # Events
 
     def _drain(self) -> None:
-        rate = self._engine.member.time.timekeeper.rate
-        rate.host_slewing_ppm = self._host_rate.slewing_ppm(self._clock.now_ns())
         now_ns = self._clock.now_ns()
+        self._engine.member.time.timekeeper.rate.host_slewing_ppm = self._host_rate.slewing_ppm(now_ns)
         self._enrolment.look(now_ns)
         self._requester.look()
         while (event := self._engine.next_event()) is not None and not self._is_leaving:
@@ -268,8 +264,7 @@ class RelayNode:
         time_map = self._engine.member.time.time_map
         if time_map is None or self._lost_ns is None:
             return f"relay {self.options.name} has not found a leader yet"
-        seconds = (now_ns - self._lost_ns) / 1e9
         return (
-            f"relay {self.options.name} lost its leader {seconds:.0f} s ago and is in holdover, accurate to"
-            f" {duration(time_map.uncertainty_at(now_ns))}"
+            f"relay {self.options.name} lost its leader {(now_ns - self._lost_ns) / 1e9:.0f} s ago and is in"
+            f" holdover, accurate to {duration(time_map.uncertainty_at(now_ns))}"
         )

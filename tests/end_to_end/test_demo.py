@@ -17,6 +17,7 @@ from .conftest import TIMEOUT_S
 
 PARENT = """
 import asyncio, signal
+from contextlib import aclosing
 from pathlib import Path
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.local_nodes import LocalNodes
@@ -26,7 +27,7 @@ from capture_app.protocol.orders import AddSimulated
 async def main():
     options = LeaderOptions(sessions=Path("unused"), host="127.0.0.1", port=0)
     async with await LeaderNode.start(options) as leader:
-        async with LocalNodes(leader.own_address, Path("spool"), leader.log) as nodes:
+        async with aclosing(LocalNodes(leader.own_address, Path("spool"), leader.log)) as nodes:
             await nodes.add_simulated(AddSimulated(cameras=2, scene="bars"))
             while [node.state for node in leader.status().nodes] != ["ready", "ready"]:
                 await asyncio.sleep(0.05)

@@ -14,7 +14,7 @@ from capture_app.common.camera_facts import CameraFacts
 from capture_app.common.clock import HostClock
 from capture_app.common.pairing_codes import Role
 from capture_app.net.udp import Pump, SinglePeerEngine, client_socket
-from capture_app.node.key_requests import KeyRequester
+from capture_app.node.joining import KeyRequester
 from capture_app.protocol.messages import KeyRequest
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.sync_engine import Engine

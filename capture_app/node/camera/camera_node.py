@@ -24,8 +24,7 @@ from capture_app.node.camera.burst_upload import BurstUpload, Spool
 from capture_app.node.camera.supervisor import CameraStream, CameraSupervisor, NodeOptions
 from capture_app.node.camera.uploader import Uploader
 from capture_app.node.camera.viewfinder import Viewfinder
-from capture_app.node.join_watch import JoinWatch
-from capture_app.node.key_requests import KeyRequester
+from capture_app.node.joining import JoinWatch, KeyRequester
 from capture_app.protocol.messages import MAX_EVENTS, CameraReport, EventValue, KeyRequest
 from capture_app.protocol.orders import SaveStamp, StampSaved
 from capture_app.protocol.status import NodeDetail
@@ -153,9 +152,13 @@ class RigMember:
         self._failover = Failover(self._engine, peers)
         self._sealed = None if options.trust.is_open else SealedClient(self._failover)
         self._pump = Pump(self._sealed or self._failover, self._clock, self._drain)
-        request = KeyRequest(name=options.name, instance=instance)
-        keys = None if self._sealed is None else self._sealed.keys
-        self._keys = KeyRequester(keys, request, self._engine.time, options.trust, self._pump)
+        self._keys = KeyRequester(
+            None if self._sealed is None else self._sealed.keys,
+            KeyRequest(name=options.name, instance=instance),
+            self._engine.time,
+            options.trust,
+            self._pump,
+        )
         self._camera = CameraSupervisor(options, stream, self._engine, self._pump)
         self._viewfinder = Viewfinder(options, instance, self._camera.controls, self)
         stream.receivers.append(self._viewfinder.add_frame)

@@ -48,7 +48,6 @@ NEAR = 0.02
 UNNAMED, RECORDING = "burst", "recording"
 """Prefixes of session names for takes without a name."""
 MAX_FOLDER_NUMBER = 999_999
-CANCELLED = "the burst was cancelled"
 REMEMBERED = 64
 SOON_NS = 30_000_000_000
 """Bursts that begin later than this count as ahead, and not among those being saved."""
@@ -71,10 +70,9 @@ def frames_and_spacing(request: BurstRequest, period_ns: int) -> tuple[int, int]
         spacing = max(1, round(periods))
         if abs(spacing - periods) > NEAR * periods:
             fps = 1e9 / period_ns
-            rates = ", ".join(f"{fps / n:.4g}" for n in (1, 2, 3, 4, 5))
             raise BadInputError(
                 f"{1 / request.interval_s:.4g} frames a second do not divide the rig's {fps:.4g} evenly",
-                hint=f"use one of: {rates} ...",
+                hint=f"use one of: {', '.join(f'{fps / n:.4g}' for n in (1, 2, 3, 4, 5))} ...",
             )
     step_ns = spacing * period_ns
     if request.frames is not None:
@@ -233,11 +231,11 @@ class ActiveBursts:
             lacking = "; ".join(f"{name}: {why}" for name, why in without.items())
             raise DiskFullError(lacking, hint="make room on that node, or take fewer frames")
         # An abandoned number is never reused, because nodes may still know it.
-        after = self._last_folders.get(prefix, 0)
-        writer, folder = await asyncio.to_thread(create_numbered, root, prefix, after=after)
+        writer, folder = await asyncio.to_thread(
+            create_numbered, root, prefix, after=self._last_folders.get(prefix, 0)
+        )
         self._last_folders[prefix] = folder
-        number = max(self._last_number + 1, folder if prefix == UNNAMED else 0)
-        self._last_number = number
+        number = self._last_number = max(self._last_number + 1, folder if prefix == UNNAMED else 0)
         try:
             burst = self._engine.trigger(
                 self.now_ns(), dataclasses.replace(order, number=number, without=without)
@@ -249,9 +247,9 @@ class ActiveBursts:
         session = BurstSession.begin(burst, facts, writer, self._disk, short_timeouts=self._silent)
         session.order_end = functools.partial(self._end, session) if order.streamed else None
         self._bursts[number] = self.newest = session
-        for name in self._options.awaited if self.now_ns() < self._awaited_until_ns else ():
-            if name not in facts:
-                without[name] = "it has not come back since the leader was lost"
+        if self.now_ns() < self._awaited_until_ns:
+            absent = (name for name in self._options.awaited if name not in facts)
+            without |= dict.fromkeys(absent, "it has not come back since the leader was lost")
         session.without = "; ".join(f"without {name}: {why}" for name, why in without.items())
         self._background.start(self._follow(session))
         # On disk before any node can learn of it, so that every captured frame can be fetched after a crash.
@@ -310,7 +308,7 @@ class ActiveBursts:
             )
         self._cancelled.add(number)
         self._engine.orders.cancel(session.burst, self.now_ns())
-        await session.finish_now(CANCELLED, silent=False)
+        await session.finish_now("the burst was cancelled", silent=False)
 
     async def end(self, number: int | None = None) -> None:
         """End a recording or a long burst now; None: the newest one. Raises BadInputError.
@@ -318,8 +316,8 @@ class ActiveBursts:
         A burst that is over already stays as it is: its operator learns of that only afterwards.
         """
         under_way = [of for of in self._bursts.values() if not of.finished.is_set()]
-        is_known = number is not None and 0 < number <= self._last_number
-        if is_known and all(number != of.burst.number for of in under_way):
+        numbers = {of.burst.number for of in under_way}
+        if number is not None and 0 < number <= self._last_number and number not in numbers:
             return
         found = [of for of in under_way if of.burst.streamed and number in (None, of.burst.number)]
         if not found:
@@ -375,8 +373,7 @@ class ActiveBursts:
 
     def note_answer(self, answer: BurstAnswered) -> None:
         """Note whether a node takes part in a burst."""
-        if answer.refusal and answer.burst in self._bursts:
-            session = self._bursts[answer.burst]
+        if answer.refusal and (session := self._bursts.get(answer.burst)):
             self._background.start(session.give_up_camera(answer.name, answer.refusal))
 
     async def _follow(self, session: BurstSession) -> None:
@@ -387,14 +384,14 @@ class ActiveBursts:
     def _note_finished(self, session: BurstSession) -> None:
         status = session.status
         path, number = status.session, session.burst.number
-        if session.burst.streamed and self._bursts.get(number) is session:
-            # If the burst ended for another reason, such as a full disk, nodes still capture.
-            self._background.start(self._end(session))
-        if path is not None and path not in self.saved:
-            self.saved.append(path)
         if path is not None:
             self._image_bytes |= session.mean_image_bytes()
+            if path not in self.saved:
+                self.saved.append(path)
         if self._bursts.get(number) is session:
+            if session.burst.streamed:
+                # If the burst ended for another reason, such as a full disk, nodes still capture.
+                self._background.start(self._end(session))
             self._silent = (self._silent - {*session.burst.clients}) | session.silent_cameras()
             del self._bursts[number]
         self._event_log.note(status)
@@ -408,10 +405,11 @@ class ActiveBursts:
                 for member in self._engine.roster.by_name()
                 if member.report.state is NodeState.LOST
             }
-            for session in (*tuple(self._bursts.values()), *self.resumed.sessions()):
+            trouble = ""
+            for session in (*self._bursts.values(), *self.resumed.sessions()):
                 if not session.finished.is_set():
                     await session.give_up_silent_cameras(lost, now_ns)
-            troubles = (of.trouble for of in (*self._bursts.values(), *self.resumed.sessions()))
-            if (trouble := next(filter(None, troubles), "")) != self._trouble:
+                trouble = trouble or session.trouble
+            if trouble != self._trouble:
                 self._trouble = trouble
                 self._event_log.say_of_disk(None, trouble)

@@ -58,8 +58,7 @@ class RigSettings:
             return
         with suppress(IncompleteError, OSError):
             state = (await self._viewfinders.ask(ControlsRequest(camera=camera), ControlsAnswer)).state
-            values = self._values_to_set(camera, state)
-            if values:
+            if values := self._values_to_set(camera, state):
                 answer = await self.ask(ControlsRequest(camera=camera, values=values))
                 for problem in dict.fromkeys(answer.state.problems.values()):
                     self._log.say(f"{camera}: {problem}")
@@ -68,14 +67,11 @@ class RigSettings:
         values: dict[Control, ControlValue] = {}
         here = set(self._viewfinders.health) - {camera}
         for control in Control:
-            own = self._held.get(camera, {}).get(control)
+            own, mine = self._held.get(camera, {}).get(control), state.state(control)
             others = {of[control] for name, of in self._held.items() if name in here and control in of}
-            common = next(iter(others)) if len(others) == 1 else None
-            setting, mine = own or common, state.state(control)
-            if setting is None:
-                continue
-            if mine is None:
+            setting = own or (others.pop() if len(others) == 1 else None)
+            if setting is not None and mine is None:
                 self._log.say(f"{camera}: its {control} cannot be controlled, as the other cameras' can")
-            elif mine.unit == setting.unit:
+            elif setting is not None and mine is not None and mine.unit == setting.unit:
                 values[control] = setting.value
         return values

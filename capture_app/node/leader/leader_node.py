@@ -109,7 +109,7 @@ class LeaderNode:
         Bursts in progress are saved with the images received so far.
         """
         if self._local is not None:
-            await self._local.close()
+            await self._local.aclose()
         for follower in self.options.followers:
             await follower.close()
         self.engine.leave()

@@ -2,8 +2,8 @@
 
 import asyncio
 from collections.abc import Collection, Sequence
+from contextlib import suppress
 from pathlib import Path
-from typing import Self
 
 import msgspec
 
@@ -13,6 +13,7 @@ from capture_app.common.child import Child
 from capture_app.common.errors import BadInputError, NetworkError
 from capture_app.common.names import check_name, free_name
 from capture_app.common.passwords import hide_password
+from capture_app.common.tasks import first_of, has_come
 from capture_app.common.timeouts import NODE_START_TIMEOUT_S, PHONES_START_TIMEOUT_S
 from capture_app.protocol.log import Log
 from capture_app.protocol.orders import FLAT_SCENES, MAX_NODES, VIEWS, AddSimulated, PhoneInvited
@@ -42,8 +43,8 @@ class LocalPhones:
         if self._invited is None:
             raise NetworkError("the phone server has not started yet", hint="ask again in a moment")
         invited, until_s = self._invited
-        left_s = max(0, round(until_s - asyncio.get_running_loop().time()))
-        return msgspec.structs.replace(invited, good_for_s=left_s)
+        left_s = round(until_s - asyncio.get_running_loop().time())
+        return msgspec.structs.replace(invited, good_for_s=max(0, left_s))
 
     async def close(self) -> None:
         """End the server for phones, if it runs."""
@@ -59,12 +60,7 @@ class LocalPhones:
         where = ("--leader", str(self._leader), "--spool", str(self._spool), *self._options)
         self._child = await Child.start("the phone server", (*arguments, *where))
         self._reading = asyncio.create_task(self._read(self._child))
-        try:
-            async with asyncio.timeout(PHONES_START_TIMEOUT_S):
-                await self._log_came.wait()
-        except TimeoutError:
-            return
-        if self._invited is None:
+        if await has_come(self._log_came, PHONES_START_TIMEOUT_S) and self._invited is None:
             await self._child.process.wait()
             raise await self._child.failure()
 
@@ -115,12 +111,6 @@ class LocalNodes:
         """Name of the node last started for each spec."""
         self._adding = asyncio.Lock()
 
-    async def __aenter__(self) -> Self:
-        return self
-
-    async def __aexit__(self, *_: object) -> None:
-        await self.close()
-
     @property
     def names(self) -> Collection[str]:
         """Names of the running nodes."""
@@ -145,14 +135,12 @@ class LocalNodes:
             self._check(check_name(name, "camera"), taken)
             child = await self._start(name, spec, "sim" if parsed.kind == "sim" else "host")
             self._specs[spec] = name
-        ended = asyncio.create_task(child.process.wait())
-        spoken = asyncio.create_task(child.spoken.wait())
-        # The node prints when its camera is open, or before it ends with an error.
-        await asyncio.wait((ended, spoken), timeout=NODE_START_TIMEOUT_S, return_when=asyncio.FIRST_COMPLETED)
-        if any(": error: " in line for line in child.said):
-            await asyncio.wait((ended,), timeout=NODE_START_TIMEOUT_S)
-        spoken.cancel()
-        ended.cancel()
+        with suppress(TimeoutError):
+            async with asyncio.timeout(NODE_START_TIMEOUT_S):
+                # The node prints when its camera is open, or before it ends with an error.
+                await first_of(child.process.wait(), child.spoken.wait())
+                if any(": error: " in line for line in child.said):
+                    await child.process.wait()
         if child.process.returncode is not None:
             raise await child.failure()
         return name
@@ -170,16 +158,16 @@ class LocalNodes:
         async with self._adding:
             free = [name for name in pool if name not in taken and name not in self._children]
             if not 1 <= cameras <= len(free):
-                more = "" if flat else f"; any number can use {FLAT_SCENES[0]}"
                 raise BadInputError(
                     f"{cameras} further simulated cameras of the scene {scene} are not available",
-                    hint=f"it has {len(pool)} views, {len(free)} of them free{more}",
+                    hint=f"it has {len(pool)} views, {len(free)} of them free"
+                    + ("" if flat else f"; any number can use {FLAT_SCENES[0]}"),
                 )
             for name in free[:cameras]:
                 self._check(name, taken)
                 model = "phone-a" if pool.index(name) < 2 else "phone-b"
-                view = "" if flat else f",view={name}"
-                spec = f"sim:{model},scene={scene}{view}" + (f",{order.options}" if order.options else "")
+                options = f"scene={scene}", "" if flat else f"view={name}", order.options
+                spec = f"sim:{model},{','.join(filter(None, options))}"
                 await self._start(name, spec, "sim", order.tolerance_us)
         return tuple(free[:cameras])
 
@@ -201,7 +189,7 @@ class LocalNodes:
         finally:
             del self._children[name]
 
-    async def close(self) -> None:
+    async def aclose(self) -> None:
         """End the nodes and the server for phones."""
         await asyncio.gather(self.phones.close(), *(self.remove(name) for name in tuple(self._children)))
 

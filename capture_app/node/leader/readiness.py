@@ -120,11 +120,12 @@ def check_room(
             hint="make room, or take fewer frames",
         )
     for name, size in image_bytes.items():
-        spool = spools.get(name)
-        needed = int(MARGIN * frames * size)
+        spool, needed = spools.get(name), int(MARGIN * frames * size)
         if spool is not None and needed > spool.free_bytes:
-            free_text = f"{megabytes(spool.free_bytes)} free in its {spool.spool}"
-            without[name] = f"it may need {megabytes(needed)}, and has {free_text}"
+            without[name] = (
+                f"it may need {megabytes(needed)},"
+                f" and has {megabytes(spool.free_bytes)} free in its {spool.spool}"
+            )
     return without
 
 

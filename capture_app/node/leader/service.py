@@ -17,7 +17,7 @@ from capture_app.common.errors import (
     TryAgainError,
     UnknownMachineError,
 )
-from capture_app.common.tasks import end
+from capture_app.common.tasks import end, has_come
 from capture_app.common.timeouts import DEPARTURE_TIMEOUT_S, UNDECIDED_S
 from capture_app.net.channel import Channel, TooLargeMessageError, UnreadableMessageError
 from capture_app.net.udp import Pump
@@ -51,13 +51,11 @@ class ImageAnswers:
     def __init__(self, channel: Channel[Any], trust: Trust) -> None:
         self._channel, self._trust = channel, trust
         self._waiting: asyncio.Queue[tuple[messages.ImageUpload, asyncio.Future[str]]] = asyncio.Queue()
-        self._sending: asyncio.Task[None] | None = None
+        self._sending = asyncio.create_task(self._send_all())
 
     def add(self, image: messages.ImageUpload, saving: "asyncio.Future[str]") -> None:
         """Queue the answer to an image: its checksum once `saving` is done, or the error of `saving`."""
         self._waiting.put_nowait((image, saving))
-        if self._sending is None:
-            self._sending = asyncio.create_task(self._send_all())
 
     async def drain(self) -> None:
         """Wait until everything has been answered."""
@@ -76,8 +74,7 @@ class ImageAnswers:
 
     async def close(self) -> None:
         """Stop answering; received images are saved all the same."""
-        if self._sending is not None:
-            await end(self._sending)
+        await end(self._sending)
 
     async def _send_all(self) -> None:
         while True:
@@ -135,7 +132,10 @@ class LeaderService:
                     if isinstance(message, messages.NodeStream) and not message.shows:
                         self._end_speech(principal, channel)
                         principal = message.camera
-                        self._begin_speech(principal, channel)
+                        if principal in self._speaking:
+                            # Abandoned by the node, which may not occupy the port with many streams either.
+                            self._speaking[principal].abort()
+                        self._speaking[principal] = channel
                     await answers.drain()
                     if isinstance(message, messages.CameraReport):
                         report = await self._take_report(message, channel.who.pin, working_on)
@@ -143,8 +143,8 @@ class LeaderService:
                     else:
                         await self._answer(channel, message)
                 except (SimulshotError, OSError) as error:
-                    answerable = UnknownMachineError | TooLargeMessageError
-                    if isinstance(error, NetworkError) and not isinstance(error, answerable):
+                    is_answerable = isinstance(error, UnknownMachineError | TooLargeMessageError)
+                    if isinstance(error, NetworkError) and not is_answerable:
                         raise
                     # Network errors are NetworkErrors, so this one is the disk's.
                     what = (
@@ -181,12 +181,6 @@ class LeaderService:
                 await self._bursts.give_up(principal, cut(f"it sent an invalid message: {error.what}"))
                 await channel.send(messages.Refusal(what=text))
 
-    def _begin_speech(self, camera: str, channel: Channel[messages.ToLeader]) -> None:
-        if camera in self._speaking:
-            # The node has abandoned the earlier stream; and no node may occupy the port with many streams.
-            self._speaking[camera].abort()
-        self._speaking[camera] = channel
-
     def _end_speech(self, camera: str, channel: Channel[messages.ToLeader]) -> None:
         if self._speaking.get(camera) is channel:
             del self._speaking[camera]
@@ -200,8 +194,8 @@ class LeaderService:
         """
         match message:
             case messages.NodeStream():
-                member = self._engine.roster.members.get(message.camera)
-                if not is_node(channel.who, member, message.instance):
+                members = self._engine.roster.members
+                if not is_node(channel.who, members.get(message.camera), message.instance):
                     raise TryAgainError(f"no node has joined as {message.camera} by this stream's key")
                 channel.trust()
             case messages.CameraReport() | messages.SpoolSpace():
@@ -267,16 +261,7 @@ class LeaderService:
                 await channel.send(await self._viewfinders.ask(message, NodeDetail))
             case orders.ControlsRequest():
                 await channel.send(await self._settings.ask(message))
-            case (
-                orders.AddCamera()
-                | orders.AddSimulated()
-                | orders.RemoveCamera()
-                | orders.CancelBurst()
-                | orders.EndBurst()
-                | orders.InvitePhone()
-                | orders.StopRig()
-                | orders.ExposeAppPhones()
-            ):
+            case _ if isinstance(message, orders.Order):
                 await channel.send(await self.carry_out(message))
             case _:
                 raise NetworkError(f"a {type(message).__name__} was not expected here")
@@ -317,8 +302,8 @@ class LeaderService:
     def _taken(self) -> list[str]:
         """Return the names in use: of present nodes, and of other machines' nodes, which may come back."""
         roster, trust = self._engine.roster, self._options.trust
-        here = [name for name in roster.members if self._is_here(name)]
         own_pin = "" if trust.is_open else trust.identity.pin
+        here = [name for name in roster.members if self._is_here(name)]
         return here + [name for name, pin in roster.owners.items() if pin != own_pin]
 
     def _is_here(self, name: str) -> bool:
@@ -334,8 +319,7 @@ class LeaderService:
     async def _remove(self, name: str) -> None:
         members = self._engine.roster.members
         is_local = self._local is not None and name in self._local.names
-        is_phone = self._is_here(name) and members[name].camera.kind == PHONE
-        if is_local or is_phone:
+        if is_local or (self._is_here(name) and members[name].camera.kind == PHONE):
             departure = self._departures.setdefault(name, asyncio.Event())
             try:
                 if self._local is not None and is_local:
@@ -343,17 +327,14 @@ class LeaderService:
                 else:
                     await self._viewfinders.put_off(name)
                 if self._is_here(name):
-                    with contextlib.suppress(TimeoutError):
-                        async with asyncio.timeout(DEPARTURE_TIMEOUT_S):
-                            await departure.wait()
+                    await has_come(departure, DEPARTURE_TIMEOUT_S)
             finally:
                 self._departures.pop(name, None)
             if name not in members:
                 return
         if self._is_here(name):
-            where = members[name].address[0]
             raise BadInputError(
-                f"{name} runs on {where}, not as a process of the leader",
+                f"{name} runs on {members[name].address[0]}, not as a process of the leader",
                 hint="stop capture-app node there",
             )
         self._engine.forget(name)

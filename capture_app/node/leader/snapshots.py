@@ -83,8 +83,8 @@ def page_of(
         return members, 0, ""
     rest = members[bisect_right(members, after, key=lambda member: member.name) :] if after else members
     page, further = rest[:max_nodes], rest[max_nodes:]
-    states = Counter(str(member.report.state) for member in further)
-    words = ", ".join(f"{number} {state}" for state, number in sorted(states.items()))
+    states = Counter(str(member.report.state) for member in further).items()
+    words = ", ".join(f"{number} {state}" for state, number in sorted(states))
     text = f"and {count(len(further), 'more node')}, not listed here: {words}" if further else ""
     return page, len(further), text
 

@@ -20,7 +20,7 @@ from capture_app.net.asking import ask_all_nodes
 from capture_app.net.channel import connect
 from capture_app.net.server import bind_port
 from capture_app.net.udp import Pump, client_socket
-from capture_app.node.key_requests import KeyRequester
+from capture_app.node.joining import KeyRequester
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.protocol.messages import FromLeader, KeyRequest
@@ -56,14 +56,18 @@ class RankedLeader:
     """One of a rig's leaders: `run` leads when no better one does, else follows the current one."""
 
     def __init__(
-        self, make_options: Callable[[], LeaderOptions], others: tuple[Address, ...], rank: int
+        self,
+        make_options: Callable[[], LeaderOptions],
+        lead: Callable[[LeaderNode], Awaitable[None]],
+        others: tuple[Address, ...],
+        rank: int,
     ) -> None:
-        """`make_options` returns fresh options each time it leads; `rank` is the number of better `others`.
+        """`make_options` returns fresh options each time it leads, by `lead`.
 
-        `others` are in order of rank. Raises NetworkError where the port is in use, because that must not
-        surface only when it is needed.
+        `others` are in order of rank, and `rank` is the number of better ones. Raises NetworkError where the
+        port is in use, because that must not surface only when it is needed.
         """
-        self._make_options, options = make_options, make_options()
+        self._make_options, self._lead, options = make_options, lead, make_options()
         for bound in bind_port(options.host, options.port):
             bound.close()
         self._event_log, self._clock, self._trust = options.log, options.clock, options.trust
@@ -74,18 +78,20 @@ class RankedLeader:
         self._engine = engine = Succession(name, instance, others, rank, random.Random(secrets.randbits(64)))
         self._sealed = None if options.trust.is_open else SealedClient(engine)
         self._pump = Pump(self._sealed or engine, self._clock, self._look)
-        request = KeyRequest(name=name, instance=instance)
-        keys = None if self._sealed is None else self._sealed.keys
-        # A machine that leads adopts nothing of a standby, which might only claim to lead.
         self._keys = KeyRequester(
-            keys, request, engine.member.time, options.trust, self._pump, lambda other: other == engine.leader
+            None if self._sealed is None else self._sealed.keys,
+            KeyRequest(name=name, instance=instance),
+            engine.member.time,
+            options.trust,
+            self._pump,
+            succession=engine,
         )
         self._changed = asyncio.Event()
         self._serving: asyncio.Future[None] | None = None
         self._followed: tuple[str, int] | None = None
 
-    async def run(self, lead: Callable[[LeaderNode], Awaitable[None]], sock: socket.socket) -> None:
-        """Run `lead` whenever this leader is to lead, until `lead` returns or raises.
+    async def run(self, sock: socket.socket) -> None:
+        """Lead whenever this leader is to, until its `lead` returns or raises.
 
         `sock` is an unbound UDP socket.
         """
@@ -94,7 +100,7 @@ class RankedLeader:
         try:
             while self._serving is None or not self._serving.done():
                 if self._engine.leads and self._serving is None:
-                    self._serving = asyncio.ensure_future(_serve(self._taken_over(), lead))
+                    self._serving = asyncio.create_task(self._serve(self._taken_over()))
                     self._serving.add_done_callback(lambda _: self._changed.set())
                 elif not self._engine.leads and self._serving is not None:
                     self._event_log.say(
@@ -108,6 +114,10 @@ class RankedLeader:
         finally:
             self._pump.close()
             await end(*asking, *([] if self._serving is None else [self._serving]))
+
+    async def _serve(self, options: LeaderOptions) -> None:
+        async with await LeaderNode.start(options) as node:
+            await self._lead(node)
 
     def _look(self) -> None:
         self._keys.look()
@@ -128,8 +138,12 @@ class RankedLeader:
             "the leader is lost: this one leads now, in the same time within"
             f" {duration(continued.upstream_map.uncertainty_ns)}"
         )
-        clock = ContinuedClock(self._clock, continued.time_map)
-        return replace(options, clock=clock, continued=continued, awaited=self.cameras)
+        return replace(
+            options,
+            clock=ContinuedClock(self._clock, continued.time_map),
+            continued=continued,
+            awaited=self.cameras,
+        )
 
     async def _ask_whom(self) -> None:
         """Ask the current leader at intervals which cameras are there, and which machines it knows.
@@ -152,11 +166,6 @@ class RankedLeader:
                 self.cameras = tuple(node.name for node in there if node.camera.kind not in WITHOUT_CAMERA)
 
 
-async def _serve(options: LeaderOptions, lead: Callable[[LeaderNode], Awaitable[None]]) -> None:
-    async with await LeaderNode.start(options) as node:
-        await lead(node)
-
-
 async def lead_by_rank(
     make_options: Callable[[], LeaderOptions],
     leaders: Sequence[Address],
@@ -169,7 +178,8 @@ async def lead_by_rank(
     """
     options = make_options()
     if len(leaders) < 2:
-        await _serve(options, lead)
+        async with await LeaderNode.start(options) as node:
+            await lead(node)
         return
     found = [await resolve(leader) for leader in leaders]
     family = found[0][0]
@@ -185,4 +195,4 @@ async def lead_by_rank(
             hint="give each of them the same list of all leaders, preferred first",
         )
     others = tuple(Address(*peer) for rank, (_, peer) in enumerate(found) if rank != ranks[0])
-    await RankedLeader(make_options, others, ranks[0]).run(lead, client_socket(family))
+    await RankedLeader(make_options, lead, others, ranks[0]).run(client_socket(family))

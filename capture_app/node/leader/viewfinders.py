@@ -89,8 +89,6 @@ class Viewfinders:
                         asked = stream.asked.pop(type(message), None)
                         if asked is not None and not asked.done():
                             asked.set_result(message)
-                    case _:
-                        pass
         finally:
             # The node's next stream may be noticed before the end of this one.
             if self._streams.get(name) is stream:
@@ -125,10 +123,7 @@ class Viewfinders:
 
     async def ask(self, request: NodeRequest, kind: type[A]) -> A:
         """Forward a request to its camera's node. Raises IncompleteError where it does not answer."""
-        name = request.camera
-        stream = self._streams.get(name)
-        if stream is None:
-            raise _closed(name)
+        name, stream = request.camera, self._stream(request.camera)
         if isinstance(request, DetailRequest) and kind in stream.asked:
             return await _answer(stream, name, stream.asked[kind])  # all watching operators share an answer
         async with stream.asking:
@@ -139,10 +134,12 @@ class Viewfinders:
 
     async def put_off(self, camera: str) -> None:
         """End a phone's node. Raises IncompleteError where it has no stream open."""
-        stream = self._streams.get(camera)
-        if stream is None:
-            raise _closed(camera)
-        await _send(stream.channel, RemoveCamera(name=camera))
+        await _send(self._stream(camera).channel, RemoveCamera(name=camera))
+
+    def _stream(self, name: str) -> _Stream:
+        if name not in self._streams:
+            raise _closed(name)
+        return self._streams[name]
 
     async def _ask(self, name: str) -> None:
         """Send a node the combined preview request of all operators, if it has changed."""
@@ -150,12 +147,11 @@ class Viewfinders:
         if stream is None:
             return
         requests = [w for w in self._requests.values() if w.cameras is None or name in w.cameras]
-        request = NO_PREVIEWS
-        if requests:
-            request = PreviewRequest(width=max(w.width for w in requests), fps=max(w.fps for w in requests))
+        requests = requests or [NO_PREVIEWS]
+        request = PreviewRequest(width=max(w.width for w in requests), fps=max(w.fps for w in requests))
         if request != stream.request:
             stream.request = request
-            if request is NO_PREVIEWS:
+            if not request.fps:
                 stream.pictures.clear()
             await _send(stream.channel, request)
 

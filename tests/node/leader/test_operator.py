@@ -4,6 +4,7 @@ import asyncio
 import time
 from collections import Counter
 from collections.abc import AsyncIterator, Callable
+from contextlib import aclosing
 from pathlib import Path
 from typing import Any
 
@@ -155,7 +156,7 @@ async def test_a_camera_that_is_being_ended_is_ended_once_and_keeps_its_name(
 ) -> None:
     async with (
         await leader_at(tmp_path / "sessions") as leader,
-        LocalNodes(leader.own_address, tmp_path / "spool") as nodes,
+        aclosing(LocalNodes(leader.own_address, tmp_path / "spool")) as nodes,
     ):
         await nodes.add_camera("sim:webcam,scale=0.1", "desk")
         removals = [asyncio.create_task(nodes.remove("desk")) for _ in range(2)]

@@ -4,7 +4,7 @@ import asyncio
 import socket
 
 from capture_app.common.address import Address
-from capture_app.node.join_watch import UNANSWERED, JoinWatch
+from capture_app.node.joining import UNANSWERED, JoinWatch
 from capture_app.protocol.log import Log
 from capture_app.sync.rig.time_client import TimeClient
 from capture_app.sync.timekeeping.timekeeper import Timekeeper

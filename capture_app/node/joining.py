@@ -1,0 +1,136 @@
+"""Tasks of a node, a relay or a standby that joins: it requests keys, and watches why no leader answers."""
+
+import asyncio
+import contextlib
+from collections.abc import Sequence
+
+from capture_app.common.address import Address
+from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
+from capture_app.net.asking import ask
+from capture_app.net.channel import connect
+from capture_app.net.reachability import Obstacle, find_obstacle
+from capture_app.net.udp import Pump
+from capture_app.net.wifi import power_saving, power_saving_remedy, power_saving_towards
+from capture_app.node.enrolment import ask_to_enrol
+from capture_app.protocol.log import Log
+from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest
+from capture_app.sync.rig.time_client import TimeClient
+from capture_app.sync.tree.succession import Succession
+from capture_app.trust.datagram_keys import LeaderKeys
+from capture_app.trust.trust import Trust
+
+KEY_AGAIN_S = 0.3
+"""Interval between two requests for a key to one leader, whatever the result of the first."""
+LOOK_EVERY_S = 0.25
+AGAIN_S = 10.0
+UNANSWERED = 2
+"""Number of unanswered hellos after which the path to the leaders is examined."""
+
+
+class KeyRequester:
+    """Fetcher of the datagram keys that a node lacks, from each leader that it sends to."""
+
+    def __init__(
+        self,
+        keys: LeaderKeys | None,
+        request: KeyRequest,
+        time: TimeClient,
+        trust: Trust,
+        pump: Pump,
+        succession: Succession | None = None,
+    ) -> None:
+        """`time` is the node's membership, which is notified of refusals.
+
+        `keys` is None if datagrams are not sealed; then no key is ever requested. A node adopts the machines
+        and names that its leaders vouch for. A machine that may lead itself, by `succession`, adopts only
+        those of the leader that it follows, as another standby might only claim to lead.
+        """
+        self._keys = LeaderKeys() if keys is None else keys
+        self._request, self._time, self._trust = request, time, trust
+        self._pump, self._succession = pump, succession
+        self._missing = asyncio.Event()
+        self._asked: set[tuple[str, int]] = set()
+
+    def look(self) -> None:
+        """Wake `run` if a datagram key is missing; call it when that may have changed."""
+        if self._keys.missing:
+            self._missing.set()
+
+    async def run(self) -> None:
+        """Request missing keys until cancelled, from all leaders concurrently."""
+        async with asyncio.TaskGroup() as tasks:
+            while True:
+                self.look()
+                await self._missing.wait()
+                self._missing.clear()
+                for leader in self._keys.missing - self._asked:
+                    self._asked.add(leader)
+                    tasks.create_task(self._ask(leader))
+                self._keys.missing.clear()
+
+    async def _ask(self, leader: tuple[str, int]) -> None:
+        try:
+            async with await connect(Address(*leader), FromLeader, trust=self._trust) as channel:
+                answer = await ask(channel, self._request, KeyAnswer)
+            self._keys.hold(leader, answer.grant)
+            self._pump.turn()
+            if self._succession is None or self._succession.leader == leader:
+                self._trust.take_trust_of(channel.who, answer.machines, answer.names)
+        except SimulshotError as error:
+            # Reachability of the leader is checked elsewhere.
+            if isinstance(error, UnknownMachineError) or not isinstance(error, NetworkError):
+                self._time.note_refusal(str(error))
+                with contextlib.suppress(SimulshotError):
+                    # This machine's pin may have been added at the leader. A leader with a full disk cannot
+                    # store it yet.
+                    await ask_to_enrol(Address(*leader), self._trust)
+        await asyncio.sleep(KEY_AGAIN_S)
+        self._asked.discard(leader)
+
+
+class JoinWatch:
+    """Check of the path to all leaders while none of them answers a node that asks to join."""
+
+    def __init__(self, leaders: Sequence[Address], log: Log) -> None:
+        self._leaders, self._log = tuple(leaders), log
+        self._look_ahead: asyncio.Task[list[Obstacle | None]] | None = None
+
+    def look_ahead(self) -> None:
+        """Begin the first check now, because a camera may take seconds to open."""
+        self._look_ahead = asyncio.create_task(self._look())
+
+    async def run(self, time: TimeClient) -> None:
+        """Watch until cancelled; `time` is the node's membership."""
+        said, looked = "", False
+        while True:
+            if time.is_member:
+                said, self._look_ahead = "", None
+                if not looked:
+                    looked = True
+                    await self._look_at_wifi()
+            if not _is_unanswered(time):
+                await asyncio.sleep(LOOK_EVERY_S)
+                continue
+            ahead, self._look_ahead = self._look_ahead, None
+            found = await (ahead or self._look())
+            # What a leader has reported itself is already logged.
+            obstacles = (obstacle for obstacle in found if obstacle and obstacle.what not in time.why_joining)
+            sentence = "; ".join(map(str, obstacles))
+            if _is_unanswered(time):
+                if sentence and sentence != said:
+                    self._log.say(sentence)
+                    said = sentence
+                await asyncio.sleep(AGAIN_S if said else LOOK_EVERY_S)
+
+    async def _look(self) -> list[Obstacle | None]:
+        return await asyncio.gather(*map(find_obstacle, self._leaders))
+
+    async def _look_at_wifi(self) -> None:
+        for leader in self._leaders:
+            if interface := await asyncio.to_thread(power_saving_towards, leader.host):
+                self._log.say(f"{power_saving(interface)}; {power_saving_remedy(interface)}")
+                return
+
+
+def _is_unanswered(time: TimeClient) -> bool:
+    return not time.is_member and time.unanswered >= UNANSWERED

@@ -1,6 +1,5 @@
 """`reconstruct compare`: the effect of synchronization on one burst, measured by all installed studies."""
 
-import os
 import time
 from collections.abc import Generator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, Future, wait
@@ -16,7 +15,7 @@ from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress, talk
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.calibration.stored import choose_calibration
-from reconstruction.common.memory import memory_budget
+from reconstruction.common.memory import memory_budget, usable_cores
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
 from reconstruction.common.worker_pool import worker_pool
@@ -208,7 +207,7 @@ def _run_studies(
     names = [*pairs, *(name for name in reversed([*studies]) if name not in pairs)]
     left = {**{name: studies[name].text.subject for name in names}, TIMING: "time offsets"}
     order, running = _order(studies), dict[Future[Any], str]()
-    with worker_pool(min(MAX_SIDE_BY_SIDE, len(os.sched_getaffinity(0)))) as pool:
+    with worker_pool(min(MAX_SIDE_BY_SIDE, len(usable_cores()))) as pool:
         while order.is_active():
             for name in sorted(order.get_ready(), key=list(left).index):
                 future: Future[Any]
@@ -273,7 +272,7 @@ def _measure_timing(context: Context, known: Known, studies: Mapping[str, Study]
         if study.measures_delay:
             timing = with_depth(timing, study.found)
             progress.step("depth at different offsets")
-            with suppress(ValueError):
+            with suppress(ValueError, BadInputError):
                 late_ms = context.offset.actual_ms if context.offset else 0.0
                 steps = whole_frame_offsets(context.rig.dataset, max(late_ms, DEFAULT_OFFSET_MS))
                 fewer = min(TOLERANCE_INSTANTS, context.max_instants)

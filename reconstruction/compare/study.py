@@ -10,7 +10,7 @@ from typing import Any, ClassVar, Self
 
 import msgspec
 
-from capture_app.common.errors import NotAvailableError, SimulshotError
+from capture_app.common.errors import BadInputError, NotAvailableError, SimulshotError
 from capture_app.common.optional_packages import require_reconstruction
 from capture_app.console.terminal import Progress
 from reconstruction.calibration.calibrated_rig import Rig
@@ -30,6 +30,8 @@ SYNCHRONIZED, ALL_APART = Condition(SYNCED), Condition(DISTINCT)
 TIMING = "timing"
 """Pseudo-study for `needs`: the cameras' time offsets, measured after all pair studies."""
 UNASKED = "it was not requested"
+IMPOSSIBLE = (ValueError, ForeignError, NotAvailableError, BadInputError)
+"""Errors for which one study is left out with its reason; a damaged file of true depth is such a one."""
 _log = logging.getLogger(__name__)
 
 Pair = tuple[str, str]
@@ -91,7 +93,7 @@ class Study(StudyReport, ABC):
         names = {one.name for one in msgspec.structs.fields(self.Options)}
         self.options: Any = self.Options(**{k: v for k, v in context.options.items() if k in names})
         self.known = Known()
-        self.found: StudyResult[Any] = StudyResult(name=self.text.name, skipped=UNASKED, unasked=True)
+        self.found = self.skipped(UNASKED, unasked=True)
 
     @property
     def steps(self) -> int:
@@ -121,15 +123,22 @@ class Study(StudyReport, ABC):
     def run(self, known: Known) -> StudyResult[Any]:
         """Make the study, or return a skipped result with the reason; a bug fails this study alone."""
         self.known = known
-        if why := self.unasked():
-            self.found = self.skipped(why, unasked=True)
-            return self.found
+        why = self.unasked()
+        self.found = self.skipped(why, unasked=True) if why else self._measured()
+        return self.found
+
+    def _measured(self) -> StudyResult[Any]:
         try:
-            self._check_needs()
+            if self.needs_calibration and self.known.uncalibrated:
+                raise ValueError(self.known.uncalibrated)
+            if len(self.dataset.cameras) < self.min_cameras:
+                raise ValueError(f"it needs {self.min_cameras} cameras")
+            for package in self.packages:
+                require_reconstruction(package, self.text.subject)
             with opencv_calls(self.text.subject):
-                self.found = self.measure()
-        except (ValueError, ForeignError, NotAvailableError) as error:
-            self.found = self.skipped(str(error))
+                return self.measure()
+        except IMPOSSIBLE as error:
+            return self.skipped(str(error))
         except (SimulshotError, OSError):
             raise
         except Exception as error:
@@ -137,29 +146,18 @@ class Study(StudyReport, ABC):
                 raise
             failure = unexpected_error(error)
             _log.warning("%s failed: %s", self.text.subject, failure)
-            self.found = StudyResult(name=self.text.name, skipped=failure.what, failed=True)
-        return self.found
+            return self.skipped(failure.what, failed=True)
 
-    def _check_needs(self) -> None:
-        if self.needs_calibration and self.known.uncalibrated:
-            raise ValueError(self.known.uncalibrated)
-        if len(self.dataset.cameras) < self.min_cameras:
-            raise ValueError(f"it needs {self.min_cameras} cameras")
-        for package in self.packages:
-            require_reconstruction(package, self.text.subject)
-
-    def skipped(self, why: str, *, unasked: bool = False) -> StudyResult[Any]:
+    def skipped(self, why: str, *, unasked: bool = False, failed: bool = False) -> StudyResult[Any]:
         """Return a result without measures, with `why` as its reason."""
-        return StudyResult(name=self.text.name, skipped=why, unasked=unasked)
+        return StudyResult(name=self.text.name, skipped=why, unasked=unasked, failed=failed)
 
 
 class ConditionStudy(Study):
     """Study that measures any condition against the synchronized one, all else equal."""
 
-    def __init__(self, context: Context) -> None:
-        super().__init__(context)
-        self.condition = ALL_APART
-        """Default condition that is compared with the synchronized one."""
+    condition = ALL_APART
+    """Default condition that is compared with the synchronized one."""
 
     @abstractmethod
     def prepare(self) -> None:
@@ -194,7 +192,7 @@ class ConditionStudy(Study):
         try:
             with opencv_calls(self.text.subject):
                 return self.compare(condition)
-        except (ValueError, ForeignError) as error:
+        except IMPOSSIBLE as error:
             return self.skipped(str(error))
 
     def compare_session(self, rig: Rig) -> StudyResult[Any]:
@@ -202,21 +200,19 @@ class ConditionStudy(Study):
 
         Returns a skipped result with the reason if that is impossible.
         """
-        middle = len(rig.dataset.instants_ns) // 2
-        quiet = Progress(0, silent=True)
-        twin = type(self)(replace(self.context, rig=rig, offset=None, middle=middle, progress=quiet))
+        context = replace(self.context, rig=rig, offset=None, progress=Progress(0, silent=True))
+        twin = type(self)(replace(context, middle=len(rig.dataset.instants_ns) // 2))
         twin.known = self.known
         twin.adopt(self)
         try:
             with opencv_calls(self.text.subject):
                 twin.prepare()
                 found = twin.compare(SYNCHRONIZED)
-        except (ValueError, ForeignError) as error:
+        except IMPOSSIBLE as error:
             return self.skipped(str(error))
-        ours = self.found
-        names = dict.fromkeys(one.name for one in (*ours.measures, *found.measures))
-        measures = tuple(Measure(name=n, synced=ours.interval(n), offset=found.interval(n)) for n in names)
-        return msgspec.structs.replace(found, measures=measures, per_instant=())
+        names = dict.fromkeys(one.name for one in (*self.found.measures, *found.measures))
+        measures = (Measure(name=n, synced=self.found.interval(n), offset=found.interval(n)) for n in names)
+        return msgspec.structs.replace(found, measures=tuple(measures), per_instant=())
 
 
 class PairStudy(ConditionStudy):
@@ -226,13 +222,14 @@ class PairStudy(ConditionStudy):
     min_cameras = 2
     measures_delay: ClassVar[bool] = False
     """Whether `compare_instants` measures depth, from which a tolerance curve is made."""
+    cameras: Pair
+    reason = ""
+    """Why these cameras were chosen."""
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
         self.asked: Pair | None = getattr(self.options, self.text.name, None)
         """The requested cameras; None = chosen from the images."""
-        self.cameras: Pair = ("", "")
-        self.reason = ""
 
     @property
     def steps(self) -> int:
@@ -274,8 +271,7 @@ class PairStudy(ConditionStudy):
         if choice.cameras is None:
             raise ValueError(choice.why)
         self.cameras, self.reason = choice.cameras, self.reason or choice.why
-        offset = self.context.offset
-        if offset is not None:
+        if offset := self.context.offset:
             late = ((self.cameras[1], offset.asked_ms),)
             self.condition = Condition(f"{offset.asked_ms:g}ms", named_ms=late)
 
@@ -295,30 +291,21 @@ class PairStudy(ConditionStudy):
             late_ms = None
         else:
             found, late_ms = pair_instants(self.dataset, condition, first, second)
-        nows = [now for now, _ in found]
-        chosen = set(choose_moving_instants(self.motion, self.cameras, nows, self.context.max_instants))
+        nows = choose_moving_instants(self.motion, self.cameras, list(dict(found)), self.context.max_instants)
         offsets_ms = {} if late_ms is None else {first: 0.0, second: late_ms}
-        return [pair for pair in found if pair[0] in chosen], offsets_ms
-
-
-@dataclass(frozen=True)
-class PictureText:
-    """Title and caption of a picture; `flat` colours with hard edges are stored as PNG, others as JPEG."""
-
-    title: str
-    caption: str
-    flat: bool = False
-    panels: int = 1
-    """Number of panels side by side."""
+        return [pair for pair in found if pair[0] in nows], offsets_ms
 
 
 def write_pictures(
-    drawn: Mapping[str, Mapping[str, Array]], texts: Mapping[str, PictureText], out: Path
+    drawn: Mapping[str, Mapping[str, Array]], texts: Sequence[Picture], out: Path, *, flat: str = ""
 ) -> tuple[Picture, ...]:
-    """Write pictures, given by condition and key, into out/pictures; `texts` are their texts by key."""
-    pictures = []
-    for key, text in texts.items():
-        suffix = "png" if text.flat else "jpg"
-        paths = {side: save_picture(out, f"{key}_{side}.{suffix}", drawn[side][key]) for side in CONDITIONS}
-        pictures.append(Picture(key=key, title=text.title, caption=text.caption, panels=text.panels, **paths))
-    return tuple(pictures)
+    """Write pictures, drawn by condition and key, into out/pictures; return the texts with their paths.
+
+    The picture with the key `flat` has flat colours with hard edges and is stored as PNG, others as JPEG.
+    """
+    written = []
+    for one in texts:
+        file = f"{one.key}_{{}}.{'png' if one.key == flat else 'jpg'}"
+        paths = {side: save_picture(out, file.format(side), drawn[side][one.key]) for side in CONDITIONS}
+        written.append(msgspec.structs.replace(one, **paths))
+    return tuple(written)

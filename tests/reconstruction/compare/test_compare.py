@@ -118,7 +118,6 @@ def overwrite(folder: Path, pattern: str, data: bytes) -> None:
         (cut, 7),
         (lambda folder: overwrite(folder, "images/rig1/left/*.png", b"x"), 3),
         (lambda folder: (folder / "calibration.json").write_text("[]"), 3),
-        (lambda folder: overwrite(folder, "ground_truth/left/*.npz", b"PK"), 3),
     ],
 )
 def test_damaged_sessions_are_one_line_and_leave_nothing(
@@ -131,6 +130,20 @@ def test_damaged_sessions_are_one_line_and_leave_nothing(
     assert done.code == code, done.err
     assert str(session) in done.complaint
     assert sorted(tmp_path.iterdir()) == left
+
+
+def test_a_damaged_file_of_true_depth_costs_only_the_studies_that_read_it(
+    boards: Session, tmp_path: Path, reconstruct: Reconstruct
+) -> None:
+    session = shutil.copytree(boards.folder, tmp_path / "session")
+    overwrite(session, "ground_truth/left/*.npz", b"PK")
+    out = tmp_path / "out"
+    result = reconstruct("compare", session, "--max-instants", 1, "--out", out, "--json").result
+    for name in ("stereo", "triangulation"):
+        assert f"{session}/ground_truth/left" in study(result, name)["skipped"]
+    assert not study(result, "bullet_time")["skipped"]
+    assert "Not made: " in result["verdict"]
+    assert (out / "report.html").exists()
 
 
 def test_somebody_elses_folder_is_not_touched(

@@ -29,6 +29,7 @@ from reconstruction.common.memory import (
     free_memory,
     limited_memory,
     memory_budget,
+    usable_cores,
 )
 
 LOCAL = "local"
@@ -115,7 +116,7 @@ class Workers:
             cores, memory, cluster = None, None, None
             if self.where == LOCAL:
                 count, memory = self._local_fraction(len(units))
-                every = sorted(os.sched_getaffinity(0))
+                every = usable_cores()
                 cores = [every[k % len(every) :: count] or every for k in range(count)]
                 cluster = stack.enter_context(self._local_cluster(count))
             elif self.where in QUEUES:
@@ -139,7 +140,7 @@ class Workers:
         """Return the number of local processes, and the memory budget of each in bytes."""
         budget = memory_budget()
         total = budget.limit_bytes if budget.asked_for else int(DEFAULT_FRACTION * free_memory())
-        count = self.jobs or max(1, min(len(os.sched_getaffinity(0)), total // MEMORY_OF_UNIT))
+        count = self.jobs or max(1, min(len(usable_cores()), total // MEMORY_OF_UNIT))
         return min(count, units), min(total // count, total if budget.asked_for else MAX_BY_DEFAULT)
 
     def _local_cluster(self, count: int) -> Any:

@@ -1,7 +1,6 @@
 """Calibration of a rig by COLMAP's structure from motion, from the static part of a burst."""
 
 import math
-import os
 import shutil
 import tempfile
 from collections.abc import Mapping, Sequence
@@ -17,7 +16,7 @@ from capture_app.session.format.calibration import Calibration, CameraCalibratio
 from capture_app.session.reading.file_headers import read_exif
 from reconstruction.common.geometry import View
 from reconstruction.common.image_files import write_image
-from reconstruction.common.memory import memory_budget
+from reconstruction.common.memory import memory_budget, usable_cores
 from reconstruction.common.native_libraries import ForeignError, load_pycolmap
 from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion
@@ -264,7 +263,7 @@ def _extraction(pycolmap: Any, sizes: Sequence[tuple[int, int]]) -> Any:
 
     scale = memory_budget().fit_scale("the features of a picture", bytes_at, fraction=FEATURE_FRACTION)
     options.max_image_size = max(1, int(min(limit, max(map(max, sizes))) * scale)) if scale < 1 else limit
-    cores = len(os.sched_getaffinity(0))
+    cores = len(usable_cores())
     options.num_threads = memory_budget().fit_count(bytes_at(scale), cores, fraction=FEATURE_FRACTION)
     return options
 

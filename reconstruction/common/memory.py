@@ -1,4 +1,4 @@
-"""Memory budget of a command for dense work, met by reducing scale or parallelism.
+"""Cores and memory that a command may use for dense work; less memory reduces scale or parallelism.
 
 A command sets the budget (`limited_memory`). Code that is about to use much memory asks `memory_budget()`
 for the scale, or the number of parallel jobs, that fits. Changes due to the budget are noted, for the user
@@ -31,6 +31,11 @@ MIN_BYTES = 128 << 20
 SCALE_STEP = 2**-0.25
 MIN_SCALE = 1 / 16
 _UNITS = {"K": 1e3, "M": 1e6, "G": 1e9, "T": 1e12, "Ki": 2**10, "Mi": 2**20, "Gi": 2**30, "Ti": 2**40}
+
+
+def usable_cores() -> list[int]:
+    """Return the numbers of the processor cores that this process may use."""
+    return sorted(os.sched_getaffinity(0))
 
 
 def free_memory() -> int:

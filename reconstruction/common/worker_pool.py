@@ -1,6 +1,5 @@
 """Thread pool for OpenCV work, with at most one thread per core."""
 
-import os
 import threading
 from collections.abc import Iterator
 from concurrent.futures import ThreadPoolExecutor
@@ -9,7 +8,7 @@ from contextvars import Context, copy_context
 
 import cv2
 
-from reconstruction.common.memory import memory_budget
+from reconstruction.common.memory import memory_budget, usable_cores
 
 MAX_WORKERS = 8
 """Maximum threads; each uses some hundred MB for its sweep."""
@@ -21,8 +20,7 @@ SWEEP_BYTES = 400 << 20
 
 def worker_count() -> int:
     """Return one worker per core, limited by half of the memory budget."""
-    cores = len(os.sched_getaffinity(0))
-    return memory_budget().fit_count(SWEEP_BYTES, min(MAX_WORKERS, cores), fraction=0.5)
+    return memory_budget().fit_count(SWEEP_BYTES, min(MAX_WORKERS, len(usable_cores())), fraction=0.5)
 
 
 def _adopt(context: Context) -> None:

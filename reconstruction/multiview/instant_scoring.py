@@ -212,7 +212,8 @@ class InstantScorer:
         self.undistorted = undistorted
         self.reference = reference
         self.unit = unit
-        self.cloud_skipped = ""
+        self.no_surfaces = ""
+        """Why clouds are not scored; empty if they are."""
         self.tolerance_m: float | None = None
         moving = [undistorted.moving(reference, instant) for instant in instants]
         self._still = median_still_depth([one.depth for one in synced], moving)
@@ -271,7 +272,7 @@ class InstantScorer:
         try:
             return known_surfaces(self.undistorted.dataset, full, instant)
         except NotAvailableError as error:
-            self.cloud_skipped = str(error)
+            self.no_surfaces = str(error)
             return None
 
     def _measure_cloud(
@@ -282,7 +283,6 @@ class InstantScorer:
         surfaces: dict[str, TrueSurface] | None,
     ) -> dict[str, Measurements]:
         """Measure the cloud's points, precision and recall on moving objects and on the still control."""
-        self.cloud_skipped = self.cloud_skipped or str(found.no_cloud)
         if str(found.no_cloud):
             return {}
         views = {camera: self.undistorted.views[camera] for camera in times}

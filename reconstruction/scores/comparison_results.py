@@ -140,6 +140,11 @@ class CompareResult(Provenance, frozen=True, kw_only=True):
     words: ReportWords | None = None
     report: str = ""
 
+    @property
+    def cameras_moved(self) -> bool:
+        """Whether a camera of the depth pair moved while it recorded, so that nothing is a control."""
+        return self.timing is not None and bool(self.timing.moving_cameras)
+
     def together(self, cameras: Iterable[str]) -> bool:
         """Return whether all these cameras were found to show one instant; see `are_together`."""
         return are_together(cameras, self.timing, self.rig_timing)

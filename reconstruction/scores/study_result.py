@@ -15,9 +15,7 @@ class Interval(Struct, frozen=True, kw_only=True):
     @property
     def ends(self) -> tuple[float, float]:
         """Both ends of the interval; equal to the value if there were too few instants."""
-        if self.low is None or self.high is None:
-            return self.value, self.value
-        return self.low, self.high
+        return (self.value, self.value) if self.low is None or self.high is None else (self.low, self.high)
 
 
 class Measure(Struct, frozen=True, kw_only=True):
@@ -43,8 +41,8 @@ class Picture(Struct, frozen=True, kw_only=True):
 
     key: str
     title: str
-    synced: str
-    offset: str
+    synced: str = ""
+    offset: str = ""
     caption: str = ""
     panels: int = 1
     """Number of panels side by side in each file; a slider across several panels would mix them."""
@@ -94,14 +92,8 @@ class StudyResult(Struct, Generic[Facts], frozen=True, kw_only=True):
     per_instant: tuple[dict[str, float | int | None], ...] = ()
     """Rows with `instant`, its facts, and each measure as `synced_*` and `offset_*`."""
     pictures: tuple[Picture, ...] = ()
-    facts: Facts | None = None
-    """Results that only this study has, in a struct of its own: see docs/metrics.md."""
-
-    @property
-    def pair(self) -> tuple[str, str]:
-        """The two cameras of a pair study."""
-        first, second = self.cameras
-        return first, second
+    facts: Facts = None  # type: ignore[assignment]
+    """Results that only this study has, in a struct of its own: see docs/metrics.md. None if it has none."""
 
     @property
     def late_ms(self) -> float | None:
@@ -119,8 +111,5 @@ class StudyResult(Struct, Generic[Facts], frozen=True, kw_only=True):
 
     def first_known(self, *names: str) -> tuple[str, float, float] | None:
         """Return the first measure that both conditions have, with both values; None if there is none."""
-        for name in names:
-            before, after = self.value(name), self.value(name, "offset")
-            if before is not None and after is not None:
-                return name, before, after
-        return None
+        found = ((name, self.value(name), self.value(name, "offset")) for name in names)
+        return next(((name, a, b) for name, a, b in found if a is not None and b is not None), None)

@@ -1,8 +1,10 @@
 """Bullet time: one instant from camera to camera, stabilized, as pictures and as an animation."""
 
+import math
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
-from itertools import pairwise
+from dataclasses import replace
+from itertools import combinations, pairwise
+from operator import itemgetter
 from pathlib import Path
 from typing import Any
 
@@ -25,8 +27,8 @@ from reconstruction.session.dataset import Dataset
 from reconstruction.session.moving_pixels import SceneMotion
 
 MAX_CAMERAS = 20
-PANEL_PX, MANY = 400, 8
-"""Longest side of each half; two thirds of it with more pictures than the second number."""
+PANEL_PX = 400
+"""Longest side of each half; two thirds of it with more than `MANY_CAMERAS` pictures."""
 STRIP_PX = 34
 GAP_PX = 6
 STEP_MS, REST_MS = 160, 480
@@ -134,7 +136,7 @@ def save_animation(
     `halves` are pictures (BGR uint8) of equal number and size. `titles` holds the title of the first half and
     one title for each picture of the second.
     """
-    side = PANEL_PX if len(halves[0]) <= MANY else PANEL_PX * 2 // 3
+    side = PANEL_PX if len(halves[0]) <= MANY_CAMERAS else PANEL_PX * 2 // 3
     there = [
         np.hstack(
             [
@@ -175,25 +177,17 @@ def triangulate_subject(views: Mapping[str, View], seen: Mapping[str, Array]) ->
     point = nearest_point(np.array([views[name].centre for name in seen]), rays, 1e8)
     if point is None:
         return None
-    miss = 0.0
-    for name, view in views.items():
-        found = project_point(view, point)
-        if found is None or not (0 <= found[0] < view.width and 0 <= found[1] < view.height):
-            return None
-        if name in seen:
-            distance = float(np.linalg.norm(found - seen[name]))
-            if distance > MAX_MISS_FRACTION * view.width:
-                return None
-            miss = max(miss, distance)
-    return point, miss
+    pixels = {name: project_point(view, point) for name, view in views.items()}
+    inside = (0 <= x < views[name].width and 0 <= y < views[name].height for name, (x, y) in pixels.items())
+    misses = {name: float(np.linalg.norm(pixels[name] - pixel)) for name, pixel in seen.items()}
+    near = (miss <= MAX_MISS_FRACTION * views[name].width for name, miss in misses.items())
+    return (point, max(misses.values())) if all(inside) and all(near) else None
 
 
-def project_point(view: View, point: Array) -> Array | None:
-    """Return a view's pixel (2,) of a point in the rig's frame; None if it is behind the view."""
+def project_point(view: View, point: Array) -> Array:
+    """Return a view's pixel (2,) of a point in the rig's frame; NaN if it is behind the view."""
     at = view.rotation @ point + view.translation
-    if at[2] <= 1e-9:
-        return None
-    return np.asarray(view.project(at.reshape(1, 3))[0])
+    return np.asarray(view.project(at.reshape(1, 3))[0]) if at[2] > 1e-9 else np.full(2, np.nan)
 
 
 def stabilize_views(
@@ -206,12 +200,8 @@ def stabilize_views(
     all views.
     """
     down = np.mean([view.rotation[1] for view in views.values()], axis=0)
-    places = []
-    for view in views.values():
-        pixel = project_point(view, point)
-        assert pixel is not None
-        places.append((pixel + 0.5) / (view.width, view.height))
-    place = np.mean(places, axis=0) * (width, height) - 0.5
+    places = [(project_point(view, point) + 0.5) / (view.width, view.height) for view in views.values()]
+    x, y = np.mean(places, axis=0) * (width, height) - 0.5
     range_to = {name: float(np.linalg.norm(point - view.centre)) for name, view in views.items()}
     scale = (
         float(np.median([view.focal / view.width / range_to[name] for name, view in views.items()])) * width
@@ -222,16 +212,11 @@ def stabilize_views(
         right = np.cross(down, ahead)
         right /= np.linalg.norm(right)
         rotation = np.stack([right, np.cross(ahead, right), ahead])
-        turned[name] = View(
-            width, height, np.eye(3), np.zeros(5), rotation, np.asarray(-rotation @ view.centre)
-        )
-    for zoom in ZOOMS:
-        held = {}
-        for name, view in turned.items():
-            focal = float(zoom) * scale * range_to[name]
-            held[name] = replace(
-                view, matrix=np.array([[focal, 0, place[0]], [0, focal, place[1]], [0, 0, 1.0]])
-            )
+        matrix = np.array([[range_to[name], 0, x], [0, range_to[name], y], [0, 0, 1.0]])
+        turned[name] = View(width, height, matrix, np.zeros(5), rotation, np.asarray(-rotation @ view.centre))
+    for zoom in scale * ZOOMS:
+        zooms = np.array([[zoom, 1, 1], [1, zoom, 1], [1, 1, 1]])
+        held = {name: replace(view, matrix=zooms * view.matrix) for name, view in turned.items()}
         if all(_filled(held[name], view) for name, view in views.items()):
             return held
     return None
@@ -242,10 +227,8 @@ def _filled(held: View, view: View) -> bool:
     rays = held.rays(held.border(12)) @ held.rotation @ view.rotation.T
     if float(rays[:, 2].min()) < 0.1:
         return False
-    x, y = view.project(rays).T
-    return bool(
-        (x >= 0).all() and (y >= 0).all() and (x <= view.width - 1).all() and (y <= view.height - 1).all()
-    )
+    pixels = view.project(rays)
+    return bool(((pixels >= 0) & (pixels <= (view.width - 1, view.height - 1))).all())
 
 
 def render_view(held: View, view: View, image: Array, empty: tuple[int, int, int]) -> Array:
@@ -255,9 +238,13 @@ def render_view(held: View, view: View, image: Array, empty: tuple[int, int, int
         size = round(view.width / shrink), round(view.height / shrink)
         image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
         view = resize_view(view, *size)
-    rotation = held.rotation @ view.rotation.T
     maps = cv2.initUndistortRectifyMap(
-        view.matrix, view.distortion, rotation, held.matrix, (held.width, held.height), cv2.CV_32FC1
+        view.matrix,
+        view.distortion,
+        held.rotation @ view.rotation.T,
+        held.matrix,
+        (held.width, held.height),
+        cv2.CV_32FC1,
     )
     return np.asarray(
         cv2.remap(image, *maps, cv2.INTER_LINEAR, borderMode=cv2.BORDER_CONSTANT, borderValue=empty)
@@ -291,11 +278,9 @@ def order_by_place(views: Mapping[str, View]) -> tuple[str, ...]:
 
 
 def _nearest_neighbour_path(distance: Array, start: int) -> list[int]:
-    path, left = [start], set(range(len(distance))) - {start}
-    while left:
-        here = path[-1]
-        path.append(min(left, key=lambda there: (distance[here, there], there)))
-        left.remove(path[-1])
+    path = [start]
+    while left := set(range(len(distance))) - set(path):
+        path.append(min(left, key=lambda there: (distance[path[-1], there], there)))
     return path
 
 
@@ -304,11 +289,10 @@ def _uncrossed(path: list[int], distance: Array) -> list[int]:
     shorter = True
     while shorter:
         shorter = False
-        for i in range(len(path) - 1):
-            for j in range(i + 1, len(path)):
-                turned = path[:i] + path[i : j + 1][::-1] + path[j + 1 :]
-                if _path_length(turned, distance) < _path_length(path, distance) - 1e-9:
-                    path, shorter = turned, True
+        for i, j in combinations(range(len(path)), 2):
+            turned = path[:i] + path[i : j + 1][::-1] + path[j + 1 :]
+            if _path_length(turned, distance) < _path_length(path, distance) - 1e-9:
+                path, shorter = turned, True
     return path
 
 
@@ -332,12 +316,9 @@ class BulletTimeStudy(Study):
     @classmethod
     def files(cls, found: StudyResult[BulletTime]) -> dict[str, Sequence[str]]:
         """Return the animation and its single pictures; see `StudyReport.files`."""
-        sweep = found.facts
-        if sweep is None:
-            return {}
         return {
-            "from camera to camera, to share": [sweep.file],
-            "from camera to camera, picture by picture": [*sweep.synced, *sweep.offset],
+            "from camera to camera, to share": [found.facts.file],
+            "from camera to camera, picture by picture": [*found.facts.synced, *found.facts.offset],
         }
 
     def measure(self) -> StudyResult[Any]:
@@ -380,16 +361,16 @@ def render_camera_sweep(
         return None
     instant, late = chosen
     order = tuple(late)
-    pictures = _SweepPictures(
-        dataset,
-        calibrated,
-        _stabilized_views(motion, calibrated, order, instant),
-        _canvas_size(dataset, order),
-    )
-    halves = (
-        [pictures.picture(name, instant) for name in order],
-        [pictures.picture(name, k) for name, k in late.items()],
-    )
+    canvas = _canvas_size(dataset, order)
+    stabilized = _stabilized_views(motion, calibrated, order, instant, canvas)
+
+    def picture(name: str, k: int) -> Array:
+        image = dataset.image(name, k)
+        if not stabilized:
+            return fit_canvas(image, *canvas, EMPTY)
+        return render_view(stabilized[name], calibrated[name], image, EMPTY)
+
+    halves = [picture(name, instant) for name in order], [picture(name, k) for name, k in late.items()]
     synced, offset = (
         tuple(
             save_picture(out, f"sweep_{name}_{kind}.jpg", frame, quality=QUALITY)
@@ -399,18 +380,19 @@ def render_camera_sweep(
     )
     offsets_ms = tuple((dataset.instants_ns[k] - dataset.instants_ns[instant]) / 1e6 for k in late.values())
     known = "synchronized" if are_together(order, timing, rig_timing) else "as recorded"
-    titles = known, [f"{name}: {_plain(ms)}" for name, ms in zip(order, offsets_ms, strict=True)]
+    late_texts = [wording.timeliness(ms).replace(wording.GAP, " ") for ms in offsets_ms]
+    titles = known, [f"{name}: {text}" for name, text in zip(order, late_texts, strict=True)]
     return BulletTime(
         cameras=order,
         instant=instant,
         synced=synced,
         offset=offset,
         offsets_ms=offsets_ms,
-        stabilized=bool(pictures.stabilized),
+        stabilized=bool(stabilized),
         ordered_by_position=len(calibrated) > 1,
         file=save_animation(out, "sweep", halves, titles),
-        synced_step_px=_largest_step_px(pictures, motion, dict.fromkeys(order, instant)),
-        offset_step_px=_largest_step_px(pictures, motion, late),
+        synced_step_px=_largest_step_px(motion, calibrated, stabilized, dict.fromkeys(order, instant)),
+        offset_step_px=_largest_step_px(motion, calibrated, stabilized, late),
     )
 
 
@@ -425,31 +407,32 @@ def _choose_instant(
     target_ns = {name: LATE_MS[place % len(LATE_MS)] * 1e6 for place, name in enumerate(order)}
     times = dataset.instants_ns
     there = {name: dataset.instants(name) for name in order}
-    found: dict[int, dict[str, int]] = {}
-    for k, time in enumerate(times):
-        found[k] = {
+    found = {
+        k: {
             name: min(there[name], key=lambda j: (abs(times[j] - time - target_ns[name]), j))
             for name in order
             if k in there[name]
         }
-    short_ns = {
-        k: sum(abs(times[j] - times[k] - target_ns[n]) for n, j in late.items()) for k, late in found.items()
+        for k, time in enumerate(times)
     }
-    frame_ns = max(1, dataset.period_ns)
-    ranks = {
-        k: (len(late), len(set(late.values())), -round(short_ns[k] / frame_ns)) for k, late in found.items()
-    }
+    ranks = {}
+    for k, late in found.items():
+        short_ns = sum(abs(times[j] - times[k] - target_ns[n]) for n, j in late.items())
+        ranks[k] = len(late), len(set(late.values())), -round(short_ns / max(1, dataset.period_ns))
     best = max(ranks.values())
     if min(best[:2]) < 2:
         return None
-    likely = [k for k, rank in ranks.items() if rank == best]
-    likely = evenly_spaced(likely, MAX_CANDIDATES)
+    likely = evenly_spaced([k for k, rank in ranks.items() if rank == best], MAX_CANDIDATES)
     instant = max(likely, key=lambda k: sum(int(motion.detected_moving(n, k).sum()) for n in found[k]))
     return instant, found[instant]
 
 
 def _stabilized_views(
-    motion: SceneMotion, views: Mapping[str, View], order: tuple[str, ...], instant: int
+    motion: SceneMotion,
+    views: Mapping[str, View],
+    order: tuple[str, ...],
+    instant: int,
+    canvas: tuple[int, int],
 ) -> dict[str, View]:
     """Return views that hold the subject in place; empty if the cameras disagree about its position.
 
@@ -460,14 +443,14 @@ def _stabilized_views(
         return {}
     masks = {name: motion.detected_moving(name, instant) for name in order}
     masks = {name: mask for name, mask in masks.items() if int(mask.sum()) >= MIN_MOVING_PX}
-    best: tuple[Array, float] | None = None
-    for middle in (_largest_centroid, _centroid):
-        found = triangulate_subject(ours, {name: middle(mask) for name, mask in masks.items()})
-        if found is not None and (best is None or found[1] < best[1]):
-            best = found
-    if best is None:
+    subjects = (
+        triangulate_subject(ours, {name: middle(mask) for name, mask in masks.items()})
+        for middle in (_largest_centroid, _centroid)
+    )
+    placed = [one for one in subjects if one is not None]
+    if not placed:
         return {}
-    return stabilize_views(ours, best[0], *_canvas_size(motion.dataset, order)) or {}
+    return stabilize_views(ours, min(placed, key=itemgetter(1))[0], *canvas) or {}
 
 
 def _centroid(mask: Array) -> Array:
@@ -481,44 +464,22 @@ def _largest_centroid(mask: Array) -> Array:
     return np.asarray(middles[1 + int(np.argmax(stats[1:, cv2.CC_STAT_AREA]))])
 
 
-@dataclass(frozen=True)
-class _SweepPictures:
-    """Pictures of the sweep: rendered in the stabilized views, or else fitted to the canvas."""
-
-    dataset: Dataset
-    views: Mapping[str, View]
-    stabilized: Mapping[str, View]
-    canvas: tuple[int, int]
-
-    def picture(self, camera: str, instant: int) -> Array:
-        """Return a camera's picture (BGR)."""
-        image = self.dataset.image(camera, instant)
-        if camera in self.stabilized:
-            return render_view(self.stabilized[camera], self.views[camera], image, EMPTY)
-        return fit_canvas(image, *self.canvas, EMPTY)
-
-
-def _largest_step_px(pictures: _SweepPictures, motion: SceneMotion, taken: Mapping[str, int]) -> float | None:
+def _largest_step_px(
+    motion: SceneMotion, views: Mapping[str, View], stabilized: Mapping[str, View], taken: Mapping[str, int]
+) -> float | None:
     """Return the largest step of the largest moving object between stabilized pictures, px."""
-    middles = []
-    for camera, instant in taken.items():
-        if camera not in pictures.stabilized:
-            return None
-        mask = motion.moving(camera, instant).astype(np.uint8)
-        seen = render_view(pictures.stabilized[camera], pictures.views[camera], mask, (0, 0, 0))
-        if not seen.any():
-            return None
-        middles.append(_largest_centroid(seen))
-    return float(np.linalg.norm(np.diff(middles, axis=0), axis=1).max())
+    seen = [
+        render_view(held, views[name], motion.moving(name, taken[name]).astype(np.uint8), (0, 0, 0))
+        for name, held in stabilized.items()
+    ]
+    if not seen or not all(mask.any() for mask in seen):
+        return None
+    return float(np.linalg.norm(np.diff(list(map(_largest_centroid, seen)), axis=0), axis=1).max())
 
 
 def _canvas_size(dataset: Dataset, order: Sequence[str]) -> tuple[int, int]:
     """Return width and height of the pictures, px, in the largest camera's aspect ratio."""
-    width, height = max((dataset.size(name) for name in order), key=lambda size: size[0] * size[1])
+    size = max((dataset.size(name) for name in order), key=math.prod)
     side = SMALLER_PX if len(order) > MANY_CAMERAS else LONG_SIDE_PX
-    scale = min(1.0, side / max(width, height))
-    return round(width * scale), round(height * scale)
-
-
-def _plain(late_ms: float) -> str:
-    return wording.timeliness(late_ms).replace(wording.GAP, " ")
+    scale = min(1.0, side / max(size))
+    return round(size[0] * scale), round(size[1] * scale)

@@ -1,7 +1,7 @@
 """Depth of the middle camera from all cameras, and the cloud fused from all."""
 
-from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from collections.abc import Collection, Mapping, Sequence
+from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
 from typing import Annotated, Any, Self
@@ -17,7 +17,7 @@ from reconstruction.common.drawing import colour_depth, display_range, mark_movi
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.worker_pool import worker_pool
-from reconstruction.compare.study import UNASKED, ConditionStudy, Context, PictureText, write_pictures
+from reconstruction.compare.study import UNASKED, ConditionStudy, write_pictures
 from reconstruction.depth.mesh import draw_clouds
 from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
@@ -50,6 +50,9 @@ AT_A_TIME = 2
 """Number of conditions whose depth is computed at a time, and of instants that are scored."""
 MAX_TRIES = 4
 """Number of instants tried until every camera has a usable image."""
+TURNTABLE = Picture(
+    key="multiview_turntable", title="All around", caption="The points of all cameras, from six places."
+)
 SECTION = """
 {% from "figures.html" import figure with context %}
 {% from "tables.html" import table, folded %}
@@ -81,11 +84,11 @@ them agree. {{ view.delays|keep_units }}</p>
 class CameraGroup:
     """Cameras with overlapping views around a central reference, and reasons why others are left out."""
 
-    reference: str = ""
-    cameras: tuple[str, ...] = ()
-    scene: RoughScene = field(default_factory=lambda: RoughScene({}, {}))
+    reference: str
+    cameras: tuple[str, ...]
+    scene: RoughScene
     """Coarse scene found by a first look."""
-    left_out: Mapping[str, str] = field(default_factory=dict)
+    left_out: Mapping[str, str]
 
 
 def choose_camera_group(shots: UndistortedSession, middle: int) -> CameraGroup:
@@ -101,51 +104,43 @@ def choose_camera_group(shots: UndistortedSession, middle: int) -> CameraGroup:
     best = max(complete, key=lambda k: sum(not shots.problem(c, k) for c in names))
     left_out = {c: problem for c in names if (problem := shots.problem(c, best))}
     images = {c: shots.image(c, best).calibrated for c in names if c not in left_out}
-    _require_cameras(len(images), left_out)
-    views = {camera: image.view for camera, image in images.items()}
+    _require_cameras(images, left_out)
     try:
         scene = find_rough_scene(images)
     except BadInputError as error:
         raise ValueError(error.what) from error
+    views = {c: image.view for c, image in images.items()}
     sources = choose_source_views({c: view for c, view in views.items() if c in scene.points}, scene.points)
-    for camera in images:
-        if len(sources.get(camera, ())) < 2:
-            left_out[camera] = "overlaps too little with any two others"
-            del views[camera]
-    _require_cameras(len(views), left_out)
+    views = {c: view for c, view in views.items() if len(sources.get(c, ())) > 1}
+    left_out |= {c: "overlaps too little with any two others" for c in images if c not in views}
+    _require_cameras(views, left_out)
     reference = choose_reference_view(views, scene.points)
     nearest = [c for c in sources[reference] if c in views][: MAX_CAMERAS - 1]
-    cameras = tuple(c for c in names if c == reference or c in nearest)
-    for camera in views:
-        if camera not in cameras:
-            left_out[camera] = f"{MAX_CAMERAS} cameras are enough to compare conditions"
-    _require_cameras(len(cameras), left_out)
-    return CameraGroup(reference, cameras, scene, left_out)
+    cameras = [c for c in names if c == reference or c in nearest]
+    enough = f"{MAX_CAMERAS} cameras are enough to compare conditions"
+    left_out |= {c: enough for c in views if c not in cameras}
+    _require_cameras(cameras, left_out)
+    return CameraGroup(reference, tuple(cameras), scene, left_out)
 
 
-def _require_cameras(count: int, left_out: Mapping[str, str]) -> None:
-    if count < MIN_CAMERAS:
+def _require_cameras(cameras: Collection[str], left_out: Mapping[str, str]) -> None:
+    if len(cameras) < MIN_CAMERAS:
+        names = {why: [c for c, its in left_out.items() if its == why] for why in left_out.values()}
         text = [f"it takes {MIN_CAMERAS} cameras with overlapping views"]
-        for reason in dict.fromkeys(left_out.values()):
-            text.append(f"{', '.join(c for c, its in left_out.items() if its == reason)}: {reason}")
-        raise ValueError("; ".join(text))
+        raise ValueError("; ".join(text + [f"{', '.join(ours)}: {why}" for why, ours in names.items()]))
 
 
 def save_clouds(
     instant: int, maps: Mapping[str, InstantDepth], view: View, moving: Array, out: Path
-) -> InstantClouds | None:
-    """Write both clouds into out/pictures; None if they have too few points.
+) -> InstantClouds:
+    """Write the clouds that have points into out/pictures.
 
     `view` and `moving` (bool) belong to the reference camera. A page starts from its position and rotates
     about the moving objects.
     """
-    if len(maps["synced"].points) < MIN_POINTS:
-        return None
-    paths = {}
-    for side, found in maps.items():
-        if len(found.points):
-            paths[side] = f"pictures/cloud_{side}.ply"
-            write_ply(out / paths[side], PointCloud(found.points, found.colours))
+    paths = {side: f"pictures/cloud_{side}.ply" for side, found in maps.items() if len(found.points)}
+    for side, path in paths.items():
+        write_ply(out / path, PointCloud(maps[side].points, maps[side].colours))
     return InstantClouds(
         instant=instant,
         **paths,
@@ -160,10 +155,8 @@ def _pivot(synced: InstantDepth, view: View, moving: Array) -> Array:
     """Return the centre of the moving points, else of all points, in the rig's frame."""
     known = synced.depth > 0
     rows, columns = np.nonzero(known & moving if (known & moving).any() else known)
-    if not len(rows):
-        return np.asarray(np.median(synced.points, axis=0))
     points = view.unproject(np.column_stack([columns, rows]), synced.depth[rows, columns].astype(float))
-    return np.asarray(np.median(points, axis=0))
+    return np.asarray(np.median(points if len(rows) else synced.points, axis=0))
 
 
 class MultiviewOptions(msgspec.Struct, frozen=True, kw_only=True):
@@ -275,14 +268,11 @@ class MultiviewStudy(ConditionStudy):
     @classmethod
     def placeholders(cls, found: StudyResult[MultiviewFacts]) -> dict[str, str]:
         """Return values for the names in braces; see `StudyReport.placeholders`."""
-        facts = found.facts
-        if facts is None:
-            return super().placeholders(found)
-        tolerance_m, patchmatch = facts.tolerance_m, facts.matcher == Matcher.PATCHMATCH
-        near = "" if tolerance_m is None else f" to within {100 * tolerance_m:.3g}{wording.GAP}cm"
+        facts, tolerance_m = found.facts, found.facts.tolerance_m
+        patchmatch = facts.matcher == Matcher.PATCHMATCH
         return super().placeholders(found) | {
             "reference": facts.reference,
-            "near": near,
+            "near": "" if tolerance_m is None else f" to within {100 * tolerance_m:.3g}{wording.GAP}cm",
             "matcher": "COLMAP's PatchMatch on a GPU" if patchmatch else "our own plane sweep, not by COLMAP",
             "width": f"{facts.width_px}",
         }
@@ -290,36 +280,33 @@ class MultiviewStudy(ConditionStudy):
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[MultiviewFacts]) -> str:
         """Return the sentence on depth; see `StudyReport.verdict`."""
-        cameras, when = f"all {len(found.cameras)} cameras", "the pictures of {} are paired as recorded"
+        cameras = f"all {len(found.cameras)} cameras"
+        when = f"the pictures of {cameras} are paired as recorded"
         if result.together(found.cameras):
-            when = "{} show the same instant"
-        return depth_sentence(found, when.format(cameras), EACH_DELAYED, "several cameras agree on")
+            when = f"{cameras} show the same instant"
+        return depth_sentence(found, when, EACH_DELAYED, "several cameras agree on")
 
     @classmethod
     def view(cls, found: StudyResult[MultiviewFacts], heads: Mapping[str, str], out: Path) -> dict[str, Any]:
         """Return the cloud for the page's 3D view; see `StudyReport.view`."""
-        facts = found.facts
-        if facts is None or facts.clouds is None:
-            return {"cloud": None}
-        return {"cloud": view_clouds(facts.clouds, out, facts.reference, len(found.cameras))}
+        facts, number = found.facts, len(found.cameras)
+        return {"cloud": facts.clouds and view_clouds(facts.clouds, out, facts.reference, number)}
 
     @classmethod
     def files(cls, found: StudyResult[MultiviewFacts]) -> dict[str, Sequence[str]]:
         """Return the paths of both clouds; see `StudyReport.files`."""
-        clouds = found.facts.clouds if found.facts is not None else None
+        clouds = found.facts.clouds
         return {"the cloud of one instant in both": [clouds.synced, clouds.offset]} if clouds else {}
 
-    def __init__(self, context: Context) -> None:
-        super().__init__(context)
-        self.options: MultiviewOptions
-        self.middle_camera = ""
-        """Required middle camera; any other is rejected. Empty accepts all."""
-        self.group = CameraGroup()
+    middle_camera = ""
+    """Required middle camera; any other is rejected. Empty accepts all."""
+    group: CameraGroup
+    """The cameras; set by `prepare`."""
 
     @property
     def steps(self) -> int:
         """Number of progress lines: one for the choice of cameras, and one for each instant and condition."""
-        limit = self.options.multiview_instants
+        limit: int = self.options.multiview_instants
         return 1 + 2 * min(limit, len(self.dataset.instants_ns)) if limit else 0
 
     def unasked(self) -> str:
@@ -383,24 +370,18 @@ class MultiviewStudy(ConditionStudy):
             later = pool.map(lambda at: depth(at, first.planes), every[1:])
             made = dict(zip([(one.instant, side) for one, side in every], [first, *later], strict=True))
         found = [{side: made[one.instant, side] for side in one.by_condition} for one in instants]
-        nows = [one.instant for one in instants]
-        scorer = InstantScorer(
-            self.shots,
-            self.group.reference,
-            self.rig.unit,
-            nows,
-            [maps["synced"] for maps in found],
-        )
-        asked = nows, [one.shown for one in instants], found
+        nows, group = [one.instant for one in instants], self.group
+        synced = [maps["synced"] for maps in found]
+        scorer = InstantScorer(self.shots, group.reference, self.rig.unit, nows, synced)
         with worker_pool(AT_A_TIME) as pool:
-            scores = list(pool.map(scorer.measure, *asked))
+            scores = list(pool.map(scorer.measure, nows, [one.shown for one in instants], found))
         tally = Tally()
         for one, measured in zip(instants, scores, strict=True):
             pixels = measured["synced"].shares["mover_coverage"][1]
             facts = {"instant": one.instant, "mover_pixels": pixels, **one.delays_ms(self.dataset)}
             tally.add(measured, facts)
+        no_cloud = (str(one.no_cloud) for maps in found for one in maps.values())
         pictures, clouds = self._show(instants, found, scorer, folder) if folder else ((), None)
-        group = self.group
         return StudyResult(
             name=self.text.name,
             cameras=group.cameras,
@@ -417,7 +398,7 @@ class MultiviewStudy(ConditionStudy):
                 matcher_note=self.matcher.note,
                 clouds=clouds,
                 left_out=dict(group.left_out),
-                cloud_skipped=scorer.cloud_skipped,
+                cloud_skipped=scorer.no_surfaces or next(filter(None, no_cloud), ""),
             ),
         )
 
@@ -426,25 +407,26 @@ class MultiviewStudy(ConditionStudy):
         reference, problem = self.group.reference, self.shots.problem
         complete = complete_instants(self.dataset, condition, reference, self.group.cameras)
         by_instant = {one.instant: one.shown for one in complete}
-        found = []
-        for now in choose_moving_instants(
-            self.motion, (reference,), list(by_instant), self.options.multiview_instants
-        ):
-            shown = {c: k for c, k in by_instant[now].items() if not (problem(c, now) or problem(c, k))}
-            if reference in shown and len(shown) >= MIN_CAMERAS:
-                found.append(ShownInstant(now, shown))
+        limit = self.options.multiview_instants
+        usable = [
+            ShownInstant(
+                k, {c: own for c, own in by_instant[k].items() if not (problem(c, k) or problem(c, own))}
+            )
+            for k in choose_moving_instants(self.motion, (reference,), list(by_instant), limit)
+        ]
+        found = [one for one in usable if reference in one.shown and len(one.shown) >= MIN_CAMERAS]
         if not found:
             raise ValueError("no instant has its pictures in both conditions")
         return found
 
     def _depth(self, shown: dict[str, int], planes: Array) -> InstantDepth:
+        reference, scene = self.group.reference, self.group.scene
         shots = {camera: self.shots.image(camera, instant) for camera, instant in shown.items()}
         views = {camera: shot.calibrated.view for camera, shot in shots.items()}
-        sources = choose_source_views(views, self.group.scene.points)
-        if not sources[self.group.reference]:
-            raise ValueError(f"no camera with a picture overlaps with {self.group.reference}")
-        depth_ranges = {camera: self.group.scene.depth_ranges[camera] for camera in shown}
-        reference = self.group.reference
+        sources = choose_source_views(views, scene.points)
+        if not sources[reference]:
+            raise ValueError(f"no camera with a picture overlaps with {reference}")
+        depth_ranges = {camera: scene.depth_ranges[camera] for camera in shown}
         return self.rig.stages.arrays(
             "multiview",
             InstantDepth,
@@ -467,29 +449,20 @@ class MultiviewStudy(ConditionStudy):
         folder: Path,
     ) -> tuple[tuple[Picture, ...], InstantClouds | None]:
         """Write pictures and clouds of the instant with the most moving pixels found."""
-        moving = [self.shots.moving(self.group.reference, one.instant) for one in instants]
-        seen = [
-            int((mask & (maps["synced"].depth > 0)).sum()) for mask, maps in zip(moving, found, strict=True)
-        ]
-        best = int(np.argmax(seen))
-        instant = instants[best].instant
-        shot = self.shots.image(self.group.reference, instant)
-        pictures = _draw_depth(shot.colours, found[best], moving[best], scorer.true_depth(instant), folder)
-        pictures += self._draw_turntable(instants[best], found[best], folder)
-        return pictures, save_clouds(instant, found[best], shot.calibrated.view, moving[best], folder)
-
-    def _draw_turntable(
-        self, one: ShownInstant, maps: Mapping[str, InstantDepth], folder: Path
-    ) -> tuple[Picture, ...]:
-        """Draw both clouds from six viewpoints; empty with too few points."""
+        reference = self.group.reference
+        moving = [self.shots.moving(reference, one.instant) for one in instants]
+        pairs = zip(moving, found, strict=True)
+        best = int(np.argmax([int((mask & (maps["synced"].depth > 0)).sum()) for mask, maps in pairs]))
+        one, mask, maps = instants[best], moving[best], found[best]
+        shot = self.shots.image(reference, one.instant)
+        pictures = _draw_depth(shot.colours, maps, mask, scorer.true_depth(one.instant), folder)
         if len(maps["synced"].points) < MIN_POINTS:
-            return ()
-        clouds = {side: (found.points, found.colours) for side, found in maps.items()}
+            return pictures, None
+        clouds = {side: (depth.points, depth.colours) for side, depth in maps.items()}
         views = [self.shots.image(camera, k).calibrated.view for camera, k in one.together.items()]
-        drawn = draw_clouds(clouds, views)
-        caption = "The points of all cameras, from six places."
-        pictures = {side: {"multiview_turntable": picture} for side, picture in drawn.items()}
-        return write_pictures(pictures, {"multiview_turntable": PictureText("All around", caption)}, folder)
+        drawn = {side: {TURNTABLE.key: picture} for side, picture in draw_clouds(clouds, views).items()}
+        pictures += write_pictures(drawn, (TURNTABLE,), folder)
+        return pictures, save_clouds(one.instant, maps, shot.calibrated.view, mask, folder)
 
 
 def _draw_depth(
@@ -499,22 +472,25 @@ def _draw_depth(
 
     `photo` (BGR) is the reference's undistorted image. `truth` is in the maps' unit, NaN = unknown.
     """
-    near, far = display_range(maps["synced"].depth, moving)
+    limits = display_range(maps["synced"].depth, moving)
     drawn = {}
     for side, found in maps.items():
-        right = found.depth > 0
-        if truth is not None:
-            right &= right_depth(found.depth, truth)
-        depth = colour_depth(found.depth, near, far)
+        right = found.depth > 0 if truth is None else (found.depth > 0) & right_depth(found.depth, truth)
+        depth = colour_depth(found.depth, *limits)
         drawn[side] = {"multiview_depth": depth, "multiview_movers": mark_moving(photo, moving, right)}
     judged = f"it is right {TOLERANCE_TEXT}" if truth is not None else "the other cameras agree"
-    distance = (
-        "Bright is near, blue is far; dark means that no distance was found. On one side are the pictures "
-        "that were recorded as one instant, on the other each camera is off by a different delay."
+    texts = (
+        Picture(
+            key="multiview_depth",
+            title="Distance from all cameras",
+            caption="Bright is near, blue is far; dark means that no distance was found. On one side are the "
+            "pictures that were recorded as one instant, on the other each camera is off by a different "
+            "delay.",
+        ),
+        Picture(
+            key="multiview_movers",
+            title="What moves, by all cameras",
+            caption=f"Teal: a distance was found, and {judged}. Orange: none, or a wrong one.",
+        ),
     )
-    movers = f"Teal: a distance was found, and {judged}. Orange: none, or a wrong one."
-    texts = {
-        "multiview_depth": PictureText("Distance from all cameras", distance, flat=True),
-        "multiview_movers": PictureText("What moves, by all cameras", movers),
-    }
-    return write_pictures(drawn, texts, out)
+    return write_pictures(drawn, texts, out, flat="multiview_depth")

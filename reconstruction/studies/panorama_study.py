@@ -9,7 +9,7 @@ import numpy as np
 from reconstruction.commands.command_options import pair_flag
 from reconstruction.common.drawing import box_of_max_weight, enlarge_crop, trim_empty_borders
 from reconstruction.common.geometry import Array
-from reconstruction.compare.study import SYNCHRONIZED, Pair, PairStudy, PictureText, write_pictures
+from reconstruction.compare.study import SYNCHRONIZED, Pair, PairStudy, write_pictures
 from reconstruction.panorama.composition import Layer, average_layers
 from reconstruction.panorama.overlap import Overlap, known, measure_misalignment, overlap_of
 from reconstruction.panorama.registration import PanoramaStitcher
@@ -18,7 +18,7 @@ from reconstruction.report.findings import CLEAR_FRACTION, late_text, percent
 from reconstruction.report.study_report import Claim, MeasureText, StudyText
 from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import Picture, StudyResult
-from reconstruction.scores.tally import CONDITIONS, Measurements, Tally
+from reconstruction.scores.tally import Measurements, Tally
 from reconstruction.session.conditions import Condition
 from reconstruction.session.moving_pixels import dilate
 
@@ -31,18 +31,21 @@ MIN_POINTS, MIN_PIXELS = 5, 50
 MEASURES = ("mover_misfit_px", "mover_found")
 """Measures in order of preference: residual of moving objects, else the fraction found again."""
 CLEAR_RATIO = 1.5
-TEXTS = {
-    "panorama": PictureText("Panorama", "Two pictures in one, the seam where they agree best."),
-    "panorama_closeup": PictureText(
-        "The panorama, close up", "Where most differs between the two conditions."
+TEXTS = (
+    Picture(key="panorama", title="Panorama", caption="Two pictures in one, the seam where they agree best."),
+    Picture(
+        key="panorama_closeup",
+        title="The panorama, close up",
+        caption="Where most differs between the two conditions.",
     ),
-    "panorama_overlap": PictureText(
-        "The two pictures laid over each other",
-        "The same place without a seam, before one of the two is chosen for every spot. A thing that is "
-        "elsewhere in the other picture is there twice, half transparent; a seam can only hide that, by "
+    Picture(
+        key="panorama_overlap",
+        title="The two pictures laid over each other",
+        caption="The same place without a seam, before one of the two is chosen for every spot. A thing that "
+        "is elsewhere in the other picture is there twice, half transparent; a seam can only hide that, by "
         "leaving one of them out or by cutting through it.",
     ),
-}
+)
 WHY = """
 <p>A panorama joins pictures where they overlap. What moves between one picture and the next no longer fits
 there: it shows up twice, cut apart, or in the wrong place. {{ result.actual_offset_ms|walking_distance }}</p>
@@ -107,12 +110,10 @@ class PanoramaStudy(PairStudy):
         known = found.first_known(*MEASURES)
         if known is None:
             return None
-        measure, *values = known
-        both = values[0], values[1]
-        if measure == "mover_found":
-            return Claim(both, "of moving things in both pictures where these overlap in the panorama")
+        if known[0] == "mover_found":
+            return Claim(known[1:], "of moving things in both pictures where these overlap in the panorama")
         what = "of misfit of moving things where the pictures of the panorama overlap"
-        return Claim(both, what, wording.PIXELS)
+        return Claim(known[1:], what, wording.PIXELS)
 
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
@@ -142,12 +143,11 @@ class PanoramaStudy(PairStudy):
         Raises:
             ValueError: no two cameras are suitable, or their images cannot be stitched.
         """
-        middle = self.context.middle
-        self.use_pair(self.rig.choose_panorama_pair(self.asked, middle))
+        self.use_pair(self.rig.choose_panorama_pair(self.asked, self.context.middle))
         first, second = self.cameras
         self.progress.step(f"registering {first} and {second}")
-        instants = [now for now, _ in self.instant_pairs(SYNCHRONIZED)[0]]
-        now = min(instants, key=lambda k: abs(k - middle))
+        instants, _ = self.instant_pairs(SYNCHRONIZED)
+        now, _ = min(instants, key=lambda pair: abs(pair[0] - self.context.middle))
         images, moving = (
             {name: read(name, now) for name in self.cameras}
             for read in (self.dataset.image, self.motion.widened_moving)
@@ -165,10 +165,8 @@ class PanoramaStudy(PairStudy):
         moving = []
         for now, later in pairs:
             self.progress.step(f"panorama {first}-{second}, instant {now}")
-            measured = {
-                side: self._measure(now, later, shown)
-                for side, shown in zip(CONDITIONS, (now, later), strict=True)
-            }
+            shown = {"synced": now, "offset": later}
+            measured = {side: self._measure(now, later, k) for side, k in shown.items()}
             moving.append(measured["synced"].shares["mover_found"][1])
             tally.add(measured, {"instant": now, "offset_instant": later})
         return StudyResult(
@@ -218,13 +216,13 @@ class PanoramaStudy(PairStudy):
         """Draw an instant's panorama, a close-up, and the overlap before the seam, in both conditions."""
         canvas = self.stitcher.projection.canvas
         drawn: dict[str, dict[str, Array]] = {}
-        for side, shown in zip(CONDITIONS, (now, later), strict=True):
+        for side, shown in {"synced": now, "offset": later}.items():
             layers = self._layers(now, shown)
             mean, count = average_layers(list(layers.values()), canvas)
             part = trim_empty_borders(count > 0)
             drawn[side] = {"panorama": self.stitcher.compose(layers)[part], "panorama_overlap": mean[part]}
-        means = [drawn[side]["panorama_overlap"].astype(np.float32) for side in CONDITIONS]
-        changed = np.where(count[part] > 1, np.abs(means[0] - means[1]).mean(2), 0)
+        synced, offset = (one["panorama_overlap"].astype(np.float32) for one in drawn.values())
+        changed = np.where(count[part] > 1, np.abs(synced - offset).mean(2), 0)
         box = box_of_max_weight(changed * (changed > MIN_GREY_LEVELS), 0.4)
         for one in drawn.values():
             one["panorama_closeup"] = enlarge_crop(one["panorama"], box)

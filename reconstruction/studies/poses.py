@@ -1,7 +1,8 @@
 """Camera poses estimated from single instants, compared with the calibration."""
 
 import tempfile
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
 from functools import cached_property
 from itertools import combinations
 from pathlib import Path
@@ -14,7 +15,7 @@ from reconstruction.commands.command_options import flag
 from reconstruction.common.geometry import Array, View, angle_deg
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import library_versions, load_pycolmap
-from reconstruction.compare.study import UNASKED, ConditionStudy, Context
+from reconstruction.compare.study import UNASKED, ConditionStudy
 from reconstruction.report import wording
 from reconstruction.report.charts import Axes
 from reconstruction.report.findings import EACH_DELAYED, percent
@@ -24,13 +25,15 @@ from reconstruction.scores.study_result import StudyResult
 from reconstruction.scores.tally import Measurements, Tally
 from reconstruction.session.conditions import Condition, evenly_spaced
 from reconstruction.session.dataset import Dataset
-from reconstruction.session.instant_choice import ShownInstant, complete_instants, relative_offsets_ms
+from reconstruction.session.instant_choice import complete_instants, relative_offsets_ms
 
 TOLERANCE_DEG = 2.0
 HARMED = 0.1
 LARGE_MOVING_FRACTION = 0.2
 """Moving fraction below which pose estimation rejects motion as outliers, even in delayed images."""
 MAX_INSTANTS = 5
+IMAGES = "images"
+DATABASE = "database.db"
 POSE_AXES = Axes(480, 220, 62, 10, 12, 48, (0, 0.5, 1), "camera pairs placed correctly, by instant")
 SECTION = """
 {% from "charts.html" import frame %}
@@ -69,17 +72,15 @@ ImageKey = tuple[str, int]
 """A camera and an instant."""
 
 
+@dataclass
 class PoseFinder:
     """Pose estimation for any set of images with known intrinsics; features and matches are cached."""
 
-    def __init__(self, dataset: Dataset, views: Mapping[str, View], folder: Path) -> None:
-        self._dataset = dataset
-        self._views = views
-        self._images = folder / "images"
-        self._database = folder / "database.db"
-        self._folder = folder
-        self._extracted: set[ImageKey] = set()
-        self._matched: set[tuple[ImageKey, ImageKey]] = set()
+    dataset: Dataset
+    views: Mapping[str, View]
+    folder: Path
+    """Folder of COLMAP's database and of the images whose features are in it."""
+    matched: set[tuple[ImageKey, ImageKey]] = field(default_factory=set)
 
     @cached_property
     def _colmap(self) -> Any:
@@ -92,8 +93,10 @@ class PoseFinder:
             NotAvailableError: COLMAP is not installed.
         """
         pictures = sorted(shown.items())
-        self._extract(pictures)
-        self._match(list(combinations(pictures, 2)))
+        for picture in pictures:
+            self._extract(*picture)
+        if new := [pair for pair in combinations(pictures, 2) if pair not in self.matched]:
+            self._match(new)
         options = self._colmap.IncrementalPipelineOptions(
             random_seed=0,
             num_threads=1,
@@ -104,52 +107,47 @@ class PoseFinder:
             ba_refine_extra_params=False,
             ba_refine_principal_point=False,
         )
-        target = tempfile.mkdtemp(dir=self._folder)
-        models = self._colmap.incremental_mapping(self._database, self._images, target, options)
+        models = self._colmap.incremental_mapping(
+            self.folder / DATABASE, self.folder / IMAGES, tempfile.mkdtemp(dir=self.folder), options
+        )
         best = max(models.values(), key=lambda model: model.num_reg_images(), default=None)
-        if best is None:
-            return {}
-        found = {}
-        for image in best.images.values():
-            if image.has_pose:
-                matrix = np.asarray(image.cam_from_world().matrix())
-                found[image.name.split("/")[0]] = matrix[:, :3], matrix[:, 3]
-        return found
+        matrices = {
+            image.name.split("/")[0]: np.asarray(image.cam_from_world().matrix())
+            for image in (best.images.values() if best is not None else ())
+            if image.has_pose
+        }
+        return {name: (matrix[:, :3], matrix[:, 3]) for name, matrix in matrices.items()}
 
-    def _extract(self, pictures: Iterable[ImageKey]) -> None:
-        for camera, instant in pictures:
-            if (camera, instant) in self._extracted:
-                continue
-            path = self._images / _name(camera, instant)
-            path.parent.mkdir(parents=True, exist_ok=True)
-            write_image(path, self._dataset.image(camera, instant), FAST_PNG)
-            reader = self._colmap.ImageReaderOptions()
-            reader.camera_model, reader.camera_params = _camera(self._views[camera])
-            self._colmap.extract_features(
-                self._database,
-                self._images,
-                image_names=[_name(camera, instant)],
-                camera_mode=self._colmap.CameraMode.PER_FOLDER,
-                reader_options=reader,
-                device=self._colmap.Device.cpu,
-            )
-            self._extracted.add((camera, instant))
+    def _extract(self, camera: str, instant: int) -> None:
+        """Detect an image's features, unless that was done."""
+        path = self.folder / IMAGES / _name(camera, instant)
+        if path.exists():
+            return
+        path.parent.mkdir(parents=True, exist_ok=True)
+        write_image(path, self.dataset.image(camera, instant), FAST_PNG)
+        reader = self._colmap.ImageReaderOptions()
+        reader.camera_model, reader.camera_params = _camera(self.views[camera])
+        self._colmap.extract_features(
+            self.folder / DATABASE,
+            self.folder / IMAGES,
+            image_names=[_name(camera, instant)],
+            camera_mode=self._colmap.CameraMode.PER_FOLDER,
+            reader_options=reader,
+            device=self._colmap.Device.cpu,
+        )
 
     def _match(self, pairs: Sequence[tuple[ImageKey, ImageKey]]) -> None:
-        new = [pair for pair in pairs if pair not in self._matched]
-        if not new:
-            return
-        asked = self._folder / "pairs.txt"
-        asked.write_text("".join(f"{_name(*a)} {_name(*b)}\n" for a, b in new))
+        asked = self.folder / "pairs.txt"
+        asked.write_text("".join(f"{_name(*a)} {_name(*b)}\n" for a, b in pairs))
         verification = self._colmap.TwoViewGeometryOptions()
         verification.ransac.random_seed = 0
         self._colmap.match_image_pairs(
-            self._database,
+            self.folder / DATABASE,
             pairing_options=self._colmap.ImportedPairingOptions(match_list_path=str(asked)),
             verification_options=verification,
             device=self._colmap.Device.cpu,
         )
-        self._matched.update(new)
+        self.matched.update(pairs)
 
 
 def _name(camera: str, instant: int) -> str:
@@ -173,11 +171,10 @@ def relative_pose_errors(found: Mapping[str, Pose], true: Mapping[str, Pose]) ->
     """
     errors = []
     for a, b in combinations(sorted(found), 2):
-        (rotation, axis), (true_rotation, true_axis) = (
-            _relative(poses[a], poses[b]) for poses in (found, true)
-        )
-        cosine = (np.trace(rotation @ true_rotation.T) - 1) / 2
-        errors.append((float(np.degrees(np.arccos(np.clip(cosine, -1, 1)))), angle_deg(axis, true_axis)))
+        rotation, axis = _relative(found[a], found[b])
+        true_rotation, true_axis = _relative(true[a], true[b])
+        cosine = np.clip((np.trace(rotation @ true_rotation.T) - 1) / 2, -1, 1)
+        errors.append((float(np.degrees(np.arccos(cosine))), angle_deg(axis, true_axis)))
     return errors
 
 
@@ -284,21 +281,20 @@ class PoseStudy(ConditionStudy):
     @classmethod
     def placeholders(cls, found: StudyResult[PoseFacts]) -> dict[str, str]:
         """Return values for the names in braces; see `StudyReport.placeholders`."""
-        tolerance_deg = found.facts.tolerance_deg if found.facts is not None else None
-        return super().placeholders(found) | {"tolerance": wording.measured(tolerance_deg, wording.DEGREES)}
+        tolerance = wording.measured(found.facts.tolerance_deg, wording.DEGREES)
+        return super().placeholders(found) | {"tolerance": tolerance}
 
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[PoseFacts]) -> str:
         """Return how delays degrade the poses; empty if the still scene fixes them in both conditions."""
-        before = found.value("rotation_deg") if found.facts is not None and found.facts.degraded else None
-        if before is None:
+        before, after = found.value("rotation_deg"), found.value("rotation_deg", "offset")
+        if before is None or not found.facts.degraded:
             return ""
-        after = found.value("rotation_deg", "offset")
         if after is None:
             wrong = "no camera can be placed"
         elif before > 0.5 * after:
-            right = found.value("correct_pairs", "offset") or 0.0
-            wrong = f"only {percent(right)} of the pairs are placed correctly"
+            right = percent(found.value("correct_pairs", "offset") or 0.0)
+            wrong = f"only {right} of the pairs are placed correctly"
         else:
             wrong = f"these angles are wrong by {after:.0f} degrees"
         together = result.together(found.cameras)
@@ -313,11 +309,9 @@ class PoseStudy(ConditionStudy):
         """Return the chart of every instant's pairs; see `StudyReport.view`."""
         return {"chart": pose_chart(found, heads)}
 
-    def __init__(self, context: Context) -> None:
-        super().__init__(context)
-        self.reason = ""
-        """Why poses are estimated."""
-        self.cameras: tuple[str, ...] = ()
+    reason = ""
+    """Why poses are estimated."""
+    cameras: tuple[str, ...]
 
     @property
     def steps(self) -> int:
@@ -351,13 +345,13 @@ class PoseStudy(ConditionStudy):
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[PoseFacts]:
         """Compare a condition, without pictures; see `ConditionStudy.compare`."""
-        instants = self._instants(condition)
-        tally = Tally()
+        every, tally = len(self.cameras), Tally()
+        instants = complete_instants(self.dataset, condition, self.cameras[0], self.cameras, every)
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
             finder = self.finder(self.dataset, self.rig.views, Path(scratch))
-            for one in instants:
-                by_condition = one.by_condition.items()
-                measured = {side: self._measure(finder, pictures) for side, pictures in by_condition}
+            for one in evenly_spaced(instants, MAX_INSTANTS):
+                shown = one.by_condition.items()
+                measured = {side: self._measure(finder, pictures) for side, pictures in shown}
                 tally.add(measured, {"instant": one.instant})
         found = StudyResult(
             name=self.text.name,
@@ -370,15 +364,8 @@ class PoseStudy(ConditionStudy):
             facts=PoseFacts(degraded=False, tolerance_deg=TOLERANCE_DEG, truth_source=self.rig.source),
         )
         right = found.first_known("correct_pairs")
-        if right is None or found.facts is None or right[1] - right[2] <= HARMED:
-            return found
-        return msgspec.structs.replace(found, facts=msgspec.structs.replace(found.facts, degraded=True))
-
-    def _instants(self, condition: Condition) -> list[ShownInstant]:
-        """Return evenly spaced instants at which every camera has its images."""
-        cameras = self.cameras
-        found = complete_instants(self.dataset, condition, cameras[0], cameras, min_cameras=len(cameras))
-        return evenly_spaced(found, MAX_INSTANTS)
+        degraded = right is not None and right[1] - right[2] > HARMED
+        return msgspec.structs.replace(found, facts=msgspec.structs.replace(found.facts, degraded=degraded))
 
     def _measure(self, finder: PoseFinder, shown: dict[str, int]) -> Measurements:
         """Return the number of placed cameras, and both errors of each pair."""

@@ -21,7 +21,7 @@ from reconstruction.common.drawing import (
     side_by_side,
 )
 from reconstruction.common.geometry import Array
-from reconstruction.compare.study import Context, Pair, PairStudy, PictureText, write_pictures
+from reconstruction.compare.study import Context, Pair, PairStudy, write_pictures
 from reconstruction.report import wording
 from reconstruction.report.findings import (
     CLEAR_FRACTION,
@@ -83,9 +83,10 @@ class StereoInstant:
     truth: Array | None
     matcher: StereoPair
 
-    def shown(self, side: str) -> int:
-        """Return the instant that the second camera shows in a condition (`synced` or `offset`)."""
-        return self.now if side == "synced" else self.later
+    @property
+    def shown(self) -> dict[str, int]:
+        """The instant that the second camera shows in each condition."""
+        return {"synced": self.now, "offset": self.later}
 
 
 def stereo_pictures(
@@ -94,41 +95,46 @@ def stereo_pictures(
     """Write pictures of the instant with the most moving pixels with depth into out/pictures."""
     one = max(instants, key=lambda i: int((i.moving & (i.maps["synced"].depth > 0)).sum()))
     photo = dataset.image(cameras[0], one.now)
-    drawn = {side: _draw(one, side, photo, dataset.image(cameras[1], one.shown(side))) for side in CONDITIONS}
-    return write_pictures(drawn, _texts(cameras, one.truth is not None), out)
+    drawn = {side: _draw(one, side, photo, dataset.image(cameras[1], k)) for side, k in one.shown.items()}
+    return write_pictures(drawn, _texts(cameras, one.truth is not None), out, flat="stereo_depth")
 
 
-def _texts(cameras: tuple[str, str], true: bool) -> dict[str, PictureText]:
-    found = f"the distance found is right {TOLERANCE_TEXT}" if true else "both pictures agree on a distance"
-    lost = "there is none, or a wrong one" if true else "they do not"
-    return {
-        "stereo_late": PictureText(
-            "The second camera's picture",
-            f"What {cameras[1]} took at the instant of {cameras[0]}'s picture, and when it is late.",
+def _texts(cameras: tuple[str, str], true: bool) -> tuple[Picture, ...]:
+    movers = "Teal: both pictures agree on a distance. Orange: they do not."
+    if true:
+        movers = f"Teal: the distance found is right {TOLERANCE_TEXT}. Orange: there is none, or a wrong one."
+    return (
+        Picture(
+            key="stereo_late",
+            title="The second camera's picture",
+            caption=f"What {cameras[1]} took at the instant of {cameras[0]}'s picture, and when it is late.",
         ),
-        "stereo_depth": PictureText(
-            "Distance", "Bright is near, blue is far; dark means that no distance was found.", flat=True
+        Picture(
+            key="stereo_depth",
+            title="Distance",
+            caption="Bright is near, blue is far; dark means that no distance was found.",
         ),
-        "stereo_movers": PictureText("What moves", f"Teal: {found}. Orange: {lost}."),
-        "stereo_closeup": PictureText(
-            "A moving thing, close up", "The picture, and the distance found for it.", panels=2
-        ),
-        "stereo_pair": PictureText(
-            "The two pictures",
-            "Turned so that the same point lies on the same line in both; what has moved does not.",
+        Picture(key="stereo_movers", title="What moves", caption=movers),
+        Picture(
+            key="stereo_closeup",
+            title="A moving thing, close up",
+            caption="The picture, and the distance found for it.",
             panels=2,
         ),
-    }
+        Picture(
+            key="stereo_pair",
+            title="The two pictures",
+            caption="Turned so that the same point lies on the same line in both; what has moved does not.",
+            panels=2,
+        ),
+    )
 
 
 def _draw(one: StereoInstant, side: str, photo: Array, other: Array) -> dict[str, Array]:
-    near, far = display_range(one.maps["synced"].depth, one.moving)
     box = box_around(one.moving, max_fraction=0.65)
     depth = one.maps[side].depth
-    coloured = colour_depth(depth, near, far)
-    right = depth > 0
-    if one.truth is not None:
-        right &= right_depth(depth, one.truth)
+    coloured = colour_depth(depth, *display_range(one.maps["synced"].depth, one.moving))
+    right = depth > 0 if one.truth is None else (depth > 0) & right_depth(depth, one.truth)
     return {
         "stereo_late": other,
         "stereo_depth": coloured,
@@ -151,9 +157,7 @@ def _draw_pair(one: StereoInstant, photo: Array, other: Array) -> Array:
     if canvas.mirror:
         a, b, on = (np.ascontiguousarray(image[:, ::-1]) for image in (a, b, on))
     _, top, _, bottom = box_around(on > 0, spare=0.0, min_px=8)
-    count = 3 if (on > 0).any() else 0
-    lines = [int(y) for y in np.linspace(top, bottom, count)]
-    return draw_rows(a, b, lines)
+    return draw_rows(a, b, [int(y) for y in np.linspace(top, bottom, 3)] if on.any() else [])
 
 
 class StereoOptions(msgspec.Struct, frozen=True, kw_only=True):
@@ -219,11 +223,10 @@ class StereoStudy(PairStudy):
         known = found.first_known(*DEPTH_MEASURES)
         if known is None:
             return None
-        measure, *values = known
-        if measure == DEPTH_MEASURES[0]:
-            return Claim((values[0], values[1]), "of the moving surface measured correctly")
+        if known[0] == DEPTH_MEASURES[0]:
+            return Claim(known[1:], "of the moving surface measured correctly")
         note = "The true distances are not known here, so this counts pixels where both pictures agree."
-        return Claim((values[0], values[1]), "of the moving surface given a distance", note=note)
+        return Claim(known[1:], "of the moving surface given a distance", note=note)
 
     @classmethod
     def as_recorded(cls, found: StudyResult[Any]) -> str | None:
@@ -240,33 +243,30 @@ class StereoStudy(PairStudy):
     @classmethod
     def verdict(cls, result: CompareResult, found: StudyResult[Any]) -> str:
         """Return the sentence on depth, with the still control unless the cameras moved."""
-        together = result.together(found.cameras)
-        recorded = (
-            "both pictures show the same instant" if together else "the pictures are paired as recorded"
-        )
+        recorded = "the pictures are paired as recorded"
+        if result.together(found.cameras):
+            recorded = "both pictures show the same instant"
         first = depth_sentence(found, recorded, f"one picture {late_text(result)}", "both pictures agree on")
         still = found.first_known("static_coverage")
         if not first or still is None:
             return first
-        moved = result.timing is not None and bool(result.timing.moving_cameras)
-        lost = still[1] - still[2]
+        lost, more = still[1] - still[2], ""
         if lost > FALLEN_CONTROL:
-            return (
-                f"{first} What stands still is found less often too ({percent(still[1])} and "
-                f"{percent(still[2])}): timing is not all that differs."
-                f"{'' if moved else ' Did the cameras move, or the light change?'}"
+            more = (
+                f" What stands still is found less often too ({percent(still[1])} and {percent(still[2])}): "
+                "timing is not all that differs."
             )
-        if moved or abs(lost) > 0.02:
-            return first
-        return (
-            f"{first} What stands still is found equally well both times, so timing alone makes the "
-            "difference."
-        )
+            more += "" if result.cameras_moved else " Did the cameras move, or the light change?"
+        elif not result.cameras_moved and abs(lost) <= 0.02:
+            more = (
+                " What stands still is found equally well both times, so timing alone makes the difference."
+            )
+        return first + more
 
     @classmethod
     def control_sentence(cls, result: CompareResult, found: StudyResult[Any]) -> str:
         """Return the sentence on the still control; see `StudyReport.control_sentence`."""
-        if result.timing is not None and result.timing.moving_cameras:
+        if result.cameras_moved:
             return "The cameras moved while they recorded, so nothing in the pictures is a control."
         still = found.first_known("static_within_2pct", "static_coverage")
         if still is None:
@@ -279,14 +279,14 @@ class StereoStudy(PairStudy):
             )
         equal = f"Things at rest are the control: they are measured equally well in both {values}"
         moving = found.first_known(*DEPTH_MEASURES)
-        if moving is None or moving[1] - moving[2] < CLEAR_FRACTION:
-            return f"{equal}."
-        return f"{equal}, so the difference on moving things comes from timing alone."
+        clear = moving is not None and moving[1] - moving[2] >= CLEAR_FRACTION
+        return (
+            f"{equal}, so the difference on moving things comes from timing alone." if clear else f"{equal}."
+        )
 
     def __init__(self, context: Context) -> None:
         super().__init__(context)
-        self._matcher = lru_cache(maxsize=1)(self._make_matcher)
-        self._projected_still: tuple[Array, tuple[Array, Array]] | None = None
+        self._projected = lru_cache(maxsize=1)(self._project_still)
 
     def prepare(self) -> None:
         """Choose the pair.
@@ -310,23 +310,17 @@ class StereoStudy(PairStudy):
         folder: Path | None = None,
     ) -> StudyResult[None]:
         """Compare depth at pairs of instants; see `PairStudy.compare_instants`."""
-        rig, (reference, other) = self.rig, self.cameras
-        views = rig.views[reference], rig.views[other]
+        reference, other = self.cameras
         self.progress.step(f"depth range of {reference} and {other}")
-        nows = tuple(range_instants) or tuple(now for now, _ in pairs)
-        key = (reference, other, nows, repr(views))
         try:
-            disparities = rig.stages.record(
-                "disparities", tuple[float, float], lambda: self._disparities(nows), *key
-            )
+            disparities = self._disparities(tuple(range_instants or dict(pairs)))
         except ValueError as error:
             raise ValueError(f"{reference} and {other}: {error}") from error
-        matcher = self._matcher(self.cameras, disparities)
+        matcher = StereoPair(self.rig.views[reference], self.rig.views[other], disparities)
         maps = []
         for now, later in pairs:
             self.progress.step(f"stereo {reference}-{other}, instant {now}")
-            shown = {"synced": now, "offset": later}
-            maps.append({side: self._depth(matcher, disparities, now, k) for side, k in shown.items()})
+            maps.append([self._depth(matcher, disparities, now, k) for k in (now, later)])
         instants = self._instants(pairs, maps, matcher)
         tally = Tally()
         for one in instants:
@@ -344,30 +338,25 @@ class StereoStudy(PairStudy):
             pictures=stereo_pictures(self.dataset, self.cameras, instants, folder) if folder else (),
         )
 
-    def _make_matcher(self, cameras: Pair, disparities: tuple[float, float]) -> StereoPair:
-        """Return the pair's matcher; its maps are used in every condition."""
-        reference, other = (self.rig.views[name] for name in cameras)
-        return StereoPair(reference, other, disparities)
+    def _project_still(self, still: bytes) -> tuple[Array, Array]:
+        """Return `project_into_other` of float32 depth; cached for conditions with the same instants."""
+        reference, other = (self.rig.views[name] for name in self.cameras)
+        depth = np.frombuffer(still, np.float32).reshape(reference.height, reference.width)
+        return project_into_other(reference, other, depth)
 
-    def _projected(self, still: Array) -> tuple[Array, Array]:
-        """Return `project_into_other`, cached for conditions with the same instants."""
-        if self._projected_still is None or not np.array_equal(self._projected_still[0], still):
-            reference, other = (self.rig.views[name] for name in self.cameras)
-            self._projected_still = still, project_into_other(reference, other, still)
-        return self._projected_still[1]
+    def _disparities(self, nows: tuple[int, ...]) -> tuple[float, float]:
+        """Return the pair's disparity range from synchronized images, cached on disk."""
+        grey, (reference, other) = self.dataset.grey, self.cameras
+        views = self.rig.views[reference], self.rig.views[other]
 
-    def _disparities(self, nows: Sequence[int]) -> tuple[float, float]:
-        reference, other = self.cameras
-        chosen = nows[:: max(1, len(nows) // RANGE_INSTANTS)]
-        images = [
-            (
-                self.dataset.grey(reference, now),
-                self.dataset.grey(other, now),
-                self.motion.detected_moving(reference, now),
-            )
-            for now in chosen
-        ]
-        return find_disparity_range((self.rig.views[reference], self.rig.views[other]), images)
+        def find() -> tuple[float, float]:
+            moving = self.motion.detected_moving
+            chosen = nows[:: max(1, len(nows) // RANGE_INSTANTS)]
+            images = [(grey(reference, k), grey(other, k), moving(reference, k)) for k in chosen]
+            return find_disparity_range(views, images)
+
+        key = reference, other, nows, repr(views)
+        return self.rig.stages.record("disparities", tuple[float, float], find, *key)
 
     def _depth(self, matcher: StereoPair, disparities: tuple[float, float], now: int, shown: int) -> DepthMap:
         """Return the reference's depth against the other camera's instant `shown`, cached on disk."""
@@ -386,13 +375,13 @@ class StereoStudy(PairStudy):
         )
 
     def _instants(
-        self, pairs: Sequence[tuple[int, int]], maps: Sequence[dict[str, DepthMap]], matcher: StereoPair
+        self, pairs: Sequence[tuple[int, int]], maps: Sequence[Sequence[DepthMap]], matcher: StereoPair
     ) -> list[StereoInstant]:
         """Return the measured pixels of every instant, equal in both conditions."""
         (reference, other), dataset, motion = self.cameras, self.dataset, self.motion
         moving = [motion.moving(reference, now) for now, _ in pairs]
-        still = median_still_depth([one["synced"].depth for one in maps], moving)
-        where, inside = self._projected(still)
+        still = median_still_depth([synced.depth for synced, _ in maps], moving)
+        where, inside = self._projected(still.tobytes())
         instants = []
         for (now, later), found, mask in zip(pairs, maps, moving, strict=True):
             times = {now, later}
@@ -404,13 +393,14 @@ class StereoStudy(PairStudy):
             )
             loaded = dataset.ground_truth(reference, now)
             truth = None if loaded is None else true_depth_in_unit(loaded[0], self.rig.unit, still, static)
-            instants.append(StereoInstant(now, later, found, mask & inside, static, truth, matcher))
+            by_condition = dict(zip(CONDITIONS, found, strict=True))
+            instants.append(StereoInstant(now, later, by_condition, mask & inside, static, truth, matcher))
         return instants
 
     def _measure(self, one: StereoInstant, side: str) -> Measurements:
         reference, other = self.cameras
         found = one.maps[side]
-        images = self.dataset.grey(reference, one.now), self.dataset.grey(other, one.shown(side))
+        images = self.dataset.grey(reference, one.now), self.dataset.grey(other, one.shown[side])
         measured = Measurements()
         masks = {"mover": one.moving, "static": one.static}
         errors = epipolar_errors(one.matcher, *images, tuple(masks.values()))

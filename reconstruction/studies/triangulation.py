@@ -12,7 +12,7 @@ import numpy as np
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import foreign_calls, library_versions, load_pycolmap
-from reconstruction.compare.study import ALL_APART, ConditionStudy, Context
+from reconstruction.compare.study import ALL_APART, ConditionStudy
 from reconstruction.pairs import Features, size_above_features
 from reconstruction.report import wording
 from reconstruction.report.study_report import POINTS, MeasureText, StudyText
@@ -44,9 +44,6 @@ INSTANT_LIMITS = (3, 8)
 CONTROL_MARGIN_PX = 4
 """Distance from a moving object below which points are left out of the control."""
 PURPOSE = "triangulating points"
-
-Masks = tuple[Array, Array]
-"""Motion mask of a camera's image in one condition, and the mask of motion or change in either."""
 
 
 @dataclass(frozen=True, eq=False)
@@ -96,17 +93,25 @@ def _write_database(colmap: Any, path: Path, views: Mapping[str, View], found: M
     database = colmap.Database.open(path)
     for number, (name, features) in enumerate(found.items(), 1):
         view = views[name]
-        camera = _pinhole(colmap, view, number)
+        m = view.matrix
+        # COLMAP's first pixel has its centre at (0.5, 0.5).
+        camera = colmap.Camera(
+            model="PINHOLE",
+            width=view.width,
+            height=view.height,
+            params=[m[0, 0], m[1, 1], m[0, 2] + 0.5, m[1, 2] + 0.5],
+            camera_id=number,
+            has_prior_focal_length=True,
+        )
         database.write_camera(camera, use_camera_id=True)
         model.add_camera_with_trivial_rig(camera)
         database.write_rig(model.rig(number), use_rig_id=True)
-        places = np.zeros((0, 2))
-        if len(features.positions):
-            places = view.rays(features.positions) @ view.matrix.T
-        # COLMAP's first pixel has its centre at (0.5, 0.5).
+        places = (
+            view.rays(features.positions) @ view.matrix.T if len(features.positions) else np.zeros((0, 2))
+        )
         places = places[:, :2] + 0.5
-        pose = colmap.Rigid3d(colmap.Rotation3d(view.rotation), view.translation)
         image = colmap.Image(name=name, keypoints=places, camera_id=number, image_id=number)
+        pose = colmap.Rigid3d(colmap.Rotation3d(view.rotation), view.translation)
         model.add_image_with_trivial_frame(image, pose)
         database.write_frame(model.frame(number), use_frame_id=True)
         database.write_image(model.image(number), use_image_id=True)
@@ -156,35 +161,16 @@ def _place_points(colmap: Any, database: Path, model: Any, limit_px: float) -> A
     return colmap.triangulate_points(model, database, database.parent, folder, options=options)
 
 
-def _pinhole(colmap: Any, view: View, number: int) -> Any:
-    """Return the view as a COLMAP camera without distortion."""
-    m = view.matrix
-    return colmap.Camera(
-        model="PINHOLE",
-        width=view.width,
-        height=view.height,
-        params=[m[0, 0], m[1, 1], m[0, 2] + 0.5, m[1, 2] + 0.5],
-        camera_id=number,
-        has_prior_focal_length=True,
-    )
-
-
 def _rig_points(model: Any, found: Mapping[str, Features]) -> RigPoints:
     positions = [features.positions for features in found.values()]
-    points, errors, seen, pixels = [], [], [], []
-    for index, (_, point) in enumerate(sorted(model.points3D.items())):
-        points.append(point.xyz)
-        errors.append(point.error)
-        for element in point.track.elements:
-            place = element.image_id - 1
-            seen.append((index, place))
-            pixels.append(positions[place][element.point2D_idx])
-    where = np.array(seen, int).reshape(-1, 2)
+    points = [point for _, point in sorted(model.points3D.items())]
+    seen = [(index, one) for index, point in enumerate(points) for one in point.track.elements]
+    pixels = [positions[one.image_id - 1][one.point2D_idx] for _, one in seen]
     return RigPoints(
-        points=np.array(points, float).reshape(-1, 3),
-        errors=np.array(errors, float),
-        point=where[:, 0],
-        camera=where[:, 1],
+        points=np.array([point.xyz for point in points], float).reshape(-1, 3),
+        errors=np.array([point.error for point in points], float),
+        point=np.array([index for index, _ in seen], int),
+        camera=np.array([one.image_id - 1 for _, one in seen], int),
         pixel=np.round(np.array(pixels, float)).astype(int).reshape(-1, 2),
     )
 
@@ -229,9 +215,7 @@ class TriangulationStudy(ConditionStudy):
     needs_calibration = True
     packages = ("pycolmap",)
 
-    def __init__(self, context: Context) -> None:
-        super().__init__(context)
-        self.cameras: tuple[str, ...] = ()
+    cameras: tuple[str, ...] = ()
 
     @property
     def steps(self) -> int:
@@ -251,12 +235,9 @@ class TriangulationStudy(ConditionStudy):
         self.progress.step("choosing cameras for points by COLMAP")
         self.cameras = self._choose_cameras()
         offset = self.context.offset
-        if offset is None:
-            return
-        late = tuple((camera, offset.actual_ms) for camera in self.cameras[1::2])
-        second_late = Condition(f"{offset.asked_ms:g}ms", named_ms=late)
-        if len(self.cameras) == 2 or not self._holds(ALL_APART):
-            self.condition = second_late
+        if offset is not None and (len(self.cameras) == 2 or not self._holds(ALL_APART)):
+            late = tuple((camera, offset.actual_ms) for camera in self.cameras[1::2])
+            self.condition = Condition(f"{offset.asked_ms:g}ms", named_ms=late)
 
     def compare(self, condition: Condition, folder: Path | None = None) -> StudyResult[TriangulationFacts]:
         """Compare a condition, without pictures; see `ConditionStudy.compare`.
@@ -264,17 +245,13 @@ class TriangulationStudy(ConditionStudy):
         Raises:
             ValueError: the burst does not contain this condition, or COLMAP finds no point when synchronized.
         """
-        instants = self._instants(condition)
         tally = Tally()
         found = 0
-        for one in instants:
+        for one in self._instants(condition):
             self.progress.step(f"points by COLMAP from {len(one.shown)} cameras, instant {one.instant}")
             points = {side: self._points(pictures) for side, pictures in one.by_condition.items()}
             found += len(points["synced"].points)
-            measured = {
-                side: self._measure(points[side], pictures, self._masks(pictures, one.by_condition))
-                for side, pictures in one.by_condition.items()
-            }
+            measured = {side: self._measure(points[side], one, side) for side in points}
             tally.add(measured, {"instant": one.instant, **one.delays_ms(self.dataset)})
         if not found:
             raise ValueError(f"COLMAP finds no point that two of {', '.join(self.cameras)} see")
@@ -293,22 +270,20 @@ class TriangulationStudy(ConditionStudy):
         views = self.rig.views
         if not views:
             raise ValueError("the cameras have no calibration")
+        if missing := [c for c in self.cameras if c not in views]:
+            raise ValueError(f"no calibration of {', '.join(missing)}")
         if self.cameras:
-            if missing := [c for c in self.cameras if c not in views]:
-                raise ValueError(f"no calibration of {', '.join(missing)}")
             return self.cameras
-        depth = self.known.study("stereo")
-        chosen = [c for c in depth.cameras if c in views] if depth is not None else []
-        centres = {c: view.centre for c, view in views.items()}
-        middle = np.mean([centres[c] for c in chosen or views], axis=0)
-        distance = {c: float(np.linalg.norm(centre - middle)) for c, centre in centres.items()}
-        chosen += sorted((c for c in views if c not in chosen), key=lambda c: distance[c])
-        chosen = chosen[:MAX_CAMERAS]
-        # Of two cameras the second is delayed, as in the depth pair.
-        chosen = chosen if len(chosen) == 2 else [c for c in views if c in chosen]
-        if len(chosen) < 2:
+        if len(views) < 2:
             raise ValueError("points are placed by two calibrated cameras or more")
-        return tuple(chosen)
+        depth = self.known.study("stereo")
+        pair = [c for c in depth.cameras if c in views] if depth is not None else []
+        middle = np.mean([views[c].centre for c in pair or views], axis=0)
+        others = (c for c in views if c not in pair)
+        near = sorted(others, key=lambda c: float(np.linalg.norm(views[c].centre - middle)))
+        chosen = [*pair, *near][:MAX_CAMERAS]
+        # Of two cameras the second is delayed, as in the depth pair.
+        return tuple(chosen if len(chosen) == 2 else [c for c in views if c in chosen])
 
     def _holds(self, condition: Condition) -> bool:
         try:
@@ -320,69 +295,47 @@ class TriangulationStudy(ConditionStudy):
     def _instants(self, condition: Condition) -> list[ShownInstant]:
         """Return instants with motion at which most cameras have all their images."""
         complete = complete_instants(self.dataset, condition, self.cameras[0], self.cameras, min_cameras=2)
-        max_instants = int(np.clip(MAX_PICTURES // (2 * len(complete[0].shown) - 1), *INSTANT_LIMITS))
+        limit = int(np.clip(MAX_PICTURES // (2 * len(complete[0].shown) - 1), *INSTANT_LIMITS))
+        limit = min(limit, self.context.max_instants)
         first = list(complete[0].shown)[:2]
         by_instant = {one.instant: one for one in complete if one.shown.keys() >= set(first)}
-        chosen = choose_moving_instants(
-            self.motion, first, list(by_instant), min(self.context.max_instants, max_instants)
-        )
-        return [by_instant[instant] for instant in chosen]
+        return [by_instant[k] for k in choose_moving_instants(self.motion, first, list(by_instant), limit)]
 
     def _points(self, shown: Mapping[str, int]) -> RigPoints:
         views = [repr(self.rig.views[camera]) for camera in shown]
-        version = library_versions()["pycolmap"]
-        return self.rig.stages.arrays(
-            "triangulation",
-            RigPoints,
-            lambda: triangulate(self.rig, shown),
-            tuple(shown.items()),
-            views,
-            version,
-        )
+        key = tuple(shown.items()), views, library_versions()["pycolmap"]
+        return self.rig.stages.arrays("triangulation", RigPoints, lambda: triangulate(self.rig, shown), *key)
 
-    def _masks(
-        self, pictures: Mapping[str, int], by_condition: Mapping[str, Mapping[str, int]]
-    ) -> list[Masks]:
-        motion, masks = self.motion, []
-        for camera, instant in pictures.items():
-            changing = [motion.changing(camera, shown[camera]) for shown in by_condition.values()]
-            hidden = dilate(np.logical_or.reduce(changing), CONTROL_MARGIN_PX)
-            masks.append((motion.moving(camera, instant), hidden))
-        return masks
-
-    def _measure(self, found: RigPoints, pictures: Mapping[str, int], masks: list[Masks]) -> Measurements:
+    def _measure(self, found: RigPoints, one: ShownInstant, side: str) -> Measurements:
         """Measure points on moving objects (in at least half of their images) and on the still control."""
-        moving, hidden = np.zeros(len(found.point), bool), np.zeros(len(found.point), bool)
-        right, known = np.zeros(len(found.point), bool), np.zeros(len(found.point), bool)
-        for place, ((camera, instant), (moves, hides)) in enumerate(
-            zip(pictures.items(), masks, strict=True)
-        ):
+        moving, hidden, right, known = np.zeros((4, len(found.point)), bool)
+        anything = False
+        for place, (camera, instant) in enumerate(one.by_condition[side].items()):
             mine = found.camera == place
             columns, rows = found.pixel[mine].T.clip(0, np.array([self.dataset.size(camera)]).T - 1)
-            moving[mine], hidden[mine] = moves[rows, columns], hides[rows, columns]
+            moves = self.motion.moving(camera, instant)
+            anything |= bool(moves.any())
+            moving[mine] = moves[rows, columns]
+            changing = [self.motion.changing(camera, shown[camera]) for shown in one.by_condition.values()]
+            hidden[mine] = dilate(np.logical_or.reduce(changing), CONTROL_MARGIN_PX)[rows, columns]
             truth = self.dataset.ground_truth(camera, instant) if self.rig.unit == "m" else None
             if truth is not None:
                 view = self.rig.views[camera]
                 depth = (found.points[found.point[mine]] @ view.rotation.T + view.translation)[:, 2]
                 true = truth[0][rows, columns]
                 right[mine], known[mine] = right_depth(depth, true), true > 0
-        seen = _count(found, np.ones_like(moving))
-        on_moving = 2 * _count(found, moving) >= seen
-        still = _count(found, hidden) == 0
-        judged = _count(found, known) == seen
-        correct = 2 * _count(found, right) >= seen
+
+        def count(which: Array) -> Array:
+            """Return the number of each point's observations that are selected (bool)."""
+            return np.bincount(found.point[which], minlength=len(found.points))
+
+        seen = count(np.ones_like(moving))
+        on_moving, judged, correct = 2 * count(moving) >= seen, count(known) == seen, 2 * count(right) >= seen
+        still = (count(hidden) == 0) & ~on_moving
         measured = Measurements()
-        anything = any(mask.any() for mask, _ in masks)
-        for kind, mask, there in (("mover", on_moving, anything), ("static", still & ~on_moving, True)):
+        for kind, mask, there in (("mover", on_moving, anything), ("static", still, True)):
             measured.means[f"{kind}_points"] = np.array([float(mask.sum())] * there)
             measured.medians[f"{kind}_reprojection_px"] = found.errors[mask]
-            measured.shares[f"{kind}_precision"] = (
-                int((correct & judged & mask).sum()),
-                int((judged & mask).sum()),
-            )
+            shares = int((correct & judged & mask).sum()), int((judged & mask).sum())
+            measured.shares[f"{kind}_precision"] = shares
         return measured
-
-
-def _count(found: RigPoints, which: Array) -> Array:
-    """Return the number of each point's observations that are selected (bool)."""
-    return np.bincount(found.point[which], minlength=len(found.points))

@@ -1,6 +1,7 @@
 """The parts of a comparison that take all cameras: depth of the middle one, the cloud, and what cannot be."""
 
 import shutil
+import threading
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -16,6 +17,7 @@ from reconstruction.depth.colmap_workspace import ENVIRONMENT
 from reconstruction.multiview.input_images import InputImage
 from reconstruction.multiview.instant_depth import NO_PLANES, SWEEP, InstantDepth
 from reconstruction.multiview.instant_scoring import (
+    InstantScorer,
     PointIndex,
     points_on_masks,
     points_on_moving,
@@ -190,7 +192,7 @@ def matched(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
             points=np.zeros((0, 3)),
             colours=np.zeros((0, 3), np.uint8),
             seen=np.zeros((0, len(images)), bool),
-            no_cloud=np.array("no fusion in this test"),
+            no_cloud=np.array(f"no fusion of instant {min(one.instant for one in images.values())}"),
             planes=np.array([[0.0, 0.0, 1.0, 2.0]]),
         )
 
@@ -220,7 +222,7 @@ def test_instants_without_a_picture_of_every_camera_are_left_out(
     assert found.offsets_ms == {"left": 66, "middle": 0, "right": 33}
     assert set(matched) == {("left", "middle", "right")}
     assert medians(found)["static_consistency"] == 1.0
-    assert found.facts.cloud_skipped == "no fusion in this test"
+    assert found.facts.cloud_skipped == "no fusion of instant 0"
     assert found.value("mover_points") is None
     assert found.value("mover_f_score") is None
     assert found.facts.width_px == 160
@@ -228,6 +230,27 @@ def test_instants_without_a_picture_of_every_camera_are_left_out(
         whole.compare(Condition.parse("5,5,5"))
     with pytest.raises(ValueError, match="no instant is 300 ms"):
         whole.compare(Condition.parse("left=300"))
+
+
+@pytest.mark.usefixtures("matched")
+def test_the_first_instant_without_a_cloud_says_why_whichever_is_scored_first(
+    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    later_scored, measure = threading.Event(), InstantScorer.measure
+
+    def late_first(scorer: InstantScorer, instant: int, *given: Any) -> Any:
+        if instant == 0:
+            later_scored.wait(10)
+        found = measure(scorer, instant, *given)
+        later_scored.set()
+        return found
+
+    monkeypatch.setattr(InstantScorer, "measure", late_first)
+    whole = multiview(trio, tmp_path / "stages", instants=2, width=160)
+    whole.prepare()
+    found = whole.compare(Condition.parse("left=33"))
+    assert found.instants == 2
+    assert found.facts.cloud_skipped == f"no fusion of instant {found.per_instant[0]['instant']}"
 
 
 @pytest.mark.usefixtures("matched")

@@ -26,8 +26,8 @@ from capture_app.protocol.status import BurstStatus, RigStatus
 from capture_app.session.format.burst_plan import CameraPlan
 from capture_app.session.format.manifest import ImageRecord, Sha256
 from capture_app.trust.datagram_keys import Grant
+from capture_app.trust.identity import Proof
 from capture_app.trust.known_machines import KnownMachine
-from capture_app.trust.receipts import Proof
 
 LONGEST_S = 31 * 86_400.0
 """Maximum duration of a recording, and of any wait."""

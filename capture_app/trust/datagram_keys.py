@@ -1,16 +1,18 @@
 """Keys of a leader's clients: issued one by one over authenticated streams, each for one instance."""
 
+import random
 import secrets
-from collections.abc import Callable, Collection
+from collections.abc import Collection
 from dataclasses import dataclass
 
 from msgspec import Struct
 
 from capture_app.sync.wire.principal import Principal
-from capture_app.trust.sealing import KEY_BYTES, Refused, Seal, SealError, Side, key_of, unknown_key_of
+from capture_app.trust.sealing import KEY_BYTES, Refused, Seal, SealError, key_of, unknown_key_of
 
 Address = tuple[str, int]
 
+CRYPTOGRAPHIC = secrets.SystemRandom()
 MAX_KEYS = 20_000
 """Maximum number of stored keys; beyond it, the least recently used key is forgotten."""
 MAX_KEYS_PER_MACHINE = 256
@@ -35,29 +37,24 @@ class _Client:
 class ClientKeys:
     """Keys that a leader has issued."""
 
-    def __init__(
-        self, random_bytes: Callable[[int], bytes] = secrets.token_bytes, max_keys: int = MAX_KEYS
-    ) -> None:
-        """`random_bytes` returns that many cryptographically random bytes."""
-        self._random_bytes, self._max_keys = random_bytes, max_keys
+    def __init__(self, rng: random.Random = CRYPTOGRAPHIC, max_keys: int = MAX_KEYS) -> None:
+        self._rng, self._max_keys = rng, max_keys
         self._clients: dict[int, _Client] = {}
         """Clients by key number, most recently heard last."""
         self._at: dict[Address, _Client] = {}
-        self._given: dict[str, dict[int, None]] = {}
-        """Numbers of each machine's keys, by its pin, in the order of issue."""
 
     def __len__(self) -> int:
         return len(self._clients)
 
     def grant(self, principal: Principal) -> Grant:
         """Issue a key; earlier keys of the same instance remain valid until they are forgotten."""
-        key_id, key = self._new_id(), self._random_bytes(KEY_BYTES)
-        seal = Seal(key_id, key, seals=Side.LEADER, opens=Side.CLIENT)
-        self._clients[key_id] = _Client(principal, seal)
-        given = self._given.setdefault(principal.pin, {})
-        given[key_id] = None
-        if len(given) > MAX_KEYS_PER_MACHINE:
-            self._forget(next(known for known in self._clients if known in given))
+        key_id, key = self._rng.getrandbits(32), self._rng.randbytes(KEY_BYTES)
+        while key_id in self._clients:
+            key_id = self._rng.getrandbits(32)
+        self._clients[key_id] = _Client(principal, Seal(key_id, key, of_leader=True))
+        own = [number for number, client in self._clients.items() if client.principal.pin == principal.pin]
+        if len(own) > MAX_KEYS_PER_MACHINE:
+            self._forget(own[0])
         if len(self._clients) > self._max_keys:
             self._forget(next(iter(self._clients)))
         return Grant(key_id=key_id, key=key)
@@ -76,7 +73,8 @@ class ClientKeys:
             raise SealError(Refused.UNKNOWN_KEY)
         message = client.seal.open(data)
         if client.address != address:
-            self._move(client, address)
+            self._release_address(client)
+            client.address, self._at[address] = address, client
         # Move it to the end: the least recently used key is forgotten first.
         self._clients[key_id] = self._clients.pop(key_id)
         return message, client.principal
@@ -86,23 +84,10 @@ class ClientKeys:
         client = self._at.get(address)
         return None if client is None else client.seal.seal(message)
 
-    def _new_id(self) -> int:
-        while True:
-            number = int.from_bytes(self._random_bytes(4), "big")
-            if number not in self._clients:
-                return number
-
-    def _move(self, client: _Client, address: Address) -> None:
-        if client.address is not None and self._at.get(client.address) is client:
-            del self._at[client.address]
-        client.address, self._at[address] = address, client
-
     def _forget(self, key_id: int) -> None:
-        client = self._clients.pop(key_id)
-        pin = client.principal.pin
-        del self._given[pin][key_id]
-        if not self._given[pin]:
-            del self._given[pin]
+        self._release_address(self._clients.pop(key_id))
+
+    def _release_address(self, client: _Client) -> None:
         if client.address is not None and self._at.get(client.address) is client:
             del self._at[client.address]
 
@@ -120,7 +105,7 @@ class LeaderKeys:
 
     def hold(self, leader: Address, grant: Grant) -> None:
         """Use the key of a grant with that leader."""
-        self._seals[leader] = Seal(grant.key_id, grant.key, seals=Side.CLIENT, opens=Side.LEADER)
+        self._seals[leader] = Seal(grant.key_id, grant.key, of_leader=False)
         self.missing.discard(leader)
         if leader in self._last:
             self._unsent[leader] = self._last[leader]
@@ -130,12 +115,11 @@ class LeaderKeys:
 
         The last such message waits for the key.
         """
-        seal = self._seals.get(leader)
         self._last[leader] = message
-        if seal is None:
+        if leader not in self._seals:
             self.missing.add(leader)
             return None
-        return seal.seal(message)
+        return self._seals[leader].seal(message)
 
     def take_stored(self) -> list[tuple[bytes, Address]]:
         """Return the datagrams of the messages that waited for a key which has arrived."""
@@ -150,8 +134,7 @@ class LeaderKeys:
 
     def is_key_of(self, data: bytes, leader: Address) -> bool:
         """Whether a datagram uses that leader's key, or is its notice that the key is unknown."""
-        seal = self._seals.get(leader)
-        key_id = unknown_key_of(data)
+        seal, key_id = self._seals.get(leader), unknown_key_of(data)
         try:
             return seal is not None and seal.key_id == (key_of(data) if key_id is None else key_id)
         except SealError:

@@ -6,7 +6,8 @@ Each is a small JSON file in the folder of keys, which processes change one at a
 import os
 import ssl
 import time
-from collections.abc import Callable, Collection, Iterable
+from collections.abc import Callable, Collection
+from contextlib import suppress
 from pathlib import Path
 from typing import Generic, TypeVar
 
@@ -49,12 +50,14 @@ class StateFile(Generic[T]):
         except UNREADABLE as error:
             raise BadInputError(f"{self.path} is damaged: {error}", hint=self._if_damaged) from error
 
-    def change(self, change: Callable[[T], T]) -> None:
-        """Replace the value by `change` of it. Raises DiskError, and as `read` does."""
+    def change(self, change: Callable[[T], T]) -> T:
+        """Replace the value by `change` of it, and return that. Raises DiskError, and as `read` does."""
         try:
             lock = lock_file(self.path.with_suffix(".lock"), wait=True)
             try:
-                write_atomic(self.path, pretty_json(change(self.read())))
+                changed = change(self.read())
+                write_atomic(self.path, pretty_json(changed))
+                return changed
             finally:
                 os.close(lock)
         except OSError as error:
@@ -98,11 +101,9 @@ class KnownMachines:
         Raises BadInputError for a damaged file, DiskError for an unreadable one. If the file becomes damaged
         or unreadable later, the machines read before remain.
         """
-        try:
+        seen = None
+        with suppress(OSError):
             state = self._file.path.stat()
-        except OSError:
-            seen = None
-        else:
             seen = state.st_ino, state.st_mtime_ns, state.st_size
         if seen != self._seen:
             try:
@@ -135,7 +136,7 @@ class KnownMachines:
         if certificate is not None:
             _check_certificate(certificate, pin)
 
-        def change(machines: tuple[KnownMachine, ...]) -> Iterable[KnownMachine]:
+        def change(machines: tuple[KnownMachine, ...]) -> tuple[KnownMachine, ...]:
             others = tuple(machine for machine in machines if machine.pin != pin)
             known = next((machine for machine in machines if machine.pin == pin), None)
             if known is None:
@@ -155,7 +156,7 @@ class KnownMachines:
                 roots=known.roots if roots is None else roots,
             )
 
-        return next(machine for machine in self._change(change) if machine.pin == pin)
+        return next(machine for machine in self._file.change(change) if machine.pin == pin)
 
     def vouched_for(self, who: str) -> tuple[KnownMachine, ...]:
         """Return the machines to vouch for to the machine `who` (a pin): all to a standby, else standbys."""
@@ -192,7 +193,7 @@ class KnownMachines:
             if one.certificate is not None:
                 _check_certificate(one.certificate, one.pin)
         if {*change(self.all())} != {*self.all()}:
-            self._change(change)
+            self._file.change(change)
 
     def note_certificate(self, certificate: bytes) -> KnownMachine | None:
         """Store the certificate of a machine that was added by its pin; return None if it was not."""
@@ -200,9 +201,7 @@ class KnownMachines:
         known = self.find(pin)
         if known is None or known.certificate is not None:
             return known
-        if known.vouched_by:
-            return None
-        return self.add(pin, known.roles[0], certificate=certificate)
+        return None if known.vouched_by else self.add(pin, known.roles[0], certificate=certificate)
 
     def remove(self, which: str) -> KnownMachine:
         """Remove a machine, given by its name or the beginning of its pin, and those it alone vouches for.
@@ -215,17 +214,13 @@ class KnownMachines:
             if machine.name == which or (len(which) >= 4 and machine.pin.startswith(which.lower()))
         ]
         if len(found) != 1:
-            what = "no machine" if not found else "more than one machine"
-            raise BadInputError(f"{what} here is called {which!r}", hint="see capture-app trust list")
-        pin = found[0].pin
-        self._change(lambda machines: (one for one in machines if pin not in (one.pin, one.vouched_by)))
+            raise BadInputError(
+                f"{'more than one' if found else 'no'} machine here is called {which!r}",
+                hint="see capture-app trust list",
+            )
+        gone = found[0].pin
+        self._file.change(lambda known: tuple(one for one in known if gone not in (one.pin, one.vouched_by)))
         return found[0]
-
-    def _change(
-        self, change: Callable[[tuple[KnownMachine, ...]], Iterable[KnownMachine]]
-    ) -> tuple[KnownMachine, ...]:
-        self._file.change(lambda machines: tuple(change(machines)))
-        return self.all()
 
 
 def _check_certificate(certificate: bytes, pin: str) -> None:

@@ -5,6 +5,7 @@ sealed just before it leaves, so that only its own seal delays it between its ti
 """
 
 from collections.abc import Iterable, Iterator
+from contextlib import suppress
 
 from capture_app.sync.rig.leader_engine import Leader
 from capture_app.sync.sync_engine import Engine
@@ -96,8 +97,8 @@ class SealedLeader:
 class SealedRelay(SealedLeader):
     """Relay with sealed datagrams: a leader to its clients, a client to its parents."""
 
-    def __init__(self, engine: Relay, keys: ClientKeys | None = None) -> None:
-        super().__init__(engine, keys)
+    def __init__(self, engine: Relay) -> None:
+        super().__init__(engine)
         self._relay = engine
         self.parent_keys = LeaderKeys()
 
@@ -115,17 +116,12 @@ class SealedRelay(SealedLeader):
 
 
 def _answer_to_unknown(data: bytes, why: Refused) -> bytes | None:
-    if why is Refused.UNKNOWN_KEY:
-        return unknown_key(data)
-    if why is Refused.UNSEALED:
-        version = version_answer(data)
-        if version is not None:
+    if why is not Refused.UNSEALED:
+        return unknown_key(data) if why is Refused.UNKNOWN_KEY else None
+    with suppress(WireError):
+        if (version := version_answer(data)) is not None:
             return version
-        try:
-            message = decode(data)
-        except WireError:
-            return None
-        if isinstance(message, Hello):
+        if isinstance(message := decode(data), Hello):
             return encode(JoinRefusal(message.instance, NOT_PAIRED))
     return None
 
@@ -146,6 +142,5 @@ def _opened_by_client(data: bytes, leader: Address, keys: LeaderKeys, refusals: 
 
 def _sealed(datagrams: Iterable[tuple[bytes, Address]], keys: ClientKeys | LeaderKeys) -> Sealed:
     for message, address in datagrams:
-        data = keys.seal(message, address)
-        if data is not None:
+        if (data := keys.seal(message, address)) is not None:
             yield data, address

@@ -11,10 +11,12 @@ the key is cached, so a time message costs one block of the hash between its tim
 datagrams are counted and reported at intervals.
 """
 
+from collections import Counter
 from dataclasses import dataclass
 from enum import StrEnum
 from hashlib import blake2s
 from hmac import compare_digest
+from typing import ClassVar
 
 from capture_app.sync.wire.codec import MAGIC, VERSION
 
@@ -32,13 +34,6 @@ FEW = 10
 """Minimum count of replays, or of keys from before a restart, that is reported; fewer occur in normal use."""
 MAX_KINDS = 32
 """Maximum number of hosts and reasons counted separately between two reports."""
-
-
-class Side(StrEnum):
-    """Sealing side; the seals of both sides differ, so that none can be reflected to its sender."""
-
-    CLIENT = "client"
-    LEADER = "leader"
 
 
 class Refused(StrEnum):
@@ -85,13 +80,17 @@ class ReplayWindow:
 class Seal:
     """One end of a key: seals outgoing datagrams, and opens each incoming one once."""
 
-    def __init__(self, key_id: int, key: bytes, *, seals: Side, opens: Side) -> None:
-        """Create one end of a `key` of KEY_BYTES; its other end swaps `seals` and `opens`."""
+    def __init__(self, key_id: int, key: bytes, *, of_leader: bool) -> None:
+        """Create the leader's or the client's end of a `key` of KEY_BYTES.
+
+        The seals of both ends differ, so that none can be reflected to its sender.
+        """
         self.key_id = key_id
         self._head = _SEALED + key_id.to_bytes(4, "big")
         self._sent = 0
         self._window = ReplayWindow()
-        self._sealing, self._opening = _keyed(key, seals), _keyed(key, opens)
+        own, other = (b"leader", b"client") if of_leader else (b"client", b"leader")
+        self._sealing, self._opening = _keyed(key, own), _keyed(key, other)
 
     def seal(self, message: bytes) -> bytes:
         """Seal a message and return the datagram to send."""
@@ -117,8 +116,7 @@ class Seal:
 
     def has_sent(self, notice: bytes) -> bool:
         """Whether a notice of an unknown key answers a datagram that was sealed here recently."""
-        number = int.from_bytes(notice[8:16], "big")
-        return self._sent - WINDOW < number <= self._sent
+        return self._sent - WINDOW < int.from_bytes(notice[8:16], "big") <= self._sent
 
 
 def key_of(data: bytes) -> int:
@@ -139,10 +137,10 @@ def unknown_key_of(data: bytes) -> int | None:
     return int.from_bytes(data[4:8], "big") if is_notice else None
 
 
-def _keyed(key: bytes, side: Side) -> "blake2s":
+def _keyed(key: bytes, end: bytes) -> "blake2s":
     if len(key) != KEY_BYTES:
         raise ValueError(f"a key of {len(key)} bytes, not {KEY_BYTES}")
-    return blake2s(key=key, digest_size=SEAL_BYTES, person=side.encode())
+    return blake2s(key=key, digest_size=SEAL_BYTES, person=end)
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,9 +151,8 @@ class DatagramsRefused:
     why: Refused
     count: int
 
-    @property
-    def name(self) -> None:
-        """Always None: refused datagrams belong to no known camera."""
+    name: ClassVar[None] = None
+    """Refused datagrams belong to no known camera."""
 
     def __str__(self) -> str:
         what = "a datagram" if self.count == 1 else f"{self.count} datagrams"
@@ -167,16 +164,14 @@ class Refusals:
 
     def __init__(self) -> None:
         self.total = 0
-        self._counts: dict[tuple[str, Refused], int] = {}
+        self._counts: Counter[tuple[str, Refused]] = Counter()
         self._due_ns: int | None = None
 
     def add(self, host: str, why: Refused) -> None:
         """Count a datagram that was refused from a host."""
         self.total += 1
-        key = host, why
-        if key not in self._counts and len(self._counts) >= MAX_KINDS:
-            key = "other hosts", why
-        self._counts[key] = self._counts.get(key, 0) + 1
+        is_counted = (host, why) in self._counts or len(self._counts) < MAX_KINDS
+        self._counts[host if is_counted else "other hosts", why] += 1
 
     def take_events(self, now_ns: int) -> list[DatagramsRefused]:
         """Return the refusals since the last report, unless that was less than REPORT_INTERVAL_NS ago."""

@@ -66,10 +66,10 @@ class Invitations:
         first digit of the machine's code; without it the newest code is used. Raises UnknownMachineError if
         no valid code begins with it, BadInputError for an invalid message.
         """
-        found = (one for one in reversed(self._good()) if one.code.startswith(digit))
-        invitation = next(found, None)
+        good = self._good()
+        invitation = next((one for one in reversed(good) if one.code.startswith(digit)), None)
         if invitation is None:
-            raise UnknownMachineError(WRONG_CODE if self._good() else NO_CODE, hint=SHOW_CODE)
+            raise UnknownMachineError(WRONG_CODE if good else NO_CODE, hint=SHOW_CODE)
         invitation.tries_left -= 1
         from spake2 import SPAKE2_B
 
@@ -83,9 +83,8 @@ class Invitations:
         Raises UnknownMachineError for a wrong proof, or if the code has expired or was used by another
         machine.
         """
-        known = any(one is invitation for one in self._invitations)
-        current = known and self._now_s() < invitation.ends_s
-        if not current or not hmac.compare_digest(proof, _proof(key, b"machine")):
+        is_open = any(one is invitation for one in self._invitations) and self._now_s() < invitation.ends_s
+        if not is_open or not hmac.compare_digest(proof, _proof(key, b"machine")):
             raise UnknownMachineError(WRONG_CODE, hint=SHOW_CODE)
         self._invitations.remove(invitation)
         return _proof(key, b"leader")

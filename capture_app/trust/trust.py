@@ -53,7 +53,6 @@ class Trust:
     def __init__(self, folder: Path | None) -> None:
         """`folder` stores the key and the known machines; None: no machine is authenticated."""
         self.folder = folder
-        self._known = None if folder is None else KnownMachines(folder)
         self._server: tuple[int, ssl.SSLContext] | None = None
         self._clients: dict[bool, ssl.SSLContext] = {}
 
@@ -97,11 +96,11 @@ class Trust:
         assert self.folder is not None
         return load_identity(self.folder)
 
-    @property
+    @functools.cached_property
     def known(self) -> KnownMachines:
         """Machines that this one knows."""
-        assert self._known is not None
-        return self._known
+        assert self.folder is not None
+        return KnownMachines(self.folder)
 
     def peer(self, certificate: bytes | None) -> Peer:
         """Return the peer with this certificate (DER), whose key TLS has verified.
@@ -110,9 +109,7 @@ class Trust:
         """
         if self.is_open:
             return ANYBODY
-        if certificate is None:
-            return UNKNOWN_PEER
-        return self.peer_of(pin_of(certificate))
+        return UNKNOWN_PEER if certificate is None else self.peer_of(pin_of(certificate))
 
     def peer_of(self, pin: str) -> Peer:
         """Return the peer with a pin, as known at present."""

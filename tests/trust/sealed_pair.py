@@ -37,7 +37,7 @@ class SealedRig:
         self.rng = random.Random(seed)
         self.now_ns = 1_000 * MS
         self.engine = Leader(LeaderConfig(instance=5, transfer_port=47010), random.Random(seed))
-        self.leader = SealedLeader(self.engine, ClientKeys(self.rng.randbytes))
+        self.leader = SealedLeader(self.engine, ClientKeys(self.rng))
         self.tamper: Tamper = lambda data, sender, to: [(data, sender, to)]
         self.nodes = {name: self._new_node(name, number) for number, name in enumerate(names)}
 

@@ -7,7 +7,7 @@ from capture_app.trust.datagram_keys import MAX_KEYS_PER_MACHINE, ClientKeys, Le
 
 
 def test_a_machine_takes_no_room_of_others_by_asking_for_keys() -> None:
-    keys = ClientKeys(random.Random(1).randbytes)
+    keys = ClientKeys(random.Random(1))
     node, leader = ("192.0.2.7", 5), ("192.0.2.1", 1)
     own = LeaderKeys()
     own.hold(leader, keys.grant(Principal("left", 1, pin="honest")))

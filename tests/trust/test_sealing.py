@@ -16,7 +16,6 @@ from capture_app.trust.sealing import (
     ReplayWindow,
     Seal,
     SealError,
-    Side,
     key_of,
     unknown_key,
     unknown_key_of,
@@ -26,11 +25,11 @@ KEY = bytes(range(KEY_BYTES))
 
 
 def client(key: bytes = KEY, key_id: int = 7) -> Seal:
-    return Seal(key_id, key, seals=Side.CLIENT, opens=Side.LEADER)
+    return Seal(key_id, key, of_leader=False)
 
 
 def leader(key: bytes = KEY, key_id: int = 7) -> Seal:
-    return Seal(key_id, key, seals=Side.LEADER, opens=Side.CLIENT)
+    return Seal(key_id, key, of_leader=True)
 
 
 def why_refused(seal: Seal, data: bytes) -> Refused:

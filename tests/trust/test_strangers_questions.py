@@ -21,7 +21,7 @@ UNKNOWN_PEER, TOKEN = ("10.0.0.9", 5), bytes(TOKEN_BYTES)
 
 def sealed_leader() -> SealedLeader:
     rng = random.Random(1)
-    return SealedLeader(Leader(LeaderConfig(1, transfer_port=1), rng), ClientKeys(rng.randbytes))
+    return SealedLeader(Leader(LeaderConfig(1, transfer_port=1), rng), ClientKeys(rng))
 
 
 def answers(leader: SealedLeader, data: bytes) -> list[bytes]:

@@ -32,7 +32,7 @@ from capture_app.protocol.messages import (
     SpoolSpace,
 )
 from capture_app.sync.rig.frame_selection import FramesSelected, SelectedFrame
-from capture_app.trust.receipts import is_proven
+from capture_app.trust.identity import is_proven
 from capture_app.trust.trust import Trust
 
 RETRY_S = (0.5, 1.0, 2.0, 4.0)

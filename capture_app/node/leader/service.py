@@ -35,7 +35,7 @@ from capture_app.protocol.permissions import check_allowed
 from capture_app.protocol.status import NodeDetail
 from capture_app.sync.rig.events import NodeChanged
 from capture_app.sync.rig.leader_engine import Leader
-from capture_app.trust.receipts import sign
+from capture_app.trust.identity import sign
 from capture_app.trust.trust import Trust
 
 WorkingOn = dict[tuple[int, int, str], BurstSession]

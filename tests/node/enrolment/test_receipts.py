@@ -27,7 +27,7 @@ from capture_app.protocol.messages import (
 )
 from capture_app.protocol.pairing_messages import Invite
 from capture_app.sync.rig.burst_orders import BurstOrder
-from capture_app.trust.receipts import is_proven, sign
+from capture_app.trust.identity import is_proven, sign
 from capture_app.trust.trust import Trust
 from tests.net.echoes import serving
 from tests.node.camera.uploading import Picture, burst_upload, receipts_of

@@ -1,8 +1,8 @@
-"""Types of the numbers and texts that machines report; what exceeds them is refused where it arrives."""
+"""Base of the messages of machines, and types of their numbers and texts; what exceeds them is refused."""
 
 from typing import Annotated
 
-from msgspec import Meta
+from msgspec import Meta, Struct
 
 CENTURY_NS = 3_155_760_000_000_000_000
 """Sums and differences of two such times fit into 64 bits."""
@@ -25,6 +25,10 @@ Ppm = Annotated[float, Meta(ge=-1e6, le=1e6)]
 Text = Annotated[str, Meta(max_length=MAX_TEXT)]
 Sentence = Annotated[str, Meta(max_length=1000)]
 FilePath = Annotated[str, Meta(max_length=4096)]
+
+
+class Message(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """Message of a stream, identified by its tag; unknown fields are an error."""
 
 
 def cut(text: str, max_letters: int = MAX_TEXT) -> str:

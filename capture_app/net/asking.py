@@ -5,11 +5,11 @@ from typing import Any, TypeVar
 
 from msgspec.structs import replace
 
+from capture_app.common.bounds import Message
 from capture_app.common.errors import NetworkError
 from capture_app.common.timeouts import ANSWER_TIMEOUT_S
 from capture_app.net.channel import Channel
 from capture_app.protocol import messages
-from capture_app.protocol.message import Message
 from capture_app.protocol.status import NodeStatus, RigStatus
 from capture_app.trust.trust import Trust
 

@@ -31,12 +31,12 @@ from capture_app.common.text import UNREADABLE, printable_json
 from capture_app.common.timeouts import CLOSE_TIMEOUT_S
 from capture_app.trust.trust import UNKNOWN_PEER, Peer, Trust
 
-GREETING = b"SSH1"
 # Every TLS stream allocates a buffer of this size at once. With asyncio's own 256 KiB, unknown peers could
 # exhaust the memory.
 asyncio.sslproto.SSLProtocol.max_size = 1 << 15
 MAX_HEADER_BYTES = 1 << 20
 MAGIC = b"SSH1"
+"""Beginning of every message, and the greeting of a machine that is known."""
 MAX_PAYLOAD_BYTES = 64 << 20
 CHUNK_BYTES = 1 << 18
 """Maximum number of bytes in one read of a stream; up to twice as many are buffered unread."""
@@ -88,13 +88,13 @@ async def open_identified(
 async def _be_greeted(reader: asyncio.StreamReader, address: Address, trust: Trust) -> None:
     """Wait for the leader's greeting, which a machine that the leader does not know never receives."""
     try:
-        greeting = await reader.readexactly(len(GREETING))
+        greeting = await reader.readexactly(len(MAGIC))
     except (OSError, asyncio.IncompleteReadError) as error:
         raise UnknownMachineError(
             f"the leader at {address} does not know this machine",
             hint=f"{_how_to_pair(address)}; or there: capture-app trust add {trust.identity.pin}",
         ) from error
-    if greeting != GREETING:
+    if greeting != MAGIC:
         raise NetworkError(f"{address} is not a leader's port", hint="check host and port")
 
 
@@ -157,13 +157,10 @@ class Channel(Generic[M]):
         where = writer.get_extra_info("peername") or ("?", 0)
         self.peer = Address(str(where[0]), int(where[1]))
         """Address of the other end, stored because TLS does not return it once the stream has ended."""
-        self.host = self.peer.host
         self.unread = 0
         """Number of bytes of the last message's payload that are not read yet."""
-        self._reader = reader
-        self._writer = writer
-        self._decoder = decoder
-        self._stream_timeouts = stream_timeouts
+        self._reader, self._writer = reader, writer
+        self._decoder, self._stream_timeouts = decoder, stream_timeouts
 
     async def identify(self, trust: Trust) -> None:
         """Start TLS on an accepted stream, identify the peer and greet it. Raises OSError where that fails.
@@ -181,7 +178,7 @@ class Channel(Generic[M]):
                 # A bug of asyncio where the peer disconnects at this moment: it leaves no transport to close.
                 cast(Any, writer)._transport = plain
                 raise ConnectionResetError("the peer disconnected") from error
-            writer.write(GREETING)
+            writer.write(MAGIC)
         self.who = trust.peer(_certificate(writer))
 
     def trust(self) -> None:
@@ -326,10 +323,8 @@ class Channel(Generic[M]):
         try:
             async with asyncio.timeout(CLOSE_TIMEOUT_S if message_s is None else message_s):
                 await self._writer.wait_closed()
-        except TimeoutError:
-            self.abort()
         except OSError:
-            pass
+            self.abort()
 
     async def __aenter__(self) -> Self:
         return self
@@ -370,10 +365,10 @@ async def connect(
             what, hint = f"the port of {address} is open, but {SAYS_NOTHING}", WHAT_HANGS
         raise NetworkError(what, hint=hint) from error
     except (OSError, UnicodeError) as error:
-        reason = getattr(error, "strerror", None) or str(error)
         port = "" if address.port == DEFAULT_PORT else f" --port {address.port}"
         raise NetworkError(
-            f"no leader at {address}: {reason}", hint=f"start one with: capture-app leader{port}"
+            f"no leader at {address}: {getattr(error, 'strerror', None) or error}",
+            hint=f"start one with: capture-app leader{port}",
         ) from error
     channel = Channel[Any](reader, writer, msgspec.json.Decoder(messages))
     channel.who = who

@@ -141,46 +141,51 @@ def obstacle(leader: Address, by_udp: Answer, by_tcp: Answer, *, is_there: bool 
     host, port = leader
     opened = f"sudo ufw allow {port}"
     answers = {by_udp, by_tcp}
-    if Answer.FORBIDDEN in answers:
-        return Obstacle(
+    causes = (
+        (
+            Answer.FORBIDDEN in answers,
             f"this machine's own firewall blocks all traffic to {leader}",
             f"allow it, for example: sudo ufw allow out {port}",
-        )
-    if Answer.NO_ROUTE in answers:
-        return Obstacle(
-            f"this machine has no route to {host}", "connect to the leader's network by WiFi or cable"
-        )
-    if by_udp is Answer.CAME:
-        return Obstacle(
+        ),
+        (
+            Answer.NO_ROUTE in answers,
+            f"this machine has no route to {host}",
+            "connect to the leader's network by WiFi or cable",
+        ),
+        (
+            by_udp is Answer.CAME,
             f"{leader} answers UDP, but accepts no TCP connection",
             f"allow TCP through its firewall, for example: {opened}/tcp",
-        )
-    if by_tcp is Answer.CAME:
-        return Obstacle(
+        ),
+        (
+            by_tcp is Answer.CAME,
             f"{leader} accepts TCP connections, but does not answer UDP",
             f"allow UDP through its firewall, for example: {opened}/udp; or it is not a leader's port",
-        )
-    if Answer.REFUSED in answers:
-        return Obstacle(
+        ),
+        (
+            Answer.REFUSED in answers,
             f"{host} is reachable, but no leader listens on its port {port}",
             "start it there with: capture-app (this machine then joins automatically), or check the port",
-        )
-    if is_there:
-        return Obstacle(
+        ),
+        (
+            is_there,
             f"{host} is reachable, but a firewall drops packets to its port {port}",
             f"open it on that machine, for example: {opened}",
-        )
-    if is_there is False or Answer.UNREACHABLE in answers:
-        return Obstacle(
+        ),
+        (
+            is_there is False or Answer.UNREACHABLE in answers,
             f"no machine answers at {host}",
             "check that it is on, in this network, and has that address:"
             " capture-app doctor on the leader's machine shows its addresses",
-        )
-    return Obstacle(
-        f"no reply from {leader}",
-        "check its address (capture-app doctor there shows it), and that no firewall drops its"
-        f" port: {opened}",
+        ),
+        (
+            True,
+            f"no reply from {leader}",
+            "check its address (capture-app doctor there shows it), and that no firewall drops its"
+            f" port: {opened}",
+        ),
     )
+    return next(Obstacle(what, remedy) for is_so, what, remedy in causes if is_so)
 
 
 async def _why_unknown(leader: Address, address: Address, trust: Trust, silence_s: float) -> Obstacle | None:
@@ -210,8 +215,9 @@ async def _ask(family: socket.AddressFamily, leader: Address) -> tuple[Answer, i
         try:
             # The kernel reports refusals only to a connected socket.
             sock.connect(leader)
-            question = _send(sock, version_question(token))
-            sending, receiving = await first_of(question, _receive_version(sock, token))
+            sending, receiving = await first_of(
+                _send(sock, version_question(token)), _receive_version(sock, token)
+            )
             return Answer.CAME, (sending if receiving.cancelled() else receiving).result()
         except OSError as error:
             return _answer_of(error), None
@@ -230,8 +236,7 @@ async def _send(sock: socket.socket, question: bytes) -> int:
 async def _receive_version(sock: socket.socket, token: bytes) -> int:
     loop = asyncio.get_running_loop()
     while True:
-        version = answered_version(await loop.sock_recv(sock, MAX_BYTES), token)
-        if version is not None:
+        if (version := answered_version(await loop.sock_recv(sock, MAX_BYTES), token)) is not None:
             return version
 
 
@@ -252,9 +257,8 @@ def _answer_of(error: OSError) -> Answer:
 def _is_neighbour_there(host: str) -> bool | None:
     """Whether the kernel has resolved the address to hardware on a local network; None if unknown."""
     try:
-        lines = _NEIGHBOURS.read_text().splitlines()[1:]
         searched = ipaddress.ip_address(host)
-        rows = (line.split() for line in lines)
+        rows = map(str.split, _NEIGHBOURS.read_text().splitlines()[1:])
         flags = [int(row[2], 16) for row in rows if ipaddress.ip_address(row[0]) == searched]
     except (OSError, ValueError, IndexError):
         return None

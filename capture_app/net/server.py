@@ -57,27 +57,24 @@ class TransferServer(Generic[M]):
         self._trust = trust or Trust.of_user()
         self._open: dict[Channel[M], Peer] = {}
         """Open streams, oldest first, with each peer as identified by its key."""
-        self._watching: asyncio.Task[None] | None = None
         self._decoder: msgspec.json.Decoder[M] = msgspec.json.Decoder(messages)
         self._serve = serve
         self._server: asyncio.Server | None = None
-        self._streams: set[asyncio.Task[None]] = set()
+        self._tasks: set[asyncio.Task[None]] = set()
+        """A task for each open stream, and one that watches which machines are known."""
         self._max_streams, self._max_per_address = min(max_streams, allowed_streams()), max_per_address
         self._stream_timeouts = stream_timeouts
 
     async def start(self, listening: socket.socket) -> None:
         """Start accepting streams."""
         self._server = await asyncio.start_server(self._accept, sock=listening, limit=CHUNK_BYTES)
-        if not self._trust.is_open:
-            self._watching = asyncio.create_task(self._watch_known())
+        self._tasks.add(asyncio.create_task(self._watch_known()))
 
     async def stop(self) -> None:
         """Close the port and every stream."""
         if self._server is not None:
             self._server.close()
-        if self._watching is not None:
-            self._watching.cancel()
-        await end(*self._streams)
+        await end(*self._tasks)
 
     async def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         task = asyncio.current_task()
@@ -86,7 +83,7 @@ class TransferServer(Generic[M]):
         if not self._admit(channel):
             channel.abort()
             return
-        self._streams.add(task)
+        self._tasks.add(task)
         with suppress(OSError):
             # A peer that was unplugged never closes its stream.
             writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_KEEPALIVE, 1)
@@ -102,12 +99,12 @@ class TransferServer(Generic[M]):
             # asyncio's own callback on this task would print a cancellation as an error.
             pass
         finally:
-            self._streams.discard(task)
+            self._tasks.discard(task)
             self._open.pop(channel, None)
 
     def _admit(self, stream: Channel[M]) -> bool:
         """Return whether a new stream may stay; another one may be closed to make room."""
-        own = [one for one in self._open if one.host == stream.host]
+        own = [one for one in self._open if one.peer.host == stream.peer.host]
         silent = [one for one in self._open if not one.has_spoken]
         admitted = True
         if len(silent) >= MAX_SILENT:
@@ -164,7 +161,7 @@ def _by_host(streams: Iterable[Channel[M]]) -> list[list[Channel[M]]]:
     """Group streams by the host of the other end, largest group first."""
     of: defaultdict[str, list[Channel[M]]] = defaultdict(list)
     for stream in streams:
-        of[stream.host].append(stream)
+        of[stream.peer.host].append(stream)
     return sorted(of.values(), key=len, reverse=True)
 
 
@@ -198,8 +195,7 @@ def bind_port(host: str, port: int, *, or_free: bool = False) -> tuple[socket.so
         except OSError as error:
             raise _cannot_listen(host, port, error) from error
         try:
-            number = stream.getsockname()[1]
-            datagrams = _bound(host, number, socket.SOCK_DGRAM)
+            datagrams = _bound(host, stream.getsockname()[1], socket.SOCK_DGRAM)
         except OSError as error:
             stream.close()
             if port:
@@ -247,5 +243,7 @@ def _cannot_listen(
     address = Address(host, port)
     if isinstance(error, socket.gaierror):
         return NetworkError(f"cannot listen on {address}: {error.strerror}", hint="check the host's name")
-    hint = if_in_use if "in use" in str(error) else ""
-    return NetworkError(f"cannot listen on {address}: {error.strerror or error}", hint=hint)
+    return NetworkError(
+        f"cannot listen on {address}: {error.strerror or error}",
+        hint=if_in_use if "in use" in str(error) else "",
+    )

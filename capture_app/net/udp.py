@@ -106,11 +106,10 @@ class Pump:
 
     def start(self, sock: socket.socket) -> None:
         """Run over a non-blocking UDP socket, which the pump then owns."""
-        with contextlib.suppress(OSError):
-            sock.setsockopt(socket.SOL_SOCKET, SO_TIMESTAMPNS, 1)
         # A burst of datagrams must not be lost while the loop is busy; the kernel may grant less.
-        with contextlib.suppress(OSError):
-            sock.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 1 << 20)
+        for option, value in ((SO_TIMESTAMPNS, 1), (socket.SO_RCVBUF, 1 << 20)):
+            with contextlib.suppress(OSError):
+                sock.setsockopt(socket.SOL_SOCKET, option, value)
         self._socket = sock
         self._loop = asyncio.get_running_loop()
         self._loop.add_reader(sock.fileno(), self._readable)
@@ -132,8 +131,7 @@ class Pump:
             self._timer.cancel()
         due_ns = self._engine.next_timer()
         if due_ns is not None and self._socket is not None:
-            wait_s = max(0, due_ns - self._clock()) / 1e9
-            self._timer = self._loop.call_later(wait_s, self._tick)
+            self._timer = self._loop.call_later(max(0, due_ns - self._clock()) / 1e9, self._tick)
 
     def close(self) -> None:
         """Stop, and close the socket. Calling it twice is harmless."""

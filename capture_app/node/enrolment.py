@@ -6,6 +6,7 @@ import time
 from typing import Any
 
 from capture_app.common.address import Address
+from capture_app.common.bounds import Message
 from capture_app.common.errors import BadInputError, SimulshotError, UnknownMachineError
 from capture_app.common.names import name_like
 from capture_app.common.pairing_codes import Role, pin_of
@@ -13,7 +14,6 @@ from capture_app.net.asking import ask
 from capture_app.net.channel import Channel, connect
 from capture_app.protocol import messages, pairing_messages
 from capture_app.protocol.log import Log
-from capture_app.protocol.message import Message
 from capture_app.sync.rig.roster import Member
 from capture_app.sync.wire.principal import Principal
 from capture_app.trust.known_machines import CameraNames
@@ -82,8 +82,7 @@ class Enrolment:
         """Create a code for one machine. Raises UnknownMachineError where machines need none."""
         if self._trust.is_open:
             raise UnknownMachineError(OPEN_NEEDS_NO_CODE, hint="start the other machine with --open")
-        invitation = self._invitations.invite(role)
-        return pairing_messages.Invited(code=invitation.code, good_for_s=GOOD_FOR_S)
+        return pairing_messages.Invited(code=self._invitations.invite(role).code, good_for_s=GOOD_FOR_S)
 
     async def answer(self, channel: Channel[Any], message: Asked) -> None:
         """Answer a machine that requests enrolment or a key, or an operator who invites one.
@@ -135,7 +134,7 @@ class Enrolment:
             if now_s - self._said_s >= SAID_AGAIN_S:
                 self._said_s = now_s
                 self._event_log.say(
-                    f"a machine at {channel.host} wants to join and is not known here;"
+                    f"a machine at {channel.peer.host} wants to join and is not known here;"
                     " if it is yours, show it a code: capture-app trust invite"
                 )
             raise UnknownMachineError(
@@ -163,11 +162,11 @@ class Enrolment:
         try:
             proof = self._invitations.accept(invitation, key, said.proof)
         except UnknownMachineError:
-            self._event_log.say(f"a machine at {channel.host} tried a wrong code")
+            self._event_log.say(f"a machine at {channel.peer.host} tried a wrong code")
             raise
         role = invitation.role
         machine = self._trust.known.add(pin, role, name=message.name, certificate=message.certificate)
-        self._event_log.say(f"{machine.name} at {channel.host} is now known as {role}")
+        self._event_log.say(f"{machine.name} at {channel.peer.host} is now known as {role}")
         await channel.send(
             pairing_messages.Known(leader=self._name, roles=machine.roles, proof=proof, roots=self._roots())
         )
@@ -198,9 +197,7 @@ def speaks_for(who: Peer, message: Message) -> pairing_messages.SpeaksFor | None
     """Return a relay's introduction of a peer, sent before its first message; None on an open rig."""
     if who is ANYBODY:
         return None
-    node = None
-    if isinstance(message, messages.NodeStream):
-        node = message.camera, message.instance
+    node = (message.camera, message.instance) if isinstance(message, messages.NodeStream) else None
     return pairing_messages.SpeaksFor(pin=who.pin, name=who.name, roles=tuple(sorted(who.roles)), node=node)
 
 

@@ -8,9 +8,9 @@ from capture_app.common.address import Address
 from capture_app.common.errors import NetworkError, SimulshotError, UnknownMachineError
 from capture_app.net.asking import ask
 from capture_app.net.channel import connect
+from capture_app.net.local_network import power_saving, power_saving_remedy, power_saving_towards
 from capture_app.net.reachability import Obstacle, find_obstacle
 from capture_app.net.udp import Pump
-from capture_app.net.wifi import power_saving, power_saving_remedy, power_saving_towards
 from capture_app.node.enrolment import ask_to_enrol
 from capture_app.protocol.log import Log
 from capture_app.protocol.messages import FromLeader, KeyAnswer, KeyRequest

@@ -72,10 +72,10 @@ def off_rate_line(off: HostOffRate) -> str:
     if off.certain:
         return status_text.slewing(off.name or "the leader's host", off.fast_ppm)
     against = "the leader's" if off.ambiguous else "all others"
-    perhaps = " (or the leader's clock is)" if off.ambiguous else ""
     return (
         f"the clock of {off.name or 'the leader'} runs {status_text.fast_or_slow(off.fast_ppm)} against"
-        f" {against}: its NTP daemon is slewing it, or it is a virtual machine{perhaps}"
+        f" {against}: its NTP daemon is slewing it, or it is a virtual machine"
+        + (" (or the leader's clock is)" if off.ambiguous else "")
     )
 
 
@@ -124,16 +124,16 @@ def event_record(event: RigEvent) -> dict[str, object]:
     """Return the fields of an event for its line of JSON."""
     match event:
         case events.NodeChanged(name, change, reason, where):
-            record: dict[str, object] = {"event": f"node-{change}", "name": name}
-            if change == "moved":
-                record["relay"] = where or None
-            if change == "refused":
-                record["where"] = where
-            return record | ({"reason": reason} if change in ("lost", "refused") else {})
-        case events.BurstAnswered(name, burst, refusal):
-            if refusal:
-                return {"event": "burst-refused", "name": name, "burst": burst, "reason": refusal}
+            fields: dict[str, dict[str, object]] = {
+                "moved": {"relay": where or None},
+                "refused": {"where": where, "reason": reason},
+                "lost": {"reason": reason},
+            }
+            return {"event": f"node-{change}", "name": name, **fields.get(change, {})}
+        case events.BurstAnswered(name, burst, refusal=""):
             return {"event": "burst-accepted", "name": name, "burst": burst}
+        case events.BurstAnswered(name, burst, refusal):
+            return {"event": "burst-refused", "name": name, "burst": burst, "reason": refusal}
         case HostOffRate(name, fast_ppm=0.0):
             return {"event": "host-at-rate", "name": name}
     kind = re.sub(r"(?<!^)(?=[A-Z])", "-", type(event).__name__).lower()
@@ -205,9 +205,9 @@ class Log:
         text, camera = event_line(event), None if isinstance(event, BurstStatus) else event.name
         if text and not (text := self._admitted(text, camera)):
             return
-        if text and (not isinstance(event, BurstStatus) or event.done):
-            self.add(text, camera=camera, level="warning" if _is_warning(event) else "info")
         if text:
+            if not isinstance(event, BurstStatus) or event.done:
+                self.add(text, camera=camera, level="warning" if _is_warning(event) else "info")
             self.show(text)
         if self._record is not None:
             self._record(event_record(event))

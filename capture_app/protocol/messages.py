@@ -10,6 +10,7 @@ from capture_app.common.bounds import (
     Count,
     FilePath,
     Instance,
+    Message,
     Number,
     Positive,
     Real,
@@ -19,7 +20,6 @@ from capture_app.common.bounds import (
 )
 from capture_app.common.errors import SimulshotError
 from capture_app.common.names import Name
-from capture_app.protocol.message import Message
 from capture_app.protocol.orders import FromOperator, FromViewfinder, ToOperator, ToViewfinder
 from capture_app.protocol.pairing_messages import FromUnknown, Invite, Invited, SpeaksFor, ToUnknown
 from capture_app.protocol.status import BurstStatus, RigStatus
@@ -174,9 +174,13 @@ class Refusal(Message, frozen=True, kw_only=True, tag="refusal"):
     @classmethod
     def of_error(cls, error: SimulshotError) -> Self:
         """Make the refusal of an error of the leader, or of a relay that cannot connect to it."""
-        retry = isinstance(error, errors.DiskError | errors.TryAgainError | errors.NetworkError)
-        forget = isinstance(error, errors.CancelledBurstError)
-        return cls(what=error.what, hint=error.hint, error=type(error).__name__, retry=retry, forget=forget)
+        return cls(
+            what=error.what,
+            hint=error.hint,
+            error=type(error).__name__,
+            retry=isinstance(error, errors.DiskError | errors.TryAgainError | errors.NetworkError),
+            forget=isinstance(error, errors.CancelledBurstError),
+        )
 
     def as_error(self) -> SimulshotError:
         """Return the leader's error, with its own class if this version has it."""

@@ -4,10 +4,9 @@ from typing import Annotated
 
 from msgspec import Meta, field
 
-from capture_app.common.bounds import Count, Number, Real, Sentence, Text
+from capture_app.common.bounds import Count, Message, Number, Real, Sentence, Text
 from capture_app.common.camera_facts import CameraControls, Control, ControlValue, StampAccuracy
 from capture_app.common.names import Name
-from capture_app.protocol.message import Message
 from capture_app.protocol.status import LogLine, NodeDetail, Preview
 from capture_app.sync.clock.clock_filter import PathAsymmetry
 

@@ -5,10 +5,9 @@ from typing import Annotated
 from msgspec import Meta, Struct
 
 from capture_app.common.address import Address
-from capture_app.common.bounds import Instance, Text
+from capture_app.common.bounds import Instance, Message, Text
 from capture_app.common.names import Name
 from capture_app.common.pairing_codes import Role
-from capture_app.protocol.message import Message
 from capture_app.sync.wire.datagrams import Pin
 
 Certificate = Annotated[bytes, Meta(max_length=4096)]

@@ -1,9 +1,9 @@
 """Rights of a machine on a stream: the one role that each message requires of its sender."""
 
+from capture_app.common.bounds import Message
 from capture_app.common.errors import UnknownMachineError
 from capture_app.common.pairing_codes import Role
 from capture_app.protocol import messages, orders, pairing_messages, status
-from capture_app.protocol.message import Message
 from capture_app.trust.trust import Peer
 
 SENDERS: dict[Role | None, tuple[type[Message], ...]] = {
@@ -62,9 +62,8 @@ _REQUIRED = {kind: role for role, kinds in SENDERS.items() for kind in kinds}
 
 def required_role(message: Message) -> Role | None:
     """Return the role that a message requires of its sender; None if any machine may send it."""
-    if isinstance(message, messages.KeyRequest) and message.is_relay:
-        return Role.RELAY
-    return _REQUIRED[type(message)]
+    is_of_relay = isinstance(message, messages.KeyRequest) and message.is_relay
+    return Role.RELAY if is_of_relay else _REQUIRED[type(message)]
 
 
 def check_allowed(who: Peer, message: Message) -> None:

@@ -5,11 +5,10 @@ from typing import Annotated, Literal
 
 from msgspec import Meta, Struct
 
-from capture_app.common.bounds import Count, FilePath, Pixels, Real, Sentence, Text, TimeNs
+from capture_app.common.bounds import Count, FilePath, Message, Pixels, Real, Sentence, Text, TimeNs
 from capture_app.common.camera_facts import CameraFacts, ControlState
 from capture_app.common.names import Name
 from capture_app.common.node_state import WITHOUT_CAMERA
-from capture_app.protocol.message import Message
 from capture_app.session.format.manifest import SkippedInstant
 from capture_app.sync.wire.datagrams import Report
 

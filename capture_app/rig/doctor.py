@@ -19,9 +19,16 @@ from capture_app.common.clock import EVERY_NS, HostRate
 from capture_app.common.errors import DiskError, SimulshotError
 from capture_app.common.text import count, megabytes
 from capture_app.net.discovery import LeaderBrowser, announced_hosts
-from capture_app.net.firewall import MDNS_PORT, Firewall, active_firewalls
+from capture_app.net.local_network import (
+    MDNS_PORT,
+    Firewall,
+    active_firewalls,
+    power_saving,
+    power_saving_remedy,
+    saves_power,
+    wifi_interfaces,
+)
 from capture_app.net.reachability import find_obstacle
-from capture_app.net.wifi import power_saving, power_saving_remedy, saves_power, wifi_interfaces
 from capture_app.protocol.pairing_messages import FoundLeader
 from capture_app.rig.cameras import list_cameras
 from capture_app.rig.rig_link import ask_status

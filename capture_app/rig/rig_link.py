@@ -13,6 +13,7 @@ from msgspec import Struct
 from msgspec.structs import replace
 
 from capture_app.common.address import Address, parse_address
+from capture_app.common.bounds import Message
 from capture_app.common.camera_facts import MICROSECONDS, TIMES, CameraControls, Control, ControlValue
 from capture_app.common.errors import (
     BadInputError,
@@ -26,7 +27,6 @@ from capture_app.common.timeouts import ANSWER_TIMEOUT_S, ORDER_TIMEOUT_S, STATU
 from capture_app.net.asking import ask, ask_all_nodes, receive_answer
 from capture_app.net.channel import Channel, connect
 from capture_app.protocol import messages, orders
-from capture_app.protocol.message import Message
 from capture_app.protocol.orders import ExposeAppPhones
 from capture_app.protocol.status import BurstStatus, LogLine, Preview, RigStatus
 

@@ -10,11 +10,11 @@ import msgspec
 import numpy as np
 
 from capture_app.common.address import Address
+from capture_app.common.bounds import Message
 from capture_app.common.camera_facts import PhaseControl
 from capture_app.common.errors import NoCameraHereError, SimulshotError
 from capture_app.common.node_state import NodeState
 from capture_app.protocol import orders
-from capture_app.protocol.message import Message
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.pairing_messages import Invited
 from capture_app.protocol.status import (

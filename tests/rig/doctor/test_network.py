@@ -5,8 +5,7 @@ from pathlib import Path
 import pytest
 
 from capture_app.common.address import Address
-from capture_app.net.firewall import Firewall, active_firewalls
-from capture_app.net.wifi import parse_power_save, wifi_interfaces
+from capture_app.net.local_network import Firewall, active_firewalls, parse_power_save, wifi_interfaces
 from capture_app.node.leader.leader_node import LeaderNode
 from capture_app.node.leader.leader_options import LeaderOptions
 from capture_app.rig import doctor

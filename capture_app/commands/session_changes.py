@@ -26,10 +26,11 @@ from capture_app.console.usage import examples
 from capture_app.session.files.disk import disk_errors
 from capture_app.session.files.durable import write_atomic
 from capture_app.session.files.output_folder import clear_leftovers
-from capture_app.session.library.changes import rename_session, set_note
-from capture_app.session.library.trash import (
+from capture_app.session.library.changes import (
     empty_trash,
+    rename_session,
     restore_session,
+    set_note,
     trash_session,
     trashed_sessions,
 )
@@ -193,7 +194,7 @@ _replace_option = click.option("--replace", is_flag=True, help="Replace an earli
 def sheet(session: Path, out: Path, width: int, replace: bool, as_json: bool) -> None:
     """Write the contact sheet of SESSION: cameras across, instants down."""
     from capture_app.session.reading.decoding import encode_image
-    from capture_app.session.reading.sheet_pictures import contact_sheet
+    from capture_app.session.reading.take_sheet import contact_sheet
 
     suffix = _check_file(out, (".jpg", ".jpeg", ".png"), replace=replace)
     opened = TakeSheet.open(session)
@@ -233,7 +234,7 @@ def wiggle(
     session: Path, out: Path, instant: int | None, width: int, fps: float, replace: bool, as_json: bool
 ) -> None:
     """Write the wiggle of SESSION: all cameras at one instant, there and back along their arc."""
-    from capture_app.session.reading.sheet_pictures import encode_animation, wiggle_frames
+    from capture_app.session.reading.take_sheet import encode_animation, wiggle_frames
 
     suffix = _check_file(out, (".gif", ".webp"), replace=replace)
     opened = TakeSheet.open(session)

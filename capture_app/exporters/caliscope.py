@@ -37,11 +37,10 @@ def write(burst: ExportedBurst, folder: Path) -> None:
 
 def camera_numbers(cameras: tuple[str, ...]) -> dict[str, int]:
     """Return Caliscope's number of each camera: from its name if every name has one, otherwise its index."""
-    found = [re.fullmatch(r"cam_?([0-9]{1,6})", name) for name in cameras]
+    found = (re.fullmatch(r"cam_?([0-9]{1,6})", name) for name in cameras)
     given = [int(match[1]) for match in found if match]
-    if len(set(given)) == len(cameras):
-        return dict(zip(cameras, given, strict=True))
-    return {name: number for number, name in enumerate(cameras)}
+    numbers = given if len(set(given)) == len(cameras) else range(len(cameras))
+    return dict(zip(cameras, numbers, strict=True))
 
 
 def _camera_array(numbers: dict[str, int], calibration: Calibration) -> str:

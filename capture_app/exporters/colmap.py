@@ -7,9 +7,8 @@ from pathlib import Path
 import numpy as np
 
 from capture_app.common.text import count
-from capture_app.session.exporting.exported_burst import ExportedBurst
+from capture_app.session.exporting.exported_burst import ExportedBurst, place, suffix_for, write_mask
 from capture_app.session.exporting.exporter import Exporter, SceneOptions
-from capture_app.session.exporting.files import place, suffix_for, write_mask
 from capture_app.session.exporting.point_cloud import PointCloud, read_ply
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.lens import (
@@ -44,16 +43,14 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
         for camera in burst.cameras
         if (image := burst.image_at(camera, instant)) is not None
     ]
-    suffix = suffix_for(burst, exported)
-    names = {
-        (image.camera, image.instant): f"{RIG}/{image.camera}/{image.instant:06d}{suffix}"
-        for image in exported
-    }
     if len(exported) < len(burst.images):
         left_out = count(len(burst.images) - len(exported), "image")
         burst.notes.append(f"left out: {left_out} of other moments than their instants")
+    suffix = suffix_for(burst, exported)
+    names = {}
     for image in exported:
-        name = names[image.camera, image.instant]
+        name = f"{RIG}/{image.camera}/{image.instant:06d}{suffix}"
+        names[image.camera, image.instant] = name
         place(burst, image, folder, f"images/{name}")
         # COLMAP detects no features where a mask is black.
         write_mask(burst, options.masks, image, folder / "masks" / f"{name}.png", movers=0)
@@ -123,8 +120,8 @@ def _write_model(
         f"{ids[place]} {poses[place[0]]} {numbers[place[0]]} {name}\n{seen[place[0]]}"
         for place, name in names.items()
     ]
-    rig = " ".join([f"1 {len(numbers)} CAMERA 1", *sensors])
-    lines = {"cameras": cameras, "rigs": [rig], "frames": frames, "images": images, "points3D": points}
+    rigs = [" ".join([f"1 {len(numbers)} CAMERA 1", *sensors])]
+    lines = {"cameras": cameras, "rigs": rigs, "frames": frames, "images": images, "points3D": points}
     folder.mkdir(parents=True)
     for file, content in lines.items():
         (folder / f"{file}.txt").write_text("".join(f"{line}\n" for line in content), encoding="utf-8")
@@ -169,13 +166,11 @@ def _visible_pixels(lens: CameraCalibration, points: Array) -> Array:
 
 def _model(camera: CameraCalibration) -> tuple[str, list[float]]:
     """Return COLMAP's camera model with this distortion, and its parameters in COLMAP's order."""
-    k1, k2, p1, p2, k3 = (float(value) for value in distortion_of(camera))
     pinhole = [camera.fx, camera.fy, camera.cx + _HALF_PIXEL, camera.cy + _HALF_PIXEL]
+    *tangential, k3 = distortion_of(camera).tolist()
     if k3:
-        return "FULL_OPENCV", [*pinhole, k1, k2, p1, p2, k3, 0.0, 0.0, 0.0]
-    if k1 or k2 or p1 or p2:
-        return "OPENCV", [*pinhole, k1, k2, p1, p2]
-    return "PINHOLE", pinhole
+        return "FULL_OPENCV", [*pinhole, *tangential, k3, 0.0, 0.0, 0.0]
+    return ("OPENCV", [*pinhole, *tangential]) if any(tangential) else ("PINHOLE", pinhole)
 
 
 def _from_reference(reference: CameraCalibration, camera: CameraCalibration) -> tuple[Array, Array]:

@@ -2,17 +2,16 @@
 
 from pathlib import Path
 
-import msgspec
 import numpy as np
+from msgspec import structs
 
 from capture_app.session.exporting.csv_tables import (
     renaming_notes,
     write_cameras,
     yaml_names,
 )
-from capture_app.session.exporting.exported_burst import ExportedBurst
+from capture_app.session.exporting.exported_burst import ExportedBurst, place, suffix_for, write_mask
 from capture_app.session.exporting.exporter import Exporter, ImageOptions
-from capture_app.session.exporting.files import place, suffix_for, write_mask
 from capture_app.session.exporting.videos import spacing_notes
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.lens import distortion_of, matrix_of, redrawing
@@ -43,8 +42,7 @@ def write(burst: ExportedBurst, folder: Path, options: ImageOptions) -> None:
         place(burst, image, folder, f"images/{file}{suffix}", redraw or np.asarray if redrawn else None)
         write_mask(burst, options.masks, image, folder / f"masks/{file}.png", movers=255, redraw=redraw)
         burst.put(image, f"images/{file}{suffix}", number)
-    cameras = msgspec.structs.replace(calibration, cameras=straight)
-    write_cameras(folder, cameras, names, centre=_HALF_PIXEL)
+    write_cameras(folder, structs.replace(calibration, cameras=straight), names, centre=_HALF_PIXEL)
     burst.notes += renaming_notes(names)
     if len(together) < len({instant for _, instant in burst.images}):
         burst.notes.append("instants that not every camera has are left out")
@@ -61,8 +59,8 @@ def _straight(camera: CameraCalibration) -> CameraCalibration:
         return camera
     size = (camera.width, camera.height)
     matrix = cv2.getOptimalNewCameraMatrix(matrix_of(camera), distortion_of(camera), size, 0)[0]
-    fx, fy, cx, cy = (float(np.asarray(matrix)[place]) for place in ((0, 0), (1, 1), (0, 2), (1, 2)))
-    return msgspec.structs.replace(camera, fx=fx, fy=fy, cx=cx, cy=cy, distortion=(0.0,) * 5)
+    (fx, _, cx), (_, fy, cy), _ = np.asarray(matrix).tolist()
+    return structs.replace(camera, fx=fx, fy=fy, cx=cx, cy=cy, distortion=(0.0,) * 5)
 
 
 EXPORTER = Exporter(

@@ -15,9 +15,8 @@ from typing import Annotated, Any
 import msgspec
 import numpy as np
 
-from capture_app.session.exporting.exported_burst import ExportedBurst
+from capture_app.session.exporting.exported_burst import ExportedBurst, jpeg_or_png
 from capture_app.session.exporting.exporter import Exporter, ExportOptions, Option
-from capture_app.session.exporting.files import jpeg_or_png
 from capture_app.session.files.untrusted_files import indented
 from capture_app.session.format.calibration import METRES, Calibration, CameraCalibration
 from capture_app.session.format.export_record import with_images_listed
@@ -76,8 +75,8 @@ def _write_foxglove(burst: ExportedBurst, folder: Path, calibration: Calibration
             if name == MANIFEST and burst.session.manifest.videos:
                 data = indented(msgspec.json.encode(with_images_listed(burst.session.manifest)))
             writer.add_attachment(0, 0, name, "application/json", data)
-        zero = {"session": burst.name, "log_time_zero_leader_ns": str(messages.zero_ns)}
-        writer.add_metadata("simulshot", zero)
+        zero_ns = str(messages.zero_ns)
+        writer.add_metadata("simulshot", {"session": burst.name, "log_time_zero_leader_ns": zero_ns})
         writer.finish()
 
 
@@ -85,16 +84,15 @@ class _FoxgloveMessages:
     """Writer of messages to an MCAP; `zero_ns` is the leader time of log_time 0, which is unsigned."""
 
     def __init__(self, writer: Any, zero_ns: int) -> None:
-        self._writer = writer
-        self.zero_ns = zero_ns
+        self._writer, self.zero_ns = writer, zero_ns
         self._channels: dict[str, int] = {}
 
     def add_camera(self, image: ImageRecord, calibration: Calibration) -> None:
         camera = calibration.cameras[image.camera]
         about = {"frame_id": image.camera, "width": camera.width, "height": camera.height}
         lens = {name.upper(): values.tolist() for name, values in _lens(camera).items()}
-        topic = f"/{image.camera}/calibration"
-        self.add(topic, "CameraCalibration", image, distortion_model="plumb_bob", **about, **lens)
+        about |= {"distortion_model": "plumb_bob", **lens}
+        self.add(f"/{image.camera}/calibration", "CameraCalibration", image, **about)
         place, rotation = _pose(camera, calibration)
         frames = {"parent_frame_id": "rig", "child_frame_id": image.camera}
         self.add("/tf", "FrameTransform", image, translation=place, rotation=rotation, **frames)
@@ -105,8 +103,9 @@ class _FoxgloveMessages:
         if topic not in self._channels:
             from mcap_protobuf.schema import register_schema
 
-            schema = register_schema(self._writer, kind)
-            self._channels[topic] = self._writer.register_channel(topic, "protobuf", schema)
+            self._channels[topic] = self._writer.register_channel(
+                topic, "protobuf", register_schema(self._writer, kind)
+            )
         seconds, nanos = divmod(image.leader_ns, 1_000_000_000)
         message = kind(timestamp={"seconds": seconds, "nanos": nanos}, **fields)
         data, at_ns = message.SerializeToString(deterministic=True), image.leader_ns - self.zero_ns
@@ -154,8 +153,7 @@ class _RosMessages:
         pose = self.make(
             "geometry_msgs/msg/Transform", self.make(vector, **at), self.make(quarter, **rotation)
         )
-        header = self.header(leader_ns, "rig")
-        return self.make("geometry_msgs/msg/TransformStamped", header, camera, pose)
+        return self.make("geometry_msgs/msg/TransformStamped", self.header(leader_ns, "rig"), camera, pose)
 
     def make(self, kind: str, *values: Any, **fields: Any) -> Any:
         """Create a message, or a part of one."""

@@ -62,7 +62,6 @@ def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
     focal = (
         min(map(_whole_focal, cameras.values())) if options.whole else max(map(_min_focal, cameras.values()))
     )
-    rows = []
     bounds = {name: _bounds(options, depth) for name, depth in focus_depths(cameras).items()}
     film_cameras = {name: film_camera(camera, focal) for name, camera in cameras.items()}
     burst.drawn.update(film_cameras)
@@ -70,7 +69,7 @@ def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
         path, redraw = folder / f"cam{number:02d}.mp4", redrawing(camera, film_cameras[name])
         shown = at_instants(burst, name, together)
         write_camera(burst, path, shown, name, redraw=redraw, size=(WIDTH, HEIGHT))
-        rows.append([*_pose(film_cameras[name]).ravel(), *bounds[name]])
+    rows = [[*_pose(film).ravel(), *bounds[name]] for name, film in film_cameras.items()]
     np.save(folder / "poses_bounds.npy", np.array(rows, np.float64))
     cloud = read_ply(options.points) if options.points else _scattered(film_cameras, bounds)
     write_ply(folder / POINTS, cloud.thinned(_MAX_POINTS), normals=True)
@@ -116,17 +115,14 @@ def _whole_focal(camera: CameraCalibration) -> float:
 
 def _min_focal(camera: CameraCalibration) -> float:
     """Return the shortest focal length, px, at which the camera's image still fills the video."""
-    across, down = np.linspace(-0.5, WIDTH - 0.5, 41), np.linspace(-0.5, HEIGHT - 0.5, 41)
+    across, down = np.linspace(-WIDTH / 2, WIDTH / 2, 41), np.linspace(-HEIGHT / 2, HEIGHT / 2, 41)
     edge = [(x, y) for x in across for y in (down[0], down[-1])]
     edge += [(x, y) for y in down for x in (across[0], across[-1])]
+    half = np.array([camera.width, camera.height]) / 2
 
     def fills(focal: float) -> bool:
-        film = film_camera(camera, focal)
-        rays = (np.array(edge) - [film.cx, film.cy]) / focal
-        seen = project_rays(camera, rays)
-        margin = 1e-6
-        low, high = -0.5 - margin, np.array([camera.width, camera.height]) - 0.5 + margin
-        return bool(((seen >= low) & (seen <= high)).all())
+        seen = project_rays(camera, np.array(edge) / focal)
+        return bool((np.abs(seen - (half - 0.5)) <= half + 1e-6).all())
 
     # Search from a narrow view outwards: far outside its image a lens's polynomial may map rays back into it.
     focal = 100 * max(WIDTH / camera.width, HEIGHT / camera.height) * max(camera.fx, camera.fy)
@@ -171,8 +167,8 @@ def _scattered(
     for name, camera in cameras.items():
         near, far = bounds[name]
         depth = (random.uniform(near**3, far**3, per_camera)) ** (1 / 3)
-        pixels = random.uniform(0, [WIDTH - 1, HEIGHT - 1], (per_camera, 2))
-        local = np.column_stack([rays_of(camera, pixels), np.ones(per_camera)]) * depth[:, None]
+        rays = rays_of(camera, random.uniform(0, [WIDTH - 1, HEIGHT - 1], (per_camera, 2)))
+        local = np.column_stack([rays, np.ones(per_camera)]) * depth[:, None]
         points.append((local - translation_of(camera)) @ rotation_of(camera))
     every = np.concatenate(points)
     return PointCloud(every, np.full(every.shape, 128, np.uint8))
@@ -181,8 +177,7 @@ def _scattered(
 def _fraction_shown(camera: CameraCalibration, film: CameraCalibration) -> float:
     """Return the fraction of a camera's image that its video shows."""
     seen = project_rays(film, picture_rays(camera))
-    inside = ((seen > -0.51) & (seen < [WIDTH - 0.49, HEIGHT - 0.49])).all(axis=1)
-    return float(inside.mean())
+    return float(((seen > -0.51) & (seen < [WIDTH - 0.49, HEIGHT - 0.49])).all(axis=1).mean())
 
 
 def _add_notes(burst: ExportedBurst, options: _Options, together: list[int], min_shown: float) -> None:

@@ -5,9 +5,8 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.session.exporting.exported_burst import ExportedBurst
+from capture_app.session.exporting.exported_burst import ExportedBurst, place, suffix_for, write_mask
 from capture_app.session.exporting.exporter import Exporter, SceneOptions
-from capture_app.session.exporting.files import place, suffix_for, write_mask
 from capture_app.session.exporting.point_cloud import read_ply, write_ply
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.lens import centre_of, distortion_of, rotation_of
@@ -67,7 +66,6 @@ def _entry(file: str, image: ImageRecord, camera: CameraCalibration, time: float
     # Columns are the camera's right, up and back: OpenCV's y and z negated.
     pose[:3, :3] = rotation_of(camera).T * [1.0, -1.0, -1.0]
     pose[:3, 3] = centre_of(camera)
-    k1, k2, p1, p2, k3 = map(float, distortion_of(camera))
     return {
         "file_path": file,
         "fl_x": camera.fx,
@@ -76,11 +74,7 @@ def _entry(file: str, image: ImageRecord, camera: CameraCalibration, time: float
         "cy": camera.cy + _HALF_PIXEL,
         "w": camera.width,
         "h": camera.height,
-        "k1": k1,
-        "k2": k2,
-        "k3": k3,
-        "p1": p1,
-        "p2": p2,
+        **dict(zip(("k1", "k2", "p1", "p2", "k3"), distortion_of(camera).tolist(), strict=True)),
         "transform_matrix": pose.tolist(),
         "time": time,
         "camera": image.camera,

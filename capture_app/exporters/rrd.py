@@ -2,9 +2,8 @@
 
 from pathlib import Path
 
-from capture_app.session.exporting.exported_burst import ExportedBurst
+from capture_app.session.exporting.exported_burst import ExportedBurst, jpeg_or_png
 from capture_app.session.exporting.exporter import Exporter
-from capture_app.session.exporting.files import jpeg_or_png
 from capture_app.session.exporting.rerun_stream import rerun_recording, set_times
 
 

@@ -72,7 +72,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
         views[label] = View(
             matrix=numbers(where, table, "matrix", 9).reshape(3, 3),
             distortion=numbers(where, table, "distortions", 4, 5, 8),
-            rotation=rotation_of(where, numbers(where, table, "rotation", 3, 9)),
+            rotation=rotation_of(numbers(where, table, "rotation", 3, 9)),
             translation=numbers(where, table, "translation", 3),
             size=(int(width), int(height)),
         )

@@ -75,8 +75,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
 
 def find_model(path: Path) -> Path | None:
     """Return a model's folder: the path itself, or its `sparse/0` or `sparse`; None if there is none."""
-    folders = (path / place for place in _PLACES)
-    return next((one for one in folders if _file(one, "cameras") is not None), None)
+    return next((path / place for place in _PLACES if _file(path / place, "cameras") is not None), None)
 
 
 def read_colmap(folder: Path, cameras: Sequence[str]) -> Views:
@@ -144,8 +143,9 @@ def _view(
     size: tuple[int, int] | None,
 ) -> View:
     if model not in _LENSES:
-        supported = ", ".join(_LENSES)
-        raise BadInputError(f"{where} has COLMAP's camera model {model}", hint=f"supported are {supported}")
+        raise BadInputError(
+            f"{where} has COLMAP's camera model {model}", hint=f"supported are {', '.join(_LENSES)}"
+        )
     count = COUNTS[MODELS.index(model)]
     if len(parameters) != count:
         raise BadInputError(

@@ -33,8 +33,8 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
 def _is_easymocap(path: Path) -> bool:
     """Return whether a path is a folder with both files, or one of the files."""
     folder = path if path.is_dir() else path.parent
-    named = path.is_dir() or path.name in (INTRINSICS, EXTRINSICS)
-    return named and any((folder / name).is_file() for name in (INTRINSICS, EXTRINSICS))
+    files = (INTRINSICS, EXTRINSICS)
+    return (path.is_dir() or path.name in files) and any((folder / name).is_file() for name in files)
 
 
 def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> Views | None:
@@ -73,7 +73,7 @@ def _view(folder: Path, name: str, content: dict[str, Any]) -> View:
     return View(
         matrix=numbers(where, content, f"K_{name}", 9).reshape(3, 3),
         distortion=distortion,
-        rotation=rotation_of(where, numbers(where, content, f"R_{name}", 3)),
+        rotation=rotation_of(numbers(where, content, f"R_{name}", 3)),
         translation=numbers(where, content, f"T_{name}", 3),
         size=(size[0], size[1]) if len(size) == 2 else None,
     )

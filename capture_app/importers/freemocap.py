@@ -39,15 +39,15 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
     # Calibrations name a camera by the id in SkellyCam's names.
     found = {video: _NAME.fullmatch(video.stem) for video in videos_in(videos)}
     named = {name[1] if name else video.stem: video for video, name in found.items()}
-    calibrations = sorted(path.glob("*camera_calibration.toml"))
+    calibration = min(path.glob("*camera_calibration.toml"), default=None)
     tables = _tables(videos, named)
     return Layout(
         path=videos,
         sources=tuple(open_sources([f"{name}={video}" for name, video in named.items()], png=png)),
         timeline=_timeline(tables) if tables else None,
         same_frames=True,
-        calibration=calibrations[0] if calibrations else None,
-        unit="mm" if calibrations else None,
+        calibration=calibration,
+        unit="mm" if calibration else None,
     )
 
 

@@ -76,8 +76,9 @@ def _video(folder: Path, stem: str) -> Path | None:
 
 def recordings_in(folder: Path) -> list[str]:
     """Return the names of the trials in a session; none for other folders."""
-    trials = {trial.name for camera in _cameras(folder) for trial in camera.iterdir() if videos_in(trial)}
-    return sorted(trials)
+    return sorted(
+        {trial.name for camera in _cameras(folder) for trial in camera.iterdir() if videos_in(trial)}
+    )
 
 
 def _cameras(folder: Path) -> list[Path]:
@@ -114,16 +115,11 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
 def _view(file: Path) -> View:
     data = io.BytesIO(read_input(file))
     try:
-        content = _ArraysOnly(data).load()
+        content = dict(_ArraysOnly(data).load())
     except Exception as error:  # a malformed pickle may raise anything
         raise BadInputError(
             f"cannot read the calibration {file}: {error}", hint="download the session from OpenCap again"
         ) from error
-    if not isinstance(content, dict):
-        raise BadInputError(
-            f"{file} does not hold OpenCap's camera parameters",
-            hint="download the session from OpenCap again",
-        )
     where = str(file)
     size = numbers(where, content, "imageSize", 2)
     return View(

@@ -48,7 +48,7 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
     views = {
         name: _view(f"{own.get(name, pair)}: camera {name}", content) for name, content in contents.items()
     }
-    files = [*own.values(), *([pair] if pair else [])]
+    files = filter(None, [*own.values(), pair])
     return Views(views, ", ".join(dict.fromkeys(path.name for path in files)))
 
 
@@ -70,8 +70,10 @@ def _assign(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) -> tuple[
         else:
             rest.append(path)
     if len(rest) > 1:
-        files = ", ".join(path.name for path in rest)
-        raise BadInputError(f"the cameras of {files} are unknown", hint="give --calibration NAME=FILE")
+        raise BadInputError(
+            f"the cameras of {', '.join(path.name for path in rest)} are unknown",
+            hint="give --calibration NAME=FILE",
+        )
     return own, rest[0] if rest else None
 
 
@@ -126,14 +128,17 @@ def _split_pair(
             hint="give one file a camera, each with its R and T",
         )
     poses = (_IDENTITY, {"r": rotation, "t": translation})
-    split: dict[str, Content] = {}
-    for number, (name, pose) in enumerate(zip(cameras, poses, strict=True), 1):
-        numbered = {
-            key.rstrip("12").rstrip("_"): value for key, value in content.items() if key.endswith(str(number))
+    sizes = {key: content[key] for key in _SIZE_KEYS if key in content}
+    numbered = {
+        number: {
+            key.rstrip("12").rstrip("_"): value for key, value in content.items() if key.endswith(number)
         }
-        sizes = {key: content[key] for key in _SIZE_KEYS if key in content}
-        split[name] = {**sizes, **numbered, **own.get(name, {}), **pose}
-    return split
+        for number in "12"
+    }
+    return {
+        name: {**sizes, **numbered[number], **own.get(name, {}), **pose}
+        for name, number, pose in zip(cameras, "12", poses, strict=True)
+    }
 
 
 def _view(where: str, content: Content) -> View:
@@ -146,9 +151,9 @@ def _view(where: str, content: Content) -> View:
             hint="add the camera's pose as R and T, or give the pair's file of cv2.stereoCalibrate",
         )
     if rotation.size not in (3, 9) or translation.size != 3:
-        shapes = f"{rotation.shape} and {translation.shape}"
         raise BadInputError(
-            f"{where}: R and T have shapes {shapes}, not the shapes of a pose",
+            f"{where}: R and T have shapes {rotation.shape} and {translation.shape}, "
+            "not the shapes of a pose",
             hint="save R as 3x3 matrix or 3 Rodrigues numbers, T as 3 numbers",
         )
     distortion = _find(content, _DISTORTION)
@@ -156,7 +161,7 @@ def _view(where: str, content: Content) -> View:
     return View(
         matrix=matrix,
         distortion=np.zeros(5) if distortion is None else distortion.ravel(),
-        rotation=rotation_of(where, rotation.ravel()),
+        rotation=rotation_of(rotation.ravel()),
         translation=translation.ravel(),
         size=(size[0], size[1]) if len(size) == 2 else None,
     )

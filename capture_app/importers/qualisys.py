@@ -28,10 +28,8 @@ def read_calibration(paths: Sequence[tuple[str, Path]], cameras: Sequence[str]) 
         root = ET.parse(path).getroot()  # noqa: S314 - expat resolves no external entities and limits the rest
     except (OSError, ET.ParseError) as error:
         raise BadInputError(f"cannot read the calibration {path}: {error}", hint=EXPORT_AGAIN) from error
-    views = {}
-    for number, camera in enumerate(root.iter("camera"), 1):
-        label = camera.get("serial") or str(number)
-        views[label] = _view(f"{path}: camera {label}", camera)
+    labelled = {camera.get("serial") or str(n): camera for n, camera in enumerate(root.iter("camera"), 1)}
+    views = {label: _view(f"{path}: camera {label}", camera) for label, camera in labelled.items()}
     if not views:
         raise BadInputError(f"{path} has no cameras", hint="give a .qca.txt that Qualisys exported")
     return Views(views, path.name, "mm")

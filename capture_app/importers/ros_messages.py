@@ -3,23 +3,13 @@
 from pathlib import Path
 
 from capture_app.session.importing.bags import is_bag, read_bag
-from capture_app.session.importing.frame_matching import timeline_by_times
 from capture_app.session.importing.importer import Importer
 from capture_app.session.importing.recording_sources import Layout
 
 
 def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | None:
     """Open the cameras of a recording of messages, timed by its own stamps."""
-    if not is_bag(path):
-        return None
-    bag = read_bag(path)
-    return Layout(
-        program=bag.sources[0].kind,
-        path=path,
-        sources=tuple(bag.sources),
-        timeline=timeline_by_times(str(path), bag.times),
-        views=bag.views,
-    )
+    return read_bag(path)[0] if is_bag(path) else None
 
 
 IMPORTER = Importer(

@@ -5,8 +5,9 @@ attachments.
 """
 
 import csv
-from collections import Counter
-from collections.abc import Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Iterator, Mapping, Sequence
+from itertools import count
 from pathlib import Path
 from typing import Any
 
@@ -48,8 +49,8 @@ def open_recording(path: Path, *, png: bool, recording: str | None) -> Layout | 
         attached = attachments(path)
         if MANIFEST not in attached:
             return None
-        bag = read_bag(path)
-        return _layout(path, _record(path, attached), bag.sources, bag.places)
+        bag, places = read_bag(path)
+        return _layout(path, _record(path, attached), bag.sources, places)
     return _open_export(path, png) if (path / RECORD).is_file() else None
 
 
@@ -62,7 +63,7 @@ def _open_export(folder: Path, png: bool) -> Layout:
             raise BadInputError(
                 f"{folder} does not have one .mcap but {len(found)}", hint="keep the exported one only"
             )
-        return _layout(folder, record, read_bag(found[0]).sources, _in_order(rows))
+        return _layout(folder, record, read_bag(found[0])[0].sources, _in_order(rows))
     if not endings <= {*IMAGE_SUFFIXES, *VIDEO_SUFFIXES}:
         raise BadInputError(
             f"{folder} is an export for {record.format}, which cannot be read back",
@@ -79,10 +80,10 @@ def _open_export(folder: Path, png: bool) -> Layout:
             video = Video(camera.name, files[0], png=png)
             video.use_embedded_times()
             sources.append(video)
-            places.update({at: number for at, (_, number) in own.items()})
+            places |= {at: number for at, (_, number) in own.items()}
         else:
             sources.append(Images(camera.name, files[0].parent, files, "exported images"))
-            places.update({at: index for index, at in enumerate(own)})
+            places |= {at: index for index, at in enumerate(own)}
     if not sources:
         raise BadInputError(
             f"{folder} has none of the files that its {FRAMES} names",
@@ -93,12 +94,8 @@ def _open_export(folder: Path, png: bool) -> Layout:
 
 def _in_order(rows: Mapping[Place, tuple[Path, int]]) -> dict[Place, int]:
     """Return the frame index of each (camera, instant) within its camera, from numbers across all cameras."""
-    seen: Counter[str] = Counter()
-    places = {}
-    for at in sorted(rows, key=lambda at: rows[at][1]):
-        places[at] = seen[at[0]]
-        seen[at[0]] += 1
-    return places
+    numbers: defaultdict[str, Iterator[int]] = defaultdict(count)
+    return {at: next(numbers[at[0]]) for at in sorted(rows, key=lambda at: rows[at][1])}
 
 
 def _layout(

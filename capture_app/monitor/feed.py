@@ -24,13 +24,13 @@ from capture_app.rig.rig_link import LinkLost, RigLink
 from capture_app.rig.taking import Begun, Countdown, Failed, Moved, TakeEvent, TakePlan, Taking, Waiting
 from capture_app.session.library.changes import results_folder
 from capture_app.session.reading.decoding import encode_image
-from capture_app.session.reading.sheet_pictures import (
+from capture_app.session.reading.take_sheet import (
+    TakeSheet,
     contact_sheet,
     depth_picture,
     encode_animation,
     wiggle_frames,
 )
-from capture_app.session.reading.take_sheet import TakeSheet
 
 WIDTH_PX, FPS = 384, 5.0
 """Width and maximum rate of the live pictures of all cameras."""

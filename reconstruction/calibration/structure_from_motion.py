@@ -13,7 +13,7 @@ import numpy as np
 from capture_app.common.errors import NotApplicableError
 from capture_app.console.terminal import talk
 from capture_app.session.format.calibration import Calibration, CameraCalibration
-from capture_app.session.reading.file_headers import read_exif
+from capture_app.session.reading.decoding import read_exif
 from reconstruction.common.geometry import View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.memory import memory_budget, usable_cores

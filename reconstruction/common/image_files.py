@@ -7,7 +7,7 @@ import cv2
 import numpy as np
 
 from capture_app.common.errors import BadInputError, reading
-from capture_app.session.reading.file_headers import picture_size, size_of
+from capture_app.session.reading.decoding import picture_size, size_of
 from reconstruction.common.geometry import Array
 from reconstruction.common.memory import gigabytes, memory_budget
 from reconstruction.common.native_libraries import opencv_calls, silenced_output

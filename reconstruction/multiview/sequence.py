@@ -20,14 +20,14 @@ from capture_app.common.errors import BadInputError
 from capture_app.common.optional_packages import load_optional, require_reconstruction
 from capture_app.common.text import pretty_json
 from capture_app.console.terminal import Progress
-from capture_app.session.exporting.files import mask_path
+from capture_app.session.exporting.exported_burst import mask_path
 from capture_app.session.exporting.point_cloud import read_ply
 from capture_app.session.exporting.rerun_stream import rerun_recording, set_times
 from capture_app.session.files.durable import PART, sync_folder, write_atomic
 from capture_app.session.files.output_folder import growing_folder, output_error
 from capture_app.session.format.calibration import Calibration
 from capture_app.session.format.manifest import CALIBRATION
-from capture_app.session.reading.file_headers import JPEG_BEGIN
+from capture_app.session.reading.decoding import JPEG_BEGIN
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.calibration.structure_from_motion import guess_calibration
 from reconstruction.common.memory import memory_budget

@@ -13,7 +13,7 @@ import msgspec
 import numpy as np
 
 from capture_app.session.format.lens import nearest_point
-from capture_app.session.reading.sheet_pictures import encode_animation, fit_canvas
+from capture_app.session.reading.take_sheet import encode_animation, fit_canvas
 from reconstruction.common.drawing import EMPTY
 from reconstruction.common.geometry import Array, View, resize_view
 from reconstruction.common.image_files import save_picture

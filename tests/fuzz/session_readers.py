@@ -9,7 +9,7 @@ from capture_app.common.errors import SimulshotError
 from capture_app.node.camera.burst_upload import SpooledBurst
 from capture_app.node.camera.device_profiles import DeviceProfiles
 from capture_app.session.format.burst_plan import PLAN, read_plan
-from capture_app.session.format.ground_truth import TIMES, ground_truth_path
+from capture_app.session.format.journal import TIMES, ground_truth_path
 from capture_app.session.format.manifest import CALIBRATION, JOURNAL, MANIFEST
 from capture_app.session.library.listing import list_sessions
 from capture_app.session.reading.checksums import CHECKSUMS

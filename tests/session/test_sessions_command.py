@@ -8,7 +8,7 @@ import pytest
 
 from capture_app.cli import run
 from capture_app.common.errors import ExitCode
-from capture_app.session.format.ground_truth import TIMES
+from capture_app.session.format.journal import TIMES
 from capture_app.session.format.manifest import MANIFEST, session_schema_text
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter

@@ -10,8 +10,7 @@ import pytest
 from capture_app.cli import run
 from capture_app.common.errors import BadInputError, ExitCode
 from capture_app.session.reading.reader import Session
-from capture_app.session.reading.sheet_pictures import GAP, GUTTER, HEAD, wiggle_frames
-from capture_app.session.reading.take_sheet import TakeSheet
+from capture_app.session.reading.take_sheet import GAP, GUTTER, HEAD, TakeSheet, wiggle_frames
 from tests.tui.takes import HEIGHT, WIDTH, make_take, picture_of
 
 

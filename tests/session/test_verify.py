@@ -19,7 +19,6 @@ from capture_app.session.format.manifest import (
     MANIFEST,
     ImageRecord,
     Manifest,
-    session_schema,
     session_schema_text,
 )
 from capture_app.session.reading.checksums import CHECKSUMS, write_checksums
@@ -245,4 +244,4 @@ def test_any_manifest_survives_the_disk(of: list[ImageRecord], note: str, instan
     manifest = msgspec.convert(msgspec.to_builtins({**base, "burst": burst, "note": note}), Manifest)
     data = msgspec.json.encode(manifest)
     assert msgspec.json.decode(data, type=Manifest) == manifest
-    jsonschema.Draft202012Validator(session_schema()).validate(json.loads(data))
+    jsonschema.Draft202012Validator(json.loads(session_schema_text())).validate(json.loads(data))

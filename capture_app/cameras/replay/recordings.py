@@ -16,8 +16,7 @@ from capture_app.session.format.journal import frame_of_line
 from capture_app.session.format.manifest import NO_INSTANT, CameraRecord, ImageRecord
 from capture_app.session.importing.embedded_times import has_video_times
 from capture_app.session.importing.recording_sources import Source, Video
-from capture_app.session.reading.decoding import decode_image, encode_image
-from capture_app.session.reading.file_headers import JPEG_BEGIN
+from capture_app.session.reading.decoding import JPEG_BEGIN, decode_image, encode_image
 from capture_app.session.reading.reader import Session
 
 KIND = "replay"

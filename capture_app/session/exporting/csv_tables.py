@@ -39,8 +39,7 @@ def write_frames(burst: ExportedBurst, folder: Path) -> None:
             image = burst.recorded.get((camera, instant))
             frame = by_place.get((camera, instant), Frame(camera, instant, image=image))
             number = frame.frame if frame.file else ""
-            numbers = [image and getattr(image, name) for name in _TIMES]
-            times = ["" if one is None else one for one in numbers]
+            times = [getattr(image, name, None) for name in _TIMES]  # csv writes None as an empty cell
             rows.writerow([frame.file, number, camera, instant, _content(frame, image), *times])
     (folder / FRAMES).write_text(text.getvalue(), encoding="utf-8")
 
@@ -96,10 +95,8 @@ def toml_table(name: Sequence[str], values: Mapping[str, object]) -> str:
 
 
 def _content(frame: Frame, image: ImageRecord | None) -> str:
-    if image is None:
+    if frame.image is None or image is None:
         return "blank" if frame.file else "missing"
-    if frame.image is None:
-        return "blank"
     if not frame.file:
         return "left out"
     return "substitute" if image.substitute else "image"
@@ -108,9 +105,8 @@ def _content(frame: Frame, image: ImageRecord | None) -> str:
 def yaml_names(cameras: Iterable[str]) -> dict[str, str]:
     """Return for each camera a name that is valid in a FileStorage key: `paired_names`, without dots."""
     names = {camera: name.replace(".", "_") for camera, name in paired_names(cameras).items()}
-    if len(set(names.values())) == len(names):
-        return names
-    return {camera: f"cam_{number:03d}" for number, camera in enumerate(names)}
+    unique = len(set(names.values())) == len(names)
+    return names if unique else {camera: f"cam_{number:03d}" for number, camera in enumerate(names)}
 
 
 def write_cameras(folder: Path, calibration: Calibration, names: Mapping[str, str], centre: float) -> None:

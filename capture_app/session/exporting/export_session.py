@@ -7,7 +7,7 @@ from dataclasses import fields
 from pathlib import Path
 from typing import Any
 
-import msgspec
+from msgspec import Struct, structs
 
 from capture_app.common.errors import BadInputError, SimulshotError
 from capture_app.common.optional_packages import load_optional
@@ -29,7 +29,7 @@ from capture_app.session.format.manifest import CALIBRATION
 from capture_app.session.reading.reader import Session
 
 
-class ExportReport(msgspec.Struct, frozen=True, kw_only=True):
+class ExportReport(Struct, frozen=True, kw_only=True):
     """Result of an export: its folder, the number of images in the session, and notes for the user."""
 
     folder: str
@@ -66,10 +66,10 @@ def export_session(
             write_frames(burst, output.folder)
             calibration = session.calibration()
             if calibration is not None:
-                cameras = calibration.cameras | burst.drawn
-                calibration = msgspec.structs.replace(calibration, cameras=cameras)
-            manifest = with_images_listed(session.manifest)
-            record = ExportRecord(format=name, manifest=manifest, calibration=calibration)
+                calibration = structs.replace(calibration, cameras=calibration.cameras | burst.drawn)
+            record = ExportRecord(
+                format=name, manifest=with_images_listed(session.manifest), calibration=calibration
+            )
             (output.folder / RECORD).write_bytes(indented(encode_checked(record)))
     except OSError as error:
         raise SimulshotError(
@@ -80,12 +80,10 @@ def export_session(
 
 
 def _make_options(name: str, exporter: Exporter, given: dict[str, Any]) -> ExportOptions:
-    known = {one.name for one in fields(exporter.options)}
-    for option in given:
-        if option not in known:
-            formats = [other for other, one in load_exporters().items() if option in own_options(one)]
-            hint = f"it is for {', '.join(formats)}" if formats else ""
-            raise BadInputError(f"{name} takes no --{option}", hint=hint)
+    for option in given.keys() - {one.name for one in fields(exporter.options)}:
+        formats = [other for other, one in load_exporters().items() if option in own_options(one)]
+        hint = f"it is for {', '.join(formats)}" if formats else ""
+        raise BadInputError(f"{name} takes no --{option}", hint=hint)
     return exporter.options(**given)
 
 
@@ -137,5 +135,6 @@ def _check_calibration(exporter: Exporter, burst: ExportedBurst, calibration: Ca
             )
         check_lens(where, lens)
     if exporter.unit and calibration.unit not in METRES:
-        note = f"the calibration is in {calibration.unit!r}; it is written as if that were {exporter.unit}"
-        burst.notes.append(note)
+        burst.notes.append(
+            f"the calibration is in {calibration.unit!r}; it is written as if that were {exporter.unit}"
+        )

@@ -1,19 +1,24 @@
-"""A burst being exported: its ordered and checked images, and their places in the export."""
+"""A burst being exported: its checked images in order, written as files, and their masks."""
 
 import hashlib
+import os
 from dataclasses import dataclass
 from itertools import pairwise
 from pathlib import Path
 
+import numpy as np
+
 from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.common.text import Progress
 from capture_app.session.exporting.exporter import ExportOptions
-from capture_app.session.files.untrusted_files import RESTORE, RESTORE_IMAGE
+from capture_app.session.files.untrusted_files import RESTORE, RESTORE_IMAGE, read_regular
 from capture_app.session.format.calibration import Calibration, CameraCalibration
 from capture_app.session.format.lens import Picture, Redraw
-from capture_app.session.format.manifest import MANIFEST, ImageRecord
-from capture_app.session.reading.decoding import decode_image
+from capture_app.session.format.manifest import MANIFEST, FrameRecord, ImageRecord
+from capture_app.session.reading.decoding import decode_image, encode_image
 from capture_app.session.reading.reader import Session
+
+_SAME = {".jpeg": ".jpg", ".mjpeg": ".jpg", ".tif": ".tiff"}
 
 
 @dataclass(frozen=True, slots=True)
@@ -44,10 +49,8 @@ class ExportedBurst:
     ) -> None:
         """Take a session's images, or one `instant` only. Raises BadInputError if that has no image."""
         manifest = session.manifest
-        self.session, self.options = session, options
-        self.name = session.name
-        self.instants_ns = manifest.burst.instants_ns
-        self.period_ns = manifest.burst.period_ns
+        self.session, self.options, self.name = session, options, session.name
+        self.instants_ns, self.period_ns = manifest.burst.instants_ns, manifest.burst.period_ns
         self.recorded = self.images = _images_by_place(session)
         """The session's images (`recorded`), and the ones to export (`images`)."""
         self.frames: list[Frame] = []
@@ -150,13 +153,11 @@ class ExportedBurst:
 def _images_by_place(session: Session) -> dict[tuple[str, int], ImageRecord]:
     where = session.folder / MANIFEST
     images: dict[tuple[str, int], ImageRecord] = {}
-    paths: set[tuple[Path, int]] = set()
+    files: dict[tuple[Path, int], ImageRecord] = {}
     for image in session.manifest.images:
-        place = session.image_place(image)
-        if (image.camera, image.instant) in images or place in paths:
+        first = images.setdefault((image.camera, image.instant), image)
+        if first is not image or files.setdefault(session.image_place(image), image) is not image:
             raise BadInputError(f"{where} lists {image.path} of {image.camera} twice", hint=RESTORE)
-        images[image.camera, image.instant] = image
-        paths.add(place)
     return images
 
 
@@ -167,8 +168,87 @@ def _check_times(burst: ExportedBurst) -> None:
             raise BadInputError(f"{where}: instant {index} is not after instant {index - 1}", hint=RESTORE)
     for camera in burst.cameras:
         for last, image in pairwise(burst._in_order(camera)):
-            same = image.leader_ns == last.leader_ns
-            if image.leader_ns < last.leader_ns or (same and not (image.substitute or last.substitute)):
+            substitute = image.substitute or last.substitute  # of the frame beside it
+            if image.leader_ns < last.leader_ns + (not substitute):
                 raise BadInputError(
                     f"{where}: the times of {camera} go backwards at instant {image.instant}", hint=RESTORE
                 )
+
+
+def suffix_for(burst: ExportedBurst, images: list[ImageRecord]) -> str:
+    """Return the file suffix for all of these images: their own, or .png if they differ."""
+    endings = {_ending(burst, image) for image in images}
+    return endings.pop() if len(endings) == 1 else ".png"
+
+
+def place(
+    burst: ExportedBurst, image: ImageRecord, folder: Path, file: str, redraw: Redraw | None = None
+) -> None:
+    """Write an image into a folder: its own bytes, or its pixels as PNG if the suffix requires it.
+
+    A redrawn image is JPEG of quality 98, or PNG. Raises as `ExportedBurst.load` does if the file is not the
+    image that was saved.
+    """
+    data, pixels = burst.load(image)
+    target = folder / file
+    target.parent.mkdir(parents=True, exist_ok=True)
+    if redraw is not None or _ending(burst, image) != target.suffix:
+        target.write_bytes(encode_image(redraw(pixels) if redraw else pixels, target.suffix, quality=98))
+    elif burst.options.link and not isinstance(image, FrameRecord):
+        os.link(burst.session.image_file(image).resolve(), target)
+    else:
+        target.write_bytes(data)
+
+
+def jpeg_or_png(burst: ExportedBurst, image: ImageRecord) -> tuple[bytes, str]:
+    """Return an image's own bytes if they are JPEG or PNG, otherwise its pixels as PNG; and `jpeg` or `png`.
+
+    Raises as `ExportedBurst.load` does.
+    """
+    data, pixels = burst.load(image)
+    kind = {".jpg": "jpeg", ".png": "png"}.get(_ending(burst, image))
+    return (data, kind) if kind else (encode_image(pixels, ".png"), "png")
+
+
+def _ending(burst: ExportedBurst, image: ImageRecord) -> str:
+    ending = burst.session.image_file(image).suffix.lower()
+    return _SAME.get(ending, ending)
+
+
+def mask_path(folder: Path, camera: str, instant: int) -> Path:
+    """Return the path of an image's mask in a folder of masks."""
+    return folder / camera / f"{instant:06d}.png"
+
+
+def write_mask(
+    burst: ExportedBurst,
+    masks: Path | None,
+    image: ImageRecord,
+    target: Path,
+    *,
+    movers: int,
+    redraw: Redraw | None = None,
+) -> None:
+    """Write an image's mask from the folder `masks`, if given; `movers` (0 or 255) marks moving regions.
+
+    Raises IncompleteError if the folder lacks it, BadInputError if its size differs from the image's.
+    """
+    import cv2
+
+    if masks is None:
+        return
+    path = mask_path(masks, image.camera, image.instant)
+    if not path.is_file():
+        raise IncompleteError(f"{path} is missing", hint="reconstruct movers makes masks of all images")
+    width, height = burst.size(image.camera)
+    mask = decode_image(read_regular(path), colour=True, max_pixels=width * height)
+    if mask is None or mask.shape[:2] != (height, width):
+        raise BadInputError(
+            f"{path} is not a picture of {width}x{height} pixels",
+            hint="reconstruct movers makes masks of the images' size",
+        )
+    white: Picture = np.where(cv2.cvtColor(mask, cv2.COLOR_BGR2GRAY) > 127, 255, 0).astype(np.uint8)
+    if redraw:
+        white = np.where(redraw(white) > 127, 255, 0).astype(np.uint8)
+    target.parent.mkdir(parents=True, exist_ok=True)
+    target.write_bytes(encode_image(white if movers else 255 - white, ".png"))

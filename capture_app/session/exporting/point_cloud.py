@@ -67,14 +67,13 @@ def write_ply(path: Path, cloud: PointCloud, *, normals: bool = False) -> None:
 
     Some programs require normals.
     """
-    zeros = [("normal", "<f4", 3)] if normals else []
-    rows = np.zeros(len(cloud.points), [("at", "<f4", 3), *zeros, ("colour", "u1", 3)])
-    rows["at"], rows["colour"] = cloud.points, cloud.colours
     floats = ("x", "y", "z", "nx", "ny", "nz")[: 6 if normals else 3]
+    rows = np.zeros(len(cloud.points), [("floats", "<f4", len(floats)), ("colour", "u1", 3)])
+    rows["floats"][:, :3], rows["colour"] = cloud.points, cloud.colours
     properties = [f"property float {name}" for name in floats]
     properties += [f"property uchar {name}" for name in ("red", "green", "blue")]
-    count = f"element vertex {len(rows)}"
-    head = "\n".join(["ply", "format binary_little_endian 1.0", count, *properties, "end_header\n"])
+    lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}", *properties]
+    head = "\n".join([*lines, "end_header\n"])
     path.parent.mkdir(parents=True, exist_ok=True)
     path.write_bytes(head.encode() + rows.tobytes())
 
@@ -88,14 +87,11 @@ def _vertices(data: bytes) -> NDArray[np.void]:
     elements = [line for line in lines if line[0] == "element"]
     if elements[0][1] != "vertex":
         raise ValueError("vertices are not first")
-    count, fields = int(elements[0][2]), []
-    start = lines.index(elements[0])
+    count, start = int(elements[0][2]), lines.index(elements[0])
     end = lines.index(elements[1]) if len(elements) > 1 else len(lines)
-    for line in lines[start + 1 : end]:
-        if line[0] == "property":
-            fields.append((line[2], order + _TYPES[line[1]]))
+    fields = [(line[2], order + _TYPES[line[1]]) for line in lines[start:end] if line[0] == "property"]
     body = body[body.index(b"\n") + 1 :]
     if order == "=":
         rows = [tuple(map(float, row.split())) for row in body.decode("ascii").splitlines()[:count]]
-        return np.array(rows, [(name, kind) for name, kind in fields])
+        return np.array(rows, fields)
     return np.frombuffer(body, fields, count)

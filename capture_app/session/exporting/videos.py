@@ -123,12 +123,10 @@ def write_paired_videos(
     For programs that take frame n of all videos as simultaneous. Adds notes on black frames and uneven
     spacing.
     """
-    instants = range(len(burst.instants_ns))
     for camera, file in files.items():
+        shown = at_instants(burst, camera, range(len(burst.instants_ns)))
         redraw = (redraws or {}).get(camera)
-        write_camera(
-            burst, folder / file, at_instants(burst, camera, instants), camera, redraw=redraw, file=file
-        )
+        write_camera(burst, folder / file, shown, camera, redraw=redraw, file=file)
     blank = sum(frame.image is None for frame in burst.frames)
     if blank:
         burst.notes.append(f"{blank} frames are black: their images are missing or of another moment")

@@ -72,11 +72,12 @@ def is_full(error: OSError, folder: Path | None = None, little_bytes: int = LITT
 def disk_error(error: OSError, folder: Path) -> DiskError:
     """Convert an OSError of the disk into a message for users."""
     if is_full(error):
-        what = f"the disk of {folder} is full"
-        return DiskFullError(what, hint="what was saved before is intact; make room, and it can go on")
-    where = error.filename or folder
+        return DiskFullError(
+            f"the disk of {folder} is full",
+            hint="what was saved before is intact; make room, and it can go on",
+        )
     return DiskError(
-        f"cannot write {where}: {error.strerror}",
+        f"cannot write {error.filename or folder}: {error.strerror}",
         hint="check the disk: capture-app doctor; what was saved before is intact",
     )
 

@@ -74,9 +74,7 @@ class OutputFolder:
             BadInputError: `target` is a file, a mount point or, by `check`, not an earlier result.
         """
         self.target = Path(os.path.realpath(target))
-        self._check = check
-        self._reuse = reuse
-        self._wait = wait
+        self._check, self._reuse, self._wait = check, reuse, wait
         self._discarded = False
         self._early: Path | None = None
         """The target's file that was shown before the result was complete."""
@@ -125,18 +123,15 @@ class OutputFolder:
             DiskFullError: the disk is full.
             BadInputError: the target cannot be replaced.
         """
-        explained = None
-        if isinstance(error, OSError) and is_full(error, self._workplace):
-            explained = output_error(error, self.target, self._workplace)
         try:
             if error is None and not self._discarded:
                 self._put_in_place()
+            elif isinstance(error, OSError) and is_full(error, self._workplace):
+                raise error
         except OSError as failure:
             raise output_error(failure, self.target, self._workplace) from failure
         finally:
             self._release()
-        if explained is not None:
-            raise explained from error
 
     def discard(self) -> None:
         """Drop the new output on exit, and leave the target unchanged; this is not an error."""
@@ -259,13 +254,13 @@ class OutputFolder:
 def output_error(error: OSError, target: Path, workplace: Path) -> SimulshotError:
     """Convert an OSError of writing to `target`, by way of a folder on the same disk, for users."""
     if isinstance(error, BlockingIOError):
-        what = f"another run is writing to {target}"
-        return TryAgainError(what, hint="wait until it has ended, or choose another --out")
+        hint = "wait until it has ended, or choose another --out"
+        return TryAgainError(f"another run is writing to {target}", hint=hint)
     if is_full(error, workplace):
-        what = f"the disk of {target} is full"
-        return DiskFullError(what, hint="make room, or choose an --out on another disk")
-    what = f"cannot write to {target}: {error.strerror or error}"
-    return BadInputError(what, hint="choose another --out")
+        return DiskFullError(
+            f"the disk of {target} is full", hint="make room, or choose an --out on another disk"
+        )
+    return BadInputError(f"cannot write to {target}: {error.strerror or error}", hint="choose another --out")
 
 
 @contextmanager
@@ -281,10 +276,10 @@ def growing_folder(out: Path, lock: str, ours: Collection[str]) -> Iterator[Path
     """
     root = Path(os.path.realpath(out))
     try:
-        if root.exists() and not root.is_dir():
-            raise BadInputError(f"{root} is a file", hint="choose another --out")
-        if root.exists():
+        if root.is_dir():
             replaces_only(ours)(root)
+        elif root.exists():
+            raise BadInputError(f"{root} is a file", hint="choose another --out")
         handle = lock_file(root / lock)
         try:
             yield root

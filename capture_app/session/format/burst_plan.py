@@ -4,13 +4,13 @@ from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
-from msgspec import Struct, ValidationError, convert, structs
+from msgspec import Struct, ValidationError, convert, json, structs
 
 from capture_app.common.bounds import Count, Positive, Sentence, TimeNs
 from capture_app.common.clock import SimulatedClock
 from capture_app.common.errors import BadInputError
 from capture_app.common.names import Name, check_name
-from capture_app.session.files.untrusted_files import read_struct
+from capture_app.session.files.untrusted_files import decode_struct, read_struct
 from capture_app.session.format.calibration import CameraCalibration
 from capture_app.session.format.manifest import BurstRecord, CameraRecord, MissingImage, check_written
 
@@ -97,38 +97,29 @@ class BurstPlan(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
         return self.leader, self.number
 
 
-class _UncheckedPlan(BurstPlan, frozen=True, kw_only=True, forbid_unknown_fields=True):
-    cameras: tuple[dict[str, Any], ...]  # type: ignore[assignment]
-
-
 def read_plan(folder: Path) -> BurstPlan:
     """Read a session's plan; cameras with an invalid part are left out and named in its note.
 
     Raises BadInputError if there is no plan, or if none of its cameras is valid.
     """
-    unchecked = read_struct(folder / PLAN, _UncheckedPlan, PLAN_VERSION)
-    check_name(unchecked.name, "session")
-    cameras, notes = [], [unchecked.note] if unchecked.note else []
-    for number, fields in enumerate(unchecked.cameras):
+    fields = read_struct(folder / PLAN, dict[str, Any], PLAN_VERSION)
+    parts = fields.get("cameras")
+    valid, notes = [], []
+    for number, part in enumerate(parts if isinstance(parts, list) else ()):
         try:
-            part = convert(fields, CameraPlan)
-            check_name(part.camera.name, "camera")
-            check_written(part.camera)
-            cameras.append(part)
+            camera = convert(part, CameraPlan).camera
+            check_name(camera.name, "camera")
+            check_written(camera)
+            valid.append(part)
         except (BadInputError, ValidationError) as error:
-            camera = fields.get("camera")
-            name = camera.get("name") if isinstance(camera, dict) else f"camera {number}"
+            record = part.get("camera") if isinstance(part, dict) else None
+            name = record.get("name") if isinstance(record, dict) else f"camera {number}"
             notes.append(f"{name} is left out: {error}")
-    if not cameras:
-        raise BadInputError(
-            f"{folder / PLAN} has no valid camera: {'; '.join(notes)}",
-            hint="the burst cannot be repaired; its images stay in the folder",
-        )
-    checked = {"cameras": tuple(cameras), "note": "; ".join(notes)}
-    plan = BurstPlan(**structs.asdict(unchecked) | checked)
+    plan = decode_struct(folder / PLAN, json.encode(fields | {"cameras": valid}), BurstPlan)
+    check_name(plan.name, "session")
+    unused = "the burst cannot be repaired; its images stay in the folder"
+    if not valid:
+        raise BadInputError(f"{folder / PLAN} has no valid camera: {'; '.join(notes)}", hint=unused)
     if any(instant >= len(plan.instants_ns) for instant in plan.chosen or ()):
-        raise BadInputError(
-            f"{folder / PLAN} names a chosen instant that was not requested",
-            hint="the burst cannot be repaired; its images stay in the folder",
-        )
-    return plan
+        raise BadInputError(f"{folder / PLAN} names a chosen instant that was not requested", hint=unused)
+    return structs.replace(plan, note="; ".join(filter(None, (plan.note, *notes))))

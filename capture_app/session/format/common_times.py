@@ -46,9 +46,8 @@ class CameraTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
 
     def leader_from_local(self, local_ns: int) -> int:
         """Convert a camera's own time to the recording's, ns; return it unchanged if that is unknown."""
-        if self.offset_ns is None:
-            return local_ns
-        return local_ns + self.offset_ns + round(self.rate_ppm * 1e-6 * (local_ns - self.epoch_local_ns))
+        drift_ns = round(self.rate_ppm * 1e-6 * (local_ns - self.epoch_local_ns))
+        return local_ns if self.offset_ns is None else local_ns + self.offset_ns + drift_ns
 
     def uncertainty_at_ns(self, local_ns: int) -> int | None:
         """Return the 95 % error of `leader_from_local` at a camera's own time, ns; None if unknown."""
@@ -92,6 +91,5 @@ class CommonTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True,
         if self.unknown:
             return self.words
         worst_ns = max((of.uncertainty_ns or 0 for of in self.cameras.values()), default=0)
-        if worst_ns <= ROUGH_FRAMES * period_ns:
-            return ""
-        return f"not synchronized, offsets known to ± {worst_ns / 1e6:.0f} ms only: {self.reason}"
+        rough = f"not synchronized, offsets known to ± {worst_ns / 1e6:.0f} ms only: {self.reason}"
+        return rough if worst_ns > ROUGH_FRAMES * period_ns else ""

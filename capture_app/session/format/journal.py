@@ -1,16 +1,28 @@
-"""Lines of a session's journals: one for each image, or frame of a video, that is safely on disk."""
+"""Journals of a session, with a line for each image, frame or true time on disk, and the ground truth."""
 
 from pathlib import PurePosixPath
 from typing import TypeVar
 
 import msgspec
-from msgspec import structs
+from msgspec import Struct, structs
 
+from capture_app.common.clock import SimulatedClock
 from capture_app.common.text import UNREADABLE
-from capture_app.session.format.manifest import RIG, VIDEOS, FrameRecord, ImageRecord, VideoRecord
+from capture_app.session.format.manifest import (
+    GROUND_TRUTH,
+    RIG,
+    VIDEOS,
+    FrameRecord,
+    ImageRecord,
+    Sha256,
+    VideoRecord,
+)
 
 _T = TypeVar("_T")
 FRAMES_SUFFIX = ".frames.ndjson"
+TIMES = f"{GROUND_TRUTH}/times.json"
+TRUE_TIMES_JOURNAL = f"{GROUND_TRUTH}/times.ndjson"
+"""The true times, a line each as they come, of a burst that a crash may interrupt."""
 
 
 def record_of_line(line: bytes, kind: type[_T]) -> _T | None:
@@ -47,3 +59,25 @@ def frame_of_line(video: VideoRecord, line: FrameRecord, instant_ns: int) -> Fra
     """Complete a decoded frame line with its camera, its video's path and its time from its instant."""
     residual_ns = line.leader_ns - instant_ns
     return structs.replace(line, camera=video.camera, path=video.path, residual_ns=residual_ns)
+
+
+class TrueTime(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """True start of the first row's exposure of one image, in ns of the host's clock."""
+
+    camera: str
+    instant: int
+    true_ns: int
+    sha256: Sha256 | None = None
+    """Checksum of the image's .npz; None where it has none."""
+
+
+class TrueTimes(Struct, frozen=True, kw_only=True, forbid_unknown_fields=True):
+    """True times of the images, and the true clock of each camera by name."""
+
+    images: tuple[TrueTime, ...] = ()
+    clocks: dict[str, SimulatedClock] = {}
+
+
+def ground_truth_path(camera: str, instant: int) -> str:
+    """Return the path of an image's ground truth, relative to its session."""
+    return f"{GROUND_TRUTH}/{camera}/{instant:06d}.npz"

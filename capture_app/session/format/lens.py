@@ -60,8 +60,7 @@ def triangulate_rays(seen: Iterable[tuple[Array, Array]]) -> Array:
     Each camera gives its rays, x / z and y / z (n, 2), and its `cam_from_rig` (3, 4). A point minimizes the
     algebraic error over all cameras (DLT: Hartley and Zisserman, 12.2).
     """
-    rows = [rays[:, :, None] * pose[2] - pose[:2] for rays, pose in seen]
-    system = np.concatenate(rows, axis=1)
+    system = np.concatenate([rays[:, :, None] * pose[2] - pose[:2] for rays, pose in seen], axis=1)
     system /= np.linalg.norm(system, axis=2, keepdims=True).clip(1e-12)
     return np.asarray(np.linalg.svd(system)[2][:, -1])
 
@@ -161,15 +160,8 @@ def without_k3(camera: CameraCalibration) -> tuple[CameraCalibration, float]:
         _, _, slopes = _project(fitted, rays)
         scale = np.linalg.norm(slopes, axis=0)
         step = np.linalg.lstsq(slopes / scale, (seen - project_rays(fitted, rays)).ravel())[0] / scale
-        fx, fy, cx, cy, *given = np.array(_parameters(fitted)) + step
-        fitted = msgspec.structs.replace(
-            fitted,
-            fx=float(fx),
-            fy=float(fy),
-            cx=float(cx),
-            cy=float(cy),
-            distortion=(*map(float, given), 0.0),
-        )
+        fx, fy, cx, cy, *given = (np.array(_parameters(fitted)) + step).tolist()
+        fitted = msgspec.structs.replace(fitted, fx=fx, fy=fy, cx=cx, cy=cy, distortion=(*given, 0.0))
         if np.abs(step[:4]).max() < 1e-9:
             break
     worst = float(np.linalg.norm(seen - project_rays(fitted, rays), axis=1).max())
@@ -210,8 +202,7 @@ def redrawing(camera: CameraCalibration, target: CameraCalibration) -> Redraw | 
         maps[0][unseen] = -10
     for axis, length in zip(maps, (camera.width, camera.height), strict=True):
         # The image extends half a pixel beyond its outermost pixel centres.
-        inside = (axis >= -0.51) & (axis <= length - 0.49)
-        np.clip(axis, 0, length - 1, out=axis, where=inside)
+        np.clip(axis, 0, length - 1, out=axis, where=(axis >= -0.51) & (axis <= length - 0.49))
 
     def redraw(picture: Picture) -> Picture:
         # OpenCV's bicubic kernel (a = -0.75) does not preserve a ramp: it shifts a smooth dot by up to 0.06

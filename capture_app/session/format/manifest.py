@@ -8,7 +8,6 @@ from __future__ import annotations
 import inspect
 import stat
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import suppress
 from dataclasses import dataclass
 from itertools import groupby
 from pathlib import Path, PurePosixPath
@@ -251,8 +250,7 @@ def image_path(camera: str, instant: int, suffix: str = ".jpg") -> str:
 def check_image_path(record: ImageRecord) -> str:
     """Return the suffix of an image's path. Raises BadInputError if the path is not that image's."""
     suffix = PurePosixPath(record.path).suffix
-    own = image_path(record.camera, record.instant, suffix)
-    if suffix not in IMAGE_SUFFIXES or record.path != own:
+    if suffix not in IMAGE_SUFFIXES or record.path != image_path(record.camera, record.instant, suffix):
         raise BadInputError(
             f"{record.path!r} is not a valid path for an image of {record.camera}", hint=RESTORE
         )
@@ -304,8 +302,7 @@ def sync_record(
     by_name = {camera.name: camera for camera in cameras}
     facts = {name: camera.facts for name, camera in by_name.items()}
     # Times that were found from the pictures or the sound themselves are right whatever the stamps are.
-    by_stamps = burst.common_times is None
-    unshared_ns = unshared_uncertainties_ns(facts) if by_stamps else dict.fromkeys(facts, 0)
+    unshared_ns = dict.fromkeys(facts, 0) if burst.common_times else unshared_uncertainties_ns(facts)
     spreads_ns = [0] * len(burst.instants_ns)
     rows_ns: int | None = None
     error_ns: int | None = 0
@@ -315,8 +312,8 @@ def sync_record(
         of = list(group)
         number += len(of)
         spreads_ns[instant] = _spread([image.leader_ns for image in of])
-        rows = _row_scatter([(by_name[image.camera], image) for image in of])
-        rows_ns = max(rows_ns or 0, rows) if rows is not None else rows_ns
+        if (rows := _row_scatter([(by_name[image.camera], image) for image in of])) is not None:
+            rows_ns = max(rows_ns or 0, rows)
         for image in of:
             known_ns = image.uncertainty_ns
             shared_ns = None if known_ns is None else known_ns + unshared_ns[image.camera]
@@ -354,8 +351,7 @@ def _row_scatter(images: Sequence[tuple[CameraRecord, ImageRecord]]) -> int | No
     rows = [known for camera, image in images if (known := row_exposures(camera, image)) is not None]
     if len(rows) < 2:
         return None
-    last = min(of.rows for of in rows) - 1
-    return max(_spread([of.middle_ns(row) for of in rows]) for row in (0, last))
+    return max(_spread([of.middle_ns(row) for of in rows]) for row in (0, min(of.rows for of in rows) - 1))
 
 
 def inside(folder: Path, path: str) -> Path:
@@ -364,22 +360,20 @@ def inside(folder: Path, path: str) -> Path:
     Raises BadInputError if the path leads out of the folder, or is a pipe or a device.
     """
     parts = PurePosixPath(path).parts
-    odd = not parts or path.startswith("/") or ".." in parts or "\\" in path or "\0" in path
-    file, waits = folder / path, False
+    safe = parts and not path.startswith("/") and ".." not in parts and not set(path) & {"\\", "\0"}
+    file, what = folder / path, "outside the session"
     try:
-        safe = not odd and file.resolve().is_relative_to(folder.resolve())
-        if safe:
-            with suppress(FileNotFoundError, NotADirectoryError):
-                # From Python 3.13 on a loop of links resolves, and fails only here.
-                mode = file.stat().st_mode
-                waits = not (stat.S_ISREG(mode) or stat.S_ISDIR(mode))
+        if safe and file.resolve().is_relative_to(folder.resolve()):
+            # From Python 3.13 on a loop of links resolves, and fails only here.
+            mode = file.stat().st_mode
+            if stat.S_ISREG(mode) or stat.S_ISDIR(mode):
+                return file
+            what = "not a regular file"
+    except (FileNotFoundError, NotADirectoryError):
+        return file
     except (OSError, RuntimeError):
-        safe = False
-    if not safe:
-        raise BadInputError(f"{folder / MANIFEST} names {path!r}, which is outside the session", hint=RESTORE)
-    if waits:
-        raise BadInputError(f"{folder / MANIFEST} names {path!r}, which is not a regular file", hint=RESTORE)
-    return file
+        pass
+    raise BadInputError(f"{folder / MANIFEST} names {path!r}, which is {what}", hint=RESTORE)
 
 
 def check_references(path: Path, manifest: Manifest) -> None:
@@ -425,8 +419,10 @@ def check_written(record: CameraRecord | ImageRecord) -> None:
         lasting_ns = max(facts.exposure_ns or 0, (facts.row_time_ns or 0) * facts.height)
     else:
         what, lasting_ns = f"image {record.instant} of camera {record.camera}", record.exposure_ns or 0
-    numbers = map(abs, _numbers(msgspec.to_builtins(record)))
-    if max(numbers, default=0) > MAX_WRITTEN or lasting_ns > MAX_LASTING_NS:
+    if (
+        max(map(abs, _numbers(msgspec.to_builtins(record))), default=0) > MAX_WRITTEN
+        or lasting_ns > MAX_LASTING_NS
+    ):
         raise BadInputError(
             f"{what} has a time or a number out of range",
             hint="correct the times, exposure and size that its camera or recording states",
@@ -435,31 +431,22 @@ def check_written(record: CameraRecord | ImageRecord) -> None:
 
 def _numbers(value: Any) -> Iterator[int | float]:
     """Yield all numbers in plain data."""
-    if isinstance(value, dict):
-        value = value.values()
-    elif isinstance(value, int | float):
+    if isinstance(value, int | float):
         yield value
-        return
-    elif not isinstance(value, list | tuple):
-        return
-    for part in value:
-        yield from _numbers(part)
+    elif isinstance(value, dict | list | tuple):
+        for part in value.values() if isinstance(value, dict) else value:
+            yield from _numbers(part)
 
 
-def session_schema() -> dict[str, Any]:
-    """Return the JSON schema (draft 2020-12) of a session's manifest."""
+def session_schema_text() -> str:
+    """Return the JSON schema (draft 2020-12) of a manifest, the text of `docs/session.schema.json`."""
     schema = msgspec.json.schema(Manifest)
     for struct in schema["$defs"].values():
         if "description" in struct:
             # From Python 3.13 on docstrings come without their indentation, before that with it.
             struct["description"] = inspect.cleandoc(struct["description"])
-    return {
+    about = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         "title": "simulshot session manifest (session.json)",
-        **schema,
     }
-
-
-def session_schema_text() -> str:
-    """Return the schema as the text of `docs/session.schema.json`."""
-    return pretty_json(session_schema()).decode() + "\n"
+    return pretty_json(about | schema).decode() + "\n"

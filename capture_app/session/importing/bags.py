@@ -9,8 +9,7 @@ child in the parent's coordinates.
 
 import struct
 from collections.abc import Collection, Iterator, Mapping, Sequence
-from contextlib import ExitStack, contextmanager
-from dataclasses import dataclass
+from contextlib import contextmanager
 from functools import cache
 from pathlib import Path
 from typing import Any, BinaryIO, NamedTuple
@@ -21,9 +20,9 @@ from capture_app.common.errors import BadInputError, SimulshotError, reading
 from capture_app.common.names import is_name, name_like
 from capture_app.common.optional_packages import load_optional
 from capture_app.session.files.untrusted_files import open_regular
-from capture_app.session.importing.frame_matching import TimedFrame
-from capture_app.session.importing.recording_sources import Source
-from capture_app.session.importing.views import View, Views, view_at
+from capture_app.session.importing.frame_matching import TimedFrame, timeline_by_times
+from capture_app.session.importing.recording_sources import Layout, Source
+from capture_app.session.importing.views import View, Views, from_quaternion
 from capture_app.session.reading.decoding import encode_image, image_size
 
 MCAP = ".mcap"
@@ -113,20 +112,12 @@ class TopicPictures(Source):
                 yield index, data, size
 
 
-@dataclass(frozen=True, slots=True)
-class Bag:
-    """The cameras of a recording, their frames' times, and their calibration if it is complete."""
+def read_bag(path: Path) -> tuple[Layout, dict[tuple[str, int], int]]:
+    """Read a recording: its cameras, timed by its stamps, with its calibration if that is complete.
 
-    sources: list[Source]
-    times: dict[str, list[TimedFrame]]
-    """The frames of each camera, in the order of the stamps."""
-    places: dict[tuple[str, int], int]
-    """Index of a message's frame, by camera and the message's sequence number."""
-    views: Views | None
-
-
-def read_bag(path: Path) -> Bag:
-    """Read the cameras of a recording. Raises BadInputError if it has no readable images."""
+    Also return the index of each message's frame, by camera and the message's sequence number. Raises
+    BadInputError if there are no readable images.
+    """
     first: dict[str, _Message] = {}
     times: dict[str, list[TimedFrame]] = {}
     numbers: dict[str, list[int]] = {}
@@ -150,12 +141,18 @@ def read_bag(path: Path) -> Bag:
             hint="record one of these, or import videos or folders of images",
         )
     names = _camera_names({topic: of.frame_id for topic, of in first.items()})
-    return Bag(
-        [TopicPictures(name, path, first[topic], len(times[topic])) for topic, name in names.items()],
-        {name: sorted(times[topic], key=lambda frame: frame.leader_ns) for topic, name in names.items()},
-        {(name, one): index for topic, name in names.items() for index, one in enumerate(numbers[topic])},
-        _views(path, {names[topic]: of for topic, of in first.items()}, lenses, poses),
+    sources = [TopicPictures(name, path, first[topic], len(times[topic])) for topic, name in names.items()]
+    stamped = {name: sorted(times[topic], key=lambda frame: frame.leader_ns) for topic, name in names.items()}
+    layout = Layout(
+        program=sources[0].kind,
+        path=path,
+        sources=tuple(sources),
+        timeline=timeline_by_times(str(path), stamped),
+        views=_views(path, {names[topic]: of for topic, of in first.items()}, lenses, poses),
     )
+    return layout, {
+        (name, one): index for topic, name in names.items() for index, one in enumerate(numbers[topic])
+    }
 
 
 def _camera_names(frames: Mapping[str, str]) -> dict[str, str]:
@@ -179,16 +176,21 @@ def _views(
         lens = _lens_of(picture, lenses.values())
         if lens is None or picture.frame_id not in poses:
             return None
-        _, pose = poses[picture.frame_id]
-        rotation, at = pose.rotation, pose.translation
+        where, (_, pose) = f"{path}: {picture.frame_id}", poses[picture.frame_id]
+        turn, at = pose.rotation, pose.translation
         k, d = (lens.K, lens.D) if hasattr(lens, "K") else (lens.k, lens.d)
-        views[name] = view_at(
-            f"{path}: {picture.frame_id}",
-            k,
-            d,
-            (rotation.w, rotation.x, rotation.y, rotation.z),
-            (at.x, at.y, at.z),
-            (lens.width, lens.height),
+        if len(k) != 9:
+            raise BadInputError(
+                f"{where} has a calibration without K",
+                hint="calibrate the camera before recording, or import with --calibration PATH",
+            )
+        rotation = from_quaternion(where, (turn.w, turn.x, turn.y, turn.z)).T
+        views[name] = View(
+            matrix=np.array(k).reshape(3, 3),
+            distortion=np.array(d if len(d) else [0.0] * 5),
+            rotation=rotation,
+            translation=-rotation @ np.array([at.x, at.y, at.z]),
+            size=(lens.width, lens.height),
         )
     one_world = len({poses[picture.frame_id][0] for picture in cameras.values()}) == 1
     return Views(views, path.name, "m") if one_world else None
@@ -213,9 +215,8 @@ def _picture(where: str, message: Any) -> bytes:
         )
     rows = np.asarray(message.data, np.uint8).reshape(message.height, message.step)
     pixels = rows[:, : message.width * channels].reshape(message.height, message.width, channels)
-    if message.encoding == "rgb8":
-        pixels = pixels[:, :, ::-1]
-    return encode_image(np.ascontiguousarray(pixels), ".jpg")
+    bgr = pixels[:, :, ::-1] if message.encoding == "rgb8" else pixels
+    return encode_image(np.ascontiguousarray(bgr), ".jpg")
 
 
 def attachments(path: Path) -> dict[str, bytes]:
@@ -236,24 +237,26 @@ def _messages(path: Path, kinds: Collection[str], topics: Sequence[str] = ()) ->
                 # It reads the chunks that were checked; the other reader follows an index to any place.
                 reader = load_optional("mcap.reader", "export", "MCAP").NonSeekingReader(stream)
                 for schema, channel, one in reader.iter_messages(topics or None, log_time_order=False):
-                    if schema is None or schema.name not in kinds:
-                        continue
-                    if channel.message_encoding == _ENCODINGS[schema.name.startswith(_FOXGLOVE)]:
-                        content = _decode(schema.name, one.data)
-                        yield _Message(channel.topic, schema.name, one.log_time, one.sequence, content)
+                    kind = schema.name if schema else ""
+                    if kind in kinds and channel.message_encoding == _ENCODINGS[kind.startswith(_FOXGLOVE)]:
+                        content = _decode(kind, one.data)
+                        yield _Message(channel.topic, kind, one.log_time, one.sequence, content)
             return
         reader = load_optional("rosbags.highlevel", "ros", ROS_BAGS).AnyReader
         with reader([path], default_typestore=ros_messages()) as found:
-            connections = [one for one in found.connections if one.msgtype in kinds]
-            chosen = [one for one in connections if not topics or one.topic in topics]
+            chosen = [
+                one
+                for one in found.connections
+                if one.msgtype in kinds and one.topic in (topics or [one.topic])
+            ]
             for of, at_ns, raw in found.messages(connections=chosen) if chosen else ():
                 yield _Message(of.topic, of.msgtype, at_ns, 0, found.deserialize(raw, of.msgtype))
 
 
-def _open_mcap(path: Path) -> BinaryIO:
+@contextmanager
+def _open_mcap(path: Path) -> Iterator[BinaryIO]:
     """Open an .mcap none of whose chunks unpacks to more than _MAX_CHUNK. Raises BadInputError, OSError."""
-    with ExitStack() as failing:
-        stream = failing.enter_context(open_regular(path))
+    with open_regular(path) as stream:
         stream.seek(_MAGIC_BYTES)
         while len(head := stream.read(9)) == 9:
             kind, length = struct.unpack("<BQ", head)
@@ -268,8 +271,7 @@ def _open_mcap(path: Path) -> BinaryIO:
                     )
             stream.seek(end)
         stream.seek(0)
-        failing.pop_all()
-        return stream
+        yield stream
 
 
 def _unpacked(compression: bytes, rest: bytes) -> int:
@@ -278,8 +280,8 @@ def _unpacked(compression: bytes, rest: bytes) -> int:
     if compression == b"zstd":
         return int(load_optional("zstandard", "export", "MCAP").frame_content_size(data))
     if compression == b"lz4":
-        lz4 = load_optional("lz4.frame", "export", "MCAP")
-        return len(lz4.LZ4FrameDecompressor().decompress(data, max_length=_MAX_CHUNK + 1))
+        decompressor = load_optional("lz4.frame", "export", "MCAP").LZ4FrameDecompressor()
+        return len(decompressor.decompress(data, max_length=_MAX_CHUNK + 1))
     return len(data)
 
 

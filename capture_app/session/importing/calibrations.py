@@ -71,9 +71,10 @@ def fit_calibration(
             f"nothing for {', '.join(lacking)} of the recording",
             hint="name the cameras as in the calibration: NAME=PATH",
         )
-    scale = METRES.get(given, 1.0)
     cameras = {
-        name: _camera(f"{views.source}: camera {name}", views.cameras[labels[name]], size, scale, fit)
+        name: _camera(
+            f"{views.source}: camera {name}", views.cameras[labels[name]], size, METRES.get(given, 1.0), fit
+        )
         for name, size in sizes.items()
     }
     return Calibration(cameras=cameras, unit="m" if given in METRES else given, source=views.source)
@@ -125,14 +126,12 @@ def _factors(
             f"{where} is calibrated for {calibrated[0]}x{calibrated[1]} pixels", hint=EXPORT_AGAIN
         )
     x, y = size[0] / calibrated[0], size[1] / calibrated[1]
-    if fit == "crop":
-        return 1.0, 1.0
-    if fit == "scale" or abs(x / y - 1) < 1e-3:
-        return x, y
-    taken = f"{size[0]}x{size[1]}"
+    if fit != "exact" or abs(x / y - 1) < 1e-3:
+        return (1.0, 1.0) if fit == "crop" else (x, y)
     turned = "; are they turned by 90 degrees?" if calibrated == size[::-1] else ""
     raise BadInputError(
-        f"{where} is calibrated for {calibrated[0]}x{calibrated[1]} pixels, its images are {taken}{turned}",
+        f"{where} is calibrated for {calibrated[0]}x{calibrated[1]} pixels, its images are "
+        f"{size[0]}x{size[1]}{turned}",
         hint="--fit crop if their right or bottom is cut off, --fit scale if they are stretched",
     )
 

@@ -2,6 +2,7 @@
 
 import re
 from collections.abc import Container, Iterator
+from contextlib import contextmanager, suppress
 from datetime import UTC, datetime
 from fractions import Fraction
 from importlib.util import find_spec
@@ -14,7 +15,7 @@ from numpy.typing import NDArray
 from capture_app.common.errors import BadInputError
 from capture_app.common.optional_packages import load_optional
 from capture_app.session.files.untrusted_files import read_input
-from capture_app.session.reading.file_headers import read_exif
+from capture_app.session.reading.decoding import read_exif
 
 _DATE = re.compile(
     r"((?:19|20)\d{2})[-_.:]?(\d{2})[-_.:]?(\d{2})[-_.T ]?(\d{2})[-_.:h]?(\d{2})[-_.:m]?(\d{2})[-_.,]?(\d*)"
@@ -40,10 +41,21 @@ def has_video_times() -> bool:
     return find_spec("av") is not None
 
 
-def check_file(path: Path) -> None:
-    """Raise BadInputError for a pipe or a folder, which a reader would wait for."""
-    if not path.is_file():
+@contextmanager
+def _opened(path: Path) -> Iterator[tuple[Any, Any]]:
+    """Open a video; yield the package PyAV and the container. Raises BadInputError, NotAvailableError."""
+    if not path.is_file():  # a reader would wait for a pipe
         raise BadInputError(f"{path} is not a file", hint=DAMAGED)
+    av = load_optional("av", "export", "reading a video's own timestamps", hint="give the rate: --fps")
+    try:
+        with av.open(str(path), metadata_errors="replace") as container:
+            if not container.streams.video:
+                raise BadInputError(
+                    f"{path} has no video in it", hint="leave it out, or give the camera's video file"
+                )
+            yield av, container
+    except av.FFmpegError as error:
+        raise BadInputError(f"{path} is not a video that can be decoded: {error}", hint=DAMAGED) from error
 
 
 def video_times_ns(path: Path) -> list[int]:
@@ -51,24 +63,11 @@ def video_times_ns(path: Path) -> list[int]:
 
     Raises BadInputError if it is not a video, NotAvailableError without PyAV.
     """
-    av = _pyav()
-    check_file(path)
-    try:
-        with av.open(str(path), metadata_errors="replace") as container:
-            if not container.streams.video:
-                raise BadInputError(
-                    f"{path} has no video in it", hint="leave it out, or give the camera's video file"
-                )
-            stream = container.streams.video[0]
-            ticks = {
-                packet.pts
-                for packet in container.demux(stream)
-                if packet.pts is not None and not packet.is_discard
-            }
-            base = stream.time_base
-    except av.FFmpegError as error:
-        raise BadInputError(f"{path} is not a video that can be decoded: {error}", hint=DAMAGED) from error
-    return [_nanoseconds(tick, base) for tick in sorted(ticks)]
+    with _opened(path) as (_, container):
+        stream = container.streams.video[0]
+        packets = (packet for packet in container.demux(stream) if not packet.is_discard)
+        ticks = {packet.pts for packet in packets if packet.pts is not None}
+        return [_nanoseconds(tick, stream.time_base) for tick in sorted(ticks)]
 
 
 def video_pictures(path: Path, times_ns: Container[int]) -> Iterator[tuple[int, NDArray[np.uint8]]]:
@@ -76,26 +75,19 @@ def video_pictures(path: Path, times_ns: Container[int]) -> Iterator[tuple[int, 
 
     Frames that cannot be decoded are skipped. Raises BadInputError if it is not a video.
     """
-    av = _pyav()
-    scaler = av.video.reformatter.Interpolation
-    # Without accurate rounding every image is darker by a level or more.
-    check_file(path)
-    rounding = scaler.BICUBIC | scaler.ACCURATE_RND | scaler.FULL_CHR_H_INP | scaler.FULL_CHR_H_INT
-    try:
-        with av.open(str(path), metadata_errors="replace") as container:
-            stream = container.streams.video[0]
-            for packet in container.demux(stream):
-                try:
-                    frames = packet.decode()
-                except av.InvalidDataError:
-                    continue
-                for frame in frames:
-                    at_ns = None if frame.pts is None else _nanoseconds(frame.pts, frame.time_base)
-                    if at_ns is not None and at_ns in times_ns:
-                        image = frame.to_ndarray(format="bgr24", interpolation=rounding)
-                        yield at_ns, np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90) % 4))
-    except av.FFmpegError as error:
-        raise BadInputError(f"{path} is not a video that can be decoded: {error}", hint=DAMAGED) from error
+    with _opened(path) as (av, container):
+        scaler = av.video.reformatter.Interpolation
+        # Without accurate rounding every image is darker by a level or more.
+        rounding = scaler.BICUBIC | scaler.ACCURATE_RND | scaler.FULL_CHR_H_INP | scaler.FULL_CHR_H_INT
+        for packet in container.demux(container.streams.video[0]):
+            frames = []
+            with suppress(av.InvalidDataError):
+                frames = packet.decode()
+            for frame in frames:
+                at_ns = None if frame.pts is None else _nanoseconds(frame.pts, frame.time_base)
+                if at_ns is not None and at_ns in times_ns:
+                    image = frame.to_ndarray(format="bgr24", interpolation=rounding)
+                    yield at_ns, np.ascontiguousarray(np.rot90(image, round(frame.rotation / 90) % 4))
 
 
 def name_time_ns(path: Path) -> int:
@@ -137,7 +129,3 @@ def _date_ns(path: Path, found: re.Match[str], fraction: str) -> int:
 
 def _nanoseconds(ticks: int, base: Fraction) -> int:
     return round(ticks * base * 1_000_000_000)
-
-
-def _pyav() -> Any:
-    return load_optional("av", "export", "reading a video's own timestamps", hint="give the rate: --fps")

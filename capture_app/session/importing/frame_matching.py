@@ -80,16 +80,13 @@ def match(cameras: Mapping[str, Sequence[TimedFrame]], period_ns: int) -> list[d
         for frame in frames if name != lead else ():
             number = _nearest(lead_ns, frame.leader_ns)
             offset_ns = abs(lead_ns[number] - frame.leader_ns)
-            if not is_same_instant(offset_ns, period_ns):
-                left.append((frame.leader_ns, name, frame))
-                continue
-            rival = groups[number].get(name)
-            nearer = rival is None or offset_ns < abs(lead_ns[number] - rival.leader_ns)
-            if nearer:
-                groups[number][name] = frame
-            farther = rival if nearer else frame
-            if farther is not None:
-                left.append((farther.leader_ns, name, farther))
+            rest: TimedFrame | None = frame
+            if is_same_instant(offset_ns, period_ns):
+                rival = groups[number].get(name)
+                if rival is None or offset_ns < abs(lead_ns[number] - rival.leader_ns):
+                    groups[number][name], rest = frame, rival
+            if rest is not None:
+                left.append((rest.leader_ns, name, rest))
     return groups + _group(sorted(left, key=lambda one: one[:2]), period_ns)
 
 

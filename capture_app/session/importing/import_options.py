@@ -82,8 +82,7 @@ def make_timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline
     if options.fps is not None:
         return _by_times("the recording", times_by_rate(sources, options.fps), options)
     if options.times != "auto":
-        frames = {source.name: _own(source, options.times) for source in sources}
-        return _by_times("the recording", frames, options)
+        return _by_times("the recording", {one.name: _own(one, options.times) for one in sources}, options)
     if options.known is not None:
         return _shifted(options.known, options, "the recording")
     recorded = {source.name: times for source in sources if (times := source.embedded_times()) is not None}
@@ -93,13 +92,11 @@ def make_timeline(sources: Sequence[Source], options: ImportOptions) -> Timeline
 
 
 def _check_options(names: Sequence[str], options: ImportOptions) -> None:
-    for name in options.offsets_ms:
-        if name not in names:
-            raise BadInputError(
-                f"--time-shift-ms names {name}, which the recording lacks", hint=f"it has {', '.join(names)}"
-            )
-    given = (options.fps is not None, options.timestamps is not None, options.times != "auto")
-    if sum(given) > 1:
+    for name in options.offsets_ms.keys() - set(names):
+        raise BadInputError(
+            f"--time-shift-ms names {name}, which the recording lacks", hint=f"it has {', '.join(names)}"
+        )
+    if sum((options.fps is not None, options.timestamps is not None, options.times != "auto")) > 1:
         raise BadInputError(
             "give either the rate, --fps, or a table of times, --timestamps, or --times",
             hint="leave out all of them but one",
@@ -114,11 +111,9 @@ def _by_videos(sources: Sequence[Source], options: ImportOptions) -> Timeline:
             sources[0].note = f"{ASSUMED_FPS:g} frames a second are assumed: --fps says otherwise"
         return timeline_by_rate(sources, max(rates, default=ASSUMED_FPS))
     if options.offsets_ms or all(isinstance(source, Video) for source in sources):
-        frames = {source.name: _own(source, "video") for source in sources}
-        return _by_times("the recording", frames, options)
+        return _by_times("the recording", {one.name: _own(one, "video") for one in sources}, options)
     if all(isinstance(one, Images) and one.kind == FOLDER and len(one.files) == 1 for one in sources):
-        alone = {source.name: [TimedFrame(0, 0)] for source in sources}
-        return timeline_by_times("the recording", alone)
+        return timeline_by_times("the recording", {source.name: [TimedFrame(0, 0)] for source in sources})
     raise BadInputError(
         f"the images of {', '.join(one.name for one in sources if isinstance(one, Images))} have no times",
         hint="add their rate, --fps, or a table, --timestamps; --times name or exif takes the images' own",

@@ -117,12 +117,11 @@ def open_sources(paths: Sequence[str], *, png: bool = False, recording: str | No
         else:
             own = path.resolve().name if path.is_dir() else path.stem
             sources.append(_source(name or name_like(own, "cam0"), path, png, recording))
-    names = [source.name for source in sources]
-    for name in names:
-        if names.count(name) > 1:
-            raise BadInputError(f"two cameras are named {name}", hint="name them: NAME=PATH")
     if not sources:
         raise BadInputError("nothing to import", hint="give a folder, or NAME=PATH for each camera")
+    [(name, times)] = Counter(source.name for source in sources).most_common(1)
+    if times > 1:
+        raise BadInputError(f"two cameras are named {name}", hint="name them: NAME=PATH")
     return sorted(sources, key=lambda source: natural_order(source.name))
 
 
@@ -143,11 +142,13 @@ def _flat_images(folder: Path, images: Sequence[Path]) -> BadInputError:
     parted = [re.fullmatch(r"(.*?)[_\-. ]?(\d+)[_\-. ]?(\D*)", path.stem) for path in images]
     labels = Counter((found[1], found[3]) for found in parted if found is not None)
     ending = images[0].suffix
-    patterns = {
-        before or after: f"{before}*{ending}" if before else f"*{after}{ending}" for before, after in labels
-    }
     # Longer names first: cam10 also begins with cam1.
-    cameras = {name: patterns[name] for name in sorted(patterns, key=len, reverse=True) if is_name(name)}
+    by_length = sorted(labels, key=lambda label: len(label[0] or label[1]), reverse=True)
+    cameras = {
+        before or after: f"{before}*{ending}" if before else f"*{after}{ending}"
+        for before, after in by_length
+        if is_name(before or after)
+    }
     found = f"{folder} has {count(len(images), 'image')}"
     if not 2 <= len(cameras) == len(labels) or sum(labels.values()) < len(images):
         return BadInputError(
@@ -182,10 +183,11 @@ def _sources_in(folder: Path, png: bool, recording: str | None) -> list[Source]:
         path for path in folder.iterdir() if path.is_dir() and (images_in(path) or is_program_camera(path))
     ]
     if not videos and not folders:
-        hint = "it needs a subfolder of images or a video file for each camera"
         if images := images_in(folder):
             raise _flat_images(folder, images)
-        raise BadInputError(f"no cameras in {folder}", hint=hint)
+        raise BadInputError(
+            f"no cameras in {folder}", hint="it needs a subfolder of images or a video file for each camera"
+        )
     if videos and folders:
         raise BadInputError(f"{folder} has both videos and folders of images", hint="name them: NAME=PATH")
     named = [(path.stem, path) for path in videos] + [(path.name, path) for path in folders]

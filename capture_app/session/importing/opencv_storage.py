@@ -34,17 +34,14 @@ def read_storage(path: Path) -> dict[str, Any]:
         if len(data) > MAX_BYTES:
             raise ValueError(f"it has {len(data)} bytes, too many for a calibration")
         content = _read_xml(data) if path.suffix.lower() == ".xml" else _read_yaml(data)
+        if not isinstance(content, dict):
+            raise ValueError("it is not a list of names and values")
     except (yaml.YAMLError, ET.ParseError, ValueError, OverflowError, RecursionError) as error:
         reason = " ".join(str(error).split()) or "not OpenCV's format"
         raise BadInputError(
             f"cannot read the calibration {path}: {reason}",
             hint="write it with OpenCV's FileStorage or np.savez",
         ) from error
-    if not isinstance(content, dict):
-        raise BadInputError(
-            f"cannot read the calibration {path}: it is not a list of names and values",
-            hint="write it with OpenCV's FileStorage or np.savez",
-        )
     return {str(key): value for key, value in content.items()}
 
 

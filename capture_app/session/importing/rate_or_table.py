@@ -115,12 +115,10 @@ def match_name(label: str, names: Sequence[str]) -> str | None:
 
     `0` and `port_0` both refer to `cam_0` if no other camera ends in 0.
     """
-    for name in names:
-        if name.casefold() == label.casefold():
-            return name
+    same = next((name for name in names if name.casefold() == label.casefold()), None)
     number = _number(label)
     matching = [name for name in names if number is not None and _number(name) == number]
-    return matching[0] if len(matching) == 1 else None
+    return same or (matching[0] if len(matching) == 1 else None)
 
 
 def _number(text: str) -> int | None:
@@ -129,20 +127,16 @@ def _number(text: str) -> int | None:
 
 
 def _read_table(path: Path, names: Sequence[str]) -> list[_Row]:
+    text = read_text(path, encoding="utf-8-sig")
+    delimiter = next((mark for mark in ",;\t" if mark in text.partition("\n")[0]), ",")
+    reader = csv.DictReader(text.splitlines(), delimiter=delimiter, skipinitialspace=True)
     try:
-        return _table_rows(path, names)
+        columns = {str(name).strip().lower(): str(name) for name in reader.fieldnames or ()}
+        lines = [(f"{path}, line {reader.line_num}", line) for line in reader]
     except csv.Error as error:
         raise BadInputError(
             f"cannot read the table {path}: {error}", hint="save it as comma-separated values"
         ) from error
-
-
-def _table_rows(path: Path, names: Sequence[str]) -> list[_Row]:
-    text = read_text(path, encoding="utf-8-sig")
-    header = text.partition("\n")[0]
-    delimiter = next((mark for mark in ",;\t" if mark in header), ",")
-    reader = csv.DictReader(text.splitlines(), delimiter=delimiter, skipinitialspace=True)
-    columns = {str(name).strip().lower(): str(name) for name in reader.fieldnames or ()}
     camera, time, frame, group = (
         next((columns[name] for name in known if name in columns), None)
         for known in (_CAMERA, _TIMES, _FRAME, _GROUP)
@@ -153,20 +147,16 @@ def _table_rows(path: Path, names: Sequence[str]) -> list[_Row]:
             hint=f"it needs {_CAMERA[0]}, {_FRAME[0]} or {_GROUP[0]}, and one of {', '.join(_TIMES)}",
         )
     ns = 10 ** _TIMES[time.strip().lower()]
-    rows = []
-    for line in reader:
-        name = match_name((line[camera] or "").strip(), names)
-        if name is None:
-            continue
-        where = f"{path}, line {reader.line_num}"
-        rows.append(
-            _Row(
-                camera=name,
-                frame=_parse(where, line[frame], None) if frame else None,
-                group=(line[group] or "").strip() if group else None,
-                leader_ns=_parse(where, line[time], ns),
-            )
+    rows = [
+        _Row(
+            camera=name,
+            frame=_parse(where, line[frame], None) if frame else None,
+            group=(line[group] or "").strip() if group else None,
+            leader_ns=_parse(where, line[time], ns),
         )
+        for where, line in lines
+        if (name := match_name((line[camera] or "").strip(), names)) is not None
+    ]
     for name in names:
         if not any(row.camera == name and row.leader_ns is not None for row in rows):
             raise BadInputError(
@@ -180,9 +170,9 @@ def _parse(where: str, text: str | None, ns: int | None) -> int | None:
     """Parse a cell: a time in units of `ns`, or a frame number if `ns` is None; None for an empty cell."""
     cell = (text or "").strip()
     try:
-        if not cell or ns is None:
+        if ns is None:
             return int(cell) if cell else None
-        return int((Decimal(cell) * ns).to_integral_value())
+        return int((Decimal(cell) * ns).to_integral_value()) if cell else None
     except (ArithmeticError, ValueError):
         raise BadInputError(
             f"{where}: {text!r} is not {'a time' if ns else 'a frame number'}",
@@ -215,8 +205,8 @@ def _number_rows(path: Path, name: str, rows: Sequence[_Row], count: int) -> lis
 
 def _period(path: Path, name: str, times_ns: Sequence[int]) -> int:
     steps = [after - before for before, after in pairwise(sorted(times_ns))]
-    if not steps or min(steps) <= 0:
-        reason = "has only one time" if not steps else "has a time twice"
+    if min(steps, default=0) <= 0:
+        reason = "has a time twice" if steps else "has only one time"
         raise BadInputError(
             f"{path}: camera {name} {reason}", hint="each camera needs two different times or more"
         )
@@ -236,8 +226,8 @@ def _by_group(
                 )
     dropped = {(row.group, row.camera) for row in rows if row.leader_ns is None}
     reason = "dropped by the camera: the table gives no time"
-    instants = [
+    instants = (
         Instant(middle(frames), frames, {name: reason for name in timed if (group, name) in dropped})
         for group, frames in groups.items()
-    ]
+    )
     return sorted(instants, key=lambda instant: instant.leader_ns)

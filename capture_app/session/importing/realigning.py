@@ -52,16 +52,14 @@ def realign_session(session: Session, cameras: Mapping[str, CameraTimes], source
         SessionWriter(output.folder, manifest.name, manifest.created, manifest.software) as writer,
     ):
         _write_images(session, timeline, writer)
-        calibration = session.calibration()
-        if calibration is not None:
+        if (calibration := session.calibration()) is not None:
             writer.set_calibration(calibration)
         burst = msgspec.structs.replace(
             manifest.burst,
             instants_ns=tuple(instant.leader_ns for instant in timeline.instants),
             common_times=common,
         )
-        names = [camera.name for camera in manifest.cameras]
-        missing = missing_images(writer, names, timeline.instants, None)
+        missing = missing_images(writer, [one.name for one in manifest.cameras], timeline.instants, None)
         writer.finish(manifest.cameras, burst, missing, manifest.origin, manifest.note)
     return Session.open(session.folder)
 
@@ -85,8 +83,8 @@ def _timeline(session: Session) -> Timeline:
     cameras: dict[str, list[TimedFrame]] = {}
     for place, image in enumerate(session.manifest.images):
         own_ns = image.leader_ns if image.local_ns is None else image.local_ns
-        preserved = {name: getattr(image, name) for name in _PRESERVED}
-        cameras.setdefault(image.camera, []).append(TimedFrame(place, own_ns, own_ns, preserved))
+        frame = TimedFrame(place, own_ns, own_ns, {name: getattr(image, name) for name in _PRESERVED})
+        cameras.setdefault(image.camera, []).append(frame)
     for frames in cameras.values():
         frames.sort(key=lambda frame: frame.leader_ns)
     return timeline_by_times(session.manifest.name, cameras)

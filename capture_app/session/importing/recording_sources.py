@@ -3,7 +3,7 @@
 import re
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import suppress
+from contextlib import contextmanager, suppress
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -15,8 +15,14 @@ from capture_app.session.format.manifest import IMAGE_SUFFIXES
 from capture_app.session.importing.embedded_times import DAMAGED, video_pictures, video_times_ns
 from capture_app.session.importing.frame_matching import TimedFrame, Timeline
 from capture_app.session.importing.views import Views
-from capture_app.session.reading.decoding import decode_image, encode_image, image_size, open_capture
-from capture_app.session.reading.file_headers import JPEG_BEGIN, read_exif
+from capture_app.session.reading.decoding import (
+    JPEG_BEGIN,
+    decode_image,
+    encode_image,
+    image_size,
+    open_capture,
+    read_exif,
+)
 
 UNCOUNTED_SUFFIXES = (".mjpg", ".mjpeg", ".mpg", ".mpeg", ".h264", ".264", ".mts", ".m2ts", ".ts")
 """Suffixes of videos that do not state their number of frames."""
@@ -25,6 +31,7 @@ ARCHIVE_SUFFIXES = (".zip", ".tar", ".gz", ".tgz", ".7z", ".rar")
 _FIRST_CHAPTER = re.compile(r"(?P<kind>G[XH])01(?P<number>\d{4})|GOPR(?P<old>\d{4})")
 TURNED_QUALITY = 98
 """JPEG quality of images encoded a second time after rotation."""
+_LAST_NUMBER = re.compile(r"(\d+)\D*$")
 FOLDER = "images"
 """Type name of a plain folder of images."""
 
@@ -95,8 +102,8 @@ def image_folder(name: str, path: Path) -> Images:
 
     Raises BadInputError if there are no images, or several types of them.
     """
-    found = [path] if path.is_file() else images_in(path)
-    files = sorted(found, key=lambda file: natural_order(file.name))
+    files = [path] if path.is_file() else images_in(path)
+    files.sort(key=lambda file: natural_order(file.name))
     if not files:
         raise BadInputError(
             f"no images in {path}", hint=f"name a folder with images of a kind of {', '.join(IMAGE_SUFFIXES)}"
@@ -105,12 +112,10 @@ def image_folder(name: str, path: Path) -> Images:
     if len(suffixes) > 1:
         raise BadInputError(f"{path} mixes {' and '.join(sorted(suffixes))}", hint="keep one kind of image")
     source = Images(name, path, files, FOLDER, read=lambda file: upright(file.read_bytes()))
-    in_names = [re.findall(r"\d+", file.stem) for file in files]
     # The number in a single image's name may be its camera's or its time's.
-    last = [int(digits[-1]) for digits in in_names if digits and path.is_dir()]
+    last = [int(found[1]) for file in files if (found := _LAST_NUMBER.search(file.stem)) and path.is_dir()]
     source.numbered = len(set(last)) == len(files)
-    if source.numbered:
-        source.numbers = last
+    source.numbers = last if source.numbered else source.numbers
     return source
 
 
@@ -136,12 +141,14 @@ class Video(Source):
     def __init__(self, name: str, path: Path, *, png: bool = False) -> None:
         self.name, self.path = name, path
         self.suffix = ".png" if png else ".jpg"
-        self._chapters = [_Chapter(one) for one in (path, *later_chapters(path))]
+        chapters = (path, *later_chapters(path))
+        counts, rates = zip(*map(_count_frames, chapters), strict=True)
+        self._times_ns: dict[Path, Sequence[int]] = dict(zip(chapters, map(range, counts), strict=True))
+        """Presentation times of each file's frames, ns; their numbers until the times are read."""
         self._has_times = False
-        self.numbers = range(sum(len(one.times_ns) for one in self._chapters))
-        self.fps = self._chapters[0].fps
-        if len(self._chapters) > 1:
-            self.note = f"{path.name} goes on in {', '.join(one.path.name for one in self._chapters[1:])}"
+        self.numbers, self.fps = range(sum(counts)), rates[0]
+        if len(chapters) > 1:
+            self.note = f"{path.name} goes on in {', '.join(one.name for one in chapters[1:])}"
         if not self.numbers:
             raise BadInputError(
                 f"{path} does not give its number of frames",
@@ -153,69 +160,64 @@ class Video(Source):
 
         See `video_times_ns`.
         """
-        found = [video_times_ns(chapter.path) for chapter in self._chapters]
-        if not all(found):
+        found = {chapter: video_times_ns(chapter) for chapter in self._times_ns}
+        if not all(found.values()):
             return ()
         times_ns: list[int] = []
-        for chapter, own_ns in zip(self._chapters, found, strict=True):
-            chapter.times_ns = own_ns
+        for own_ns in found.values():
             # A camera goes on with the next chapter without a gap.
             period_ns = round((times_ns[-1] - times_ns[0]) / (len(times_ns) - 1)) if len(times_ns) > 1 else 0
             shift_ns = times_ns[-1] + period_ns - own_ns[0] if times_ns else 0
             times_ns += [at_ns + shift_ns for at_ns in own_ns]
-        self._has_times, self.numbers = True, range(len(times_ns))
+        self._times_ns, self._has_times, self.numbers = {**found}, True, range(len(times_ns))
         return times_ns
 
     def frames(self, indices: Sequence[int]) -> Iterator[tuple[int, bytes, tuple[int, int]]]:
         """See `Source.frames`."""
         first = 0
-        for chapter in self._chapters:
-            size = len(chapter.times_ns)
+        for chapter, times_ns in self._times_ns.items():
+            size = len(times_ns)
             inner = [index - first for index in indices if first <= index < first + size]
             # Selected by time, a frame that cannot be decoded does not shift the others.
-            by_time = {chapter.times_ns[index]: index for index in inner} if self._has_times else {}
-            timed = ((by_time[at_ns], image) for at_ns, image in video_pictures(chapter.path, by_time))
-            for index, image in timed if self._has_times else chapter.read(inner):
+            by_time = {times_ns[index]: index for index in inner} if self._has_times else {}
+            timed = ((by_time[at_ns], image) for at_ns, image in video_pictures(chapter, by_time))
+            for index, image in timed if self._has_times else _read_frames(chapter, inner):
                 yield first + index, encode_image(image, self.suffix), image.shape[1::-1]
             first += size
 
 
-class _Chapter:
-    """One of the files of which a camera's video consists."""
+def _count_frames(path: Path) -> tuple[int, float]:
+    """Return a video file's number of frames and their rate, frames/s."""
+    import cv2
 
-    def __init__(self, path: Path) -> None:
-        import cv2
-
-        self.path = path
-        capture = self._open()
+    with _opened(path) as capture:
         count = int(capture.get(cv2.CAP_PROP_FRAME_COUNT))
         if path.suffix.lower() in UNCOUNTED_SUFFIXES:
             count = sum(1 for _ in iter(capture.grab, False))
-        self.fps = float(capture.get(cv2.CAP_PROP_FPS))
-        capture.release()
-        self.times_ns: Sequence[int] = range(count)
-        """Presentation time of each frame, ns; their numbers until they are read."""
+        return count, float(capture.get(cv2.CAP_PROP_FPS))
 
-    def read(self, indices: Sequence[int]) -> Iterator[tuple[int, Any]]:
-        """Yield the frames (BGR) of these indices, up to the first that cannot be decoded."""
-        capture, position = self._open(), 0
-        try:
-            for index in sorted(indices):
-                while position < index and capture.grab():
-                    position += 1
-                good, image = capture.read()
-                position += 1
-                if not good:
-                    return
+
+def _read_frames(path: Path, indices: Sequence[int]) -> Iterator[tuple[int, Any]]:
+    """Yield a video file's frames (BGR) of these indices, up to the first that cannot be decoded."""
+    with _opened(path) as capture:
+        chosen = set(indices)
+        for index in range(max(chosen, default=-1) + 1):
+            good, image = capture.read() if index in chosen else (capture.grab(), None)
+            if not good:
+                return
+            if image is not None:
                 yield index, image
-        finally:
-            capture.release()
 
-    def _open(self) -> Any:
-        capture = open_capture(str(self.path))
-        if not capture.isOpened():
-            raise BadInputError(f"{self.path} is not a video that can be decoded", hint=DAMAGED)
-        return capture
+
+@contextmanager
+def _opened(path: Path) -> Iterator[Any]:
+    capture = open_capture(str(path))
+    if not capture.isOpened():
+        raise BadInputError(f"{path} is not a video that can be decoded", hint=DAMAGED)
+    try:
+        yield capture
+    finally:
+        capture.release()
 
 
 def later_chapters(path: Path) -> list[Path]:

@@ -78,45 +78,11 @@ def pinhole(fx: float, fy: float, cx: float, cy: float) -> Array:
     return np.array([[fx, 0, cx], [0, fy, cy], [0, 0, 1]], np.float64)
 
 
-def rotation_of(where: str, values: Array) -> Array:
-    """Return the rotation matrix (3x3) of 9 numbers, a quaternion (w, x, y, z) or a Rodrigues vector.
+def rotation_of(values: Array) -> Array:
+    """Return the rotation matrix (3x3) of 9 numbers or of a Rodrigues vector."""
+    import cv2
 
-    Raises BadInputError, beginning with `where`, for a quaternion of length 0 or with non-finite values.
-    """
-    if values.size == 4:
-        return from_quaternion(where, values)
-    if values.size == 3:
-        import cv2
-
-        return np.asarray(cv2.Rodrigues(values.reshape(3, 1))[0], np.float64)
-    return values.reshape(3, 3)
-
-
-def view_at(
-    where: str,
-    k: Sequence[float],
-    d: Sequence[float],
-    wxyz: Sequence[float],
-    centre: Sequence[float],
-    size: tuple[int, int],
-) -> View:
-    """Return the view of a camera from its matrix (9 numbers), distortion (or none), rotation and position.
-
-    Raises BadInputError, beginning with `where`, for anything else.
-    """
-    if len(k) != 9:
-        raise BadInputError(
-            f"{where} has a calibration without K",
-            hint="calibrate the camera before recording, or import with --calibration PATH",
-        )
-    rotation = from_quaternion(where, wxyz).T
-    return View(
-        matrix=np.array(k).reshape(3, 3),
-        distortion=np.array(d if len(d) else [0.0] * 5),
-        rotation=rotation,
-        translation=-rotation @ np.array(centre),
-        size=size,
-    )
+    return values.reshape(3, 3) if values.size == 9 else np.asarray(cv2.Rodrigues(values)[0], np.float64)
 
 
 def from_quaternion(where: str, wxyz: Sequence[float] | Array) -> Array:

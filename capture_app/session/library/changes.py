@@ -1,9 +1,12 @@
-"""Edits of a finished session (name and note), and the location of its reconstruction results.
+"""Changes of a finished session: rename, annotate, delete and restore; and where its results are.
 
     ROOT/_results/<session>/<kind>        a result of `reconstruct`
     ROOT/_results/<session>/<kind>.log    its log
+    ROOT/.trash/<id>/trashed.json         a deleted session's original place, on disk before it is moved
+    ROOT/.trash/<id>/session              the session, unchanged
+    ROOT/.trash/<id>/results              the results made from it, if any
 
-No session can be called `_results`: names begin with a letter or a digit.
+No session can be called `_results` or `.trash`: names begin with a letter or a digit.
 """
 
 import os
@@ -11,21 +14,29 @@ import re
 import shutil
 from collections.abc import Iterator
 from contextlib import contextmanager, suppress
+from datetime import UTC, datetime
 from hashlib import sha256
 from pathlib import Path
 
 import msgspec
-from msgspec import structs
+from msgspec import Struct, structs
 
-from capture_app.common.errors import BadInputError
+from capture_app.common.errors import BadInputError, IncompleteError
 from capture_app.common.names import check_name
-from capture_app.session.files.disk import disk_error
-from capture_app.session.files.durable import link_or_copy, move_folder, write_atomic
+from capture_app.session.files.disk import disk_error, disk_errors
+from capture_app.session.files.durable import (
+    free_name,
+    link_or_copy,
+    make_folders,
+    move_folder,
+    sync_folder,
+    write_atomic,
+)
 from capture_app.session.files.locks import lock_folder
 from capture_app.session.files.output_folder import OutputFolder
-from capture_app.session.files.untrusted_files import indented
+from capture_app.session.files.untrusted_files import encode_checked, indented, read_struct
 from capture_app.session.format.burst_plan import PLAN, read_plan
-from capture_app.session.format.manifest import MANIFEST, Manifest
+from capture_app.session.format.manifest import JOURNAL, MANIFEST, Manifest
 from capture_app.session.reading.checksums import CHECKSUMS, changed_files
 from capture_app.session.reading.reader import Session
 
@@ -33,6 +44,9 @@ RESULTS = "_results"
 MAX_NOTE = 1000
 """Maximum length of a note, characters."""
 _CONTROL = re.compile(r"[\x00-\x1f\x7f-\x9f\u2028\u2029]")
+TRASH = ".trash"
+_RECORD, _SESSION, _OWN_RESULTS = "trashed.json", "session", "results"
+"""Names in a deleted session's folder of the trash."""
 
 
 def results_folder(session: Path, root: Path | None = None) -> Path:
@@ -42,9 +56,8 @@ def results_folder(session: Path, root: Path | None = None) -> Path:
     there too, since its own folder may be read-only or belong to another program.
     """
     root = session.parent if root is None else root
-    if session.parent.resolve() == root.resolve():
-        return root / RESULTS / session.name
-    return root / RESULTS / f"_{session.parent.name}" / session.name
+    elsewhere = session.parent.resolve() != root.resolve()
+    return root / RESULTS / (f"_{session.parent.name}" if elsewhere else "") / session.name
 
 
 def move_result_folder(folder: Path, target: Path) -> None:
@@ -72,14 +85,18 @@ def rename_session(folder: Path, name: str) -> Path:
         raise BadInputError(f"{target} exists already", hint="choose another name")
     with _changeable(folder, name=name):
         if target != folder:
-            try:
-                move_folder(folder, target)
-            except FileExistsError:
-                raise BadInputError(f"{target} exists already", hint="choose another name") from None
-            except OSError as error:
-                raise disk_error(error, folder) from error
+            _move(folder, target, hint="choose another name")
             move_result_folder(results_folder(folder), results_folder(target))
     return target
+
+
+def _move(folder: Path, target: Path, hint: str) -> None:
+    try:
+        move_folder(folder, target)
+    except FileExistsError:
+        raise BadInputError(f"{target} exists already", hint=hint) from None
+    except OSError as error:
+        raise disk_error(error, folder) from error
 
 
 def set_note(folder: Path, note: str) -> None:
@@ -145,3 +162,85 @@ def _write_changed(folder: Path, manifest: Manifest) -> None:
             if name in written:
                 lines[number] = f"{sha256(written[name]).hexdigest()}  {name}\n".encode()
         write_atomic(folder / CHECKSUMS, b"".join(lines))
+
+
+class TrashedSession(Struct, frozen=True, kw_only=True):
+    """One session in the trash."""
+
+    id: str
+    """Name of the session's folder in the trash, which identifies it when it is restored."""
+    name: str
+    """Name of its folder before it was deleted."""
+    trashed: str
+    """When it was deleted; RFC 3339, UTC."""
+
+
+def trash_session(folder: Path) -> TrashedSession:
+    """Move a complete, interrupted or damaged session and its results into the trash beside it.
+
+    Raises BadInputError if it is not a session or cannot be moved, TryAgainError if it is being written.
+    """
+    folder = folder.absolute()
+    if not any((folder / name).is_file() for name in (MANIFEST, JOURNAL, PLAN)):
+        raise BadInputError(f"no session at {folder}", hint="capture-app sessions list shows what is there")
+    lock = lock_folder(folder)
+    try:
+        trash = folder.parent / TRASH
+        make_folders(trash, folder.parent)
+        entry = free_name(trash / folder.name)
+        entry.mkdir()
+        now = datetime.now(UTC).isoformat().replace("+00:00", "Z")
+        trashed = TrashedSession(id=entry.name, name=folder.name, trashed=now)
+        # The original location is stored first: a crash in between leaves the session in place.
+        write_atomic(entry / _RECORD, indented(encode_checked(trashed)))
+        sync_folder(trash)
+        move_folder(folder, entry / _SESSION)
+        move_result_folder(results_folder(folder), entry / _OWN_RESULTS)
+    except OSError as error:
+        raise disk_error(error, folder) from error
+    finally:
+        os.close(lock)
+    return trashed
+
+
+def trashed_sessions(root: Path) -> list[TrashedSession]:
+    """Return the contents of the trash of a folder of sessions, the latest last."""
+    found = []
+    for entry in (session.parent for session in sorted((root / TRASH).glob(f"*/{_SESSION}/"))):
+        # A lost record costs the deletion time only: the entry is named after the session.
+        trashed = TrashedSession(id=entry.name, name=entry.name, trashed="")
+        with suppress(BadInputError):
+            trashed = msgspec.structs.replace(read_struct(entry / _RECORD, TrashedSession), id=entry.name)
+        found.append(trashed)
+    return sorted(found, key=lambda one: one.trashed)
+
+
+def restore_session(root: Path, which: str = "", *, name: str = "") -> Path:
+    """Move a session from the trash back to its original place, and return its folder.
+
+    `which` is its id or name there, by default the latest one; `name` is a new folder name for it. Raises
+    BadInputError if there is no such session, or the name is in use.
+    """
+    found = [one for one in trashed_sessions(root) if not which or which in (one.id, one.name)]
+    if not found:
+        what = f"no session {which} in the trash of {root}" if which else f"the trash of {root} is empty"
+        raise BadInputError(what, hint=f"capture-app sessions list --trash {root}")
+    chosen = next((one for one in found if one.id == which), found[-1])
+    entry = root / TRASH / chosen.id
+    target = root / (check_name(name, "session") if name else Path(chosen.name).name)
+    _move(entry / _SESSION, target, hint="restore it with --as NAME")
+    move_result_folder(entry / _OWN_RESULTS, results_folder(target))
+    shutil.rmtree(entry, ignore_errors=True)
+    if name:
+        # An interrupted or damaged session keeps its internal name.
+        with suppress(BadInputError, IncompleteError):
+            rename_session(target, name)
+    return target
+
+
+def empty_trash(root: Path) -> int:
+    """Delete everything in the trash for good, and return the number of sessions. Raises SimulshotError."""
+    sessions = len(trashed_sessions(root))
+    with disk_errors(root / TRASH), suppress(FileNotFoundError):
+        shutil.rmtree(root / TRASH)
+    return sessions

@@ -24,7 +24,7 @@ from capture_app.session.format.manifest import (
 )
 from capture_app.session.reading.decoding import decode_image, encode_image
 from capture_app.session.reading.reader import is_being_written
-from capture_app.session.reading.sheet_pictures import fit
+from capture_app.session.reading.take_sheet import fit
 
 if TYPE_CHECKING:
     import numpy as np
@@ -75,9 +75,8 @@ class SessionCard(Struct, frozen=True, kw_only=True):
     @property
     def worst_ns(self) -> int | None:
         """Upper limit (95 %) of the time between two images of an instant, ns, with both images' errors."""
-        if self.spread_ns is None or self.uncertainty_ns is None:
-            return None
-        return self.spread_ns + 2 * self.uncertainty_ns
+        known = self.spread_ns is not None and self.uncertainty_ns is not None
+        return (self.spread_ns or 0) + 2 * (self.uncertainty_ns or 0) if known else None
 
 
 class SessionListing:
@@ -172,15 +171,22 @@ def _card_without_manifest(folder: Path) -> SessionCard:
         changed_s = folder.stat().st_mtime
     except OSError as error:
         return SessionCard(folder=folder, state="unreadable", problem=f"{folder}: {error.strerror}")
-    state: SessionState
-    if writing:
-        state, remedy = "being saved", "wait until the burst is saved"
-        problem = "its images are still coming in"
-    else:
-        state, remedy = "interrupted", f"capture-app sessions repair {folder}"
-        problem = "it is incomplete: its capture ended before it was saved; the images that came are safe"
     created = datetime.fromtimestamp(changed_s, UTC).isoformat(timespec="seconds")
-    return SessionCard(folder=folder, created=created, state=state, problem=problem, remedy=remedy)
+    if writing:
+        return SessionCard(
+            folder=folder,
+            created=created,
+            state="being saved",
+            problem="its images are still coming in",
+            remedy="wait until the burst is saved",
+        )
+    return SessionCard(
+        folder=folder,
+        created=created,
+        state="interrupted",
+        problem="it is incomplete: its capture ended before it was saved; the images that came are safe",
+        remedy=f"capture-app sessions repair {folder}",
+    )
 
 
 def list_sessions(root: Path) -> list[SessionCard]:
@@ -202,10 +208,9 @@ def load_thumbnail(folder: Path, image: Path) -> "NDArray[np.uint8] | None":
     key = f"{image.resolve()}\0{stat.st_mtime_ns}\0{stat.st_size}"
     cached = folder / f"{hashlib.sha256(os.fsencode(key)).hexdigest()[:32]}.jpg"
     small = _decode(cached)
-    if small is not None:
-        return small
-    large = _decode(image)
-    return None if large is None else _cache(cached, fit(large, WIDTH_PX, WIDTH_PX * large.shape[0]))
+    if small is None and (large := _decode(image)) is not None:
+        small = _cache(cached, fit(large, WIDTH_PX, WIDTH_PX * large.shape[0]))
+    return small
 
 
 def _cache(path: Path, small: "NDArray[np.uint8]") -> "NDArray[np.uint8]":

@@ -136,8 +136,8 @@ class InstantFrames:
 
     def __repr__(self) -> str:
         there = sum(not frame.missing for frame in self.frames.values())
-        time = f"{self.leader_ns / 1e6:.3f} ms"
-        return f"<InstantFrames {self.number}: {time}, {there} of {len(self.frames)} frames>"
+        here = f"{there} of {len(self.frames)} frames"
+        return f"<InstantFrames {self.number}: {self.leader_ns / 1e6:.3f} ms, {here}>"
 
     def bgr(self) -> Pixels:
         """Decode all images: uint8 cameras x height x width x 3 in OpenCV's BGR order.
@@ -252,8 +252,7 @@ class OpenSession(Session):
         """Return a camera's frame at an instant (from 0). Raises BadInputError if there is no such frame."""
         frames = self._named(camera).frames
         if not 0 <= instant < len(frames):
-            last = len(frames) - 1
-            raise BadInputError(f"no instant {instant}", hint=f"the instants are 0 to {last}")
+            raise BadInputError(f"no instant {instant}", hint=f"the instants are 0 to {len(frames) - 1}")
         return frames[instant]
 
     def __repr__(self) -> str:
@@ -267,10 +266,12 @@ class OpenSession(Session):
 
     def times(self, name: TimeName = "leader_ns") -> "np.ma.MaskedArray[tuple[int, int], np.dtype[np.int64]]":
         """Return one time of every frame: int64 ns, cameras x instants; masked where missing or unknown."""
-        rows = [camera.frames for camera in self.cameras.values()]
         times_ns = [
-            [None if one.missing else getattr(one if name == "true_ns" else one.record, name) for one in row]
-            for row in rows
+            [
+                None if one.missing else getattr(one if name == "true_ns" else one.record, name)
+                for one in of.frames
+            ]
+            for of in self.cameras.values()
         ]
         unknown = [[time is None for time in row] for row in times_ns]
         return np.ma.MaskedArray([[time or 0 for time in row] for row in times_ns], unknown, np.int64)
@@ -283,9 +284,9 @@ class OpenSession(Session):
         """
         if len(pixels) < 2:
             raise BadInputError(f"one camera sees a ray, not a point: {', '.join(pixels)}", hint="name two")
-        cameras = {name: self._named(name).calibration for name in pixels}
+        lenses = [(self._named(name).calibration, seen) for name, seen in pixels.items()]
         homogeneous = triangulate_rays(
-            (of.undistort_points(pixels[name]), of.cam_from_rig[:3]) for name, of in cameras.items()
+            (of.undistort_points(seen), of.cam_from_rig[:3]) for of, seen in lenses
         )
         return np.asarray(homogeneous[:, :3] / homogeneous[:, 3:])
 
@@ -293,7 +294,7 @@ class OpenSession(Session):
     def all_true_ns(self) -> dict[tuple[str, int], int]:
         """True times of a simulated session's frames, ns, by camera and instant; empty for other sessions."""
         truth = self.true_times()
-        return {} if truth is None else {(one.camera, one.instant): one.true_ns for one in truth.images}
+        return {(one.camera, one.instant): one.true_ns for one in (truth.images if truth else ())}
 
     def _named(self, camera: str) -> CameraFrames:
         if camera not in self.cameras:
@@ -302,10 +303,9 @@ class OpenSession(Session):
 
     def _matrices(self, camera: CameraRecord) -> CameraMatrices | None:
         rig = self.calibration()
-        of = rig.cameras.get(camera.name) if rig is not None else None
-        if rig is None or of is None:
+        if rig is None or camera.name not in rig.cameras:
             return None
-        cam_from_rig = np.eye(4)
+        of, cam_from_rig = rig.cameras[camera.name], np.eye(4)
         cam_from_rig[:3, :3], cam_from_rig[:3, 3] = of.rotation, of.translation
         matrix = of.matrix(camera.facts.width, camera.facts.height)
         return CameraMatrices(matrix, np.array(of.distortion[:5]), cam_from_rig, rig.unit)

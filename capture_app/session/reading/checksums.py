@@ -10,8 +10,7 @@ from pathlib import Path
 from capture_app.session.files.durable import write_unsynced
 from capture_app.session.files.untrusted_files import read_regular
 from capture_app.session.format.burst_plan import PLAN
-from capture_app.session.format.ground_truth import TIMES, TRUE_TIMES_JOURNAL
-from capture_app.session.format.journal import FRAMES_SUFFIX, is_frames_path
+from capture_app.session.format.journal import FRAMES_SUFFIX, TIMES, TRUE_TIMES_JOURNAL, is_frames_path
 from capture_app.session.format.manifest import CALIBRATION, EVENTS, JOURNAL, MANIFEST, RECIPE, VIDEOS
 
 CHECKSUMS = "checksums.sha256"
@@ -48,11 +47,9 @@ def changed_files(folder: Path) -> Iterator[tuple[str, str]]:
             yield CHECKSUMS, f"has an unknown line: {line!r}"
             continue
         try:
-            actual = hashlib.sha256(read_regular(folder / name)).hexdigest()
+            if hashlib.sha256(read_regular(folder / name)).hexdigest() != sha256:
+                yield name, "its bytes have changed: another sha256"
         except OSError as error:
             yield name, f"cannot be read: {error.strerror}"
-            continue
-        if actual != sha256:
-            yield name, "its bytes have changed: another sha256"
     if MANIFEST not in known or JOURNAL not in known or not stored.endswith(b"\n"):
         yield CHECKSUMS, "is incomplete"

@@ -13,8 +13,14 @@ from capture_app.common.names import is_name
 from capture_app.common.text import UNREADABLE
 from capture_app.session.files.untrusted_files import read_arrays, read_input, read_regular, read_struct
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.format.ground_truth import TIMES, TrueTime, TrueTimes, ground_truth_path
-from capture_app.session.format.journal import frame_of_line, frames_path
+from capture_app.session.format.journal import (
+    TIMES,
+    TrueTime,
+    TrueTimes,
+    frame_of_line,
+    frames_path,
+    ground_truth_path,
+)
 from capture_app.session.format.manifest import (
     CALIBRATION,
     JOURNAL,
@@ -88,11 +94,11 @@ class Session:
 
     def camera(self, name: str) -> CameraRecord:
         """Return the record of a camera. Raises BadInputError if the session has no such camera."""
-        try:
-            return self._cameras[name]
-        except KeyError:
-            known = ", ".join(self._cameras)
-            raise BadInputError(f"{self.folder} has no camera {name!r}", hint=f"it has {known}") from None
+        if name not in self._cameras:
+            raise BadInputError(
+                f"{self.folder} has no camera {name!r}", hint=f"it has {', '.join(self._cameras)}"
+            )
+        return self._cameras[name]
 
     def image_file(self, record: ImageRecord) -> Path:
         """Return the file that contains an image, which is the video for a frame of one; see `image_bytes`.
@@ -141,10 +147,8 @@ class Session:
 
     def ground_truth(self, camera: str, instant: int) -> Path | None:
         """Return the .npz with an image's true depth and masks, or None."""
-        if not is_name(camera):
-            return None
         path = self.folder / ground_truth_path(camera, instant)
-        return path if path.is_file() else None
+        return path if is_name(camera) and path.is_file() else None
 
     def read_ground_truth(
         self, camera: str, instant: int
@@ -178,9 +182,8 @@ class Session:
             for frame in self.video_frames(video)
             if frame.instant != NO_INSTANT and frame.true_ns is not None
         ]
-        if not frames and not path.exists():
-            return None
-        return msgspec.structs.replace(times, images=(*times.images, *frames))
+        known = frames or path.exists()
+        return msgspec.structs.replace(times, images=(*times.images, *frames)) if known else None
 
 
 def is_being_written(folder: Path) -> bool:

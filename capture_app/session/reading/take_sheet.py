@@ -1,12 +1,15 @@
-"""A take as a table: cameras across by name, instants down, a note on each image."""
+"""A take as a table, cameras across and instants down, and its pictures: contact sheet and animation."""
 
+from collections.abc import Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Self
 
-from capture_app.common.errors import BadInputError
+import msgspec
+
+from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.common.names import natural_order
-from capture_app.common.text import duration
-from capture_app.session.format.manifest import ImageRecord
+from capture_app.common.text import Progress, count, duration
+from capture_app.session.format.manifest import ImageRecord, inside
 from capture_app.session.reading.decoding import decode_image
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
@@ -15,8 +18,14 @@ if TYPE_CHECKING:
     import numpy as np
     from numpy.typing import NDArray
 
+    Picture = NDArray[np.uint8]
+
 PARALLEL = 1e3
 """Condition number of the equations for the point they look at above which optical axes count as parallel."""
+GAP, HEAD, GUTTER = 6, 26, 84
+GROUND, INK, MUTED, WARNING = (31, 23, 22), (232, 208, 200), (150, 130, 120), (104, 175, 224)
+"""Colours, BGR."""
+MAX_PIXELS = 100_000_000
 
 
 def arc_order(session: Session) -> tuple[str, ...]:
@@ -36,9 +45,8 @@ def arc_order(session: Session) -> tuple[str, ...]:
     angles = _angles(centres, rotations[:, 2])
     order = np.argsort(angles)
     # The arc starts after its widest gap.
-    gaps = np.diff(np.r_[angles[order], angles[order[0]] + 2 * np.pi])
-    order = np.roll(order, -int(gaps.argmax()) - 1)
-    found = tuple(names[index] for index in order)
+    gaps = np.diff(angles[order], append=angles[order[0]] + 2 * np.pi)
+    found = tuple(names[index] for index in np.roll(order, -int(gaps.argmax()) - 1))
     # Of the two directions, choose the one that starts with the earlier name.
     return found if natural_order(found[0]) <= natural_order(found[-1]) else found[::-1]
 
@@ -102,9 +110,8 @@ class TakeSheet:
         image = self.image(camera, instant)
         if image is None:
             return self._missing.get((camera, instant), "missing")
-        if image.late:
-            return f"{duration(image.residual_ns, signed=True)} off"
-        return "neighbouring frame" if image.substitute else ""
+        beside = "neighbouring frame" if image.substitute else ""
+        return f"{duration(image.residual_ns, signed=True)} off" if image.late else beside
 
     def since_start_ns(self, instant: int) -> int:
         """Return the time of an instant since the first one, ns."""
@@ -113,20 +120,145 @@ class TakeSheet:
 
     def spread_ns(self, instant: int) -> int | None:
         """Return the time from the first to the last image of an instant, ns; None for fewer than two."""
-        images = (self.image(camera, instant) for camera in self.cameras)
-        times = [image.leader_ns for image in images if image is not None]
+        times = [image.leader_ns for camera in self.cameras if (image := self.image(camera, instant))]
         return max(times) - min(times) if len(times) > 1 else None
 
-    def load(self, camera: str, instant: int, width: int = 0) -> "NDArray[np.uint8] | None":
+    def load(self, camera: str, instant: int, width: int = 0) -> "Picture | None":
         """Decode an image (height x width x BGR), at least `width` px wide if possible; 0 for full size.
 
         Returns None if it is missing or unreadable. Blocks on the disk.
         """
         image = self.image(camera, instant)
-        if image is None:
-            return None
         try:
-            data = self.session.image_bytes(image)
+            data = b"" if image is None else self.session.image_bytes(image)
         except OSError:
             return None
         return decode_image(data, colour=True, min_width=width)
+
+
+def contact_sheet(
+    sheet: TakeSheet,
+    width: int,
+    progress: Progress = lambda done, total: None,
+    instants: Sequence[int] | None = None,
+) -> "Picture":
+    """Draw a contact sheet: a column per camera, a row per instant, each image `width` px wide; returns BGR.
+
+    `instants` are the rows; None: all. Raises BadInputError if the sheet would exceed 100 megapixels.
+    """
+    import cv2
+    import numpy as np
+
+    height = round(width * sheet.aspect)
+    instants = range(sheet.instants) if instants is None else instants
+    across, down = len(sheet.cameras), len(instants)
+    size = HEAD + down * (height + GAP), GUTTER + across * (width + GAP)
+    if size[0] * size[1] > MAX_PIXELS:
+        raise BadInputError(
+            f"a sheet of {across} x {down} pictures would have {size[1]} x {size[0]} pixels",
+            hint="choose a smaller --width",
+        )
+    whole = np.full((*size, 3), GROUND, np.uint8)
+    for x, camera in enumerate(sheet.cameras):
+        _write(whole, camera, (GUTTER + x * (width + GAP), 18), INK, room=width)
+    for y, instant in enumerate(instants):
+        top = HEAD + y * (height + GAP)
+        since = duration(sheet.since_start_ns(instant), signed=True) if instant else "first"
+        _write(whole, since, (6, top + 16), INK, room=GUTTER - 8)
+        _write(whole, duration(sheet.spread_ns(instant)), (6, top + 34), MUTED, room=GUTTER - 8)
+        for x, camera in enumerate(sheet.cameras):
+            left = GUTTER + x * (width + GAP)
+            image = sheet.load(camera, instant, width)
+            if image is not None:
+                scaled = fit(image, width, height)
+                whole[top : top + scaled.shape[0], left : left + scaled.shape[1]] = scaled
+            if note := sheet.note(camera, instant) or ("" if image is not None else "cannot be read"):
+                cv2.rectangle(whole, (left, top), (left + width - 1, top + height - 1), WARNING, 1)
+                _write(whole, note, (left + 4, top + height - 6), WARNING, room=width - 8)
+            progress(y * across + x + 1, across * down)
+    return whole
+
+
+def wiggle_frames(sheet: TakeSheet, instant: int, width: int) -> "list[Picture]":
+    """Return the images of an instant in the order of the cameras' arc, in one size; skip missing ones.
+
+    Raises BadInputError if the take has no such instant, or fewer than two intact images of it.
+    """
+    images = [image for camera in sheet.arc if (image := sheet.load(camera, instant, width)) is not None]
+    frames = [fit_canvas(image, width, round(width * sheet.aspect)) for image in images]
+    if len(frames) < 2:
+        raise BadInputError(
+            f"{sheet.session.folder} has {count(len(frames), 'picture')} of instant {instant} that can be "
+            "read; a wiggle needs two",
+            hint="choose another --instant",
+        )
+    return frames
+
+
+def encode_animation(frames: "list[Picture]", suffix: str, step_ms: int, rest_ms: int) -> bytes:
+    """Encode an endless back-and-forth animation as .gif or .webp; the first and last frame last `rest_ms`.
+
+    Raises NotAvailableError if this build of OpenCV cannot write the format.
+    """
+    import cv2
+
+    animation = cv2.Animation()
+    animation.frames = [*frames, *frames[-2:0:-1]]
+    steps = [step_ms] * (len(frames) - 2)
+    animation.durations = [rest_ms, *steps, rest_ms, *steps]
+    animation.loop_count = 0
+    # On a sample these settings give 30.5 dB as GIF (OpenCV's defaults: 21.4), and 31.6 dB as WebP in half
+    # the bytes.
+    options = {
+        ".gif": [cv2.IMWRITE_GIF_DITHER, 3, cv2.IMWRITE_GIF_QUALITY, 8],
+        ".webp": [cv2.IMWRITE_WEBP_QUALITY, 80],
+    }
+    made, data = cv2.imencodeanimation(suffix, animation, options[suffix])
+    if not made:
+        raise NotAvailableError(f"this OpenCV cannot write {suffix}", hint="install opencv-python-headless 5")
+    return bytes(data.tobytes())
+
+
+def depth_picture(result: Path) -> bytes:
+    """Return the depth image of the reference camera, from a result's `multiview.json`.
+
+    Raises OSError, LookupError, ValueError, TypeError or BadInputError for a result that has none.
+    """
+    found = msgspec.json.decode(result.read_bytes())
+    views = {view["camera"]: view["picture"] for view in found["views"]}
+    return inside(result.parent, views[found["reference"]]).read_bytes()
+
+
+def fit(image: "Picture", width: int, height: int) -> "Picture":
+    """Scale the image to the largest size that fits into `width` x `height` px."""
+    import cv2
+    import numpy as np
+
+    scale = min(width / image.shape[1], height / image.shape[0])
+    size = max(1, round(image.shape[1] * scale)), max(1, round(image.shape[0] * scale))
+    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA), np.uint8)
+
+
+def fit_canvas(
+    image: "Picture", width: int, height: int, ground: tuple[int, int, int] = (0, 0, 0)
+) -> "Picture":
+    """Scale the image to fit a canvas of `width` x `height` px, centred, with `ground` (BGR) around it."""
+    import numpy as np
+
+    fitted, canvas = fit(image, width, height), np.full((height, width, 3), ground, np.uint8)
+    top, left = (height - fitted.shape[0]) // 2, (width - fitted.shape[1]) // 2
+    canvas[top : top + fitted.shape[0], left : left + fitted.shape[1]] = fitted
+    return canvas
+
+
+def _write(
+    whole: "Picture", text: str, at: tuple[int, int], colour: tuple[int, int, int], *, room: int
+) -> None:
+    """Draw as much of the text as fits, in OpenCV's font, which only has ASCII."""
+    import cv2
+
+    font, size = cv2.FONT_HERSHEY_SIMPLEX, 0.45
+    ascii_text = text.replace("µ", "u").encode("ascii", "replace").decode()
+    while ascii_text and cv2.getTextSize(ascii_text, font, size, 1)[0][0] > room:
+        ascii_text = ascii_text[:-1]
+    cv2.putText(whole, ascii_text, at, font, size, colour, 1, cv2.LINE_AA)

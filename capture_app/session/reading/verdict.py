@@ -137,8 +137,8 @@ def describe_displacement(sync: SyncRecord, px_per_s: float = PX_PER_S) -> str:
     )
     if sync.uncertainty_ns is None:
         return f"{cost}, if the times are right: their uncertainty is not known"
-    sure_ns = worst_ns + 2 * sync.uncertainty_ns
-    text = f"{cost} at most, {pixels(sure_ns, px_per_s)} with the error of their times included"
+    error_px = pixels(worst_ns + 2 * sync.uncertainty_ns, px_per_s)
+    text = f"{cost} at most, {error_px} with the error of their times included"
     if sync.hard_bound_ns is not None:
         text += f" (95 %; never more than {pixels(worst_ns + 2 * sync.hard_bound_ns, px_per_s)})"
     return text
@@ -155,8 +155,7 @@ def grade_of(spread_ns: int | None, error_ns: int | None) -> tuple[Grade, float 
     if spread_ns is None or error_ns is None:
         return "unknown", None
     sure_ns = max(1, spread_ns + error_ns)
-    displaced = PX_PER_S * sure_ns * 1e-9
-    fitting: Iterator[Grade] = (grade for limit, grade in _LIMITS_PX if displaced < limit)
+    fitting: Iterator[Grade] = (grade for limit, grade in _LIMITS_PX if PX_PER_S * sure_ns * 1e-9 < limit)
     return next(fitting, "poor"), 1e9 / sure_ns
 
 
@@ -167,18 +166,19 @@ def _purpose(grade: Grade, motion: float | None, spread_ns: int | None) -> str:
             if spread_ns is None
             else f"not measured: {duration(spread_ns)} apart by the recorded times, whose error is not known"
         )
-    speed = float(f"{motion:.2g}")
-    return f"{grade}: within a pixel for motion up to {speed:,.0f} px/s"
+    return f"{grade}: within a pixel for motion up to {float(f'{motion:.2g}'):,.0f} px/s"
 
 
 def _completeness(manifest: Manifest, sync: SyncRecord) -> str:
     expected = len(manifest.cameras) * len(manifest.burst.instants_ns)
     missing = expected - len(manifest.images)
-    dropped = f", {sync.dropped} dropped by the camera" if sync.dropped else ""
-    there = f"{missing} of {count(expected, 'image')} missing{dropped}"
-    if not missing:
-        there = f"all {count(expected, 'image')} there"
-    notes = ((sync.substituted, "from the frame beside it"), (sync.late, "off the instant"))
+    images = count(expected, "image")
+    notes = (
+        (missing and sync.dropped, "dropped by the camera"),
+        (sync.substituted, "from the frame beside it"),
+        (sync.late, "off the instant"),
+    )
+    there = f"{missing} of {images} missing" if missing else f"all {images} there"
     return ", ".join([there, *(f"{number} {what}" for number, what in notes if number)])
 
 

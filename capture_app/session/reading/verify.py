@@ -4,7 +4,7 @@ import hashlib
 from collections import Counter
 from collections.abc import Iterator
 from functools import partial
-from itertools import pairwise
+from itertools import pairwise, product
 from typing import Literal
 
 import msgspec
@@ -12,8 +12,7 @@ import msgspec
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.durable import PART
 from capture_app.session.files.untrusted_files import read_regular
-from capture_app.session.format.ground_truth import ground_truth_path
-from capture_app.session.format.journal import frames_path, lines_of_file, record_of_line
+from capture_app.session.format.journal import frames_path, ground_truth_path, lines_of_file, record_of_line
 from capture_app.session.format.manifest import (
     CALIBRATION,
     IMAGES,
@@ -26,8 +25,7 @@ from capture_app.session.format.manifest import (
     computed_sync,
 )
 from capture_app.session.reading.checksums import changed_files
-from capture_app.session.reading.decoding import image_size
-from capture_app.session.reading.file_headers import size_of
+from capture_app.session.reading.decoding import image_size, size_of
 from capture_app.session.reading.reader import Session
 
 _ROUNDING_NS = 1_000
@@ -77,40 +75,32 @@ def _burst(session: Session) -> Iterator[Problem]:
             yield _contradiction(MANIFEST, f"instant {index + 1} is not after instant {index}")
     images = Counter((image.camera, image.instant) for image in manifest.images)
     missing = {(one.camera, one.instant) for one in manifest.missing}
-    instants = range(len(manifest.burst.instants_ns))
-    for place in ((camera.name, instant) for camera in manifest.cameras for instant in instants):
-        of = f"of {place[0]} at instant {place[1]}"
-        if images[place] > 1:
-            yield _contradiction(MANIFEST, f"{images[place]} images {of}")
-        if (place in missing) == (images[place] > 0):
-            why = (
-                "the image {} is there and missing"
-                if place in missing
-                else "no image {}, nor why it is missing"
-            )
-            yield _contradiction(MANIFEST, why.format(of))
+    for camera, instant in product(manifest.cameras, range(len(manifest.burst.instants_ns))):
+        of, number = f"of {camera.name} at instant {instant}", images[camera.name, instant]
+        if number > 1:
+            yield _contradiction(MANIFEST, f"{number} images {of}")
+        if number and (camera.name, instant) in missing:
+            yield _contradiction(MANIFEST, f"the image {of} is there and missing")
+        elif not number and (camera.name, instant) not in missing:
+            yield _contradiction(MANIFEST, f"no image {of}, nor why it is missing")
 
 
 def _order(session: Session) -> Iterator[Problem]:
     """Check that the times of each camera's images increase, in its own clock and in the leader's."""
     images = sorted(session.manifest.images, key=lambda image: (image.camera, image.instant))
     for last, record in pairwise(images):
-        if record.camera != last.camera or record.instant == last.instant:
-            continue
-        known = last.local_ns is not None and record.local_ns is not None
-        if record.leader_ns <= last.leader_ns or (known and (record.local_ns or 0) <= (last.local_ns or 0)):
+        pair = ((last.leader_ns, record.leader_ns), (last.local_ns, record.local_ns))
+        backwards = any(one is not None and other is not None and other <= one for one, other in pair)
+        if record.camera == last.camera and record.instant != last.instant and backwards:
             yield _contradiction(record.path, f"was not taken after {last.path}")
 
 
 def _sync(session: Session) -> Iterator[Problem]:
     manifest = session.manifest
-    if manifest.sync is None:
-        return
-    stored, computed = (msgspec.structs.asdict(sync) for sync in (manifest.sync, computed_sync(manifest)))
-    for name, expected in computed.items():
-        if stored[name] != expected:
+    for name, expected in msgspec.structs.asdict(computed_sync(manifest)).items() if manifest.sync else ():
+        if (stored := getattr(manifest.sync, name)) != expected:
             yield _contradiction(
-                MANIFEST, f"sync.{name} is {stored[name]}; computed from the images it is {expected}"
+                MANIFEST, f"sync.{name} is {stored}; computed from the images it is {expected}"
             )
 
 
@@ -151,8 +141,9 @@ def _times(session: Session, record: ImageRecord) -> Iterator[Problem]:
     """Check an image's times against its instant, its camera's clock, and the timestamp delay."""
     burst, camera = session.manifest.burst, session.camera(record.camera)
     residual_ns = record.leader_ns - burst.instants_ns[record.instant]
-    stamped_ns = record.leader_ns - record.alignment_offset_ns
-    start_ns = camera.facts.exposure_start_ns(stamped_ns, record.exposure_ns)
+    start_ns = camera.facts.exposure_start_ns(
+        record.leader_ns - record.alignment_offset_ns, record.exposure_ns
+    )
     tolerance_ns = camera.phase.tolerance_ns if camera.phase else None
     stamp = camera.facts.stamp
     counts = stamp is not None and camera.clock is not None and burst.common_times is None
@@ -289,6 +280,5 @@ def _unexpected(session: Session) -> Iterator[Problem]:
     for path in sorted(found):
         name = str(path.relative_to(session.folder))
         if name not in expected and not (path.is_dir() and not path.is_symlink()):
-            part = path.name.endswith(PART)
-            what = "left over from an interrupted write" if part else "an image that is not in the manifest"
-            yield Problem("unexpected", name, what)
+            part = "left over from an interrupted write" if path.name.endswith(PART) else ""
+            yield Problem("unexpected", name, part or "an image that is not in the manifest")

@@ -20,7 +20,7 @@ from capture_app.session.files.durable import (
     write_unsynced,
 )
 from capture_app.session.files.untrusted_files import encode_checked, indented
-from capture_app.session.format.ground_truth import (
+from capture_app.session.format.journal import (
     TIMES,
     TRUE_TIMES_JOURNAL,
     TrueTime,
@@ -112,10 +112,12 @@ class ImageStore:
         """
         errors: list[SimulshotError | None] = [None] * len(images)
         begun: dict[int, list[Path]] = {}
-        keys: set[Key] = set()
+        keys = set(self._records)
         for place, image in enumerate(images):
             try:
-                self._check_new(image, keys)
+                image.journal_line()
+                if image.key in keys:
+                    raise BadInputError("there is an image of {} at instant {} already".format(*image.key))
                 begun[place] = self._put(image)
                 keys.add(image.key)
             except OSError as error:
@@ -124,8 +126,8 @@ class ImageStore:
                 errors[place] = error
         failed = self._sync([path for paths in begun.values() for path in paths])
         for place, paths in begun.items():
-            if (failure := next((failed[path] for path in paths if path in failed), None)) is not None:
-                errors[place] = disk_error(failure, self._folder)
+            for path in failed.keys() & paths:
+                errors[place] = disk_error(failed[path], self._folder)
         self._note(images, [place for place in begun if errors[place] is None], errors)
         for place in begun:
             if errors[place] is not None:
@@ -161,14 +163,8 @@ class ImageStore:
         images = tuple(true for _, true in sorted(self.true_times.items()))
         path = self._folder / TIMES
         changed = make_folders_unsynced(path.parent, self._folder)
-        times = TrueTimes(images=images, clocks=self.clocks)
-        write_unsynced(path, indented(encode_checked(times)))
+        write_unsynced(path, indented(encode_checked(TrueTimes(images=images, clocks=self.clocks))))
         return path, path.parent, *changed
-
-    def _check_new(self, image: StoredImage, begun: Set[Key]) -> None:
-        image.journal_line()
-        if image.key in self._records or image.key in begun:
-            raise BadInputError(f"there is an image of {image.key[0]} at instant {image.key[1]} already")
 
     def _put(self, image: StoredImage) -> list[Path]:
         """Move an image's file to its final name and store its ground truth; return paths to be synced."""

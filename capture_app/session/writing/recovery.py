@@ -10,8 +10,13 @@ import msgspec
 from capture_app.common.errors import BadInputError
 from capture_app.session.files.durable import PART, free_name, make_folders, sync_folder, write_atomic
 from capture_app.session.files.untrusted_files import read_regular, read_struct
-from capture_app.session.format.ground_truth import TRUE_TIMES_JOURNAL, TrueTime, ground_truth_path
-from capture_app.session.format.journal import lines_of_file, record_of_line
+from capture_app.session.format.journal import (
+    TRUE_TIMES_JOURNAL,
+    TrueTime,
+    ground_truth_path,
+    lines_of_file,
+    record_of_line,
+)
 from capture_app.session.format.manifest import (
     IMAGES,
     JOURNAL,
@@ -19,8 +24,8 @@ from capture_app.session.format.manifest import (
     SCHEMA_VERSION,
     ImageRecord,
     Manifest,
+    check_image_path,
     check_written,
-    image_path,
 )
 from capture_app.session.reading.checksums import changed_files
 
@@ -65,12 +70,10 @@ def _images_of_intact_manifest(folder: Path) -> tuple[ImageRecord, ...]:
 
 def is_intact(folder: Path, record: ImageRecord) -> bool:
     """Return whether an image's record is possible and its file has the recorded size and checksum."""
-    suffix = Path(record.path).suffix
     try:
         check_written(record)
+        check_image_path(record)
     except BadInputError:
-        return False
-    if record.path != image_path(record.camera, record.instant, suffix):
         return False
     file = folder / record.path
     same_size = not file.is_symlink() and file.is_file() and file.stat().st_size == record.bytes
@@ -83,10 +86,14 @@ def recover_true_times(folder: Path, images: Iterable[ImageRecord]) -> dict[tupl
     if not path.exists():
         return {}
     lines = lines_of_file(read_regular(path))
-    read = (record_of_line(line, TrueTime) for line in lines)
-    known = {(true.camera, true.instant): true for true in read if true is not None}
     safe = {(image.camera, image.instant) for image in images}
-    intact = {of: true for of, true in known.items() if of in safe and _truth_is_intact(folder, true)}
+    intact = {
+        (true.camera, true.instant): true
+        for line in lines
+        if (true := record_of_line(line, TrueTime)) is not None
+        and (true.camera, true.instant) in safe
+        and _truth_is_intact(folder, true)
+    }
     if len(intact) != len(lines):
         write_atomic(path, b"".join(msgspec.json.encode(true) + b"\n" for true in intact.values()))
     return intact
@@ -106,8 +113,8 @@ def _set_aside_all_but(folder: Path, intact: set[str]) -> None:
             continue
         if path.name.endswith(PART):
             path.unlink()
-            continue
-        set_aside(folder, name)
+        else:
+            set_aside(folder, name)
 
 
 def set_aside(folder: Path, name: str) -> None:

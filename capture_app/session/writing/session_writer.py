@@ -60,11 +60,9 @@ RESERVED_BYTES_PER_INSTANT, MAX_RESERVED_INSTANTS = 60, 400_000
 
 def reserve_room(folder: Path, plan: BurstPlan) -> None:
     """Reserve disk space for the manifest of a burst. Raises OSError if there is not enough."""
-    instants = len(plan.instants_ns)
+    needed = RESERVED_BYTES_PER_IMAGE * len(plan.cameras) * len(plan.instants_ns)
     if plan.streamed is not None and plan.streamed.video:
-        needed = RESERVED_BYTES_PER_INSTANT * min(instants, MAX_RESERVED_INSTANTS)
-    else:
-        needed = RESERVED_BYTES_PER_IMAGE * len(plan.cameras) * instants
+        needed = RESERVED_BYTES_PER_INSTANT * min(len(plan.instants_ns), MAX_RESERVED_INSTANTS)
     reserve(folder / RESERVE, RESERVED_BYTES + needed)
 
 
@@ -119,8 +117,7 @@ class SessionWriter:
     """Writer of one session. Methods may be called from any thread; each blocks on the disk."""
 
     def __init__(self, folder: Path, name: str, created: str = "", software: str = "") -> None:
-        self.folder = folder
-        self.name = name
+        self.folder, self.name = folder, name
         now = datetime.now(UTC).isoformat(timespec="milliseconds").replace("+00:00", "Z")
         self.created = created or now
         self.software = software or f"simulshot {__version__}"
@@ -220,9 +217,8 @@ class SessionWriter:
             sha256=hashlib.sha256(data).hexdigest(),
             **further,
         )
-        for error in self.save([StoredImage(record, data, truth, true_ns)]):
-            if error is not None:
-                raise error
+        for error in filter(None, self.save([StoredImage(record, data, truth, true_ns)])):
+            raise error
         return record
 
     def save(self, images: Sequence[StoredImage], *, in_videos: bool = False) -> list[SimulshotError | None]:

@@ -76,8 +76,7 @@ class _Video:
             self.instants.insert(place, instant)
             self.starts.insert(place, self.length)
         self.length += line_bytes
-        camera, path, frames = self.record.camera, self.record.path, self.record.frames + 1
-        self.record = VideoRecord(camera=camera, path=path, frames=frames, bytes=frame_end)
+        self.record = msgspec.structs.replace(self.record, frames=self.record.frames + 1, bytes=frame_end)
 
 
 class VideoStore:
@@ -108,8 +107,7 @@ class VideoStore:
         """Return the record of a saved frame without its residual, or None."""
         with self._mutex:
             video = self._videos.get(camera)
-            place = None if video is None else video.find(instant)
-            if video is None or place is None:
+            if video is None or (place := video.find(instant)) is None:
                 return None
             record, start = video.record, video.starts[place]
         with (self._folder / frames_path(record.path)).open("rb") as file:
@@ -136,9 +134,9 @@ class VideoStore:
         errors: dict[str, SimulshotError | None] = {}
         for camera in dict.fromkeys(frame.record.camera for frame in frames):
             try:
+                errors[camera] = None
                 with self._mutex:
                     self._append(self._video(camera), [of for of in frames if of.record.camera == camera])
-                errors[camera] = None
             except OSError as error:
                 errors[camera] = disk_error(error, self._folder)
             except BadInputError as error:
@@ -203,10 +201,10 @@ class VideoStore:
     def _video(self, camera: str) -> _Video:
         if camera not in self._videos:
             check_name(camera, "camera")
-            path = self._folder / video_path(camera)
-            make_folders(path.parent, self._folder)
+            folder = (self._folder / video_path(camera)).parent
+            make_folders(folder, self._folder)
             self._videos[camera] = self._open(camera)
-            sync_folder(path.parent)
+            sync_folder(folder)
         return self._videos[camera]
 
     def _open(self, camera: str) -> _Video:

@@ -9,8 +9,7 @@ from typing import TYPE_CHECKING
 
 from capture_app.common.errors import BadInputError, reading
 from capture_app.session.format.calibration import CameraCalibration
-from capture_app.session.reading.decoding import decode_image
-from capture_app.session.reading.file_headers import size_of
+from capture_app.session.reading.decoding import decode_image, size_of
 from capture_app.simulation.sensor import SensorFrame
 
 if TYPE_CHECKING:

@@ -15,9 +15,8 @@ from textual.widgets import Input
 
 from capture_app.common.errors import SimulshotError
 from capture_app.common.text import count, printable
-from capture_app.session.library.changes import rename_session, set_note
+from capture_app.session.library.changes import rename_session, restore_session, set_note, trash_session
 from capture_app.session.library.listing import SessionCard, SessionListing
-from capture_app.session.library.trash import restore_session, trash_session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.jobs.result_screen import show_result
 from capture_app.tui.jobs.run import COMMANDS, COMPARE, EXPORTS, IMPORT, VERIFY, Command, Run

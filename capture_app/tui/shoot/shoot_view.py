@@ -31,7 +31,7 @@ from capture_app.rig.taking import (
     Waiting,
 )
 from capture_app.session.format.live_depth import DepthPreview
-from capture_app.session.library.trash import trash_session
+from capture_app.session.library.changes import trash_session
 from capture_app.session.reading.take_sheet import TakeSheet
 from capture_app.tui.jobs.result_screen import open_report
 from capture_app.tui.jobs.runs import Runs

@@ -8,8 +8,7 @@ from textual.content import Content
 
 from capture_app.common.errors import SimulshotError
 from capture_app.common.text import UNREADABLE, printable
-from capture_app.session.reading.sheet_pictures import depth_picture
-from capture_app.session.reading.take_sheet import TakeSheet
+from capture_app.session.reading.take_sheet import TakeSheet, depth_picture
 from capture_app.tui.jobs.run import MOMENT, Run, RunState, progress_words
 from capture_app.tui.jobs.runs import Runs
 from capture_app.tui.widgets.picture import Source

@@ -13,7 +13,7 @@ import pytest
 from capture_app.board.boards import DEFAULT_BOARD
 from capture_app.common.errors import BadInputError
 from capture_app.session.format.calibration import Calibration
-from capture_app.session.reading.file_headers import read_exif
+from capture_app.session.reading.decoding import read_exif
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.structure_from_motion import likely_focal_lengths, refuse_odd_lenses
 from reconstruction.calibration.world import metres_per_unit_by_board

@@ -5,9 +5,8 @@ from pathlib import Path
 import pytest
 
 from capture_app.session.format.manifest import MANIFEST
-from capture_app.session.library.changes import set_note
+from capture_app.session.library.changes import set_note, trash_session
 from capture_app.session.library.listing import WIDTH_PX, SessionListing, best_synchronized, load_thumbnail
-from capture_app.session.library.trash import trash_session
 from capture_app.session.reading.reader import Session
 from capture_app.session.writing.session_writer import SessionWriter
 from tests.session.conftest import edit_manifest, fill, jpeg

@@ -5,9 +5,14 @@ from pathlib import Path
 import pytest
 
 from capture_app.common.errors import BadInputError, TryAgainError
-from capture_app.session.library.changes import results_folder
+from capture_app.session.library.changes import (
+    empty_trash,
+    restore_session,
+    results_folder,
+    trash_session,
+    trashed_sessions,
+)
 from capture_app.session.library.listing import list_sessions
-from capture_app.session.library.trash import empty_trash, restore_session, trash_session, trashed_sessions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter

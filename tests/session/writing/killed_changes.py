@@ -16,8 +16,8 @@ from typing import Any
 from capture_app.common.errors import BadInputError
 from capture_app.session.files import output_folder
 from capture_app.session.files.output_folder import clear_leftovers
-from capture_app.session.library import changes, trash
-from capture_app.session.library.trash import TRASH
+from capture_app.session.library import changes
+from capture_app.session.library.changes import TRASH
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from tests.session.writing.killed_writer import NAME, die_at, no_picture, run, tell, write
@@ -36,12 +36,12 @@ def note(root: Path) -> None:
 
 def to_trash(root: Path) -> None:
     if (root / NAME).exists():
-        trash.trash_session(root / NAME)
+        changes.trash_session(root / NAME)
 
 
 def restore(root: Path) -> None:
     if not (root / NAME).exists():
-        trash.restore_session(root)
+        changes.restore_session(root)
 
 
 CHANGES = {"rename": rename, "note": note, "trash": to_trash, "restore": restore}
@@ -58,7 +58,6 @@ def killed_at(
             [
                 (output_folder, "exchange_folders"),
                 (changes, "move_folder"),
-                (trash, "move_folder"),
                 (os, "link"),
             ],
         )
@@ -99,7 +98,7 @@ def main(root: Path, change: str, every: int) -> None:
     with (root / "promises").open("wb") as promises:
         write(root / "made", promises.fileno())
     if change == "restore":
-        trash.trash_session(root / "made" / NAME)
+        changes.trash_session(root / "made" / NAME)
     for exchanges in (True, False):
         for step in range(1, 10_000, every):
             shutil.rmtree(root / "tried", ignore_errors=True)

@@ -10,7 +10,7 @@ from typing import Any
 
 import pytest
 
-from capture_app.session.format.ground_truth import TRUE_TIMES_JOURNAL, ground_truth_path
+from capture_app.session.format.journal import TRUE_TIMES_JOURNAL, ground_truth_path
 from capture_app.session.format.manifest import JOURNAL, MANIFEST, image_path
 from tests.session.writing.full_take import Take
 from tests.session.writing.killed_writer import CAMERAS, received

@@ -11,9 +11,8 @@ import pytest
 from textual.widgets import Input
 
 from capture_app.session.format.manifest import MANIFEST
-from capture_app.session.library.changes import set_note
+from capture_app.session.library.changes import set_note, trashed_sessions
 from capture_app.session.library.listing import SessionCard, SessionListing
-from capture_app.session.library.trash import trashed_sessions
 from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verify import verify
 from capture_app.session.writing.session_writer import SessionWriter

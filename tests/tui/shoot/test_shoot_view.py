@@ -9,8 +9,8 @@ from textual.widgets import Digits, Static
 
 from capture_app.protocol.messages import BurstRequest
 from capture_app.protocol.status import Preview
+from capture_app.session.library.changes import trashed_sessions
 from capture_app.session.library.listing import list_sessions
-from capture_app.session.library.trash import trashed_sessions
 from capture_app.tui.question import Question
 from capture_app.tui.screen_settings import Settings
 from capture_app.tui.widgets.look import LookScreen

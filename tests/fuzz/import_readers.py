@@ -16,8 +16,7 @@ from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.importer import open_sources
 from capture_app.session.importing.rate_or_table import timeline_by_table
 from capture_app.session.importing.recording import import_recording
-from capture_app.session.reading.decoding import decode_image
-from capture_app.session.reading.file_headers import read_exif, size_of
+from capture_app.session.reading.decoding import decode_image, read_exif, size_of
 from capture_app.session.reading.reader import Session
 from tests.fuzz.folders import Reader, contents, put, small_session
 from tests.session.conftest import calibration_of, jpeg
@@ -51,7 +50,8 @@ def read_gopro(data: bytes, folder: Path) -> None:
     parse_payload(data)
     path = folder / "video.mp4"
     put(path, data)
-    read_gps_clock(path)
+    with suppress(SimulshotError):
+        read_gps_clock(path)
 
 
 def read_table(data: bytes, folder: Path) -> None:

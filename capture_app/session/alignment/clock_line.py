@@ -29,22 +29,17 @@ def fit_clock_line(
     an error common to all moments, which averaging does not reduce.
     """
     late = reference_s - camera_s
-    offset, scale = float(np.median(late)), 1.0
-    # Until the rate is fitted, it shifts distant moments by more than their own error.
-    rate, weights = 0.0, np.ones(len(late))
     epoch = float(np.average(camera_s, weights=1 / sd_s**2))
-    from_epoch = camera_s - epoch
+    rows = np.column_stack([np.ones(len(late)), camera_s - epoch])
+    prior = np.diag([0, 1 / (CRYSTAL_PPM * 1e-6) ** 2])
+    weights, scale = np.ones(len(late)), 1.0
     for _ in range(STEPS):
         total = weights / (scale * sd_s) ** 2
-        rows = np.column_stack([np.ones(len(late)), from_epoch])
-        normal = rows.T @ (total[:, None] * rows)
-        normal[1, 1] += 1 / (CRYSTAL_PPM * 1e-6) ** 2
+        normal = rows.T @ (total[:, None] * rows) + prior
         offset, rate = np.linalg.solve(normal, rows.T @ (total * late))
         miss = (late - rows @ np.array([offset, rate])) / sd_s
-        residual_scale = (
-            1.4826 * float(np.median(np.abs(miss))) if len(miss) > 4 else float(np.sqrt(np.mean(miss**2)))
-        )
-        scale = max(1.0, residual_scale)
+        residual_scale = 1.4826 * np.median(np.abs(miss)) if len(miss) > 4 else np.sqrt(np.mean(miss**2))
+        scale = max(1.0, float(residual_scale))
         weights = 1 / (1 + (miss / (2.5 * scale)) ** 2)
     covariance = np.linalg.inv(normal)
     sigmas = SIGMAS + 2.5 / max(1, len(late) - 1)
@@ -95,10 +90,9 @@ def compose(outer: CameraTimes, inner: CameraTimes) -> CameraTimes:
     """Chain two alignments: a camera's against another (`inner`), and that other's against the reference."""
     epoch = inner.epoch_local_ns
     middle_ns = inner.leader_from_local(epoch)
-    outer_error = outer.uncertainty_at_ns(middle_ns) or 0
     return CameraTimes(
         offset_ns=outer.leader_from_local(middle_ns) - epoch,
-        uncertainty_ns=round(math.hypot(outer_error, inner.uncertainty_ns or 0)),
+        uncertainty_ns=round(math.hypot(outer.uncertainty_at_ns(middle_ns) or 0, inner.uncertainty_ns or 0)),
         rate_ppm=outer.rate_ppm + inner.rate_ppm,
         rate_uncertainty_ppm=math.hypot(outer.rate_uncertainty_ppm or 0.0, inner.rate_uncertainty_ppm or 0.0),
         epoch_local_ns=epoch,

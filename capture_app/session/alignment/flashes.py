@@ -7,14 +7,15 @@ a range of offsets. The result is the whole set of possible offsets, not the lik
 
 from collections.abc import Sequence
 from dataclasses import dataclass
+from itertools import product
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capture_app.common.errors import BadInputError
 from capture_app.session.alignment.clock_line import CRYSTAL_PPM
-from capture_app.session.alignment.tracks import read_container
+from capture_app.session.alignment.tracks import open_container
 from capture_app.session.format.common_times import CameraTimes
 from capture_app.session.format.lens import Array
 
@@ -115,10 +116,9 @@ class Lights:
         tops = np.quantile(rises, 0.95, axis=1)
         min_rise = max(MIN_RISE, CLEAR * 1.4826 * float(np.median(np.abs(tops - np.median(tops)))))
         lit = np.array([frame for frame in np.flatnonzero(tops > min_rise) if frame not in changed], np.intp)
-        groups = np.split(lit, np.flatnonzero(np.diff(lit) > 1) + 1) if len(lit) else []
-        found = (self._flash(rises, group) for group in groups)
-        flashes = [flash for flash in found if flash is not None]
-        return sorted([*flashes, *(self._lamp(frame) for frame in lamps)], key=lambda one: one.rough_s)
+        found = [self._lamp(frame) for frame in lamps]
+        found += [flash for group in _runs(lit) if (flash := self._flash(rises, group)) is not None]
+        return sorted(found, key=lambda one: one.rough_s)
 
     def _lamps(self) -> list[int]:
         """Return the frames where a lamp is switched: brightness steady before and after, at two levels."""
@@ -131,10 +131,8 @@ class Lights:
         levels = np.median(before, 1), np.median(after, 1)
         change = np.abs(levels[1] - levels[0])
         steady = np.maximum(np.ptp(before, 1), np.ptp(after, 1)) < STEADY * change
-        clear = change > MIN_STEP * (np.minimum(*levels) + 8)
-        found = frames[steady & clear]
-        groups = np.split(found, np.flatnonzero(np.diff(found) > 1) + 1) if len(found) else []
-        return [int(max(group, key=lambda at: abs(means[at + 1] - means[at - 1]))) for group in groups]
+        found = frames[steady & (change > MIN_STEP * (np.minimum(*levels) + 8))]
+        return [int(max(group, key=lambda at: abs(means[at + 1] - means[at - 1]))) for group in _runs(found)]
 
     def _lamp(self, frame: int) -> Flash:
         """Return a lamp's change near a frame, at the row that received half of the light."""
@@ -146,23 +144,24 @@ class Lights:
         rows = np.concatenate([np.interp(np.arange(size), clear, part) for part in shares])
         at = min(int((rows < 0.5).sum()), 3 * size - 1)
         soft = SOFT * float(((rows > 0.1) & (rows < 0.9)).sum()) / 0.8 / size
-        near = EDGE_ROWS * size
         own, band = first + at // size, at % size
         edge = Edge(float(self.times_s[own]), band / size, soft=soft)
-        if not near <= band < size - near:
-            other = own + (-1 if band < near else 1)
-            gap_s = float(abs(self.times_s[own] - self.times_s[other]))
-            middle_s = float(self.times_s[own] + self.times_s[other]) / 2
-            edge = Edge(middle_s, hidden=True, gap_s=gap_s, soft=soft)
+        if not EDGE_ROWS * size <= band < size - EDGE_ROWS * size:
+            edge = self._hidden(own, own + (-1 if band < EDGE_ROWS * size else 1), soft)
         return Flash(edge, edge, 1 if change.mean() > 0 else -1)
+
+    def _hidden(self, frame: int, other: int, soft: float = 0.0) -> Edge:
+        """Return an edge between two frames."""
+        times_s = self.times_s[[frame, other]]
+        return Edge(float(times_s.mean()), hidden=True, gap_s=float(np.ptp(times_s)), soft=soft)
 
     def _rises(self) -> Array:
         """Return the relative rise of each band over the surrounding frames, except the direct neighbours."""
         padded = np.pad(self.bands, ((AROUND, AROUND), (0, 0)), mode="edge")
         count = len(self.bands)
-        steps = [k for k in range(2 * AROUND + 1) if abs(k - AROUND) > 1]
-        around = np.median(np.stack([padded[k : k + count] for k in steps]), axis=0)
-        return np.asarray((self.bands - around) / (around + 8))
+        around = [padded[k : k + count] for k in range(2 * AROUND + 1) if abs(k - AROUND) > 1]
+        typical = np.median(np.stack(around), axis=0)
+        return np.asarray((self.bands - typical) / (typical + 8))
 
     def _flash(self, rises: Array, group: NDArray[np.intp]) -> Flash | None:
         first, last = max(1, int(group[0]) - 1), min(len(rises) - 2, int(group[-1]) + 1)
@@ -170,13 +169,11 @@ class Lights:
             return None
         size = rises.shape[1]
         rows = rises[first : last + 1].ravel()
-        level = float(np.median(rows[rows > 0.4 * rows.max()]))
-        lit = rows > level / 2
+        lit = rows > float(np.median(rows[rows > 0.4 * rows.max()])) / 2
         # Narrow dark or bright objects are not edges.
         width = max(1, size // 40)
-        kernel = np.ones(2 * width + 1) / (2 * width + 1)
-        smooth = np.convolve(np.pad(lit.astype(float), width, mode="edge"), kernel, mode="valid") > 0.5
-        on = np.flatnonzero(smooth)
+        padded = np.pad(lit.astype(float), width, mode="edge")
+        on = np.flatnonzero(np.convolve(padded, np.ones(2 * width + 1) / (2 * width + 1), mode="valid") > 0.5)
         if not len(on) or on[-1] - on[0] + 1 > 1.3 * len(on):
             return None
         return Flash(
@@ -186,50 +183,49 @@ class Lights:
 
     def _edge(self, rows: Array, at: int, first: int, size: int, *, before: bool) -> Edge:
         frame, band = first + at // size, at % size
-        step = -1 if before else 1
         near = max(1, int(EDGE_ROWS * size))
-        outermost = band < near if before else band >= size - near
-        if outermost:
-            other = frame + step
-            middle = (self.times_s[frame] + self.times_s[other]) / 2
-            return Edge(
-                float(middle), hidden=True, gap_s=float(abs(self.times_s[frame] - self.times_s[other]))
-            )
+        if band < near if before else band >= size - near:
+            return self._hidden(frame, frame + (-1 if before else 1))
         begin = frame - first
         own = rows[begin * size : (begin + 1) * size]
         inside = own[band : band + 3 * near] if before else own[max(0, band - 3 * near + 1) : band + 1]
         half = float(np.median(inside)) / 2
-        window = range(max(1, band - 3 * near), min(size, band + 3 * near + 1))
         crossings = [
             k - 1 + (half - own[k - 1]) / (own[k] - own[k - 1])
-            for k in window
+            for k in range(max(1, band - 3 * near), min(size, band + 3 * near + 1))
             if (own[k - 1] < half) == before and (own[k] < half) != before and own[k] != own[k - 1]
         ]
-        place = float(np.median(crossings)) if crossings else float(band)
+        place = float(np.median(crossings or [band]))
         return Edge(float(self.times_s[frame]), (place + 0.5) / size)
 
 
-def read_lights(path: Path) -> Lights | str:
-    """Return the brightness of a video's frames as the sensor read them, or the reason why there is none."""
+def _runs(frames: NDArray[np.intp]) -> list[NDArray[np.intp]]:
+    """Split ascending frame numbers into runs of consecutive ones."""
+    return np.split(frames, np.flatnonzero(np.diff(frames) > 1) + 1) if len(frames) else []
+
+
+def read_lights(path: Path) -> Lights:
+    """Return the brightness of a video's frames as the sensor read them, up to a damaged one.
+
+    Raises BadInputError with a short reason if there is none.
+    """
     found: list[tuple[float, Array]] = []
-    why = read_container(path, lambda _, container: _read(container, found))
+    why = "it has no pictures"
+    try:
+        with open_container(path) as (_, container):
+            for stream in container.streams.video[:1]:
+                stream.thread_type = "AUTO"
+            for frame in container.decode(video=0) if container.streams.video else ():
+                if frame.pts is not None:
+                    height = min(BANDS, frame.height)
+                    small = frame.reformat(COLUMNS, height, format="gray", interpolation="AREA")
+                    found.append((float(frame.pts * frame.time_base), small.to_ndarray().mean(1)))
+    except BadInputError as error:
+        why = error.what
     if not found:
-        return why or "it has no pictures"
+        raise BadInputError(why)
     found.sort(key=lambda one: one[0])
     return Lights(np.array([at for at, _ in found]), np.stack([bands for _, bands in found]))
-
-
-def _read(container: Any, into: list[tuple[float, Array]]) -> None:
-    """Add each frame's own time and bands; frames before a decoding error are retained."""
-    for stream in container.streams.video[:1]:
-        stream.thread_type = "AUTO"
-    for frame in container.decode(video=0) if container.streams.video else ():
-        if frame.pts is None:
-            continue
-        height = min(BANDS, frame.height)
-        small = frame.reformat(COLUMNS, height, format="gray", interpolation="AREA")
-        grey = small.to_ndarray().astype(np.float64)
-        into.append((float(frame.pts * frame.time_base), grey.mean(1)))
 
 
 Pair = tuple[Flash, Flash]
@@ -262,22 +258,19 @@ def _agreeing(seen: Sequence[Flash], others: Sequence[Flash], period_s: float) -
     near_s = NEAR_FRAMES * period_s
     min_matches = min(MIN_MATCHES, len(seen), len(others))
     groups: list[tuple[float, list[Pair]]] = []
-    for one in seen:
-        for other in others:
-            offset_s = one.rough_s - other.rough_s
-            pairs = []
-            for flash in others:
-                nearest = min(seen, key=lambda of: abs(of.rough_s - flash.rough_s - offset_s))
-                # Clock drift shifts flashes that are far from this one by more.
-                slack_s = near_s + MAX_DRIFT_PPM * 1e-6 * abs(flash.rough_s - other.rough_s)
-                near = abs(nearest.rough_s - flash.rough_s - offset_s) < slack_s
-                if near and nearest.step == flash.step:
-                    pairs.append((nearest, flash))
-            if len(pairs) >= min_matches:
-                groups.append((offset_s, pairs))
-    groups.sort(key=lambda group: -len(group[1]))
+    for one, other in product(seen, others):
+        offset_s = one.rough_s - other.rough_s
+        pairs = []
+        for flash in others:
+            nearest = min(seen, key=lambda of: abs(of.rough_s - flash.rough_s - offset_s))
+            # Clock drift shifts flashes that are far from this one by more.
+            slack_s = near_s + MAX_DRIFT_PPM * 1e-6 * abs(flash.rough_s - other.rough_s)
+            if abs(nearest.rough_s - flash.rough_s - offset_s) < slack_s and nearest.step == flash.step:
+                pairs.append((nearest, flash))
+        if len(pairs) >= min_matches:
+            groups.append((offset_s, pairs))
     distinct: list[tuple[float, list[Pair]]] = []
-    for offset_s, pairs in groups:
+    for offset_s, pairs in sorted(groups, key=lambda group: -len(group[1])):
         if all(abs(offset_s - other_s) > 3 * near_s for other_s, _ in distinct):
             distinct.append((offset_s, pairs))
     return [pairs for _, pairs in distinct[:CANDIDATES]]
@@ -288,31 +281,29 @@ def _fit_robustly(pairs: list[Pair], periods: tuple[float, float]) -> CameraTime
     choices = [pairs]
     if len(pairs) > MIN_MATCHES:
         choices += [pairs[:k] + pairs[k + 1 :] for k in range(len(pairs))]
-    found = (_fit(choice, *periods) for choice in choices)
-    return next((one for one in found if one.offset_ns is not None), CameraTimes())
+    fits = (_fit(choice, *periods) for choice in choices)
+    return next((one for one in fits if one.offset_ns is not None), CameraTimes())
 
 
 def _fit(pairs: Sequence[Pair], reference_s: float, camera_s: float) -> CameraTimes:
     """Return the centre and half width of all offsets and rates that the edges allow; empty if none fits."""
     if len(pairs) > MAX_FITTED:
         pairs = [pairs[round(k)] for k in np.linspace(0, len(pairs) - 1, MAX_FITTED)]
-    epoch = float(np.mean([other.rough_s for _, other in pairs]))
-    at = np.array([other.rough_s for _, other in pairs]) - epoch
+    at = np.array([other.rough_s for _, other in pairs])
+    epoch = float(at.mean())
     for tolerance in (EDGE_S, 2 * EDGE_S, 4 * EDGE_S, 8 * EDGE_S):
         reference_moments = _moments([one for one, _ in pairs], reference_s, tolerance)
         camera_moments = _moments([other for _, other in pairs], camera_s, tolerance)
-        if not len(reference_moments) or not len(camera_moments):
-            continue
         # Minimum and maximum offset for every combination of both cameras' readout and exposure times.
         lowest = (reference_moments[:, None, :, 0] - camera_moments[None, :, :, 1]).reshape(-1, len(pairs))
         highest = (reference_moments[:, None, :, 1] - camera_moments[None, :, :, 0]).reshape(-1, len(pairs))
-        offsets, rates = _lines(at, lowest, highest)
-        if offsets is not None and rates is not None and offsets[1] - offsets[0] > 2 * MIN_BAR_S:
+        (low, high), (slow, fast) = _lines(at - epoch, lowest, highest)
+        if high - low > 2 * MIN_BAR_S:
             return CameraTimes(
-                offset_ns=round(sum(offsets) / 2 * 1e9),
-                uncertainty_ns=round((offsets[1] - offsets[0]) / 2 * 1e9),
-                rate_ppm=round(sum(rates) / 2 * 1e6, 4),
-                rate_uncertainty_ppm=round((rates[1] - rates[0]) / 2 * 1e6, 4),
+                offset_ns=round((low + high) / 2 * 1e9),
+                uncertainty_ns=round((high - low) / 2 * 1e9),
+                rate_ppm=round((slow + fast) / 2 * 1e6, 4),
+                rate_uncertainty_ppm=round((fast - slow) / 2 * 1e6, 4),
                 epoch_local_ns=round(epoch * 1e9),
                 source="flash",
                 reason="one flash or lamp alone, taken for the same" if len(pairs) == 1 else "",
@@ -327,9 +318,9 @@ def _moments(flashes: Sequence[Flash], period_s: float, tolerance_s: float) -> A
     frame's time t in the middle of its middle row's exposure, a flash at T lights the rows from t + R (down -
     1/2) = T - E/2 to T + E/2.
     """
-    readout = np.linspace(0, 1, READOUTS)[:, None] * period_s
+    readout_s = np.linspace(0, period_s, READOUTS)
     starts, ends = (
-        np.stack([_range(getattr(of, side), readout[:, 0], tolerance_s) for of in flashes], axis=1)
+        np.stack([_range(getattr(of, side), readout_s, tolerance_s) for of in flashes], axis=1)
         for side in ("start", "end")
     )
     # A lamp's edge is at the row with light during half of its exposure, whatever the exposure time.
@@ -355,25 +346,25 @@ def _range(edge: Edge, readout_s: Array, tolerance_s: float) -> Array:
     return np.stack([place - half_width, place + half_width], axis=-1)
 
 
-def _lines(at: Array, lowest: Array, highest: Array) -> tuple[Range, Range] | tuple[None, None]:
-    """Return the ranges of offset (at 0) and rate of lines from `lowest` to `highest` (combinations, n)."""
-    drift = np.abs(at) * MAX_DRIFT_PPM * 1e-6
+def _lines(at: Array, lowest: Array, highest: Array) -> tuple[Range, Range]:
+    """Return the ranges of offset (at 0) and rate of lines from `lowest` to `highest` (combinations, n).
+
+    The ranges of no combination are from infinity down.
+    """
+    limit = MAX_DRIFT_PPM * 1e-6
+    drift = np.abs(at) * limit
     low, high = (lowest - drift).max(1), (highest + drift).min(1)
-    slow, fast = np.full(len(lowest), -MAX_DRIFT_PPM * 1e-6), np.full(len(lowest), MAX_DRIFT_PPM * 1e-6)
-    for i in range(len(at)):
-        for j in range(len(at)):
-            if at[i] >= at[j]:
-                continue
-            apart = at[j] - at[i]
-            slow = np.maximum(slow, (lowest[:, j] - highest[:, i]) / apart)
-            fast = np.minimum(fast, (highest[:, j] - lowest[:, i]) / apart)
-            if at[i] <= 0 <= at[j]:
-                low = np.maximum(low, (lowest[:, i] * at[j] - lowest[:, j] * at[i]) / apart)
-                high = np.minimum(high, (highest[:, i] * at[j] - highest[:, j] * at[i]) / apart)
+    slow, fast = np.full(len(lowest), -limit), np.full(len(lowest), limit)
+    for i, j in zip(*np.nonzero(at[:, None] < at), strict=True):
+        apart = at[j] - at[i]
+        slow = np.maximum(slow, (lowest[:, j] - highest[:, i]) / apart)
+        fast = np.minimum(fast, (highest[:, j] - lowest[:, i]) / apart)
+        if at[i] <= 0 <= at[j]:
+            low = np.maximum(low, (lowest[:, i] * at[j] - lowest[:, j] * at[i]) / apart)
+            high = np.minimum(high, (highest[:, i] * at[j] - highest[:, j] * at[i]) / apart)
     good = (low <= high) & (slow <= fast)
-    if not good.any():
-        return None, None
-    return (float(low[good].min()), float(high[good].max())), (
-        float(slow[good].min()),
-        float(fast[good].max()),
+    offsets, rates = (
+        (float(minima[good].min(initial=np.inf)), float(maxima[good].max(initial=-np.inf)))
+        for minima, maxima in ((low, high), (slow, fast))
     )
+    return offsets, rates

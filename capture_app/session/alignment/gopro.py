@@ -16,8 +16,10 @@ padded to 32 bits; type 0 is a nest. Lengths in a file are checked against its s
 
 import importlib
 import math
+import re
 import struct
 from collections.abc import Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 from datetime import UTC, datetime, timedelta
 from itertools import islice
@@ -26,8 +28,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from capture_app.common.errors import BadInputError
 from capture_app.session.alignment.clock_line import compose, fit_clock_line
-from capture_app.session.alignment.tracks import read_container
+from capture_app.session.alignment.tracks import open_container
 from capture_app.session.format.common_times import CameraTimes
 from capture_app.session.format.lens import Array
 
@@ -93,8 +96,7 @@ class _Item:
             layout = f">{self.size // struct.calcsize(number)}{number}" if number else "?"
         if "?" in layout or self.size == 0 or struct.calcsize(layout) != self.size:
             return []
-        whole = len(self.data) // self.size * self.size
-        return list(struct.iter_unpack(layout, self.data[:whole]))
+        return list(struct.iter_unpack(layout, self.data[: len(self.data) // self.size * self.size]))
 
     def first(self) -> float | None:
         """Return the first number of the first sample, or None."""
@@ -175,15 +177,12 @@ def _gps5(named: dict[str, _Item]) -> tuple[int, dict[int, float]]:
 
 def parse_utc(text: bytes) -> float | None:
     """Parse `yymmddhhmmss.sss` to seconds since 2000; None for anything else, which some cameras write."""
-    utc = text[:16].decode("latin-1")
-    digits = utc[:12] + utc[13:]
-    if len(utc) != 16 or utc[12] != "." or not (digits.isascii() and digits.isdigit()):
-        return None
-    try:
-        at = datetime.strptime(f"20{utc[:12]}", "%Y%m%d%H%M%S").replace(tzinfo=UTC)
-    except ValueError:
-        return None
-    return (at - EPOCH) / timedelta(seconds=1) + int(utc[13:]) / 1000
+    found = re.fullmatch(rb"(\d{12})\.(\d{3})", text[:16])
+    with suppress(ValueError):
+        if found is not None:
+            at = datetime.strptime(f"20{found[1].decode()}", "%Y%m%d%H%M%S").replace(tzinfo=UTC)
+            return (at - EPOCH) / timedelta(seconds=1) + int(found[2]) / 1000
+    return None
 
 
 @dataclass(frozen=True, eq=False)
@@ -204,14 +203,17 @@ class GpsClock:
         return float(np.median(self.utc_s - self.video_s))
 
 
-def read_gps_clock(path: Path) -> GpsClock | str:
-    """Return a video's GPS clock, or the reason why it has none."""
-    timed = read_container(path, lambda _, container: list(islice(_payloads(container), PAYLOADS)))
-    if isinstance(timed, str):
-        return timed
+def read_gps_clock(path: Path) -> GpsClock:
+    """Return a video's GPS clock. Raises BadInputError with a short reason if it has none."""
+    with open_container(path) as (_, container):
+        timed = list(islice(_payloads(container), PAYLOADS))
     clocks = [_clock(key, timed) for key in LATE_S]
     good = next((clock for clock in clocks if isinstance(clock, GpsClock)), None)
-    return good or next((why for why in clocks if isinstance(why, str) and why), "no GPS metadata of a GoPro")
+    if good is None:
+        raise BadInputError(
+            next((why for why in clocks if isinstance(why, str) and why), "no GPS metadata of a GoPro")
+        )
+    return good
 
 
 def _payloads(container: Any) -> Iterator[tuple[float, float, list[GpsStream]]]:
@@ -237,8 +239,7 @@ def match_gps_clocks(reference: GpsClock, camera: GpsClock) -> CameraTimes:
     if apart_s > LATE_S[reference.key] + LATE_S[camera.key]:
         return CameraTimes(reason=f"by their GPS, they are {apart_s:.1f} s apart")
     zero_s = math.floor(reference.utc_s[0])
-    back = _line(reference, zero_s, of_utc=True)
-    return compose(back, _line(camera, zero_s, of_utc=False))
+    return compose(_line(reference, zero_s, of_utc=True), _line(camera, zero_s, of_utc=False))
 
 
 def _line(clock: GpsClock, zero_s: float, *, of_utc: bool) -> CameraTimes:
@@ -253,23 +254,17 @@ def _line(clock: GpsClock, zero_s: float, *, of_utc: bool) -> CameraTimes:
 
 def _clock(key: str, timed: list[tuple[float, float, list[GpsStream]]]) -> GpsClock | str:
     """Return the good fixes of one kind, without outliers; otherwise the reason why there are too few."""
+    own = [(begin_s, long_s, of) for begin_s, long_s, streams in timed for of in streams if of.key == key]
     fixes: list[tuple[float, float]] = []
-    seen, before_s = False, -math.inf
-    for begin_s, long_s, streams in timed:
-        for stream in streams:
-            if stream.key != key:
-                continue
-            seen = True
-            first_s = begin_s + stream.after_s
-            for number, utc_s in stream.utc_s.items():
-                # A receiver without a new fix repeats the last time.
-                if utc_s != before_s:
-                    fixes.append((first_s + long_s * number / stream.number, utc_s))
-                before_s = utc_s
-    if not seen:
-        return ""
+    before_s = -math.inf
+    for begin_s, long_s, stream in own:
+        for number, utc_s in stream.utc_s.items():
+            # A receiver without a new fix repeats the last time.
+            if utc_s != before_s:
+                fixes.append((begin_s + stream.after_s + long_s * number / stream.number, utc_s))
+            before_s = utc_s
     if len(fixes) < MIN_FIXES:
-        return f"its GPS has {len(fixes)} good 3D fixes"
+        return f"its GPS has {len(fixes)} good 3D fixes" if own else ""
     video_s, utc_s = np.array(sorted(fixes)).T
     late_s = utc_s - video_s
     off_s = np.abs(late_s - np.median(late_s))

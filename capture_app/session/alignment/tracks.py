@@ -7,20 +7,21 @@ Carter 1976). Timecodes follow SMPTE ST 12-1.
 
 import importlib
 import re
-from collections.abc import Callable
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from fractions import Fraction
 from itertools import chain
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 
+from capture_app.common.errors import BadInputError
 from capture_app.session.alignment.clock_line import CRYSTAL_PPM, SIGMAS, fit_clock_line
 from capture_app.session.format.common_times import CameraTimes
 
-Found = TypeVar("Found")
 RATE_HZ = 16_000
 BIN_S = 0.004
 """Length of a loudness bin, s."""
@@ -39,19 +40,20 @@ _TIMECODE = re.compile(r"(\d{2}):(\d{2}):(\d{2})([:;.])(\d{2,3})")
 DAY_S = 86_400
 
 
-def read_container(path: Path, read: Callable[[Any, Any], Found]) -> Found | str:
-    """Open the video with PyAV and return what `read` finds in it, or the reason why it finds nothing."""
+@contextmanager
+def open_container(path: Path) -> Iterator[tuple[Any, Any]]:
+    """Open a video; yield the package PyAV and the container. Raises BadInputError with a short reason."""
     try:
         av: Any = importlib.import_module("av")
     except ImportError:
-        return "PyAV is not installed"
+        raise BadInputError("PyAV is not installed") from None
     if not path.is_file():
-        return "it is not a file"
+        raise BadInputError("it is not a file")
     try:
         with av.open(str(path), metadata_errors="replace") as container:
-            return read(av, container)
+            yield av, container
     except (av.FFmpegError, OSError, ValueError):
-        return "it cannot be decoded"
+        raise BadInputError("it cannot be decoded") from None
 
 
 Samples = NDArray[np.float32]
@@ -65,32 +67,30 @@ class Sound:
     start_s: float
 
 
-def read_sound(path: Path) -> Sound | str:
-    """Return the sound of a video, or the reason why there is none."""
-    return read_container(path, _read_sound)
-
-
-def _read_sound(av: Any, container: Any) -> Sound | str:
-    if not container.streams.audio:
-        return "it has no sound"
+def read_sound(path: Path) -> Sound:
+    """Return the sound of a video. Raises BadInputError with a short reason if there is none."""
     parts: list[Samples] = []
     start_s, length = 0.0, 0
-    resampler = av.AudioResampler(format="flt", layout="mono", rate=RATE_HZ)
-    for frame in chain(container.decode(container.streams.audio[0]), [None]):
-        timed = frame is not None and frame.pts is not None
-        at_s = float(frame.pts * frame.time_base) if timed else start_s + length / RATE_HZ
-        if not parts:
-            start_s = at_s
-        # A gap in the track is filled with silence, so that later sound keeps its time.
-        gap = round((at_s - start_s) * RATE_HZ) - length
-        if gap > 0.02 * RATE_HZ:
-            parts.append(np.zeros(gap, np.float32))
-            length += gap
-        for made in resampler.resample(frame):
-            parts.append(made.to_ndarray().ravel().astype(np.float32))
-            length += len(parts[-1])
-    samples = np.concatenate(parts) if parts else np.zeros(0, np.float32)
-    return Sound(samples, start_s) if np.any(samples) else "it has no sound"
+    with open_container(path) as (av, container):
+        if not container.streams.audio:
+            raise BadInputError("it has no sound")
+        resampler = av.AudioResampler(format="flt", layout="mono", rate=RATE_HZ)
+        for frame in chain(container.decode(container.streams.audio[0]), [None]):
+            timed = frame is not None and frame.pts is not None
+            at_s = float(frame.pts * frame.time_base) if timed else start_s + length / RATE_HZ
+            if not parts:
+                start_s = at_s
+            # A gap in the track is filled with silence, so that later sound keeps its time.
+            gap = round((at_s - start_s) * RATE_HZ) - length
+            if gap > 0.02 * RATE_HZ:
+                parts.append(np.zeros(gap, np.float32))
+                length += gap
+            for made in resampler.resample(frame):
+                parts.append(made.to_ndarray().ravel().astype(np.float32))
+                length += len(parts[-1])
+    if not any(map(np.any, parts)):
+        raise BadInputError("it has no sound")
+    return Sound(np.concatenate(parts), start_s)
 
 
 def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes:
@@ -114,8 +114,9 @@ def match_sounds(reference: Sound, camera: Sound, error_s: float) -> CameraTimes
     if not found:
         return CameraTimes(reason="their sounds are loud at the same moments, but are not alike")
     camera_s, reference_s = np.array(found).T
-    sd_s = np.full(len(found), WINDOW_SD_S)
-    return fit_clock_line(camera_s, reference_s, sd_s, "sound", systematic_s=error_s)
+    return fit_clock_line(
+        camera_s, reference_s, np.full(len(found), WINDOW_SD_S), "sound", systematic_s=error_s
+    )
 
 
 def _rough_offset(reference: Sound, camera: Sound) -> float | str:
@@ -204,35 +205,28 @@ def match_timecodes(reference: Timecode, camera: Timecode) -> CameraTimes:
     )
 
 
-def read_timecode(path: Path, first_s: float) -> Timecode | str:
-    """Return the timecode of a video with its first frame at `first_s`, or the reason why there is none."""
+def read_timecode(path: Path, first_s: float) -> Timecode:
+    """Return the timecode of a video with its first frame at `first_s`.
 
-    def read(_: Any, container: Any) -> Timecode | str:
+    `;` or `.` before its frames means drop-frame. Raises BadInputError with a short reason if there is none.
+    """
+    with open_container(path) as (_, container):
         streams = container.streams
         places = (*(stream.metadata for stream in streams), container.metadata)
         text = next((place["timecode"] for place in places if "timecode" in place), "")
         rate = streams.video and (streams.video[0].guessed_rate or streams.video[0].average_rate)
-        found = parse_timecode(text, Fraction(rate), first_s) if rate else None
-        return found or "it has no timecode"
-
-    return read_container(path, read)
-
-
-def parse_timecode(text: str, rate: Fraction, first_s: float = 0.0) -> Timecode | None:
-    """Parse a timecode at a frame rate; `;` or `.` before the frames means drop-frame. None if invalid."""
     found = _TIMECODE.fullmatch(text.strip())
-    if found is None:
-        return None
+    if found is None or not rate:
+        raise BadInputError("it has no timecode")
     hours, minutes, seconds, frames = (int(found[k]) for k in (1, 2, 3, 5))
     nominal = round(rate)
     # Rates such as 29.97 are NTSC's; a phone's average rate is only close to one.
-    exact = (
-        Fraction(nominal * 1000, 1001) if abs(rate - Fraction(nominal * 1000, 1001)) < rate / 3000 else None
-    )
-    period = 1 / exact if exact is not None else Fraction(1, nominal)
-    drops = found[4] in ";." and exact is not None and nominal % 30 == 0
-    number = ((hours * 60 + minutes) * 60 + seconds) * nominal + frames
+    ntsc = Fraction(nominal * 1000, 1001)
+    fractional = abs(rate - ntsc) < rate / 3000
+    period = 1 / ntsc if fractional else Fraction(1, nominal)
+    drops = found[4] in ";." and fractional and nominal % 30 == 0
+    whole = hours * 60 + minutes
+    number = (whole * 60 + seconds) * nominal + frames
     if drops:
-        whole = hours * 60 + minutes
         number -= nominal // 15 * (whole - whole // 10)
-    return Timecode(float(number * period), first_s, float(period), exact is None or drops)
+    return Timecode(float(number * period), first_s, float(period), not fractional or drops)

@@ -55,21 +55,15 @@ def align_recording(
         raise BadInputError(
             f"--align {by} takes the videos' own times", hint="--times video instead of --fps"
         )
-    names = [source.name for source in videos]
-    starts_s = {name: min(frame.leader_ns for frame in of) / 1e9 for name, of in timeline.cameras().items()}
-    # Most trustworthy first: a GoPro's timecode follows its own clock, which is rarely set to the second.
-    methods: dict[AlignBy, tuple[Callable[[Video], Any], Callable[[Any, Any], CameraTimes]]] = {
-        "sound": (lambda of: read_sound(of.path), partial(match_sounds, error_s=sound_error_s)),
-        "flash": (lambda of: read_lights(of.path), match_flashes),
-        "gopro": (lambda of: read_gps_clock(of.path), match_gps_clocks),
-        "timecode": (lambda of: read_timecode(of.path, starts_s[of.name]), match_timecodes),
-    }
     measured = {
-        method: cache(partial(_against, match, {one.name: read(one) for one in videos}))
-        for method, (read, match) in methods.items()
+        method: against
+        for method, against in _measurements(videos, timeline, sound_error_s).items()
         if by in ("auto", method) and not (method in _OF_VIDEO_TIMES and rate_given)
     }
-    cameras = _largest_chain(names, lambda first, second: _most_accurate(first, second, measured.values()))
+    cameras = _largest_chain(
+        [source.name for source in videos],
+        lambda first, second: _most_accurate(first, second, measured.values()),
+    )
     said = {method: _describe(against, cameras) for method, against in measured.items()}
     aligned = {name: of for name, of in cameras.items() if of.offset_ns is not None}
     if len(aligned) < 2:
@@ -86,12 +80,46 @@ def align_recording(
     )
 
 
+def _measurements(
+    videos: Sequence[Video], timeline: Timeline, sound_error_s: float
+) -> dict[AlignBy, Against]:
+    """Return each method's measurement of two videos, by their cameras' names; the most trustworthy first.
+
+    A GoPro's timecode follows its own clock, which is rarely set to the second.
+    """
+    by_name = {source.name: source for source in videos}
+    starts_s = {name: min(frame.leader_ns for frame in of) / 1e9 for name, of in timeline.cameras().items()}
+    methods: dict[AlignBy, tuple[Callable[[Video], Any], Callable[[Any, Any], CameraTimes]]] = {
+        "sound": (lambda of: read_sound(of.path), partial(match_sounds, error_s=sound_error_s)),
+        "flash": (lambda of: read_lights(of.path), match_flashes),
+        "gopro": (lambda of: read_gps_clock(of.path), match_gps_clocks),
+        "timecode": (lambda of: read_timecode(of.path, starts_s[of.name]), match_timecodes),
+    }
+
+    @cache
+    def found(method: AlignBy, name: str) -> Any:
+        """Return what a method reads from a camera's video, or the reason why it reads nothing."""
+        try:
+            return methods[method][0](by_name[name])
+        except BadInputError as error:
+            return error.what
+
+    @cache
+    def against(method: AlignBy, first: str, second: str) -> CameraTimes:
+        for name, where in ((first, f"{first}: "), (second, "")):
+            if isinstance(found(method, name), str):
+                return CameraTimes(reason=where + found(method, name))
+        return methods[method][1](found(method, first), found(method, second))
+
+    return {method: partial(against, method) for method in methods}
+
+
 def _largest_chain(names: Sequence[str], against: Against) -> dict[str, CameraTimes]:
     """Return the cameras' times against the first camera with which the most others can be aligned."""
     best: dict[str, CameraTimes] = {}
     known = 0
     for name in names:
-        chain = chain_cameras([name, *(other for other in names if other != name)], cache(against))
+        chain = chain_cameras([name, *(other for other in names if other != name)], against)
         aligned = sum(of.offset_ns is not None for of in chain.values())
         if aligned > known:
             best, known = chain, aligned
@@ -161,17 +189,3 @@ def _at_common_time(frame: TimedFrame, times: CameraTimes) -> TimedFrame:
     return dataclasses.replace(
         frame, leader_ns=times.leader_from_local(own_ns), local_ns=own_ns, further=further
     )
-
-
-def _against(
-    match: Callable[[Any, Any], CameraTimes], read: Mapping[str, Any], first: str, second: str
-) -> CameraTimes:
-    """Return the second camera's times against the first's, by `match` of what `read` found in both.
-
-    If there is no result, its `reason` explains why.
-    """
-    if isinstance(read[first], str):
-        return CameraTimes(reason=f"{first}: {read[first]}")
-    if isinstance(read[second], str):
-        return CameraTimes(reason=read[second])
-    return match(read[first], read[second])

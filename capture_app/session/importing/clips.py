@@ -6,18 +6,17 @@ folder is one camera, unless clips in one of them overlap in time or its name sa
 """
 
 import re
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from datetime import datetime
-from functools import partial
-from itertools import combinations
+from itertools import combinations, product, zip_longest
 from pathlib import Path
 from statistics import median
-from typing import Any
 
+from capture_app.common.errors import BadInputError
 from capture_app.common.names import name_like, natural_order
 from capture_app.common.text import count
-from capture_app.session.alignment.tracks import read_container
+from capture_app.session.alignment.tracks import open_container
 from capture_app.session.importing.embedded_times import has_video_times
 from capture_app.session.importing.importer import load_importers
 from capture_app.session.importing.recording_sources import images_in, videos_in
@@ -46,16 +45,12 @@ class Clip:
         """Return whether both were recorded at the same time, by their dates."""
         if self.began_s is None or other.began_s is None:
             return False
-        first, second = sorted((self, other), key=lambda one: one.began_s or 0.0)
-        return (second.began_s or 0.0) <= (first.began_s or 0.0) + first.seconds + _SLACK_S
+        apart_s = other.began_s - self.began_s
+        return apart_s <= self.seconds + _SLACK_S if apart_s >= 0 else -apart_s <= other.seconds + _SLACK_S
 
 
-@dataclass(frozen=True, slots=True)
-class Shoot:
-    """Clips of one take, by camera; `name` is empty if the folder has only this take."""
-
-    name: str
-    clips: Mapping[str, Clip]
+Shoot = tuple[str, Mapping[str, Clip]]
+"""Name and clips, by camera, of one take; the name is empty if the folder has only this take."""
 
 
 def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
@@ -90,34 +85,32 @@ def find_shoots(folder: Path) -> tuple[list[Shoot], list[str]]:
 def find_calibration(folder: Path) -> Path | None:
     """Return a calibration in a folder, or in a subfolder with a name for calibrations."""
     inner = [path for path in sorted(folder.iterdir()) if path.is_dir() and _CALIBRATION.search(path.name)]
-    for place in (folder, *inner):
-        for importer in load_importers():
-            for pattern in importer.calibration_files:
-                file = next(iter(sorted(place.glob(pattern))), None)
-                if file is not None:
-                    return place if importer.calibration_per_camera else file
+    for place, importer in product((folder, *inner), load_importers()):
+        for pattern in importer.calibration_files:
+            file = next(iter(sorted(place.glob(pattern))), None)
+            if file is not None:
+                return place if importer.calibration_per_camera else file
     return None
 
 
 def _usable(paths: Sequence[Path], left_out: list[str]) -> list[Clip]:
     clips = []
     for path in sorted(paths, key=lambda path: natural_order(path.name)):
-        if path.name.startswith("."):
-            continue
-        read = read_container(path, partial(_read, path)) if has_video_times() else Clip(path, 0.0, None)
-        if isinstance(read, Clip):
-            clips.append(read)
-        else:
-            left_out.append(f"{path.name}: {read}")
+        if not path.name.startswith("."):
+            try:
+                clips.append(_read(path) if has_video_times() else Clip(path, 0.0, None))
+            except BadInputError as error:
+                left_out.append(f"{path.name}: {error.what}")
     return clips
 
 
-def _read(path: Path, _: Any, container: Any) -> Clip | str:
-    if not container.streams.video or next(container.decode(video=0), None) is None:
-        return "it has no pictures"
-    stream = container.streams.video[0]
-    seconds = float(stream.duration * stream.time_base) if stream.duration else 0.0
-    dates = [_date_s(of.metadata.get("creation_time", "")) for of in (container, stream)]
+def _read(path: Path) -> Clip:
+    with open_container(path) as (_, container):
+        if not container.streams.video or next(container.decode(video=0), None) is None:
+            raise BadInputError("it has no pictures")
+        stream = container.streams.video[0]
+        seconds = float(stream.duration * stream.time_base) if stream.duration else 0.0
+        dates = [_date_s(of.metadata.get("creation_time", "")) for of in (container, stream)]
     # Zero in QuickTime's dates, 1904, means that there is no date.
     return Clip(path, seconds, next((date_s for date_s in dates if date_s > 0), None))
 
@@ -148,16 +141,17 @@ def _of_one_folder(clips: list[Clip], left_out: list[str]) -> list[Shoot]:
     groups = _by_date(clips)
     several = [group for group in groups if len(group) > 1]
     if len(several) > 1 and all(clip.began_s is not None for clip in clips):
-        alone = [group[0] for group in groups if len(group) == 1]
-        left_out += [f"{clip.path.name}: by its date, nothing was taken with it" for clip in alone]
+        left_out += [
+            f"{clip.path.name}: by its date, nothing was taken with it"
+            for clip, *others in groups
+            if not others
+        ]
         return [_shoot(f"{number}", group) for number, group in enumerate(several, 1)]
     if len(several) == 1:
         typical_s = median(clip.seconds for clip in several[0])
-        for clip in [group[0] for group in groups if len(group) == 1]:
-            if (
-                clip.began_s is not None
-                and not typical_s / _MAX_LENGTH_RATIO <= clip.seconds <= typical_s * _MAX_LENGTH_RATIO
-            ):
+        for clip in (group[0] for group in groups if len(group) == 1):
+            longer = max(clip.seconds, typical_s) > _MAX_LENGTH_RATIO * min(clip.seconds, typical_s)
+            if clip.began_s is not None and longer:
                 left_out.append(f"{clip.path.name}: of another date and another length")
                 clips = [one for one in clips if one is not clip]
     return _by_names(clips) or [_shoot("", clips)]
@@ -176,20 +170,16 @@ def _by_date(clips: Sequence[Clip]) -> list[list[Clip]]:
 def _by_names(clips: Sequence[Clip]) -> list[Shoot]:
     """Group clips whose two-part names form a complete grid of cameras and takes; none if they do not."""
     words = [tuple(re.split(r"[\s_\-.]+", clip.path.stem)) for clip in clips]
-    if len({len(of) for of in words}) != 1:
-        return []
-    varying = [k for k in range(len(words[0])) if len({of[k] for of in words}) > 1]
-    if len(varying) != 2:
+    varying = [k for k, of in enumerate(zip_longest(*words)) if len(set(of)) > 1]
+    if len({len(of) for of in words}) != 1 or len(varying) != 2:
         return []
     grid = {(of[varying[0]], of[varying[1]]): clip for of, clip in zip(words, clips, strict=True)}
     parts = [sorted({pair[k] for pair in grid}, key=natural_order) for k in (0, 1)]
-    if len(grid) != len(clips) or len(clips) != len(parts[0]) * len(parts[1]):
+    if not len(grid) == len(clips) == len(parts[0]) * len(parts[1]):
         return []
     takes = 0 if _are_takes(parts[0]) and not _are_takes(parts[1]) else 1
     return [
-        Shoot(
-            take, {name_like(pair[1 - takes], "cam"): of for pair, of in grid.items() if pair[takes] == take}
-        )
+        (take, {name_like(pair[1 - takes], "cam"): of for pair, of in grid.items() if pair[takes] == take})
         for take in parts[takes]
     ]
 
@@ -210,32 +200,28 @@ def _of_folders(inner: Mapping[Path, list[Clip]], left_out: list[str]) -> list[S
         return [_shoot(path.name, clips) for path, clips in inner.items()]
     cameras = {name_like(path.name, f"cam{n}"): clips for n, (path, clips) in enumerate(inner.items())}
     if all(len(clips) == 1 for clips in cameras.values()):
-        return [Shoot("", {name: clips[0] for name, clips in cameras.items()})]
-    shoots: list[Shoot] = []
+        return [("", {name: clips[0] for name, clips in cameras.items()})]
     first = max(cameras, key=lambda name: len(cameras[name]))
-    for number, clip in enumerate(cameras[first]):
-        of = {name: match for name, clips in cameras.items() if (match := _match(clip, number, clips))}
-        shoots.append(Shoot(f"{number + 1}", of))
-    taken = {of.path for shoot in shoots for of in shoot.clips.values() if len(shoot.clips) > 1}
+    found = (
+        {name: match for name, clips in cameras.items() if (match := _match(clip, number, clips))}
+        for number, clip in enumerate(cameras[first])
+    )
+    shoots: list[Shoot] = [(f"{number}", of) for number, of in enumerate(found, 1) if len(of) > 1]
+    taken = {clip.path for _, of in shoots for clip in of.values()}
     left = [clip for clips in cameras.values() for clip in clips if clip.path not in taken]
     left_out += [f"{clip.path.parent.name}/{clip.path.name}: nothing was taken with it" for clip in left]
-    return [shoot for shoot in shoots if len(shoot.clips) > 1]
+    return shoots
 
 
 def _match(clip: Clip, number: int, clips: Sequence[Clip]) -> Clip | None:
     """Return another camera's clip with the same name, otherwise the same time, otherwise the same number."""
-    rules: tuple[Callable[[Clip], bool], ...] = (
-        lambda other: other.path.stem == clip.path.stem,
-        clip.together,
-    )
-    for rule in rules:
-        if any(rule(other) for other in clips):
-            return next(other for other in clips if rule(other))
+    named = (other for other in clips if other.path.stem == clip.path.stem)
+    found = next(named, None) or next(filter(clip.together, clips), None)
     dated = clip.began_s is not None and all(other.began_s is not None for other in clips)
-    return clips[number] if not dated and number < len(clips) else None
+    return found or (clips[number] if not dated and number < len(clips) else None)
 
 
 def _shoot(name: str, clips: Sequence[Clip]) -> Shoot:
     names = [name_like(clip.path.stem, f"cam{number}") for number, clip in enumerate(clips)]
     unique = [own if names.count(own) == 1 else f"{own}-{n}" for n, own in enumerate(names)]
-    return Shoot(name_like(name, ""), dict(zip(unique, clips, strict=True)))
+    return name_like(name, ""), dict(zip(unique, clips, strict=True))

@@ -200,8 +200,10 @@ def overlap(timeline: Timeline, talk: Talk) -> Timeline:
     if not shared:
         return timeline
     if (rest := len(timeline.instants) - len(shared)) > 0:
-        seconds = (end_ns - begin_ns) / 1e9
-        talk(f"all cameras run for {seconds:.1f} s; {count(rest, 'instant')} beside are left out")
+        talk(
+            f"all cameras run for {(end_ns - begin_ns) / 1e9:.1f} s; "
+            f"{count(rest, 'instant')} beside are left out"
+        )
     return replace(timeline, instants=shared)
 
 
@@ -232,15 +234,15 @@ def import_found(
     else:
         found, left_out = find_shoots(folder)
         options = replace(options, beside=None if options.calibration else find_calibration(folder))
-        for shoot in found:
-            clips = (f"{camera} = {clip.path.relative_to(folder)}" for camera, clip in shoot.clips.items())
-            talk(f"found {shoot.name or 'one recording'}: {', '.join(clips)}")
+        for take, clips in found:
+            files = (f"{camera} = {clip.path.relative_to(folder)}" for camera, clip in clips.items())
+            talk(f"found {take or 'one recording'}: {', '.join(files)}")
         for line in left_out:
             talk(f"left out {line}")
-        shoots = [shoot for shoot in found if only in (None, shoot.name)]
         chosen = [
-            ([f"{camera}={clip.path}" for camera, clip in shoot.clips.items()], shoot.name, options)
-            for shoot in shoots
+            ([f"{camera}={clip.path}" for camera, clip in clips.items()], take, options)
+            for take, clips in found
+            if only in (None, take)
         ] or [(paths, "", options)]
     return [
         import_recording(
@@ -294,7 +296,6 @@ def _calibration_of(record: ExportRecord, sizes: Mapping[str, tuple[int, int]]) 
 
 
 def _chosen(timeline: Timeline, options: ImportOptions) -> Sequence[Instant]:
-    total = len(timeline.instants)
     if options.start < 0 or options.every < 1 or (options.count is not None and options.count < 1):
         raise BadInputError(
             "--start counts from 0, --count and --every from 1",
@@ -303,7 +304,7 @@ def _chosen(timeline: Timeline, options: ImportOptions) -> Sequence[Instant]:
     chosen = timeline.instants[options.start :: options.every][: options.count]
     if not chosen:
         raise BadInputError(
-            f"the recording has {count(total, 'instant')}, none from {options.start} on",
+            f"the recording has {count(len(timeline.instants), 'instant')}, none from {options.start} on",
             hint="give a smaller --start",
         )
     return chosen
@@ -334,7 +335,6 @@ def _write_images(
                 )
             for number in numbers[index]:
                 instant, frame = instants[number], instants[number].frames[source.name]
-                known = {"local_ns": frame.local_ns, "sequence": index, **frame.further, **said}
                 writer.add_image(
                     data,
                     camera=source.name,
@@ -342,7 +342,7 @@ def _write_images(
                     suffix=source.suffix,
                     leader_ns=frame.leader_ns,
                     residual_ns=frame.leader_ns - instant.leader_ns,
-                    **known,
+                    **{"local_ns": frame.local_ns, "sequence": index, **frame.further, **said},
                 )
             done += 1
             progress(done, total)

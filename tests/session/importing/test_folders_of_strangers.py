@@ -70,7 +70,7 @@ def test_what_cannot_be_read_in_a_folder_of_a_folder_is_said_once(tmp_path: Path
         write_video(tmp_path / "card" / name, (0, 33_000, 66_000))
     (tmp_path / "card" / "broken.mp4").write_bytes(b"no video")
     shoots, left_out = find_shoots(tmp_path)
-    assert [sorted(shoot.clips) for shoot in shoots] == [["left", "right"]]
+    assert [sorted(clips) for _, clips in shoots] == [["left", "right"]]
     assert left_out == ["broken.mp4: it cannot be decoded"]
 
 
@@ -94,7 +94,7 @@ def test_a_clip_whose_date_no_other_camera_writes_so_is_a_clip_without_a_date(tm
         assert container.metadata["creation_time"] == "2005-08-17/ 11:42"
     shoots, left_out = find_shoots(tmp_path)
     assert left_out == []
-    assert [clip.began_s for clip in shoots[0].clips.values()] == [None]
+    assert [clip.began_s for clip in shoots[0][1].values()] == [None]
 
 
 def test_what_is_imported_and_exported_is_for_its_owner_and_group(tmp_path: Path) -> None:

@@ -59,7 +59,7 @@ def test_chapters_of_a_gopro_are_one_recording(tmp_path: Path) -> None:
     write_video(tmp_path / "in" / "GOPR0044.MP4", (0, 33_000, 66_000, 99_000, 132_000))
     write_video(tmp_path / "in" / "GP010044.MP4", (0, 33_000, 66_000, 99_000), first=5)
     shoots, left_out = find_shoots(tmp_path / "in")
-    assert [sorted(clip.path.name for clip in of.clips.values()) for of in shoots] == [
+    assert [sorted(clip.path.name for clip in clips.values()) for _, clips in shoots] == [
         ["GOPR0044.MP4", "GX010012.MP4"]
     ]
     assert left_out == []

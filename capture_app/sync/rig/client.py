@@ -8,7 +8,7 @@ from collections import deque
 from collections.abc import MutableSequence
 from dataclasses import dataclass, replace
 from math import hypot
-from typing import Generic, TypeVar
+from typing import Generic
 
 from msgspec import structs
 
@@ -35,6 +35,7 @@ from capture_app.sync.rig.frame_selection import (
     RING_BYTES,
     RING_NS,
     CameraGrid,
+    F,
     PendingBursts,
     RingBuffer,
     is_possible_burst,
@@ -44,8 +45,6 @@ from capture_app.sync.timekeeping.poll_schedule import AccuracyTarget, SteadySch
 from capture_app.sync.timekeeping.timekeeper import Timekeeper
 from capture_app.sync.wire.camera_commands import CameraCommand
 from capture_app.sync.wire.datagrams import HeartbeatAck, Report, Trigger, TriggerAck
-
-F = TypeVar("F")
 
 HOLD_BEFORE_BURST_NS = 2_000_000_000
 """Time before a burst in which no phase correction begins: its long frame would be in the burst."""
@@ -90,113 +89,6 @@ class ClientConfig:
         return AccuracyTarget(first_ns, self.tolerance_ns or max(first_ns, CLOCK_TOLERANCE_NS))
 
 
-class PhaseLoop:
-    """Aligner of one camera and its commands; `now_ns` is the node's own clock."""
-
-    def __init__(self, config: ClientConfig, rng: random.Random) -> None:
-        camera = config.camera
-        self.aligner = Aligner(
-            camera, tolerance_ns=config.phase_tolerance_ns, rng=rng, profile=config.injection_profile
-        )
-        for latency_ns in config.start_latencies_ns:
-            self.aligner.learn_start_latency(latency_ns)
-        self.can_move = camera.phase_control != PhaseControl.NONE
-        self._restarts = camera.phase_control == PhaseControl.RESET
-        self._reported_problem = ""
-        self._reported = False
-        """Whether the current phase was reported to the leader."""
-        self._answered = False
-        """Whether the leader has answered since then."""
-        self.commands: deque[CameraCommand] = deque()
-        """Commands for the camera."""
-        self.events: deque[PhaseCorrected | AlignmentFailed] = deque()
-
-    @property
-    def ready(self) -> bool:
-        """Whether the stream is aligned as well as possible, or will be by the time of a burst."""
-        aligner = self.aligner
-        return aligner.window.within_window or aligner.meets_bursts or (aligner.settled and not self.can_move)
-
-    def waits_for_others(self, grid: CameraGrid) -> bool:
-        """Whether the stream must not be moved yet: a restart waits for a time that suits all cameras."""
-        return self._restarts and not (self._answered and grid.common_instant_leader_ns is not None)
-
-    def phase(self, grid: CameraGrid, time_map: TimeMap, local_ns: int) -> PhaseEstimate | None:
-        """Return the stream's phase error and drift at a local time in ns; None while unknown."""
-        at_leader_ns = time_map.leader_from_local(local_ns)
-        return self.aligner.estimate(time_map, grid.grid_of_stamps, at_leader_ns)
-
-    def report(self, report: Report, grid: CameraGrid | None, phase: PhaseEstimate | None) -> Report:
-        """Add the camera's fields to a report of a node's clock; `phase` is the current estimate."""
-        report = structs.replace(
-            report,
-            corrections=self.aligner.corrections,
-            frames=self.aligner.phase.frames,
-            drops=self.aligner.phase.drops,
-            tolerance_ns=self.aligner.window.tolerance_ns,
-            stamp_quantum_ns=round(self.aligner.phase.quantum_ns),
-        )
-        if phase is None or grid is None:
-            return report
-        frame_leader_ns = grid.rig_grid.instant(grid.rig_grid.index_of(phase.at_leader_ns)) + phase.error_ns
-        return structs.replace(
-            report,
-            phase_error_ns=phase.error_ns,
-            period_ns=phase.period_ns,
-            drift_ppm=phase.drift_ppm,
-            frame_leader_ns=frame_leader_ns if self.aligner.settled else None,
-        )
-
-    def note_join(self) -> None:
-        """Note that another leader is followed, which does not know the phase yet."""
-        self._reported = self._answered = False
-
-    def note_report(self) -> None:
-        """Note that the current phase was reported to the leader."""
-        self._reported = self.aligner.settled
-
-    def note_answer(self) -> bool:
-        """Record an answer to a heartbeat; return whether it is the first since the phase was reported.
-
-        From then on the leader's grid takes this phase into account, so the stream may be moved.
-        """
-        first = self._reported and not self._answered
-        self._answered = self._answered or first
-        return first
-
-    def step(
-        self, grid: CameraGrid, time_map: TimeMap, now_ns: int, *, burst_leader_ns: tuple[int, int] | None
-    ) -> bool:
-        """Queue the command that the stream needs; return whether to report to the leader at once.
-
-        `burst_leader_ns` is the first and last instant of a burst that is near, or None.
-        """
-        was_ready, aligner = self.ready, self.aligner
-        before, corrections = self.phase(grid, time_map, now_ns), aligner.corrections
-        aligner.complete_command(now_ns)
-        if not aligner.settled:
-            self._reported = self._answered = False
-        reportable = aligner.settled and not self._reported
-        command = aligner.next_command(
-            time_map,
-            grid.grid_of_stamps,
-            now_ns,
-            hold=self.waits_for_others(grid),
-            burst_leader_ns=burst_leader_ns,
-            common_instant_leader_ns=grid.common_instant_leader_ns,
-        )
-        if command is not None:
-            self.commands.append(command)
-        if aligner.corrections > corrections and command is not None:
-            self.events.append(PhaseCorrected(command, before))
-            reportable = True
-        if aligner.problem != self._reported_problem:
-            self._reported_problem = aligner.problem
-            if aligner.problem:
-                self.events.append(AlignmentFailed(aligner.problem))
-        return reportable or was_ready is not self.ready
-
-
 class Client(Generic[F]):
     """Camera side of the protocol; `F` is the node's type of a frame.
 
@@ -217,8 +109,15 @@ class Client(Generic[F]):
         Every exchange with the leader is appended to `samples`.
         """
         self.config = config
-        self._phase_loop = PhaseLoop(config, rng)
-        self.aligner = self._phase_loop.aligner
+        self.aligner = Aligner(
+            config.camera, tolerance_ns=config.phase_tolerance_ns, rng=rng, profile=config.injection_profile
+        )
+        for latency_ns in config.start_latencies_ns:
+            self.aligner.learn_start_latency(latency_ns)
+        self._reported_problem = ""
+        self._reported = self._answered = False
+        """Whether the current phase was reported to the leader, and whether the leader has answered since."""
+        self._commands: deque[CameraCommand] = deque()
         self.time = TimeClient(
             config.name,
             config.instance,
@@ -277,7 +176,7 @@ class Client(Generic[F]):
         state = self.time.state
         if state is not NodeState.READY:
             return state
-        if not self._phase_loop.ready:
+        if not self._is_aligned:
             return NodeState.ALIGNING
         fine = self.time.timekeeper.target.met and not self.aligner.window.degradation
         return state if fine else NodeState.DEGRADED
@@ -292,7 +191,8 @@ class Client(Generic[F]):
         grid = self._grid
         if not self.time.is_member or grid is None or self.time_map is None:
             return None
-        return self._phase_loop.phase(grid, self.time_map, local_ns)
+        at_leader_ns = self.time_map.leader_from_local(local_ns)
+        return self.aligner.estimate(self.time_map, grid.grid_of_stamps, at_leader_ns)
 
     def instant_of(self, stamp_ns: int) -> tuple[int, FrameGrid, int] | None:
         """Return which instant of the rig's grid a frame shows, by its timestamp, and how late it is, in ns.
@@ -322,12 +222,27 @@ class Client(Generic[F]):
             self.aligner,
             phase,
             now_ns,
-            can_move=self._phase_loop.can_move,
-            waits=grid is not None and self._phase_loop.waits_for_others(grid),
+            can_move=self._can_move,
+            waits=grid is not None and self._waits_for_others(grid),
         )
-        message = known or state or why_no_centre
-        report = self.time.timekeeper.report(self.state, message, now_ns)
-        return self._phase_loop.report(report, grid, phase)
+        report = structs.replace(
+            self.time.timekeeper.report(self.state, known or state or why_no_centre, now_ns),
+            corrections=self.aligner.corrections,
+            frames=self.aligner.phase.frames,
+            drops=self.aligner.phase.drops,
+            tolerance_ns=self.aligner.window.tolerance_ns,
+            stamp_quantum_ns=round(self.aligner.phase.quantum_ns),
+        )
+        if phase is None or grid is None:
+            return report
+        frame_leader_ns = grid.rig_grid.instant(grid.rig_grid.index_of(phase.at_leader_ns)) + phase.error_ns
+        return structs.replace(
+            report,
+            phase_error_ns=phase.error_ns,
+            period_ns=phase.period_ns,
+            drift_ppm=phase.drift_ppm,
+            frame_leader_ns=frame_leader_ns if self.aligner.settled else None,
+        )
 
     @property
     def leader_in_holdover(self) -> bool:
@@ -349,7 +264,9 @@ class Client(Generic[F]):
         self.time.receive_message(message, now_ns)
         self._note_events()
         match message:
-            case HeartbeatAck() if self.time.is_addressed(message) and self._phase_loop.note_answer():
+            case HeartbeatAck() if self.time.is_addressed(message) and self._reported and not self._answered:
+                # The leader's grid takes this phase into account from now on, so the stream may be moved.
+                self._answered = True
                 self._align(now_ns)
             case Trigger() if self.time.is_addressed(message):
                 if message.leader == self._root:
@@ -410,8 +327,7 @@ class Client(Generic[F]):
 
     def next_command(self) -> CameraCommand | None:
         """Return the next command for the camera, or None."""
-        commands = self._phase_loop.commands
-        return commands.popleft() if commands else None
+        return self._commands.popleft() if self._commands else None
 
     def next_event(self) -> "ClientEvent[F] | None":
         """Return the next event, or None."""
@@ -427,15 +343,34 @@ class Client(Generic[F]):
             None if config is None else CameraGrid.of_camera(self.config.camera, config, self.aligner.phase)
         )
 
+    @property
+    def _can_move(self) -> bool:
+        return self.config.camera.phase_control is not PhaseControl.NONE
+
+    @property
+    def _is_aligned(self) -> bool:
+        """Whether the stream is aligned as well as possible, or will be by the time of a burst."""
+        aligner = self.aligner
+        return (
+            aligner.window.within_window or aligner.meets_bursts or (aligner.settled and not self._can_move)
+        )
+
+    def _waits_for_others(self, grid: CameraGrid) -> bool:
+        """Whether the stream must not be moved yet: a restart waits for a time that suits all cameras."""
+        if self.config.camera.phase_control is not PhaseControl.RESET:
+            return False
+        return not self._answered or grid.common_instant_leader_ns is None
+
     def _report_to_leader(self, now_ns: int) -> Report:
-        self._phase_loop.note_report()
+        self._reported = self.aligner.settled
         return self.report(now_ns)
 
     def _note_events(self) -> None:
         while (event := self.time.next_event()) is not None:
             self._events.append(event)
             if isinstance(event, Joined) and self.time.followed is not None:
-                self._phase_loop.note_join()
+                # Another leader does not know the phase yet.
+                self._reported = self._answered = False
                 if self.time.followed.path[0] != self._root:
                     # Bursts belong to the root and use its time: another relay of the same root does not end
                     # them.
@@ -443,15 +378,37 @@ class Client(Generic[F]):
                     self._root = self.time.followed.path[0]
 
     def _align(self, now_ns: int) -> None:
-        grid, time_map = self._grid, self.time_map
+        """Queue the command that the stream needs, and report to the leader at once where it matters."""
+        grid, time_map, aligner = self._grid, self.time_map, self.aligner
         if grid is None or time_map is None or self.time.state is not NodeState.READY:
-            self.aligner.window.clear()
+            aligner.window.clear()
             return
-        burst_ns = self._bursts.first_before(time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS))
-        if self._phase_loop.step(grid, time_map, now_ns, burst_leader_ns=burst_ns):
+        was_aligned, before, corrections = self._is_aligned, self.phase(now_ns), aligner.corrections
+        aligner.complete_command(now_ns)
+        if not aligner.settled:
+            self._reported = self._answered = False
+        is_news = aligner.settled and not self._reported
+        command = aligner.next_command(
+            time_map,
+            grid.grid_of_stamps,
+            now_ns,
+            hold=self._waits_for_others(grid),
+            burst_leader_ns=self._bursts.first_before(
+                time_map.leader_from_local(now_ns + HOLD_BEFORE_BURST_NS)
+            ),
+            common_instant_leader_ns=grid.common_instant_leader_ns,
+        )
+        if command is not None:
+            self._commands.append(command)
+            if aligner.corrections > corrections:
+                self._events.append(PhaseCorrected(command, before))
+                is_news = True
+        if aligner.problem != self._reported_problem:
+            self._reported_problem = aligner.problem
+            if aligner.problem:
+                self._events.append(AlignmentFailed(aligner.problem))
+        if is_news or was_aligned is not self._is_aligned:
             self.time.report_at_once()
-        self._events.extend(self._phase_loop.events)
-        self._phase_loop.events.clear()
 
     def _note_foreign_trigger(self, trigger: Trigger) -> None:
         """Ignore a trigger of a leader that is not followed, and report the first of each such leader."""

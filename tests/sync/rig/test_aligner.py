@@ -15,7 +15,7 @@ from capture_app.sync.clock.time_map import TimeMap
 from capture_app.sync.phase.aligner import Aligner
 from capture_app.sync.phase.estimator import FrameStamp
 from capture_app.sync.phase.frame_grid import FrameGrid
-from capture_app.sync.rig.client import ClientConfig, PhaseLoop
+from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.wire.camera_commands import CameraCommand
 from tests.facts import make_facts
 
@@ -198,4 +198,5 @@ def test_start_latencies_of_one_use_save_restarts_on_the_next() -> None:
 def test_a_client_starts_with_the_saved_injection_profile(control: str, known: tuple[int, ...]) -> None:
     camera = make_facts(phase_control=PhaseControl(control))
     config = ClientConfig("cam", 1, camera, 2_000_000, 90, start_latencies_ns=(5_000_000, 6_000_000))
-    assert PhaseLoop(config, random.Random(1)).aligner.start_latencies_ns == known
+    client: Client[None] = Client(config, random.Random(1))
+    assert client.aligner.start_latencies_ns == known

@@ -49,8 +49,7 @@ DEGRADED_NS, CLOCKS_APART = 1e5, 3e-4
 """Minimum step that is recognized although the stamping clock's rate is off, and the maximum rate error."""
 WINDOW_FRAMES = 300
 """Number of newest frames to which the line is fitted."""
-REFIT_FRAMES = 10
-REFIT_FRACTION = 0.1
+REFIT_FRAMES, REFIT_FRACTION = 10, 0.1
 """The period is refitted after REFIT_FRAMES, or after this fraction of the fitted frames if that is more."""
 PHASE_FRAMES = 10
 """Frames whose median gives the phase: its standard deviation is then 0.4 of a frame's noise."""

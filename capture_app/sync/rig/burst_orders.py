@@ -34,6 +34,7 @@ AFTER_BURST_NS = 1_000_000_000
 MAX_LEAD_NS = 24 * 3_600_000_000_000
 """Maximum time between the order of a burst and its start, in the future or the past."""
 NO_ANSWER = "it does not answer"
+"""Reason reported for a client that has not answered a trigger within TRIGGER_GIVE_UP_NS."""
 CANCELLED = "it was cancelled"
 """Client's answer to a trigger that cancels a burst."""
 

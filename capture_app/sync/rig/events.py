@@ -4,14 +4,12 @@ Unlike messages they never leave the process, so they carry time maps, estimates
 """
 
 from dataclasses import dataclass
-from typing import Literal, TypeVar
+from typing import Literal
 
 from capture_app.sync.phase.estimator import PhaseEstimate
-from capture_app.sync.rig.frame_selection import FramesSelected
+from capture_app.sync.rig.frame_selection import F, FramesSelected
 from capture_app.sync.timekeeping.clock_events import ClockEvent
 from capture_app.sync.wire.camera_commands import CameraCommand
-
-F = TypeVar("F")
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,6 +18,7 @@ doubles, up to the maximum, each time it fails soon after."""
 SHORT_STAY = 4
 """A stay shorter than this multiple of the preceding probing time counts as an early failure."""
 _PROBE = encode(Heartbeat(PROBE_NUMBER, Report(state=NodeState.JOINING)))
+"""Liveness probe: a heartbeat of no client, which every leader answers with `UnknownMember`."""
 
 
 def answers_probe(message: Message | None) -> bool:

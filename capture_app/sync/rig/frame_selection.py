@@ -16,7 +16,7 @@ from capture_app.sync.phase.frame_grid import FrameGrid
 from capture_app.sync.wire.datagrams import RigConfigMessage, Trigger
 
 F = TypeVar("F")
-
+"""The node's type of a frame."""
 
 RING_NS, RING_BYTES = 3_000_000_000, 256_000_000
 """Length of a ring buffer, which covers a trigger's delay and TIMEOUT_PERIODS at 30 fps, and its maximum

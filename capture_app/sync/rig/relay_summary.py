@@ -30,6 +30,7 @@ REPORT_INTERVAL_NS = 250_000_000
 ACK_BATCH_NS = 10_000_000
 """Time for which burst acknowledgements are collected before they are sent together."""
 DESCRIPTION_TOO_LONG = "the camera's description is too long for a relay to forward"
+"""Reason of a refusal: the hello would be over MAX_DATAGRAM with the relay's name in it."""
 
 
 class RelaySummary:

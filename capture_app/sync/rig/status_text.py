@@ -17,9 +17,11 @@ RATE_CHANGED = (
     "its clock's rate against the leader's has just changed: an NTP daemon is slewing one of the two,"
     " so wait for half a minute, or stop it while you take pictures"
 )
+"""Status text within RECENT_NS after a rate change."""
 REMEDY_MARGIN = 1.5
 """Ratio of the suggested tolerance to the current error: the next minute may be worse."""
 MEASURE = "capture-app cameras calibrate-time --panel"
+"""Command that measures a path's asymmetry."""
 NETWORK_NS = 200_000
 """Shortest round-trip delay of a wireless network; a shorter one is within a machine, or over one cable."""
 

@@ -47,6 +47,7 @@ leader."""
 HELLOS = 3
 """Number of unanswered hellos after which another leader is asked, if there is one."""
 NO_ANSWER = "no leader answers: is it running, and does its firewall let UDP through?"
+"""Status text of a client whose hellos are not answered."""
 MAX_EVENTS = 256
 """Maximum number of events stored for a node that does not read them."""
 

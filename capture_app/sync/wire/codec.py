@@ -36,18 +36,19 @@ from capture_app.sync.wire.datagrams import (
 MAGIC, VERSION, TOKEN_BYTES = b"sS", 7, 8
 """First bytes of each datagram, version of the protocol, and length of the token by which an answer to a
 version query is matched; nobody guesses 64 bits while one query is open."""
-KIND_VERSION = 0
-_ASKING = 0
-_FORM = struct.Struct(f">2sBB{TOKEN_BYTES}s")
-_HEADER = struct.Struct(">2sBB")
+KIND_VERSION, _ASKING = 0, 0
+"""Kind and version of a version query; no version of the protocol uses either (see above)."""
+_HEADER, _FORM = struct.Struct(">2sBB"), struct.Struct(f">2sBB{TOKEN_BYTES}s")
+"""Magic, version and kind, as in all datagrams, and the same with a token, as in a query and its answer."""
 MAX_DATAGRAM = 1200
 """Maximum bytes of a control message, which fit every link without fragmentation."""
 _KIND_TIME_REQUEST, _KIND_TIME_REPLY, _KIND_CONTROL = 1, 2, 3
-_TIME = struct.Struct(">2sBBIIqqq")
-_BEFORE_T0 = struct.Struct(">2sBBII")
-_BEFORE_T2 = struct.Struct(">2sBBIIqq")
-_T0 = struct.Struct(">q16x")
-_T2 = struct.Struct(">q")
+"""Kinds of datagrams of this version."""
+_TIME, _T0, _T2 = struct.Struct(">2sBBIIqqq"), struct.Struct(">q16x"), struct.Struct(">q")
+"""Layout of a time message: header, client, sequence, and the times in ns; and of its last field that is set,
+t0 of a request, whose other two are 0, or t2 of a reply."""
+_BEFORE_T0, _BEFORE_T2 = struct.Struct(">2sBBII"), struct.Struct(">2sBBIIqq")
+"""Layouts of what is before that field."""
 
 
 def version_question(token: bytes) -> bytes:

@@ -15,7 +15,7 @@ from capture_app.net.channel import Channel, connect
 from capture_app.protocol import messages, pairing_messages
 from capture_app.protocol.log import Log
 from capture_app.sync.rig.roster import Member
-from capture_app.sync.wire.principal import Principal
+from capture_app.sync.wire.datagrams import Principal
 from capture_app.trust.known_machines import CameraNames
 from capture_app.trust.sealed_engines import SealedLeader
 from capture_app.trust.spake2_exchange import GOOD_FOR_S, Candidate, Invitations

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from msgspec import Struct
 
-from capture_app.sync.wire.principal import Principal
+from capture_app.sync.wire.datagrams import Principal
 from capture_app.trust.sealing import KEY_BYTES, Refused, Seal, SealError, key_of, unknown_key_of
 
 Address = tuple[str, int]

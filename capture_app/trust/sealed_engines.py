@@ -18,8 +18,7 @@ from capture_app.sync.wire.codec import (
     is_version_question,
     version_answer,
 )
-from capture_app.sync.wire.datagrams import Hello, JoinRefusal
-from capture_app.sync.wire.principal import Principal
+from capture_app.sync.wire.datagrams import Hello, JoinRefusal, Principal
 from capture_app.trust.datagram_keys import Address, ClientKeys, LeaderKeys
 from capture_app.trust.sealing import Refusals, Refused, SealError, unknown_key, unknown_key_of
 

@@ -25,8 +25,7 @@ from capture_app.rig.rig_link import ask_status
 from capture_app.sync.rig.burst_orders import BurstOrder
 from capture_app.sync.rig.roster import MAX_CAMERAS_PER_MACHINE
 from capture_app.sync.wire.codec import encode
-from capture_app.sync.wire.datagrams import Heartbeat, Hello, Report, Welcome
-from capture_app.sync.wire.principal import Principal
+from capture_app.sync.wire.datagrams import Heartbeat, Hello, Principal, Report, Welcome
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts
 from tests.node.joining import joined

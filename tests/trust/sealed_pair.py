@@ -8,7 +8,7 @@ from capture_app.common.node_state import NodeState
 from capture_app.sync.rig.client import Client, ClientConfig
 from capture_app.sync.rig.failover import Failover
 from capture_app.sync.rig.leader_engine import Leader, LeaderConfig
-from capture_app.sync.wire.principal import Principal
+from capture_app.sync.wire.datagrams import Principal
 from capture_app.trust.datagram_keys import Address, ClientKeys
 from capture_app.trust.sealed_engines import SealedClient, SealedLeader
 from tests.facts import make_facts

@@ -2,7 +2,7 @@
 
 import random
 
-from capture_app.sync.wire.principal import Principal
+from capture_app.sync.wire.datagrams import Principal
 from capture_app.trust.datagram_keys import MAX_KEYS_PER_MACHINE, ClientKeys, LeaderKeys
 
 

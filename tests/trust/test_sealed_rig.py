@@ -19,6 +19,7 @@ from capture_app.sync.wire.datagrams import (
     JoinRefusal,
     MemberReports,
     Notice,
+    Principal,
     Report,
     RigConfigMessage,
     TimeReply,
@@ -28,7 +29,6 @@ from capture_app.sync.wire.datagrams import (
     UnknownMember,
     Welcome,
 )
-from capture_app.sync.wire.principal import Principal
 from capture_app.trust.datagram_keys import Address
 from capture_app.trust.sealing import HEAD_BYTES, SEAL_BYTES, Refusals, Refused
 from tests.facts import make_facts

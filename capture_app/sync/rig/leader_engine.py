@@ -44,6 +44,7 @@ from capture_app.sync.wire.datagrams import (
     JoinRefusal,
     MemberReports,
     Notice,
+    Principal,
     TimeRequest,
     Trigger,
     TriggerAck,
@@ -51,7 +52,6 @@ from capture_app.sync.wire.datagrams import (
     UpstreamMap,
     Welcome,
 )
-from capture_app.sync.wire.principal import Principal
 
 FEW_CAMERAS, UPDATE_EVERY_NS = 20, 200_000
 """With more than FEW_CAMERAS cameras the grid is updated once per UPDATE_EVERY_NS and camera, not at each

@@ -26,9 +26,9 @@ from capture_app.sync.wire.datagrams import (
     MIN_PERIOD_NS,
     PROBE_NUMBER,
     Hello,
+    Principal,
     Report,
 )
-from capture_app.sync.wire.principal import Principal
 
 MAX_CLIENTS = 32_000
 """Maximum number of a leader's clients; the largest simulated rig has 20,000 nodes."""

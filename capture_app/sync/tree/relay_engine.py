@@ -26,12 +26,12 @@ from capture_app.sync.wire.datagrams import (
     Hello,
     JoinRefusal,
     Notice,
+    Principal,
     Trigger,
     UnknownMember,
     Welcome,
     upstream_map,
 )
-from capture_app.sync.wire.principal import Principal
 
 OF_CAMERAS = msgspec.structs.replace(CLOCK, kind=RELAY, model="relay")
 """Description of a camera relay: a member whose loss must be noticed within seconds."""

@@ -29,8 +29,7 @@ CLOCK = CameraFacts(
 """Placeholder camera description of a node without a camera."""
 PROBE_NUMBER = 0
 """Client number in a liveness probe, which no client has; a leader that answers "unknown" is alive."""
-MIN_PERIOD_NS = 100_000
-MAX_PERIOD_NS = 60_000_000_000
+MIN_PERIOD_NS, MAX_PERIOD_NS = 100_000, 60_000_000_000
 """Minimum and maximum frame period of a rig: 10,000 fps to one frame a minute."""
 
 
@@ -105,6 +104,23 @@ class Hello(Struct, frozen=True, tag="hello"):
     """Relay that the client joined and that forwards this; None if the client sends it itself."""
     pin: Pin = ""
     """Pin of the client's machine as its relay observed it; a client's own claim is ignored."""
+
+
+class Principal(Struct, frozen=True):
+    """Authenticated sender of a sealed datagram: one instance of a node, by the key issued to it."""
+
+    name: str
+    instance: int
+    pin: str = ""
+    """Pin of its machine's certificate."""
+    is_relay: bool = False
+    """Whether it may introduce other nodes."""
+
+    def may_introduce(self, hello: Hello) -> bool:
+        """Whether a hello is the node's own, or a relay's for a node below it."""
+        if hello.via is not None:
+            return self.is_relay
+        return (hello.name, hello.instance) == (self.name, self.instance)
 
 
 class RigConfigMessage(Struct, frozen=True, kw_only=True, array_like=True):

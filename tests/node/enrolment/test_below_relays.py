@@ -4,7 +4,6 @@ import asyncio
 import random
 from collections.abc import AsyncIterator
 from contextlib import asynccontextmanager
-from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -21,8 +20,7 @@ from capture_app.protocol.orders import InvitePhone, StopRig
 from capture_app.protocol.pairing_messages import Invite, SpeaksFor
 from capture_app.sync.rig import roster as roster_module
 from capture_app.sync.rig.roster import Roster
-from capture_app.sync.wire.datagrams import Hello
-from capture_app.sync.wire.principal import Principal
+from capture_app.sync.wire.datagrams import Hello, Principal
 from capture_app.trust.trust import Trust
 from tests.facts import make_facts
 from tests.node.joining import joined
@@ -152,4 +150,4 @@ async def test_a_relay_introduces_so_many_nodes_and_no_more(monkeypatch: pytest.
         roster.admit(hello, ("10.0.0.1", 1), 0, relay)
     third = Hello("cam2", 2, make_facts(), via="relay")
     assert "2 nodes" in roster.refusal_below(relay, third)
-    assert not roster.refusal_below(replace(relay, name="other", pin="other"), third)
+    assert not roster.refusal_below(Principal("other", 1, "other", is_relay=True), third)

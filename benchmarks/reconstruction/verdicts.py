@@ -17,9 +17,8 @@ from benchmarks.reconstruction.verdict_takes import Take, real_takes, session_of
 from benchmarks.report import new_parser, print_rows, talk
 from capture_app.common.errors import BadInputError
 from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.compare.timing_study import measure_pair_timing
 from reconstruction.compare.tolerance_study import ToleranceOptions, measure_tolerance
-from reconstruction.scores.timing import Timing
+from reconstruction.scores.timing import Timing, measure_pair_timing
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.pair_offset import PairOffsets
 

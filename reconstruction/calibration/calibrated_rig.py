@@ -117,6 +117,8 @@ class Rig:
         self.stages = StageCache(stages, dataset.fingerprint())
         self.views: dict[str, View] = {}
         self.calibration: Calibration | None = None
+        self.problem = ""
+        """Why no calibration could be found; empty if one was, or if none was looked for."""
         self.image_features = lru_cache(maxsize=MAX_FEATURES)(
             lambda camera, instant: detect_features(dataset.grey(camera, instant), contrast=FAINT_CONTRAST)
         )

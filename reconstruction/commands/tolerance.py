@@ -31,7 +31,7 @@ if TYPE_CHECKING:
     default=DEFAULT_OFFSET_MS,
     help="Largest delay to measure, in steps of one frame, as far as the burst allows.",
 )
-@pair_option("--pair", "stereo", use="depth")
+@pair_option("--pair", use="depth")
 @max_instants_option
 @time_shift_option
 @click.option(

@@ -9,7 +9,7 @@ from graphlib import CycleError, TopologicalSorter
 from pathlib import Path
 from typing import Any, Self
 
-import msgspec
+from msgspec import structs
 
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress, talk
@@ -19,15 +19,14 @@ from reconstruction.common.memory import memory_budget, usable_cores
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
 from reconstruction.common.worker_pool import worker_pool
-from reconstruction.compare.study import TIMING, ConditionStudy, Context, Known, PairStudy, Study
-from reconstruction.compare.timing_study import measure_pair_timing, measure_rig_timing
+from reconstruction.compare.study import TIMING, ConditionStudy, Context, PairStudy, Study
 from reconstruction.compare.tolerance_study import measure_curve, whole_frame_offsets
 from reconstruction.report.comparison_report import report_words, write_report
 from reconstruction.report.findings import verdict
 from reconstruction.report.page import REPORT
 from reconstruction.report.study_report import GROUP, study_reports
 from reconstruction.scores.comparison_results import CompareResult, ConditionResult
-from reconstruction.scores.timing import with_depth
+from reconstruction.scores.timing import measure_pair_timing, measure_rig_timing, with_depth
 from reconstruction.session.conditions import (
     DEFAULT_OFFSET_MS,
     Condition,
@@ -72,7 +71,7 @@ class CompareOptions:
             BadInputError: no installed study has such an option.
         """
         own = {name: options.pop(name) for name in cls.__dataclass_fields__ if name in options}
-        known = [one.name for kind in installed_studies() for one in msgspec.structs.fields(kind.Options)]
+        known = [one.name for kind in installed_studies() for one in structs.fields(kind.Options)]
         if unknown := [name for name in options if name not in known]:
             raise BadInputError(
                 f"{unknown[0]} is not an option of a comparison", hint=f"studies have {', '.join(known)}"
@@ -115,10 +114,9 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
         asked = _chosen(studies, options.studies)
         for study in asked.values():
             study.check()
-        further = len(options.conditions) + (against is not None)
-        context.progress.total += sum(study.steps for study in asked.values()) + further
-        context.progress.total += len(dataset.cameras) > 2
-        result = CompareResult(
+        context.progress.total += sum(study.steps for study in asked.values()) + len(options.conditions)
+        context.progress.total += (against is not None) + (len(dataset.cameras) > 2)
+        known = CompareResult(
             session=str(session),
             origin=dataset.session.manifest.origin,
             camera_count=len(dataset.cameras),
@@ -128,41 +126,36 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
             actual_offset_ms=offset.actual_ms,
             time_shifts_ms=dict(options.time_shifts_ms),
             unsynchronized=dataset.unsynchronized,
-            calibration="none",
             sync_residual_us=dataset.worst_residual_us(),
             sync_bound_us=dataset.worst_hard_bound_us(),
             versions=library_versions(),
         )
 
-        def filled(known: Known) -> CompareResult:
-            """Return the result with everything found so far, and its words."""
-            found = msgspec.structs.replace(
-                result,
-                timing=known.timing,
-                rig_timing=known.rig_timing,
-                tolerance=known.tolerance,
+        def filled(known: CompareResult, **more: Any) -> CompareResult:
+            """Return the result with everything found so far, in the studies' order, and its words."""
+            found = structs.replace(
+                known,
+                studies=tuple(sorted(known.studies, key=lambda one: [*studies].index(one.name))),
                 calibration=context.rig.source,
-                moving_share=known.moving_share,
-                studies=tuple(known.studies[name] for name in studies if name in known.studies),
                 memory_notes=memory_budget().notes,
                 changed_pictures=picture_checks().changed,
                 seconds=time.monotonic() - began,
+                **more,
             )
-            return msgspec.structs.replace(found, verdict=verdict(found), words=report_words(found))
+            return structs.replace(found, verdict=verdict(found), words=report_words(found))
 
-        known = Known()
-        with closing(_run_studies(context, asked)) as steps:
+        with closing(_run_studies(context, asked, known)) as steps:
             for known, running in steps:
                 # The page appears with the first measurement.
-                if any(one.measures for one in known.studies.values()):
+                if any(one.measures for one in known.studies):
                     write_report(filled(known), output.folder, running)
                     if output.show_early(REPORT):
                         talk(f"first pictures, more follow: {out / REPORT}")
-        unasked = {name: study.found for name, study in studies.items() if name not in asked}
-        known = replace(known, studies={**known.studies, **unasked})
+        unasked = [study.found for name, study in studies.items() if name not in asked]
+        known = structs.replace(known, studies=(*known.studies, *unasked))
         further_found = _further_conditions(context, list(asked.values()), options.conditions, against)
         context.progress.last("report")
-        result = msgspec.structs.replace(filled(known), conditions=further_found, report=REPORT)
+        result = filled(known, conditions=further_found, report=REPORT)
         write_report(result, output.folder)
         write_metrics(output.folder, result)
     return result
@@ -170,23 +163,20 @@ def compare(session: Path, out: Path, options: CompareOptions) -> CompareResult:
 
 def _chosen(studies: Mapping[str, Study], names: Sequence[str]) -> dict[str, Study]:
     """Return the named studies and all that they need, in order; all studies if no name is given."""
-    requested, left = set[str](), list(names or studies)
-    while left:
-        name = left.pop()
-        if name in studies and name not in requested:
-            requested.add(name)
-            left += studies[name].needs
-        elif name not in studies and name != TIMING and name in names:
-            raise BadInputError(f"{name!r} is not in {GROUP}", hint=f"installed: {', '.join(studies)}")
+    if unknown := [name for name in names if name not in studies and name != TIMING]:
+        raise BadInputError(f"{unknown[0]!r} is not in {GROUP}", hint=f"installed: {', '.join(studies)}")
+    requested = set[str](names or studies)
+    while needed := {one for name in requested & studies.keys() for one in studies[name].needs} - requested:
+        requested |= needed
     return {name: study for name, study in studies.items() if name in requested}
 
 
 def _run_studies(
-    context: Context, studies: Mapping[str, Study]
-) -> Generator[tuple[Known, tuple[str, ...]], None, None]:
+    context: Context, studies: Mapping[str, Study], known: CompareResult
+) -> Generator[tuple[CompareResult, tuple[str, ...]], None, None]:
     """Run each study as soon as those that it needs are done; skip an impossible one with its reason.
 
-    Yields after each study all results and the subjects of the studies that are left.
+    Yields after each study what is known, with all results, and the subjects of the studies that are left.
 
     Raises:
         NotAvailableError: the calibration needs a package that is not installed, and nothing could be made.
@@ -199,33 +189,33 @@ def _run_studies(
     try:
         rig.calibrate()
     except (BadInputError, NotAvailableError) as error:
-        no_views = error
-    known = Known(moving_share=moving, uncalibrated=str(no_views or ""))
+        no_views, rig.problem = error, str(error)
+    known = structs.replace(known, moving_share=moving)
     context.progress.step("choosing cameras")
     # A pair's depth is quick and gives the first pictures; the others begin with the last, which are quick.
     pairs = [name for name, study in studies.items() if isinstance(study, PairStudy)]
     names = [*pairs, *(name for name in reversed([*studies]) if name not in pairs)]
     left = {**{name: studies[name].text.subject for name in names}, TIMING: "time offsets"}
-    order, running = _order(studies), dict[Future[Any], str]()
+    order, running = _order(studies), dict[Future[dict[str, Any]], str]()
+
+    def run(name: str, known: CompareResult) -> dict[str, Any]:
+        """Return the fields of the result that one step adds or extends."""
+        if name == TIMING:
+            return _measure_timing(context, studies)
+        return {"studies": (studies[name].run(_limited(known, studies[name])),)}
+
     with worker_pool(min(MAX_SIDE_BY_SIDE, len(usable_cores()))) as pool:
         while order.is_active():
             for name in sorted(order.get_ready(), key=list(left).index):
-                future: Future[Any]
-                if name == TIMING:
-                    future = pool.submit(_measure_timing, context, known, studies)
-                else:
-                    future = pool.submit(studies[name].run, _limited(known, studies[name]))
-                running[future] = name
+                running[pool.submit(run, name, known)] = name
             for future in wait(running, return_when=FIRST_COMPLETED).done:
                 name, found = running.pop(future), future.result()
                 del left[name]
                 order.done(name)
-                if name == TIMING:
-                    known = replace(known, **found)
-                else:
-                    known = replace(known, studies={**known.studies, name: found})
+                studies_found = known.studies + found.pop("studies", ())
+                known = structs.replace(known, studies=studies_found, **found)
             yield known, tuple(left.values())
-    if isinstance(no_views, NotAvailableError) and not any(one.measures for one in known.studies.values()):
+    if isinstance(no_views, NotAvailableError) and not any(one.measures for one in known.studies):
         raise no_views
 
 
@@ -247,42 +237,40 @@ def _order(studies: Mapping[str, Study]) -> TopologicalSorter[str]:
     return order
 
 
-def _limited(known: Known, study: Study) -> Known:
+def _limited(known: CompareResult, study: Study) -> CompareResult:
     """Return the known results without those that a study does not need."""
-    needed = {name: known.studies[name] for name in study.needs if name in known.studies}
-    if TIMING in study.needs:
-        return replace(known, studies=needed)
-    return replace(known, studies=needed, timing=None, rig_timing=None, tolerance=None)
+    needed = tuple(one for one in known.studies if one.name in study.needs)
+    unneeded = {} if TIMING in study.needs else dict.fromkeys(("timing", "rig_timing", "tolerance"))
+    return structs.replace(known, studies=needed, **unneeded)
 
 
-def _measure_timing(context: Context, known: Known, studies: Mapping[str, Study]) -> dict[str, Any]:
+def _measure_timing(context: Context, studies: Mapping[str, Study]) -> dict[str, Any]:
     """Measure the time offsets on the first pair studied, and the delay that its depth tolerates.
 
-    Returns these fields of `Known`; none without a calibration.
+    Returns these fields of `CompareResult`; none without a calibration.
     """
-    if known.uncalibrated:
-        return {}
+    found: dict[str, Any] = {}
+    if context.rig.problem:
+        return found
     offsets, progress = PairOffsets(context.rig), context.progress
     pairs = (one for one in studies.values() if isinstance(one, PairStudy) and not one.found.skipped)
-    study = next(pairs, None)
-    timing = tolerance = rig_timing = None
-    if study is not None:
+    if study := next(pairs, None):
         progress.step(f"time offset of {study.cameras[1]} against {study.cameras[0]}")
-        timing = measure_pair_timing(offsets, study.cameras)
+        found["timing"] = timing = measure_pair_timing(offsets, study.cameras)
         if study.measures_delay:
-            timing = with_depth(timing, study.found)
+            found["timing"] = timing = with_depth(timing, study.found)
             progress.step("depth at different offsets")
             with suppress(ValueError, BadInputError):
                 late_ms = context.offset.actual_ms if context.offset else 0.0
                 steps = whole_frame_offsets(context.rig.dataset, max(late_ms, DEFAULT_OFFSET_MS))
                 fewer = min(TOLERANCE_INSTANTS, context.max_instants)
                 quiet = replace(context, max_instants=fewer, progress=Progress(0, silent=True))
-                tolerance = measure_curve(type(study), quiet, study.cameras, steps, timing)
-                timing = tolerance.timing
+                curve = measure_curve(type(study), quiet, study.cameras, steps, timing)
+                found |= {"tolerance": curve, "timing": curve.timing}
     if len(context.rig.views) > 2:
         progress.step("time offsets of all cameras")
-        rig_timing = measure_rig_timing(offsets, timing.reference if timing is not None else None)
-    return {"timing": timing, "tolerance": tolerance, "rig_timing": rig_timing}
+        found["rig_timing"] = measure_rig_timing(offsets, study.cameras[0] if study else None)
+    return found
 
 
 def _further_conditions(
@@ -293,8 +281,8 @@ def _further_conditions(
     found = []
     for condition in conditions:
         context.progress.step(f"condition {condition.name}")
-        late_ms = fixed_offsets_ms(condition, context.rig.dataset)
         compared = tuple(study.compare_condition(condition) for study in made)
+        late_ms = fixed_offsets_ms(condition, context.rig.dataset)
         found.append(ConditionResult(name=condition.name, offsets_ms=late_ms, studies=compared))
     if against is not None:
         context.progress.step(f"session {against.name}")

@@ -19,10 +19,9 @@ from reconstruction.common.image_files import save_picture
 from reconstruction.common.native_libraries import TRACEBACK, ForeignError, opencv_calls, unexpected_error
 from reconstruction.pairs import PairChoice
 from reconstruction.report.study_report import StudyReport
-from reconstruction.scores.comparison_results import OffsetTolerance
+from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import Measure, Picture, StudyResult
 from reconstruction.scores.tally import CONDITIONS
-from reconstruction.scores.timing import RigTiming, Timing
 from reconstruction.session.conditions import DISTINCT, SYNCED, Condition, FrameOffset
 from reconstruction.session.instant_choice import choose_moving_instants, pair_instants
 
@@ -54,24 +53,6 @@ class Context:
     progress: Progress = field(default_factory=lambda: Progress(0, silent=True))
 
 
-@dataclass(frozen=True, kw_only=True)
-class Known:
-    """Results available to a study when it runs: a first look at the session, and the studies it needs."""
-
-    moving_share: float = 1.0
-    uncalibrated: str = ""
-    """Why the cameras have no calibration; empty if they have one."""
-    studies: Mapping[str, StudyResult[Any]] = field(default_factory=dict)
-    timing: Timing | None = None
-    rig_timing: RigTiming | None = None
-    tolerance: OffsetTolerance | None = None
-
-    def study(self, name: str) -> StudyResult[Any] | None:
-        """Return the result of a study; None if it was skipped."""
-        found = self.studies.get(name)
-        return None if found is None or found.skipped else found
-
-
 class Study(StudyReport, ABC):
     """One study of a comparison: what it needs, its options, how it is made, and how it is reported."""
 
@@ -92,7 +73,8 @@ class Study(StudyReport, ABC):
         self.rig, self.dataset, self.motion = context.rig, context.rig.dataset, context.rig.motion
         names = {one.name for one in msgspec.structs.fields(self.Options)}
         self.options: Any = self.Options(**{k: v for k, v in context.options.items() if k in names})
-        self.known = Known()
+        self.known = CompareResult()
+        """Results available to the study when it runs: a first look at the session, and what it needs."""
         self.found = self.skipped(UNASKED, unasked=True)
 
     @property
@@ -120,7 +102,7 @@ class Study(StudyReport, ABC):
             NotAvailableError: a package is not installed.
         """
 
-    def run(self, known: Known) -> StudyResult[Any]:
+    def run(self, known: CompareResult) -> StudyResult[Any]:
         """Make the study, or return a skipped result with the reason; a bug fails this study alone."""
         self.known = known
         why = self.unasked()
@@ -129,8 +111,8 @@ class Study(StudyReport, ABC):
 
     def _measured(self) -> StudyResult[Any]:
         try:
-            if self.needs_calibration and self.known.uncalibrated:
-                raise ValueError(self.known.uncalibrated)
+            if self.needs_calibration and self.rig.problem:
+                raise ValueError(self.rig.problem)
             if len(self.dataset.cameras) < self.min_cameras:
                 raise ValueError(f"it needs {self.min_cameras} cameras")
             for package in self.packages:

@@ -8,8 +8,8 @@ from itertools import pairwise
 from pathlib import Path
 
 import cv2
-import msgspec
 import numpy as np
+from msgspec import structs
 
 from capture_app.common.errors import BadInputError, NotAvailableError
 from capture_app.console.terminal import Progress
@@ -17,15 +17,15 @@ from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.calibration.stored import choose_calibration
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
-from reconstruction.common.outputs import comparison_folder, write_metrics
+from reconstruction.common.outputs import STAGES, comparison_folder, write_metrics
 from reconstruction.compare.study import Context, PairStudy
-from reconstruction.compare.timing_study import measure_pair_timing
+from reconstruction.report.page import REPORT
 from reconstruction.report.study_report import study_reports
 from reconstruction.report.tolerance_report import tolerance_sentence, write_tolerance_report
 from reconstruction.scores.comparison_results import DelayFacts, InstantTolerance, OffsetTolerance
 from reconstruction.scores.study_result import Interval, Measure, StudyResult
 from reconstruction.scores.tally import MIN_COUNT, MIN_FOR_INTERVAL
-from reconstruction.scores.timing import Timing, with_curve_peak, with_depth
+from reconstruction.scores.timing import Timing, measure_pair_timing, with_curve_peak, with_depth
 from reconstruction.session.conditions import (
     DEFAULT_OFFSET_MS,
     FrameOffset,
@@ -61,7 +61,7 @@ def with_zero(compared: Sequence[Point]) -> tuple[Point, ...]:
     measures = tuple(
         Measure(name=one.name, synced=one.synced, offset=one.synced) for one in widest.measures if one.synced
     )
-    zero = msgspec.structs.replace(
+    zero = structs.replace(
         widest,
         offsets_ms=dict.fromkeys(widest.cameras, 0.0),
         measures=measures,
@@ -74,29 +74,22 @@ def with_zero(compared: Sequence[Point]) -> tuple[Point, ...]:
 def instant_curves(points: Sequence[Point], measure: str) -> tuple[InstantTolerance, ...]:
     """Return every instant's own curve over the points."""
     pixels: dict[int, int] = {}
-    found: dict[int, dict[float, float | None]] = {}
+    curves: dict[int, dict[float, float | None]] = {}
     for point in points:
         for row in point.per_instant:
             now = int(row["instant"] or 0)
             pixels[now] = int(row["mover_pixels"] or 0)
-            values = found.setdefault(now, {})
-            values[0.0] = row.get(f"synced_{measure}")
-            values[point.late_ms or 0.0] = row.get(f"offset_{measure}")
-    offsets_ms = [point.late_ms or 0.0 for point in points]
-    return tuple(
-        _instant(now, pixels[now], [(ms, found[now].get(ms)) for ms in offsets_ms]) for now in sorted(found)
-    )
+            curve = curves.setdefault(now, dict.fromkeys(one.late_ms or 0.0 for one in points))
+            curve |= {0.0: row.get(f"synced_{measure}"), point.late_ms or 0.0: row.get(f"offset_{measure}")}
+    return tuple(_instant(now, pixels[now], curve) for now, curve in sorted(curves.items()))
 
 
-def _instant(instant: int, pixels: int, curve: list[tuple[float, float | None]]) -> InstantTolerance:
-    known = {ms: value for ms, value in curve if value is not None}
-    best = max(known, key=lambda ms: known[ms], default=None)
-    peak = None
-    if best is not None and len(known) > 1 and pixels >= MIN_COUNT:
-        others = float(np.median([value for ms, value in known.items() if ms != best]))
-        peak = best if known[best] - others >= CLEAR_PEAK else None
-    values = tuple(value for _, value in curve)
-    return InstantTolerance(instant=instant, mover_pixels=pixels, values=values, peak_ms=peak)
+def _instant(instant: int, pixels: int, curve: Mapping[float, float | None]) -> InstantTolerance:
+    known = {ms: value for ms, value in curve.items() if value is not None}
+    best, *others = sorted(known, key=lambda ms: -known[ms]) or [0.0]
+    clear = bool(others) and known[best] - np.median([known[ms] for ms in others]) >= CLEAR_PEAK
+    peak = best if clear and pixels >= MIN_COUNT else None
+    return InstantTolerance(instant=instant, mover_pixels=pixels, values=tuple(curve.values()), peak_ms=peak)
 
 
 def is_decreasing(points: Sequence[Point], measure: str) -> bool:
@@ -111,7 +104,7 @@ def tolerable_offset_ms(points: Sequence[Point], measure: str, speed_px_per_ms: 
     There a tenth of the measure is lost, or half of the moving pixels have moved by one pixel, whichever
     comes first.
     """
-    limits = []
+    limits = [1 / speed_px_per_ms] if speed_px_per_ms else []
     for curve in _both_directions(points, measure):
         threshold = (1 - LOSS) * curve[0][1].value if curve else 0.0
         for (before, high), (after, low) in pairwise(curve):
@@ -119,9 +112,7 @@ def tolerable_offset_ms(points: Sequence[Point], measure: str, speed_px_per_ms: 
                 fraction = (high.value - threshold) / (high.value - low.value)
                 limits.append(before + (after - before) * fraction)
                 break
-    if speed_px_per_ms:
-        limits.append(1 / speed_px_per_ms)
-    return min(limits) if limits else None
+    return min(limits, default=None)
 
 
 def _both_directions(points: Sequence[Point], measure: str) -> list[list[tuple[float, Interval]]]:
@@ -133,10 +124,10 @@ def _both_directions(points: Sequence[Point], measure: str) -> list[list[tuple[f
 
 @dataclass(frozen=True, kw_only=True)
 class ToleranceOptions:
-    """Options of a tolerance curve; `stereo` names the pair's cameras, None = chosen from the images."""
+    """Options of a tolerance curve; `pair` names the cameras, None = chosen from the images."""
 
     max_offset_ms: float = DEFAULT_OFFSET_MS
-    stereo: tuple[str, str] | None = None
+    pair: tuple[str, str] | None = None
     max_instants: int = 16
     time_shifts_ms: Mapping[str, float] = field(default_factory=dict)
     """Corrections added to the times of the named cameras."""
@@ -150,12 +141,9 @@ def measure_tolerance(session: Path, out: Path | None, options: ToleranceOptions
     """
     if out is None:
         with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-            result = _measure(session, Path(scratch) / "stages", options)
-            return msgspec.structs.replace(result, verdict=tolerance_sentence(result))
+            return _measure(session, Path(scratch), options)
     with comparison_folder(out) as output:
-        result = _measure(session, output.folder / "stages", options)
-        words = tolerance_sentence(result)
-        result = msgspec.structs.replace(result, report="report.html", verdict=words)
+        result = structs.replace(_measure(session, output.folder / STAGES, options), report=REPORT)
         write_tolerance_report(result, output.folder)
         write_metrics(output.folder, result)
     return result
@@ -167,15 +155,17 @@ def _measure(session: Path, stages: Path, options: ToleranceOptions) -> OffsetTo
     choose_calibration(dataset)
     steps = whole_frame_offsets(dataset, options.max_offset_ms)
     rig = Rig(dataset, stages, steps[-1].step)
-    rig.check_pair(options.stereo)
+    rig.check_pair(options.pair)
     progress = Progress(4)
     progress.step("calibration")
     rig.calibrate()
     progress.step("choosing cameras")
-    middle = steps[-1].pairs[len(steps[-1].pairs) // 2][0]
-    context = Context(rig=rig, middle=middle, max_instants=options.max_instants, progress=progress)
+    pairs = steps[-1].pairs
+    context = Context(
+        rig=rig, middle=pairs[len(pairs) // 2][0], max_instants=options.max_instants, progress=progress
+    )
     study = _depth_study()(context)
-    study.asked = options.stereo
+    study.asked = options.pair
     try:
         study.prepare()
         progress.step("time offset of moving objects")
@@ -187,8 +177,9 @@ def _measure(session: Path, stages: Path, options: ToleranceOptions) -> OffsetTo
             hint="name two overlapping cameras with --pair, or calibrate the rig again",
         ) from error
     progress.last("curve")
-    return msgspec.structs.replace(
+    return structs.replace(
         curve,
+        verdict=tolerance_sentence(curve),
         session=str(session),
         time_shifts_ms=dict(options.time_shifts_ms),
         reason=study.reason,
@@ -223,9 +214,9 @@ def whole_frame_offsets(dataset: Dataset, max_ms: float) -> list[FrameOffset]:
 
 def _depth_study() -> type[PairStudy]:
     """Return the installed study whose depth the tolerance curve uses."""
-    for study in study_reports().values():
-        if issubclass(study, PairStudy) and study.measures_delay:
-            return study
+    studies = (one for one in study_reports().values() if issubclass(one, PairStudy) and one.measures_delay)
+    if study := next(studies, None):
+        return study
     raise NotAvailableError("no study of a pair's depth is installed", hint="install simulshot again")
 
 
@@ -257,20 +248,17 @@ def measure_curve(
     study.prepare()
     compared = []
     for step, later in zip(steps, partners, strict=True):
-        pairs = [(now, later[now]) for now in nows if now in later]
-        if pairs:
+        if pairs := [(now, later[now]) for now in nows if now in later]:
             offsets_ms = {cameras[0]: 0.0, cameras[1]: step.actual_ms}
             one = study.compare_instants(pairs, offsets_ms, range_instants=nows)
-            compared.append(msgspec.structs.replace(one, facts=DelayFacts(offset_frames=step.frames)))
+            compared.append(structs.replace(one, facts=DelayFacts(offset_frames=step.frames)))
     points, measure = with_zero(compared), curve_measure(compared)
     instants = instant_curves(points, measure)
     peaks = [one.peak_ms for one in instants if one.peak_ms is not None]
-    peak_ms = float(np.median(peaks)) if peaks else None
     judged = with_curve_peak(timing, peaks, min(abs(step.actual_ms) for step in steps))
     judged = with_depth(judged, next(point for point in points if not point.late_ms))
     speed = _speed_px_per_ms(rig, cameras[0], nows)
     own = rig.dataset.worst_residual_us()
-    tolerable = tolerable_offset_ms(points, measure, speed)
     return OffsetTolerance(
         cameras=cameras,
         measure=measure,
@@ -278,9 +266,9 @@ def measure_curve(
         instants=len(nows),
         decreasing=is_decreasing(points, measure),
         timing=judged,
-        peak_ms=peak_ms,
+        peak_ms=float(np.median(peaks)) if peaks else None,
         per_instant=instants,
-        tolerable_offset_ms=tolerable if judged.synchronized else None,
+        tolerable_offset_ms=tolerable_offset_ms(points, measure, speed) if judged.synchronized else None,
         speed_px_per_ms=speed,
         sync_residual_us=own,
         sync_residual_px=own / 1000 * speed if own is not None and speed is not None else None,
@@ -289,15 +277,14 @@ def measure_curve(
 
 def _speed_px_per_ms(rig: Rig, camera: str, nows: list[int]) -> float | None:
     """Return the median speed of a camera's moving pixels, by optical flow to a neighbouring frame."""
-    times = rig.dataset.instants_ns
+    times, grey = rig.dataset.instants_ns, rig.dataset.grey
     flow = cv2.DISOpticalFlow.create(cv2.DISOPTICAL_FLOW_PRESET_MEDIUM)
-    lengths = []
+    lengths = [np.zeros(0)]
     for now in nows[:: max(1, len(nows) // 8)]:
         moving = rig.motion.moving(camera, now)
-        near = [k for k in (now + 1, now - 1) if rig.dataset.has_image(camera, k)]
-        if not near or not moving.any():
-            continue
-        found = flow.calc(rig.dataset.grey(camera, now), rig.dataset.grey(camera, near[0]), None)
-        apart_ms = abs(times[near[0]] - times[now]) / 1e6
-        lengths.append(np.linalg.norm(found[moving], axis=1) / apart_ms)
-    return float(np.median(np.concatenate(lengths))) if lengths else None
+        near = next((k for k in (now + 1, now - 1) if rig.dataset.has_image(camera, k)), None)
+        if near is not None and moving.any():
+            found = flow.calc(grey(camera, now), grey(camera, near), None)[moving]
+            lengths.append(np.linalg.norm(found, axis=1) / (abs(times[near] - times[now]) / 1e6))
+    every = np.concatenate(lengths)
+    return float(np.median(every)) if len(every) else None

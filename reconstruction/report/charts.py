@@ -55,7 +55,7 @@ def tolerance_chart(tolerance: OffsetTolerance) -> dict[str, object]:
             if (one := point.interval(name, "offset")) is not None
         ]
         curves += [(kind, drawn)] if drawn else []
-    what = "right within 2 %" if tolerance.measure.endswith("within_2pct") else "with a distance"
+    what = "right within 2 %" if tolerance.right else "with a distance"
     words = "; ".join(
         f"{wording.milliseconds(round(ms, 1))}: "
         f"{wording.percentage(point.value(tolerance.measure, 'offset'), decimals=0)}"

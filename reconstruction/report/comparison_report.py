@@ -81,7 +81,9 @@ def _view(result: CompareResult, found: StudyResult[Any], out: Path) -> dict[str
         "table": study_table(found, names) if made else None,
         "instants": instants_table(f"Moving things, {many}", found, names) if made else None,
     }
-    return view | (study.view(found, dict(names.words), out) if made and text.section else {})
+    return view | (
+        study.view(found, {"synced": names.first, "offset": names.late}, out) if made and text.section else {}
+    )
 
 
 def _page(result: CompareResult, out: Path, running: Sequence[str]) -> str:

@@ -59,19 +59,14 @@ def _as_webp(data: bytes, max_px: int) -> dict[str, object] | None:
     image = cv2.imdecode(np.frombuffer(data, np.uint8), cv2.IMREAD_COLOR) if known else None
     if image is None:
         return None
-    shown = _shrink(image, max_px)
-    quality = LOSSLESS if data.startswith(PNG) else QUALITY
-    _, packed = cv2.imencode(".webp", shown, [cv2.IMWRITE_WEBP_QUALITY, quality])
-    address = f"data:image/webp;base64,{base64.b64encode(packed.tobytes()).decode()}"
-    return {"address": address, "width": shown.shape[1], "height": shown.shape[0]}
-
-
-def _shrink(image: Array, max_px: int) -> Array:
     height, width = image.shape[:2]
-    if width <= max_px:
-        return np.asarray(image)
-    size = (max_px, max(1, round(height * max_px / width)))
-    return np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
+    if width > max_px:
+        width, height = max_px, max(1, round(height * max_px / width))
+        image = cv2.resize(image, (width, height), interpolation=cv2.INTER_AREA)
+    quality = LOSSLESS if data.startswith(PNG) else QUALITY
+    _, packed = cv2.imencode(".webp", image, [cv2.IMWRITE_WEBP_QUALITY, quality])
+    address = f"data:image/webp;base64,{base64.b64encode(packed.tobytes()).decode()}"
+    return {"address": address, "width": width, "height": height}
 
 
 def view_clouds(clouds: InstantClouds, out: Path, reference: str, cameras: int) -> dict[str, Any]:
@@ -88,21 +83,19 @@ def view_clouds(clouds: InstantClouds, out: Path, reference: str, cameras: int) 
     """
     rotation = np.array(clouds.rotation).reshape(3, 3)
     centre = np.array(clouds.centre)
-    shown = {}
-    for condition, name in (("synced", clouds.synced), ("offset", clouds.offset)):
-        if name:
-            cloud = read_ply(out / name)
-            shown[condition] = ((cloud.points - centre) @ rotation.T, cloud.colours)
-    limit = MAX_POINTS // len(shown)
-    box = np.percentile(shown["synced"][0], [CROP, 100 - CROP], axis=0)
-    pivot = (np.array(clouds.pivot) - centre) @ rotation.T
+    found = {"synced": clouds.synced, "offset": clouds.offset}
+    read = {condition: read_ply(out / name) for condition, name in found.items() if name}
+    places = {condition: (cloud.points - centre) @ rotation.T for condition, cloud in read.items()}
+    box = np.percentile(places["synced"], [CROP, 100 - CROP], axis=0)
+    limit = MAX_POINTS // len(read)
+    packed = {one: _pack(places[one], cloud.colours, box, limit) for one, cloud in read.items()}
     return {
         "files": clouds,
         "reference": reference,
         "cameras": cameras,
-        "synced": _pack(*shown["synced"], box, limit),
-        "offset": _pack(*shown["offset"], box, limit) if "offset" in shown else None,
-        "pivot": pivot.tolist(),
+        "synced": packed["synced"],
+        "offset": packed.get("offset"),
+        "pivot": ((np.array(clouds.pivot) - centre) @ rotation.T).tolist(),
         "focal": clouds.focal,
     }
 

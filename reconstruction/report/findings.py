@@ -1,6 +1,6 @@
 """A comparison in words: the cameras' time offsets, the verdict, and its claims."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -42,10 +42,9 @@ def timing_sentences(timing: Timing) -> str:
 
 def _offset_sentences(timing: Timing, by: str) -> str:
     found, late_ms = "These cameras were not synchronized:", timing.late_ms
+    paired = f"{timing.option} pairs the pictures that belong together" if timing.option else ""
     if timing.jitter_ms is not None:
-        shift = (
-            f" {timing.option} pairs the pictures that belong together on average." if timing.option else ""
-        )
+        shift = f" {paired} on average." if paired else ""
         return (
             f"{found} {timing.reason} against {timing.reference}'s ({by}; 95 %), {offset_text(timing)} on "
             f"average.{shift} Other pairs of pictures stay apart; it takes synchronized cameras."
@@ -55,24 +54,21 @@ def _offset_sentences(timing: Timing, by: str) -> str:
             f"{found} most of what moves is lost, and the rest is found {timing.out_of_place_px:.0f} pixels "
             f"off its rows, unlike things at rest. The offset in ms could not be measured: {timing.reason}."
         )
-    pairs = "No other pairing of their pictures is closer in time; it takes synchronized cameras."
-    if timing.option:
-        pairs = f"{timing.option} pairs the pictures that belong together."
+    paired = paired or "No other pairing of their pictures is closer in time; it takes synchronized cameras"
     side = f"{'earlier' if late_ms < 0 else 'later'} than {timing.reference}'s"
     if timing.by_depth:
         return (
             f"{found} {timing.other}'s pictures were taken about {abs(late_ms):.0f} ms {side}, where most "
-            f"depth is found. This is accurate to one frame only: {timing.reason}. {pairs}"
+            f"depth is found. This is accurate to one frame only: {timing.reason}. {paired}."
         )
     size = offset_text(timing).rpartition(" ")[0]
     odd = f" But {timing.reason}." if timing.reason else ""
-    return f"{found} {timing.other}'s pictures were taken {size} {side} ({by}; 95 %).{odd} {pairs}"
+    return f"{found} {timing.other}'s pictures were taken {size} {side} ({by}; 95 %).{odd} {paired}."
 
 
 def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
     """Return a sentence on cameras besides the `pair` that are certainly offset; empty if none is."""
-    named = () if pair is None else pair.cameras
-    late = [one for one in rig.cameras if one.offset and one.other not in named]
+    late = [one for one in rig.cameras if one.offset and not (pair and one.other in pair.cameras)]
     if not late:
         return ""
     shown = [f"{one.other} is {offset_text(one)}" for one in late[:MAX_NAMED]]
@@ -86,9 +82,8 @@ def rig_sentence(rig: RigTiming, pair: Timing | None) -> str:
 
 def offset_text(timing: Timing) -> str:
     """Return a camera's time offset with its error; empty if unknown."""
-    if timing.late_ms is None or timing.uncertainty_ms is None:
-        return ""
-    return late_or_early(timing.late_ms, timing.uncertainty_ms)
+    known = timing.late_ms is not None and timing.uncertainty_ms is not None
+    return late_or_early(timing.late_ms or 0.0, timing.uncertainty_ms or 0.0) if known else ""
 
 
 def rig_judgement(timing: Timing) -> str:
@@ -126,13 +121,11 @@ class ConditionNames:
     """Names of the two conditions of a comparison."""
 
     first: str
-    short: str
-    """Short name of the first condition."""
     when: str
     """Name of the first condition at the end of a sentence."""
     late: str
-    late_short: str
-    """Name of the second condition as a column head."""
+    heads: Mapping[str, str]
+    """Each condition (`synced`, `offset`) with its column head."""
     apart: bool = False
     """Whether the images of the first condition were found to show different instants."""
 
@@ -140,16 +133,6 @@ class ConditionNames:
     def late_head(self) -> str:
         """Name of the second condition at the beginning of a line."""
         return self.late[0].upper() + self.late[1:]
-
-    @property
-    def words(self) -> tuple[tuple[str, str], tuple[str, str]]:
-        """Each condition (`synced`, `offset`) with its name."""
-        return ("synced", self.first), ("offset", self.late)
-
-    @property
-    def heads(self) -> tuple[tuple[str, str], tuple[str, str]]:
-        """Each condition (`synced`, `offset`) with its column head."""
-        return ("synced", self.short), ("offset", self.late_short)
 
 
 def name_conditions(result: CompareResult, cameras: Sequence[str] = ()) -> ConditionNames:
@@ -159,15 +142,15 @@ def name_conditions(result: CompareResult, cameras: Sequence[str] = ()) -> Condi
     each camera has its own delay.
     """
     asked = cameras or (() if result.timing is None else result.timing.cameras)
-    late = UNSYNCHRONIZED if len(asked) > 2 else wording.offset_text(result.actual_offset_ms)
-    late_short = "Unsynced" if len(asked) > 2 else late[0].upper() + late[1:]
+    late = wording.offset_text(result.actual_offset_ms)
+    heads, many = {"synced": "Recorded", "offset": late[0].upper() + late[1:]}, "both"
+    if len(asked) > 2:
+        late, heads["offset"], many = UNSYNCHRONIZED, "Unsynced", "all"
     if asked and result.together(asked):
-        many = "all" if len(asked) > 2 else "both"
-        return ConditionNames(
-            "Synchronized", "Synced", f"when {many} pictures show the same instant", late, late_short
-        )
+        heads["synced"] = "Synced"
+        return ConditionNames("Synchronized", f"when {many} pictures show the same instant", late, heads)
     when = "in the pictures as they were recorded"
-    return ConditionNames("As recorded", "Recorded", when, late, late_short, apart=result.apart(asked))
+    return ConditionNames("As recorded", when, late, heads, apart=result.apart(asked))
 
 
 def describe_delays(study: StudyResult[Any]) -> str:
@@ -254,8 +237,9 @@ def depth_sentence(depth: StudyResult[Any], when: str, late: str, agreed: str) -
     if known is None or known[1] - known[2] < CLEAR_FRACTION:
         return ""
     measure, synced, offset = known
-    correct = measure == DEPTH_MEASURES[0]
-    what = "the right distance is found" if correct else f"a distance is found that {agreed}"
+    what = f"a distance is found that {agreed}"
+    if measure == DEPTH_MEASURES[0]:
+        what = "the right distance is found"
     return f"When {when}, {what} for {percent(synced)} of what moves; with {late}, for {percent(offset)}."
 
 
@@ -283,16 +267,22 @@ def claims(result: CompareResult) -> tuple[Sequence[dict[str, object]], str]:
     if shown is None or claim is None:
         return (), ""
     is_fraction = claim.unit == wording.PERCENT
-    fractions = claim.values if is_fraction else [value / max(1e-9, *claim.values) for value in claim.values]
-    words = [
-        wording.percentage(value, decimals=0) if is_fraction else wording.quantity(value, claim.unit)
-        for value in claim.values
-    ]
+    whole = 1.0 if is_fraction else max(1e-9, *claim.values)
     named = name_conditions(result, shown.cameras)
-    whens = (named.when, f"when one picture is {named.late}")
-    both = zip(("synced", "offset"), words, fractions, whens, strict=True)
-    names = "tone", "value", "fraction", "when"
-    return [{**dict(zip(names, one, strict=True)), "what": claim.what} for one in both], claim.note
+    whens = {"synced": named.when, "offset": f"when one picture is {named.late}"}
+    found = [
+        {
+            "tone": tone,
+            "value": wording.percentage(value, decimals=0)
+            if is_fraction
+            else wording.quantity(value, claim.unit),
+            "fraction": value / whole,
+            "when": when,
+            "what": claim.what,
+        }
+        for (tone, when), value in zip(whens.items(), claim.values, strict=True)
+    ]
+    return found, claim.note
 
 
 def describe_exactness(result: CompareResult) -> dict[str, str]:
@@ -304,15 +294,15 @@ def describe_exactness(result: CompareResult) -> dict[str, str]:
     offset = [one for one in (result.timing, *rig) if one is not None and one.offset]
     furthest = max(offset, key=lambda one: abs(one.late_ms or 0.0), default=None)
     shown = furthest or result.timing
-    error, source, measured = wording.NOT_AVAILABLE, "neither recorded nor measured", ""
-    if result.unsynchronized:
-        source = result.unsynchronized.partition(":")[0]
-    if shown is not None and (measured := offset_text(shown)):
-        error = measured
-        source = f"{shown.other} against {shown.reference}, by what moves"
+    measured = offset_text(shown) if shown is not None else ""
     if result.sync_residual_us is not None and furthest is None:
         error, source = f"≤ {wording.microseconds(result.sync_residual_us)}", "by the session's own record"
         source += f"; {measured} by what moves" if measured else ""
+    elif shown is not None and measured:
+        error, source = measured, f"{shown.other} against {shown.reference}, by what moves"
+    else:
+        error = wording.NOT_AVAILABLE
+        source = result.unsynchronized.partition(":")[0] or "neither recorded nor measured"
     together = furthest is None and result.timing is not None and result.timing.synchronized
     tolerated, tolerated_source, conclusion = _tolerated_delay(result, together=together)
     return {
@@ -327,36 +317,32 @@ def describe_exactness(result: CompareResult) -> dict[str, str]:
 def _tolerated_delay(result: CompareResult, *, together: bool) -> tuple[str, str, str]:
     """Return the tolerated delay, its source, and how the take's own error compares with it."""
     tolerance, error_us = result.tolerance, result.sync_residual_us
+    if result.timing is None:
+        return wording.NOT_AVAILABLE, "whether the pictures show one instant was not measured", ""
     if not together:
-        unmeasured = "whether the pictures show one instant was not measured"
-        why = unmeasured if result.timing is None else "the pictures do not show one instant"
-        return wording.NOT_AVAILABLE, why, ""
+        return wording.NOT_AVAILABLE, "the pictures do not show one instant", ""
     if tolerance is None:
         return wording.NOT_AVAILABLE, "depth against delay was not measured", ""
     if tolerance.tolerable_offset_ms is None:
-        max_ms = max(abs(point.late_ms or 0.0) for point in tolerance.points)
-        return (
-            f"> {wording.milliseconds(round(max_ms))}",
-            "less than a tenth of the depth is lost by then",
-            "",
-        )
+        max_ms = round(max(abs(point.late_ms or 0.0) for point in tolerance.points))
+        return f"> {wording.milliseconds(max_ms)}", "less than a tenth of the depth is lost by then", ""
     tolerated_us = 1000 * tolerance.tolerable_offset_ms
     conclusion = ""
-    if error_us is not None:
+    if error_us is not None and tolerated_us < error_us:
+        conclusion = "This take is not accurate enough for this motion."
+    elif error_us is not None:
         ratio = tolerated_us / max(error_us, 1e-3)
         conclusion = f"{wording.times(ratio)} more accurate than this motion needs."
-        if ratio < 1:
-            conclusion = "This take is not accurate enough for this motion."
     why = "at this delay a tenth of the depth is lost, or half of what moves is off by a pixel"
     return wording.microseconds(tolerated_us), why, conclusion
 
 
 def describe_synchronization(result: CompareResult) -> str:
     """Return the times between images and their instants, as the session recorded them."""
-    parts = []
-    if result.sync_residual_us is not None:
-        parts.append(f"every picture within {wording.microseconds(result.sync_residual_us)} of its instant")
-    if result.sync_bound_us is not None:
-        parts.append(f"the clocks agree to {wording.microseconds(result.sync_bound_us)} in the worst case")
-    recorded = "; ".join(parts) or "not known: the session has no record of its clocks"
-    return result.unsynchronized or recorded
+    residual, bound = (wording.microseconds(us) for us in (result.sync_residual_us, result.sync_bound_us))
+    recorded = (
+        f"every picture within {residual} of its instant" if result.sync_residual_us is not None else "",
+        f"the clocks agree to {bound} in the worst case" if result.sync_bound_us is not None else "",
+    )
+    known = "; ".join(filter(None, recorded)) or "not known: the session has no record of its clocks"
+    return result.unsynchronized or known

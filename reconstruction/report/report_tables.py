@@ -86,11 +86,11 @@ def interval_cell(found: Interval | None, unit: str, *, control: bool = False) -
     if found is None:
         return Cell(wording.NOT_AVAILABLE, control=control)
     is_fraction = unit == wording.PERCENT
-    ends = () if found.low is None else found.ends
+    ends = [f"{100 * end:.1f}" if is_fraction else wording.quantity(end) for end in found.ends]
     return Cell(
         wording.measured(found.value, unit),
         fraction=min(max(found.value, 0.0), 1.0) if is_fraction else None,
-        interval=" to ".join(f"{100 * end:.1f}" if is_fraction else wording.quantity(end) for end in ends),
+        interval=" to ".join(ends) if found.low is not None else "",
         control=control,
     )
 
@@ -110,7 +110,7 @@ def study_table(study: StudyResult[Any], names: ConditionNames) -> Table:
         if any(one for _, one in found):
             cells = [interval_cell(one, measure.unit, control=control) for control, one in found]
             rows.append(Row(measure.name, cells, details=measure.text.format(**placeholders)))
-    columns = [Column(head, group, tone) for _, group in groups for tone, head in names.heads]
+    columns = [Column(head, group, tone) for _, group in groups for tone, head in names.heads.items()]
     return Table(text.caption.format(**placeholders), columns, rows, kind="twin")
 
 
@@ -118,10 +118,10 @@ def conditions_table(result: CompareResult) -> Table:
     """Return a table of all conditions with a few measures; without rows for only two conditions."""
     made = [one for one in result.studies if not one.skipped]
     pairs, everybody = ([one for one in made if (len(one.cameras) > 2) is many] for many in (False, True))
-    cameras = tuple(dict.fromkeys(name for one in made for name in one.cameras))
+    first = name_conditions(result, list({name for one in made for name in one.cameras})).first.lower()
     late = wording.offset_text(result.actual_offset_ms)
     listed = [
-        (name_conditions(result, cameras).first.lower(), "", _intervals(made, "synced")),
+        (first, "", _intervals(made, "synced")),
         (late, "one camera of a pair", _intervals(pairs, "offset")),
     ]
     if everybody and not any(map(_is_drawn, result.conditions)):
@@ -176,34 +176,28 @@ def _details(one: ConditionResult) -> str:
         for study in one.studies
         if len(study.cameras) == 2 and not study.skipped and study.late_ms is not None
     ]
-    given = wording.delays(one.offsets_ms) if one.offsets_ms and not one.session else ""
-    drawn = "" if given else f"{EACH_DELAYED}, drawn at random for each instant"
-    other = "another recording, not paired by instant" if one.session else drawn
     skipped = [f"{subjects[study.name]}: {study.skipped}" for study in one.studies if study.skipped]
-    return "; ".join(filter(None, (given, *late, other, *skipped)))
+    if one.offsets_ms and not one.session:
+        return "; ".join([wording.delays(one.offsets_ms), *late, *skipped])
+    drawn = f"{EACH_DELAYED}, drawn at random for each instant"
+    return "; ".join([*late, "another recording, not paired by instant" if one.session else drawn, *skipped])
 
 
 def instants_table(caption: str, study: StudyResult[Any], names: ConditionNames) -> Table:
     """Return every instant's numbers on moving things in both conditions; without rows if there are none."""
-    text, per_instant = study_reports()[study.name].text, study.per_instant
-    columns = [
-        (measure, name)
-        for measure, name in text.instant_columns
-        if any(row.get(f"synced_{measure}") is not None for row in per_instant)
+    text = study_reports()[study.name].text
+    known = {key for row in study.per_instant for key, value in row.items() if value is not None}
+    measures = {one: name for one, name in text.instant_columns if f"synced_{one}" in known}
+    columns = [("mover_pixels", wording.COUNT)] if "mover_pixels" in known else []
+    heads = [Column("Moving pixels") for _ in columns]
+    for measure, name in measures.items():
+        columns += [(f"{side}_{measure}", text.unit(measure)) for side in CONDITIONS]
+        heads += [Column(head, name, tone) for tone, head in names.heads.items()]
+    rows = [
+        Row(f"{row['instant']}", [Cell(wording.measured(row.get(key), unit)) for key, unit in columns])
+        for row in study.per_instant
     ]
-    counted = any(row.get("mover_pixels") is not None for row in per_instant)
-    rows = []
-    for row in per_instant if columns else ():
-        cells = [Cell(wording.number(row.get("mover_pixels")))] if counted else []
-        cells += [
-            Cell(wording.measured(row.get(f"{side}_{measure}"), text.unit(measure)))
-            for measure, _ in columns
-            for side in CONDITIONS
-        ]
-        rows.append(Row(f"{row['instant']}", cells))
-    heads = [Column("Moving pixels")] if counted else []
-    heads += [Column(head, name, tone) for _, name in columns for tone, head in names.heads]
-    return Table(caption, heads, rows, first="Instant", prefix="Instant ")
+    return Table(caption, heads, rows if measures else (), first="Instant", prefix="Instant ")
 
 
 def timing_table(rig: RigTiming) -> Table:

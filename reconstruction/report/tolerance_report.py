@@ -39,16 +39,15 @@ def tolerance_view(tolerance: OffsetTolerance) -> dict[str, object]:
 
 def tolerance_sentence(tolerance: OffsetTolerance) -> str:
     """Return the curve's result in a few sentences; images are called synchronized only if found so."""
-    timing = tolerance.timing
+    timing, found = tolerance.timing, _found_in_both_directions(tolerance)
     if timing is None:
-        return f"As recorded, {_found_in_both_directions(tolerance)}"
-    texts = [f"As recorded, {_found_in_both_directions(tolerance)}", timing_sentences(timing)]
+        return f"As recorded, {found}"
+    texts = [f"As recorded, {found}", timing_sentences(timing)]
     if timing.synchronized:
-        found = f"Synchronized, {_found_in_both_directions(tolerance)} {_tolerated(tolerance)}"
-        texts = [found, timing_sentences(timing)]
+        texts[0] = f"Synchronized, {found} {_tolerated(tolerance)}"
     elif timing.offset:
         texts = [timing_sentences(timing), f"As recorded, {_found_at_best(tolerance)}"]
-    return " ".join(text for text in (motion_sentence(timing), *texts) if text)
+    return " ".join(filter(None, (motion_sentence(timing), *texts)))
 
 
 def tolerance_heading(tolerance: OffsetTolerance) -> str:
@@ -58,37 +57,37 @@ def tolerance_heading(tolerance: OffsetTolerance) -> str:
 
 
 def _found_in_both_directions(tolerance: OffsetTolerance) -> str:
-    ends = {ms: point for point in (tolerance.points[0], tolerance.points[-1]) if (ms := point.late_ms)}
-    directions = [
-        f"{wording.offset_text(ms)}, for {_found_fraction(tolerance, point)}" for ms, point in ends.items()
+    ends = tolerance.points[0], tolerance.points[-1]
+    found = [
+        f"{wording.offset_text(ms)}, for {_found(tolerance, one)}" for one in ends if (ms := one.late_ms)
     ]
-    first = f"{_what(tolerance)} for {_found_fraction(tolerance, tolerance.as_recorded)} of what moves"
-    return f"{first}; with the second picture {'; '.join(directions)}." if directions else f"{first}."
+    directions = f"; with the second picture {'; '.join(dict.fromkeys(found))}" if found else ""
+    return f"{_found_as_recorded(tolerance)}{directions}."
 
 
 def _found_at_best(tolerance: OffsetTolerance) -> str:
-    text = f"{_what(tolerance)} for {_found_fraction(tolerance, tolerance.as_recorded)} of what moves"
     best = max(tolerance.points, key=lambda point: point.value(tolerance.measure, "offset") or 0.0)
-    if not best.late_ms:
-        return f"{text}."
-    when = wording.offset_text(best.late_ms)
-    return f"{text}; best with the second picture {when}, for {_found_fraction(tolerance, best)}."
+    when = f"; best with the second picture {wording.offset_text(best.late_ms or 0.0)}, for "
+    return f"{_found_as_recorded(tolerance)}{when + _found(tolerance, best) if best.late_ms else ''}."
+
+
+def _found_as_recorded(tolerance: OffsetTolerance) -> str:
+    what = "the right distance is found" if tolerance.right else "a distance is found"
+    return f"{what} for {_found(tolerance, tolerance.as_recorded)} of what moves"
+
+
+def _found(tolerance: OffsetTolerance, point: StudyResult[DelayFacts]) -> str:
+    return wording.percentage(point.value(tolerance.measure, "offset"), decimals=0)
 
 
 def _tolerated(tolerance: OffsetTolerance) -> str:
     tolerated_ms = tolerance.tolerable_offset_ms
     if tolerated_ms is None:
         return "Up to that delay, less than a tenth of it is lost."
-    tolerated = (
-        wording.milliseconds(round(tolerated_ms, 1))
-        if tolerated_ms >= 1
-        else wording.microseconds(1000 * tolerated_ms)
-    )
+    tolerated = wording.microseconds(1000 * tolerated_ms)
+    if tolerated_ms >= 1:
+        tolerated = wording.milliseconds(round(tolerated_ms, 1))
     return f"This motion tolerates a delay of about {tolerated}."
-
-
-def _what(tolerance: OffsetTolerance) -> str:
-    return "the right distance is found" if tolerance.measure.endswith("2pct") else "a distance is found"
 
 
 def _text(tolerance: OffsetTolerance) -> StudyText:
@@ -96,13 +95,8 @@ def _text(tolerance: OffsetTolerance) -> StudyText:
     return study_reports()[tolerance.points[0].name].text
 
 
-def _found_fraction(tolerance: OffsetTolerance, point: StudyResult[DelayFacts]) -> str:
-    return wording.percentage(point.value(tolerance.measure, "offset"), decimals=0)
-
-
 def _table(tolerance: OffsetTolerance) -> Table:
-    true = tolerance.measure == "mover_within_2pct"
-    columns = {key: name for key, name in COLUMNS.items() if true or name != WITHIN}
+    columns = {key: name for key, name in COLUMNS.items() if key != "mover_within_2pct" or tolerance.right}
     rows = [
         Row(
             wording.milliseconds(round(point.late_ms or 0.0, 1)),
@@ -110,7 +104,7 @@ def _table(tolerance: OffsetTolerance) -> Table:
         )
         for point in tolerance.points
     ]
-    heads = [Column(name) for name in columns.values()]
+    heads = list(map(Column, columns.values()))
     return Table("Moving things by delay; small print: 95 % intervals", heads, rows, first="Delay")
 
 
@@ -122,19 +116,17 @@ def _instants(tolerance: OffsetTolerance) -> Table:
     for instant in sorted(texts.keys() | known.keys()):
         late, curve = texts.get(instant), known.get(instant)
         values = curve.values if curve is not None else (None,) * len(tolerance.points)
-        cells = [
-            Cell(wording.number(None if curve is None else curve.mover_pixels)),
-            Cell(wording.NOT_AVAILABLE if late is None else f"{late.late_ms:+.1f} ± {2 * late.sd_ms:.1f} ms"),
-            *(Cell(wording.percentage(value, decimals=0)) for value in values),
-        ]
-        rows.append(Row(f"{instant}", cells))
-    right = tolerance.measure == "mover_within_2pct"
-    heads = [wording.milliseconds(round(point.late_ms or 0.0)) for point in tolerance.points]
-    columns = [Column("Moving pixels"), Column("Time offset"), *(Column(head) for head in heads)]
+        cells = (
+            wording.number(None if curve is None else curve.mover_pixels),
+            wording.NOT_AVAILABLE if late is None else f"{late.late_ms:+.1f} ± {2 * late.sd_ms:.1f} ms",
+            *(wording.percentage(value, decimals=0) for value in values),
+        )
+        rows.append(Row(f"{instant}", list(map(Cell, cells))))
+    delays = (wording.milliseconds(round(point.late_ms or 0.0)) for point in tolerance.points)
     return Table(
         "Each instant: the second picture's time offset by moving points, and the part of what moves that is "
-        f"{'right' if right else 'found'} at each delay",
-        columns,
+        f"{'right' if tolerance.right else 'found'} at each delay",
+        list(map(Column, ("Moving pixels", "Time offset", *delays))),
         rows,
         first="Instant",
         prefix="Instant ",

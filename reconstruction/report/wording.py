@@ -20,9 +20,9 @@ def measured(value: float | None, unit: str) -> str:
         return percentage(value)
     if unit == COUNT:
         return number(value)
-    if unit != DEGREES or value is None:
-        return quantity(value, unit)
-    return f"{value:.3g}°" if value >= 1 else f"{value:.2g}°"
+    if unit == DEGREES and value is not None:
+        return f"{value:.{3 if value >= 1 else 2}g}°"
+    return quantity(value, unit)
 
 
 def percentage(value: float | None, *, decimals: int = 1) -> str:
@@ -56,9 +56,10 @@ def number(value: float | None) -> str:
 
 def times(ratio: float) -> str:
     """Return a ratio as `12 times`, to two digits: it is a comparison, not a measurement."""
-    digits = max(0, math.floor(math.log10(ratio)) - 1) if ratio >= 1 else 0
-    rounded = round(ratio / 10**digits) * 10**digits if ratio >= 10 else round(ratio, 1)
-    return f"{rounded:,.0f}".replace(",", GAP) + " times" if ratio >= 10 else f"{rounded:g} times"
+    if ratio < 10:
+        return f"{round(ratio, 1):g} times"
+    digits = math.floor(math.log10(ratio)) - 1
+    return f"{number(round(ratio / 10**digits) * 10**digits)} times"
 
 
 def milliseconds(value_ms: float) -> str:
@@ -68,23 +69,21 @@ def milliseconds(value_ms: float) -> str:
 
 def microseconds(value_us: float | None) -> str:
     """Return a time given in us as ns, us, ms or s, whichever is most readable."""
-    if value_us is None or math.isnan(value_us):
-        return NOT_AVAILABLE
-    return duration(value_us * 1e3, gap=GAP)
+    known = value_us is not None and not math.isnan(value_us)
+    return duration((value_us or 0.0) * 1e3, gap=GAP) if known else NOT_AVAILABLE
 
 
 def seconds(value_s: float) -> str:
     """Return a duration in s, or in minutes from two minutes on."""
-    if value_s < 120:
-        return f"{value_s:.1f}{GAP}s"
-    return f"{int(value_s // 60)}{GAP}min {int(value_s % 60)}{GAP}s"
+    minutes, rest_s = divmod(int(value_s), 60)
+    return f"{value_s:.1f}{GAP}s" if value_s < 120 else f"{minutes}{GAP}min {rest_s}{GAP}s"
 
 
 def offset_text(offset_ms: float) -> str:
     """Return `67 ms late`, or early, in whole ms from 10 ms on."""
     size = abs(offset_ms)
-    shown = milliseconds(round(size) if size >= 9.5 else size)
-    return f"{shown} {'early' if offset_ms < 0 else 'late'}"
+    size = round(size) if size >= 9.5 else size
+    return f"{milliseconds(size)} {'early' if offset_ms < 0 else 'late'}"
 
 
 def timeliness(late_ms: float) -> str:
@@ -99,8 +98,8 @@ def delays(late_ms: Mapping[str, float]) -> str:
 
 def walking_distance(offset_ms: float) -> str:
     """Return the distance that a person walks in this time, as a sentence."""
-    metres = abs(offset_ms) / 1e3 * WALKING_M_PER_S
-    far = f"{metres * 1e3:.0f}{GAP}mm" if metres < 0.02 else f"{metres * 1e2:.0f}{GAP}cm"
+    millimetres = abs(offset_ms) * WALKING_M_PER_S
+    far = f"{millimetres:.0f}{GAP}mm" if millimetres < 20 else f"{millimetres / 10:.0f}{GAP}cm"
     time = offset_text(offset_ms).rpartition(" ")[0]
     return f"In {time}, a person walking ({WALKING_M_PER_S}{GAP}m/s) moves {far}."
 
@@ -112,6 +111,5 @@ def keep_units(text: str) -> str:
 
 def headline(verdict: str) -> tuple[str, str]:
     """Return the first sentence of a verdict, and the rest."""
-    verdict = keep_units(verdict)
-    end = verdict.find(". ")
-    return (verdict, "") if end < 0 else (verdict[: end + 1], verdict[end + 2 :].strip())
+    first, stop, rest = keep_units(verdict).partition(". ")
+    return first + stop.strip(), rest.strip()

@@ -62,6 +62,11 @@ class OffsetTolerance(Provenance, frozen=True, kw_only=True):
     report: str = ""
 
     @property
+    def right(self) -> bool:
+        """Whether the curve shows correct depth; false: any depth, as the true one is unknown."""
+        return self.measure == "mover_within_2pct"
+
+    @property
     def as_recorded(self) -> StudyResult[DelayFacts]:
         """Result of the study at offset zero, that is, with the images as recorded."""
         return next(point for point in self.points if not point.late_ms)
@@ -109,20 +114,20 @@ class ReportWords(Struct, frozen=True, kw_only=True):
 class CompareResult(Provenance, frozen=True, kw_only=True):
     """All results of `reconstruct compare`; written to `metrics.json` and printed by --json."""
 
-    session: str
+    session: str = ""
     origin: str = ""
     """Origin of the images as the session records it: captured, simulated or imported."""
     camera_count: int = 0
     instant_count: int = 0
-    offset_ms: float
+    offset_ms: float = 0.0
     """The requested offset."""
-    offset_frames: int
-    actual_offset_ms: float
+    offset_frames: int = 0
+    actual_offset_ms: float = 0.0
     unsynchronized: str = ""
     """Why no condition is called synchronized: the time offsets between the cameras are unknown."""
     verdict: str = ""
     """One or two plain sentences for a reader who does not know what synchronization is."""
-    calibration: str
+    calibration: str = "none"
     """Source of the calibration."""
     moving_share: float = 0.0
     """Fraction of the pixels that moves, 0..1."""

@@ -45,9 +45,8 @@ class Measurements:
     @property
     def names(self) -> list[str]:
         """Names of the measures taken; includes `*f_score` if precision and recall were taken."""
-        names = [*self.shares, *self.medians, *self.means]
         scored = [name.replace("recall", F_SCORE) for name in self.shares if name.endswith("recall")]
-        return names + scored
+        return [*self.shares, *self.medians, *self.means, *scored]
 
     def value(self, measure: str) -> float:
         """Return the instant's value of a measure; NaN if there is nothing to measure.
@@ -62,10 +61,9 @@ class Measurements:
         if measure in self.shares:
             part, whole = self.shares[measure]
             return part / whole if whole >= MIN_COUNT else np.nan
-        if measure in self.means:
-            return float(np.mean(self.means[measure])) if len(self.means[measure]) else np.nan
-        values = self.medians.get(measure, np.zeros(0))
-        return float(np.median(values)) if len(values) else np.nan
+        found, middle = (self.means, np.mean) if measure in self.means else (self.medians, np.median)
+        values = found.get(measure, np.zeros(0))
+        return float(middle(values)) if len(values) else np.nan
 
 
 def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | None) -> Measurements:
@@ -74,8 +72,10 @@ def measure_depth(depth: Array, difference: Array, mask: Array, truth: Array | N
     Unknown depth is 0; unknown grey-level differences and unknown true depth (same unit) are NaN.
     """
     seen = difference[mask & np.isfinite(difference)]
-    found = Measurements({"coverage": (int((depth[mask] > 0).sum()), int(mask.sum()))})
-    found.medians["photometric_error"] = seen[:: max(1, len(seen) // MAX_DIFFERENCES)]
+    found = Measurements(
+        shares={"coverage": (int((depth[mask] > 0).sum()), int(mask.sum()))},
+        medians={"photometric_error": seen[:: max(1, len(seen) // MAX_DIFFERENCES)]},
+    )
     if truth is not None:
         known = mask & np.isfinite(truth)
         for name, tolerance in TOLERANCES.items():
@@ -88,23 +88,21 @@ class Tally:
     """Measurements of both conditions on the same instants, added one by one."""
 
     def __init__(self) -> None:
-        self._measured: list[Mapping[str, Measurements]] = []
-        self._facts: list[Mapping[str, float]] = []
+        self._rows: list[tuple[Mapping[str, Measurements], Mapping[str, float]]] = []
 
     def add(self, measured: Mapping[str, Measurements], facts: Mapping[str, float]) -> None:
         """Add an instant measured in both conditions; its row begins with the facts."""
-        self._measured.append(measured)
-        self._facts.append(facts)
+        self._rows.append((measured, facts))
 
     @property
     def instants(self) -> int:
         """Number of instants added."""
-        return len(self._measured)
+        return len(self._rows)
 
     @property
     def names(self) -> list[str]:
         """Names of the measures taken at any instant."""
-        by_condition = [one[side] for one in self._measured for side in CONDITIONS]
+        by_condition = [measured[side] for measured, _ in self._rows for side in CONDITIONS]
         return list(dict.fromkeys(name for side in by_condition for name in side.names))
 
     @property
@@ -116,23 +114,21 @@ class Tally:
     @property
     def per_instant(self) -> tuple[dict[str, float | int | None], ...]:
         """Facts of every instant, with its value of each measure in both conditions."""
-        rows = []
-        for measured, facts in zip(self._measured, self._facts, strict=True):
-            row: dict[str, float | int | None] = dict(facts)
-            for side in CONDITIONS:
-                values = {name: measured[side].value(name) for name in self.names}
-                row |= {f"{side}_{name}": None if np.isnan(v) else v for name, v in values.items()}
-            rows.append(row)
-        return tuple(rows)
+        measures = [(side, name) for side in CONDITIONS for name in self.names]
+        rows = [
+            {**facts, **{f"{side}_{name}": measured[side].value(name) for side, name in measures}}
+            for measured, facts in self._rows
+        ]
+        return tuple({key: None if np.isnan(v) else v for key, v in row.items()} for row in rows)
 
     def _measure(self, name: str) -> Measure:
-        values = {side: np.array([one[side].value(name) for one in self._measured]) for side in CONDITIONS}
-        samples = {side: _resampled_medians(values[side]) for side in CONDITIONS}
-        by_condition = {side: _interval(_median(values[side]), samples[side]) for side in CONDITIONS}
-        before, after, change = by_condition["synced"], by_condition["offset"], None
-        if before and after and before.low is not None and after.low is not None:
-            change = _interval(after.value - before.value, samples["offset"] - samples["synced"])
-        return Measure(name=name, **by_condition, difference=change)
+        values = [np.array([one[side].value(name) for one, _ in self._rows]) for side in CONDITIONS]
+        before, after = (_resampled_medians(side) for side in values)
+        synced, offset = _interval(_median(values[0]), before), _interval(_median(values[1]), after)
+        change = None
+        if synced and offset and len(before) and len(after):
+            change = _interval(offset.value - synced.value, after - before)
+        return Measure(name=name, synced=synced, offset=offset, difference=change)
 
 
 def _median(values: Array) -> float | None:

@@ -1,15 +1,17 @@
 """Judgement of whether nominally simultaneous images show one instant, measured by motion in them."""
 
 from collections.abc import Iterable, Sequence
+from itertools import pairwise
 from typing import Any
 
-import msgspec
 import numpy as np
-from msgspec import Struct
+from msgspec import Struct, structs
 
 from capture_app.common.instants import is_same_instant
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.time_offsets.crossings import MIN_INSTANTS, InstantOffset, OffsetFit, steps_ratio
+from reconstruction.time_offsets.pair_offset import ImageTimes, PairOffsets
+from reconstruction.time_offsets.rig_offsets import measure_rig_offsets
 
 SIGMAS = 2.0
 """Standard deviations in the reported error (95 %)."""
@@ -85,6 +87,35 @@ class Timing(Struct, frozen=True, kw_only=True):
         return "" if self.shift_ms is None else f"--time-shift-ms {self.other}={self.shift_ms:.4g}"
 
 
+def measure_pair_timing(offsets: PairOffsets, cameras: tuple[str, str]) -> Timing:
+    """Measure the second camera's time offset against the first, at instants with motion."""
+    return _judge(offsets, cameras, offsets.measure(*cameras))
+
+
+def measure_rig_timing(offsets: PairOffsets, reference: str | None) -> "RigTiming":
+    """Measure every camera's time offset from many pairs; prefer `reference` if most informative."""
+    found = measure_rig_offsets(offsets.rig, preferred=reference, finder=offsets)
+    first = next(name for name, one in found.items() if one.sd_ms == 0)
+    fits = {
+        name: OffsetFit(one.offset_ms, one.sd_ms, one.reason, misfit_px=one.misfit_px)
+        for name, one in found.items()
+        if name != first
+    }
+    return RigTiming(
+        reference=first, cameras=tuple(_judge(offsets, (first, name), fit) for name, fit in fits.items())
+    )
+
+
+def _judge(offsets: PairOffsets, cameras: tuple[str, str], fit: OffsetFit) -> Timing:
+    dataset, (first, second) = offsets.dataset, cameras
+    spacing_ms = min((b - a for a, b in pairwise(dataset.instants_ns)), default=dataset.period_ns) / 1e6
+    times = ImageTimes(dataset, cameras)
+    apart = [times.middle_ms(second, k) - times.middle_ms(first, k) for k in dataset.instants(*cameras)]
+    moving = {name: one.px * spacing_ms / one.ms for name, one in offsets.moving(cameras).items()}
+    timing = judge_timing(cameras, fit, float(np.median(apart or [0.0])), spacing_ms, moving)
+    return without_common_times(timing, dataset.unsynchronized)
+
+
 def judge_timing(
     cameras: tuple[str, str],
     fit: OffsetFit,
@@ -117,11 +148,8 @@ def judge_timing(
     jitter_ms, drifts = _scatter(instants, limit_ms)
     if drifts:
         low, high = (end(one.late_ms for one in instants) for end in (min, max))
-        reason = (
-            f"the offset drifts between {low:+.1f} and {high:+.1f} ms, which a wrong calibration causes: "
-            "check it with a board"
-        )
-        return msgspec.structs.replace(unknown, reason=reason)
+        reason = f"the offset drifts between {low:+.1f} and {high:+.1f} ms, which a wrong calibration causes"
+        return structs.replace(unknown, reason=f"{reason}: check it with a board")
     offset = abs(late) > ODD_SIGMAS * sd
     reason = ""
     if jitter_ms is not None:
@@ -147,7 +175,7 @@ def judge_timing(
     # If measured images disagree, others may be farther off.
     same &= not odd or is_same_instant(possible_ms, spacing_ms)
     denied = offset or jitter_ms is not None
-    return msgspec.structs.replace(
+    return structs.replace(
         unknown,
         synchronized=not denied and not reason,
         late_ms=late,
@@ -187,20 +215,19 @@ def _scatter(instants: Sequence[InstantOffset], limit_ms: float) -> tuple[float 
     scatter_ms = 1.4826 * float(np.median(np.abs(late_ms - np.median(late_ms))))
     if scatter_ms < max(MIN_JITTER * error_ms, limit_ms / 2):
         return None, False
-    if steps_ratio(late_ms) < INDEPENDENT:
-        return None, True
-    return float(np.sqrt(scatter_ms**2 - error_ms**2)), False
+    drifts = steps_ratio(late_ms) < INDEPENDENT
+    return None if drifts else float(np.sqrt(scatter_ms**2 - error_ms**2)), drifts
 
 
 def without_common_times(timing: Timing, problem: str) -> Timing:
-    """Return the judgement of a recording without reliable times: never synchronized.
+    """Return the judgement of a recording whose times have this `problem`, if any: never synchronized.
 
     Agreement by motion near the recorded times does not exclude another offset that fits as well.
     """
-    if not timing.synchronized and timing.same_frame_ms is None:
+    if not problem or (not timing.synchronized and timing.same_frame_ms is None):
         return timing
-    reason = f"the recording is {problem.partition(':')[0]}, and reconstruct time --apply has not aligned it"
-    return msgspec.structs.replace(timing, synchronized=False, same_frame_ms=None, reason=reason)
+    name = problem.partition(":")[0]
+    return _denied(timing, f"the recording is {name}, and reconstruct time --apply has not aligned it")
 
 
 def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float) -> Timing:
@@ -211,21 +238,19 @@ def with_curve_peak(timing: Timing, peaks_ms: Sequence[float], spacing_ms: float
     inconclusive.
     """
     peak_ms = max(sorted(set(peaks_ms)), key=peaks_ms.count, default=0.0)
-    if timing.misfit_px is not None:
-        return timing
-    if len(peaks_ms) < MIN_INSTANTS or peaks_ms.count(peak_ms) < AGREED_FRACTION * len(peaks_ms):
+    agreed = len(peaks_ms) >= MIN_INSTANTS and peaks_ms.count(peak_ms) >= AGREED_FRACTION * len(peaks_ms)
+    if timing.misfit_px is not None or not agreed:
         return timing
     known = timing.late_ms is not None and timing.uncertainty_ms is not None
     max_ms = abs(timing.late_ms or 0.0) + (timing.uncertainty_ms or 0.0) if known else spacing_ms
     if is_same_instant(peak_ms, spacing_ms):
         same_ms = None if timing.offset else min(max_ms, spacing_ms / 2)
-        return msgspec.structs.replace(timing, same_frame_ms=same_ms)
+        return structs.replace(timing, same_frame_ms=same_ms)
     if timing.synchronized or timing.same_frame_ms is not None:
-        reason = f"depth is found best with the second picture {peak_ms:+.0f} ms later"
-        return msgspec.structs.replace(timing, synchronized=False, same_frame_ms=None, reason=reason)
+        return _denied(timing, f"depth is found best with the second picture {peak_ms:+.0f} ms later")
     if timing.offset or max_ms < abs(peak_ms) - spacing_ms / 2:
         return timing
-    return msgspec.structs.replace(
+    return structs.replace(
         timing,
         late_ms=-peak_ms,
         uncertainty_ms=spacing_ms,
@@ -243,27 +268,22 @@ def with_depth(timing: Timing, depth: StudyResult[Any]) -> Timing:
     """
     moving, still = found_shares(depth)
     rows, control = depth.value("mover_epipolar_px"), depth.value("static_epipolar_px")
-    if (
-        timing.offset
-        or timing.misfit_px is not None
-        or moving is None
-        or still is None
-        or rows is None
-        or control is None
-    ):
+    if moving is None or still is None or rows is None or control is None:
         return timing
-    if moving >= LOST_FRACTION * still or rows <= max(ROW_MISMATCH_PX, ROW_MISMATCH_RATIO * control):
+    lost = moving < LOST_FRACTION * still and rows > max(ROW_MISMATCH_PX, ROW_MISMATCH_RATIO * control)
+    if timing.offset or timing.misfit_px is not None or not lost:
         return timing
     if timing.synchronized:
         reason = f"most moving objects are lost and {rows:.0f} pixels off their rows, unlike static ones"
-        return msgspec.structs.replace(
-            timing, synchronized=False, same_frame_ms=None, out_of_place_px=rows, reason=reason
-        )
+        return structs.replace(_denied(timing, reason), out_of_place_px=rows)
     if timing.same_frame_ms is not None:
         return timing
-    return msgspec.structs.replace(
-        timing, late_ms=None, uncertainty_ms=None, offset=True, out_of_place_px=rows
-    )
+    return structs.replace(timing, late_ms=None, uncertainty_ms=None, offset=True, out_of_place_px=rows)
+
+
+def _denied(timing: Timing, reason: str) -> Timing:
+    """Return the judgement without its certificate, with the reason."""
+    return structs.replace(timing, synchronized=False, same_frame_ms=None, reason=reason)
 
 
 def found_shares(depth: StudyResult[Any]) -> tuple[float | None, float | None]:
@@ -290,11 +310,9 @@ def are_together(cameras: Iterable[str], pair: Timing | None, rig: RigTiming | N
     The judgement of the pair decides for these two cameras. If negative, it also decides for any group that
     contains both.
     """
-    asked = frozenset(cameras)
-    if pair is not None:
-        measured = frozenset(pair.cameras)
-        if asked <= measured or (measured <= asked and not pair.synchronized):
-            return pair.synchronized
+    asked, measured = frozenset(cameras), frozenset(pair.cameras if pair is not None else ())
+    if pair is not None and (asked <= measured or (measured <= asked and not pair.synchronized)):
+        return pair.synchronized
     return rig is not None and asked <= rig.together
 
 

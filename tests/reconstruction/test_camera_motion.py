@@ -9,7 +9,7 @@ import pytest
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.common.geometry import View
-from reconstruction.compare.timing_study import measure_pair_timing
+from reconstruction.scores.timing import measure_pair_timing
 from reconstruction.session.camera_motion import measure_camera_motion
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.pair_offset import PairOffsets

@@ -13,7 +13,8 @@ from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.compare.study import Context, Known
+from reconstruction.compare.study import Context
+from reconstruction.scores.comparison_results import CompareResult
 from reconstruction.scores.study_result import StudyResult
 from reconstruction.session.conditions import SYNCED, Condition, nearest_frame_offset
 from reconstruction.session.dataset import Dataset
@@ -37,7 +38,7 @@ def study(
     depth = StereoStudy(context)
     depth.prepare()
     points = TriangulationStudy(context)
-    points.known = Known(studies={"stereo": StudyResult(name="stereo", cameras=depth.cameras)})
+    points.known = CompareResult(studies=(StudyResult(name="stereo", cameras=depth.cameras),))
     return points
 
 
@@ -119,7 +120,7 @@ def test_many_cameras_are_thinned_to_those_beside_the_pair(scene: Scene, tmp_pat
     points.prepare()
     found = points.compare(Condition(SYNCED))
     assert len(found.cameras) == 5
-    assert set(points.known.studies["stereo"].cameras) < set(found.cameras)
+    assert set(points.known.study("stereo").cameras) < set(found.cameras)
     assert len(found.facts.left_out) == 1
 
 

@@ -12,7 +12,7 @@ from capture_app.session.reading.reader import Session
 from capture_app.session.reading.verdict import judge
 from capture_app.session.reading.verify import verify
 from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.compare.timing_study import measure_pair_timing
+from reconstruction.scores.timing import measure_pair_timing
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.reconstruction.conftest import Reconstruct, Scene, make_view

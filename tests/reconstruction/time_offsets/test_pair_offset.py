@@ -9,7 +9,7 @@ from capture_app.session.importing.import_options import ImportOptions
 from capture_app.session.importing.recording import import_recording
 from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.compare.timing_study import measure_pair_timing
+from reconstruction.scores.timing import measure_pair_timing
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.pair_offset import PairOffsets
 from tests.reconstruction.conftest import PERIOD_NS, VIEWS, Scene, write_session

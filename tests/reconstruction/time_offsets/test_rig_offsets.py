@@ -6,8 +6,7 @@ from pathlib import Path
 import pytest
 
 from reconstruction.calibration.calibrated_rig import Rig
-from reconstruction.compare.timing_study import measure_pair_timing, measure_rig_timing
-from reconstruction.scores.timing import are_apart, are_together
+from reconstruction.scores.timing import are_apart, are_together, measure_pair_timing, measure_rig_timing
 from reconstruction.session.dataset import Dataset
 from reconstruction.time_offsets.crossings import OffsetFit
 from reconstruction.time_offsets.pair_offset import PairOffsets

@@ -11,9 +11,7 @@ Simulated pictures.
 """
 
 import json
-import tempfile
 import time
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -22,7 +20,7 @@ from benchmarks.reconstruction.rendered_rigs import AIM, AROUND_M, RIGS, SIZE_M,
 from benchmarks.report import new_parser, print_rows, talk
 from capture_app.common.errors import BadInputError
 from reconstruction.common.geometry import Array
-from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
+from reconstruction.depth.fusion import fuse_maps
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_matcher import ViewDepth, match_all_views
 from reconstruction.depth.view_choice import choose_source_views, seen_points, smallest_group
@@ -102,14 +100,9 @@ def _cloud_scores(
     rig: RenderedRig, images: dict[str, InputImage], found: dict[str, ViewDepth], group: int
 ) -> dict[str, float]:
     views = {name: rig.views[name] for name in found}
-    with tempfile.TemporaryDirectory() as scratch:
-        cloud = Path(scratch) / "fused.ply"
-        write_workspace(Path(scratch), views, {name: images[name].colours for name in found}, found)
-        try:
-            fuse_depth_maps(Path(scratch), cloud, views, found, group)
-        except BadInputError:
-            return {"points": 0, "false_points": 0.0}
-        points, _, _ = read_fused_cloud(cloud, len(found))
+    points = fuse_maps(views, found, {name: images[name].colours for name in found}, group).points
+    if not len(points):
+        return {"points": 0, "false_points": 0.0}
     nearest = np.min([np.linalg.norm(points - view.centre, axis=1) for view in views.values()], axis=0)
     off_m = rig.distance_m(points)
     false = off_m > FALSE_SHARE * nearest

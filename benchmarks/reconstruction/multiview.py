@@ -31,8 +31,8 @@ from benchmarks.reconstruction.multiview_scenes import SCENES, Condition, Render
 from benchmarks.report import new_parser, print_report, print_rows, talk
 from reconstruction.common.geometry import Array, View
 from reconstruction.depth import sweep_matcher
-from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
 from reconstruction.depth.compiled import CPU, CompiledEngine
+from reconstruction.depth.fusion import fuse_maps
 from reconstruction.depth.gpu import GpuEngine, find_engine
 from reconstruction.depth.rough_scene import find_rough_scene
 from reconstruction.depth.sweep_engine import SweepEngine
@@ -56,7 +56,6 @@ def ours(
     views: dict[str, View],
     condition: Condition,
     reference: str,
-    scratch: Path,
     engine: SweepEngine = CPU,
     *,
     quick: bool = False,
@@ -83,25 +82,22 @@ def ours(
         found = match_all_views(calibrated, sources, scene.depth_ranges, engine=engine, quick=quick)
     matched, matched_cpu = time.perf_counter() - begun, time.process_time() - cpu
     colours = {name: image.colours for name, image in images.items()}
-    write_workspace(scratch / "workspace", views, colours, found)
-    cloud = scratch / "fused.ply"
-    points = fuse_depth_maps(scratch / "workspace", cloud, views, found, smallest_group(sources))
+    cloud = fuse_maps(views, found, colours, smallest_group(sources)).points
     fused, fused_cpu = time.perf_counter() - begun, time.process_time() - cpu
     result = _shares(found[reference].depth, condition, reference)
     result |= {"map_s": matched / len(found), "map_cpu_s": matched_cpu / len(found), "all_fused_s": fused}
     result |= {"all_fused_cpu_s": fused_cpu}
-    result |= {"peak_mb": _peak_mb(), "points": points, "views_within_2pct": {
+    result |= {"peak_mb": _peak_mb(), "points": len(cloud), "views_within_2pct": {
         name: depth_shares(view.depth, condition.depth[name], condition.movers[name])["within_2pct"]
         for name, view in found.items()
     }}  # fmt: skip
     return result | _cloud_scores(cloud, views, condition)
 
 
-def _cloud_scores(cloud: Path, views: dict[str, View], condition: Condition) -> dict[str, float]:
+def _cloud_scores(points: Array, views: dict[str, View], condition: Condition) -> dict[str, float]:
     """Return precision, recall and F-score of a fused cloud at 1 cm against what two views can see."""
     still = {name: np.zeros_like(moving) for name, moving in condition.movers.items()}
     index, shared = true_surfaces(views, condition.depth, still, ["static"])["static"]
-    points, _, _ = read_fused_cloud(cloud, len(views))
     found = {"precision": index.count_near(points), "recall": PointIndex(points).count_near(shared)}
     scores = Measurements(found)
     return {f"{name}_1cm": scores.value(name) for name in (*found, "f_score")}
@@ -111,7 +107,7 @@ def _as_found(_images: Any, _sources: Any, _ranges: Any, surfaces: Any, _pool: A
     return surfaces
 
 
-def sgbm(views: dict[str, View], condition: Condition, reference: str, scratch: Path) -> Result:
+def sgbm(views: dict[str, View], condition: Condition, reference: str) -> Result:
     """Run plain SGBM on every pair of neighbours; the reference's map is the better of its two."""
     begun, cpu = time.perf_counter(), time.process_time()
     maps = _sgbm_pairs(views, condition.pictures)
@@ -188,13 +184,8 @@ def _child(method: str, condition: str, path: str, seeds: int) -> Result:
     found = []
     # Only the package's planes on blank walls are sensitive to tiny changes.
     for seed in range(seeds if method.startswith("multiview") else 1):
-        with tempfile.TemporaryDirectory() as scratch:
-            given = {"seed": seed} if seed else {}
-            found.append(
-                METHODS[method](
-                    rendered.views, getattr(rendered, condition), reference, Path(scratch), **given
-                )
-            )
+        given = {"seed": seed} if seed else {}
+        found.append(METHODS[method](rendered.views, getattr(rendered, condition), reference, **given))
     shares = [one["within_2pct"] for one in found]
     mean = {
         key: float(np.mean([one[key] for one in found]))

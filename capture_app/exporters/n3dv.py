@@ -72,7 +72,8 @@ def write(burst: ExportedBurst, folder: Path, options: _Options) -> None:
     rows = [[*_pose(film).ravel(), *bounds[name]] for name, film in film_cameras.items()]
     np.save(folder / "poses_bounds.npy", np.array(rows, np.float64))
     cloud = read_ply(options.points) if options.points else _scattered(film_cameras, bounds)
-    write_ply(folder / POINTS, cloud.thinned(_MAX_POINTS), normals=True)
+    cloud = cloud.thinned(_MAX_POINTS)
+    write_ply(folder / POINTS, cloud, np.zeros_like(cloud.points))
     _add_notes(
         burst, options, together, min(_fraction_shown(cameras[name], film_cameras[name]) for name in cameras)
     )

@@ -52,7 +52,8 @@ def write(burst: ExportedBurst, folder: Path, options: SceneOptions) -> None:
     }
     if options.points:
         content["ply_file_path"] = _POINTS
-        write_ply(folder / _POINTS, read_ply(options.points), normals=True)
+        cloud = read_ply(options.points)
+        write_ply(folder / _POINTS, cloud, np.zeros_like(cloud.points))
     (folder / "transforms.json").write_text(json.dumps(content, indent=1) + "\n", encoding="utf-8")
     if several:
         burst.notes.append(

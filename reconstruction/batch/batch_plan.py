@@ -133,8 +133,7 @@ def compute_depth(unit: Unit, folder: Path) -> None:
         del result[name]
     # Large, and can be computed again from the images and the depth maps.
     shutil.rmtree(folder / "workspace", ignore_errors=True)
-    for leftover in ("fused.ply.vis", MULTIVIEW_RESULT):
-        (folder / leftover).unlink(missing_ok=True)
+    (folder / MULTIVIEW_RESULT).unlink(missing_ok=True)
     result["files"] = ["fused.ply", RESULT]
     write_atomic(folder / RESULT, pretty_json({"key": unit.key, "condition": unit.condition, **result}))
 

@@ -1,4 +1,4 @@
-"""COLMAP for depth: its dense workspace, fusion into a point cloud, and PatchMatch on a CUDA GPU.
+"""COLMAP for depth: its dense workspace, and PatchMatch on a CUDA GPU.
 
 Maps (`width&height&channels&`, then float32 row by row, channel by channel) are written here: pycolmap 4.2's
 `NormalMap.from_array` takes the channels for the innermost axis, and fusion then silently drops most points.
@@ -15,23 +15,14 @@ from typing import Any
 
 import numpy as np
 
-from capture_app.common.errors import NotApplicableError, NotAvailableError, SimulshotError
+from capture_app.common.errors import NotAvailableError, SimulshotError
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import FAST_PNG, write_image
 from reconstruction.common.native_libraries import load_pycolmap
 from reconstruction.depth.sweep_matcher import ViewDepth
-from reconstruction.depth.visibility import find_denied
 
 POINTS_PER_VIEW = 300
 """Points per view in the sparse model; fusion finds neighbouring views by shared points only."""
-MIN_VIEWS = 3
-"""Minimum maps that contain a point, or all maps if there are fewer; the limits are COLMAP's."""
-MAX_NORMAL_ERROR_DEG = 30.0
-MAX_DEPTH_ERROR = 0.01
-MAX_REPROJECTION_ERROR_PX = 1.5
-MAX_TRAVERSAL_DEPTH = 2
-"""Maximum chain of views through which a point is followed; longer chains absorb its neighbours."""
-END = b"end_header\n"
 ENVIRONMENT = "SIMULSHOT_CUDA_PYTHON"
 HINT = (
     "python3 -m venv cuda && cuda/bin/pip install pycolmap-cuda12, then set "
@@ -62,7 +53,7 @@ def write_workspace(
     that views share. Without, it contains points between the two depths of `depth_range`, from which
     COLMAP chooses what to match, and `patch-match.cfg` requests all cameras.
     """
-    pycolmap = load_pycolmap("fusing depth maps")
+    pycolmap = load_pycolmap("writing COLMAP's workspace")
     stereo = folder / "stereo"
     for part in ("depth_maps", "normal_maps", "consistency_graphs"):
         (stereo / part).mkdir(parents=True, exist_ok=True)
@@ -185,76 +176,6 @@ def write_array(path: Path, values: Array) -> None:
     header = f"{values.shape[1]}&{values.shape[0]}&{channels}&".encode()
     planes = np.moveaxis(values.reshape(*values.shape[:2], channels), 2, 0)
     path.write_bytes(header + np.ascontiguousarray(planes, "<f4").tobytes())
-
-
-def fuse_depth_maps(
-    folder: Path, cloud: Path, views: Mapping[str, View], depth_views: Mapping[str, ViewDepth], group: int
-) -> int:
-    """Fuse a workspace's geometric maps into a PLY without denied points, and return its number of points.
-
-    Other views deny a point as in `find_denied`. `views` and their maps are the workspace's, in its order.
-    `group` is the size of the smallest group of cameras with a common view.
-
-    Raises:
-        BadInputError: no point is consistent in enough views.
-    """
-    pycolmap = load_pycolmap("fusing depth maps")
-    asked = pycolmap.StereoFusionOptions()
-    asked.min_num_pixels = min(MIN_VIEWS, group)
-    asked.max_normal_error = MAX_NORMAL_ERROR_DEG
-    asked.max_depth_error = MAX_DEPTH_ERROR
-    asked.max_reproj_error = MAX_REPROJECTION_ERROR_PX
-    asked.max_traversal_depth = MAX_TRAVERSAL_DEPTH
-    # More threads race for the pixels: the cloud differs every time, and is hardly faster.
-    asked.num_threads = 1
-    pycolmap.stereo_fusion(cloud, folder, "COLMAP", "option-all", "geometric", asked, output_type="ply")
-    rows, lists, lengths = _read_fused(cloud)
-    accepted = ~find_denied(rows["at"], rows["normal"], views, depth_views)
-    count = int(accepted.sum())
-    if count == 0:
-        raise NotApplicableError(
-            "no point of the scene is consistent in enough cameras",
-            hint="cameras must see the same things, at the same time, from different places, "
-            "and their calibration must be this rig's",
-        )
-    header, end, _ = cloud.read_bytes().partition(END)
-    header = header.replace(b"vertex %d" % len(rows), b"vertex %d" % count)
-    cloud.write_bytes(header + end + rows[accepted].tobytes())
-    seen_by = lists[np.repeat(accepted, lengths + 1)]
-    _seen_file(cloud).write_bytes(np.uint64(count).tobytes() + seen_by.tobytes())
-    return count
-
-
-def _seen_file(cloud: Path) -> Path:
-    return cloud.with_name(cloud.name + ".vis")
-
-
-def _read_fused(path: Path) -> tuple[Array, Array, Array]:
-    """Return the rows of a fused PLY, the lists of its `.vis` file, and each list's length.
-
-    Each point has a list: its length, then the indices of the maps from which it was fused.
-    """
-    vertex = np.dtype([("at", "<f4", 3), ("normal", "<f4", 3), ("colour", "u1", 3)])
-    rows = np.frombuffer(path.read_bytes().partition(END)[2], vertex)
-    lists = np.frombuffer(_seen_file(path).read_bytes(), "<u4", offset=8)
-    # A point's list ends where the next one begins.
-    lengths, numbers, at = [], lists.tolist(), 0
-    for _ in rows:
-        lengths.append(numbers[at])
-        at += 1 + numbers[at]
-    return rows, lists[:at], np.array(lengths, int)
-
-
-def read_fused_cloud(path: Path, views: int) -> tuple[Array, Array, Array]:
-    """Read a fused PLY's points (n, 3) float32 in the rig's frame and colours (n, 3) uint8 RGB.
-
-    Also returns the maps from which each was fused, (n, views) bool, from the `.vis` file.
-    """
-    rows, lists, lengths = _read_fused(path)
-    heads = np.cumsum([0, *lengths[:-1]]) + np.arange(len(rows))
-    seen = np.zeros((len(rows), views), bool)
-    seen[np.repeat(np.arange(len(rows)), lengths), np.delete(lists, heads)] = True
-    return np.array(rows["at"]), np.array(rows["colour"]), seen
 
 
 CudaGpu = tuple[str, Path]

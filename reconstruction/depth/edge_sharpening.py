@@ -29,24 +29,25 @@ MIN_SOURCES = 2
 """Number of best sources that count, as the others may not see the farther surface."""
 
 
-def sharpen_edges(surface: Surface, source_views: Sequence[SourceView]) -> Surface:
+def sharpen_edges(surface: Surface, source_views: Sequence[SourceView], where: Array) -> Surface:
     """Return the surface with pixels beside a jump of depth on its farther side if they match better there.
 
     Both sides' planes are extended over `REACH_PX`. Each pixel is compared with the sources by its own
     brightness on both, and the gain is averaged over neighbours that are as bright (Yoon and Kweon 2006).
+    Only pixels of the mask `where` (bool) move.
     """
     level = surface.inverse_depth
     around, small = np.ones((2 * REACH_PX - 1,) * 2, np.uint8), np.ones((3, 3), np.uint8)
-    jumps = cv2.dilate(level, small) > (1 + MIN_JUMP) * cv2.erode(level, small)
+    jumps = where & (cv2.dilate(level, small) > (1 + MIN_JUMP) * cv2.erode(level, small))
     pixels = np.nonzero(cv2.dilate(jumps.astype(np.uint8), around))
     near, far = _both_sides(surface, pixels)
-    apart = (far[0] > 0) & (near[0] > (1 + MIN_DIFFERENCE) * far[0])
+    apart = (far[0] > 0) & (near > (1 + MIN_DIFFERENCE) * far[0])
     pixels = tuple(axis[apart] for axis in pixels)
-    near, far = near[:, apart], far[:, apart]
+    near, far = near[apart], far[:, apart]
     gain = np.zeros(level.shape, np.float32)
-    gain[pixels] = _differences(level, pixels, near[0], source_views)
+    gain[pixels] = _differences(level, pixels, near, source_views)
     gain[pixels] -= _differences(level, pixels, far[0], source_views)
-    nearer = 2 * level[pixels] > near[0] + far[0]
+    nearer = where[pixels] & (2 * level[pixels] > near + far[0])
     pixels, far = tuple(axis[nearer] for axis in pixels), far[:, nearer]
     moved = _gains(gain, source_views[0].reference.grey, pixels)
     found = np.stack(surface)
@@ -55,19 +56,21 @@ def sharpen_edges(surface: Surface, source_views: Sequence[SourceView]) -> Surfa
 
 
 def _both_sides(surface: Surface, pixels: tuple[Array, ...]) -> tuple[Array, Array]:
-    """Return the nearest and the farthest plane (3, n) around pixels, extended to these."""
+    """Return the nearest level (n,) and the farthest plane (3, n) around pixels, extended to these."""
     height, width = surface.inverse_depth.shape
-    near = far = np.stack([part[pixels] for part in surface[:3]])
+    levels, slopes_x, slopes_y = (part.reshape(-1) for part in surface[:3])
+    farthest = np.ravel_multi_index(pixels, (height, width))
+    near = far = levels[farthest]
     for off in (REACH_PX, REACH_PX // 2):
         for dy in (-off, 0, off):
             for dx in (-off, 0, off):
                 rows, columns = np.clip(pixels[0] + dy, 0, height - 1), np.clip(pixels[1] + dx, 0, width - 1)
-                level, slope_x, slope_y = (part[rows, columns] for part in surface[:3])
-                level = level - slope_x * (columns - pixels[1]) - slope_y * (rows - pixels[0])
-                plane = np.stack([level, slope_x, slope_y]).astype(np.float32)
-                near = np.where(level > near[0], plane, near)
-                far = np.where(level < far[0], plane, far)
-    return near, far
+                at = rows * width + columns
+                level = levels[at] - slopes_x[at] * (columns - pixels[1]) - slopes_y[at] * (rows - pixels[0])
+                near = np.maximum(near, level)
+                farthest = np.where(level < far, at, farthest)
+                far = np.minimum(far, level)
+    return near, np.stack([far, slopes_x[farthest], slopes_y[farthest]]).astype(np.float32)
 
 
 def _differences(

@@ -167,7 +167,7 @@ def match_brightness(seen: Array, reference: Array, pixels: Array) -> tuple[floa
     """Return gain and bias between two images from percentiles at these pixels; exposures may differ."""
     if pixels.size < 100:
         return 1.0, 0.0
-    some = pixels[:: max(1, pixels.size // 20_000)]
+    some = pixels[:: max(1, pixels.size // 5_000)]
     a, b = (np.percentile(values[some], [10, 50, 90]) for values in (seen, reference))
     gain = float(np.clip((b[2] - b[0]) / max(a[2] - a[0], 1.0), 0.5, 2.0))
     return gain, float(b[1] - gain * a[1])

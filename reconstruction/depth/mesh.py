@@ -11,9 +11,9 @@ import numpy as np
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.image_files import write_image
 from reconstruction.common.native_libraries import foreign_calls, load_open3d
+from reconstruction.depth.fusion import FusedCloud, find_denied, project_points
 from reconstruction.depth.geometric_consistency import MIN_ISLAND_PX, remove_speckles
 from reconstruction.depth.sweep_matcher import ViewDepth
-from reconstruction.depth.visibility import find_denied, project_points
 
 NEIGHBOURS = 16
 SAME_SURFACE = 0.015
@@ -31,7 +31,7 @@ FRAME_PX, WIDE_DEG, GROUND_GREY = (480, 360), 65.0, 32
 
 
 def build_mesh(
-    fused: Path,
+    fused: FusedCloud,
     folder: Path,
     views: Mapping[str, View],
     depth_views: Mapping[str, ViewDepth],
@@ -58,7 +58,7 @@ def build_mesh(
         made.vertex_colors = o3d.utility.Vector3dVector(painted / 255)
         made.triangles = o3d.utility.Vector3iVector(triangles)
     with foreign_calls("Open3D", "cleaning a cloud"):
-        cloud = _drop_outliers(o3d.io.read_point_cloud(str(fused)))
+        cloud = _drop_outliers(o3d, fused)
         written = o3d.io.write_point_cloud(str(folder / "cloud.ply"), cloud)
         # Open3D refuses to write an empty mesh.
         if len(made.triangles):
@@ -189,11 +189,13 @@ def _places_around(middle: Array, views: Sequence[View]) -> tuple[list[Array], A
     return [middle + cv2.Rodrigues(up * np.radians(angle_deg))[0] @ start for angle_deg in angles_deg], up
 
 
-def _drop_outliers(cloud: Any) -> Any:
-    """Drop points far from their neighbours; normals remain as measured by the views."""
-    if len(cloud.points) <= NEIGHBOURS:
-        return cloud
-    return cloud.remove_statistical_outlier(NEIGHBOURS, 2.5)[0]
+def _drop_outliers(o3d: Any, fused: FusedCloud) -> Any:
+    """Return Open3D's cloud of the points that are not far from their neighbours."""
+    cloud = o3d.geometry.PointCloud(o3d.utility.Vector3dVector(fused.points))
+    cloud.normals = o3d.utility.Vector3dVector(fused.normals)
+    cloud.colors = o3d.utility.Vector3dVector(fused.colours / 255)
+    few = len(fused.points) <= NEIGHBOURS
+    return cloud if few else cloud.remove_statistical_outlier(NEIGHBOURS, 2.5)[0]
 
 
 def up_direction(rotations: Sequence[Array]) -> Array:

@@ -112,7 +112,7 @@ def match_all_views(
 
     def sharpen(name: str) -> Surface:
         views = [SourceView(images[name], images[other]) for other in sources[name]]
-        return renewed(surfaces[name], sharpen_edges(surfaces[name], views), WHOLE, new[name])
+        return sharpen_edges(surfaces[name], views, new[name])
 
     def propose(name: str) -> Surface:
         """Return the surface where others confirm it, elsewhere the others' surfaces if these match."""

@@ -181,9 +181,13 @@ class UndistortedSession:
             size = (view.width, view.height)
             image = np.asarray(cv2.resize(image, size, interpolation=cv2.INTER_AREA))
         try:
-            return undistort_image(camera, instant, image, view)
+            found = undistort_image(camera, instant, image, view)
         except BadInputError as error:
             return error.what
+        if len(self.dataset.instants(camera)) < 2:
+            return found
+        moving = self.undistort_mask(camera, self.motion.widened_moving(camera, instant))
+        return replace(found, calibrated=replace(found.calibrated, moving=moving))
 
 
 def _small(view: View, width_px: int) -> View:

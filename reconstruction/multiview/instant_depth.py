@@ -7,13 +7,12 @@ from pathlib import Path
 
 import numpy as np
 
-from capture_app.common.errors import BadInputError, NotAvailableError
 from reconstruction.common.geometry import Array
 from reconstruction.common.image_matching import match_brightness
 from reconstruction.depth.blank_walls import ScenePlane
 from reconstruction.depth.calibrated_image import SourceView
-from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
 from reconstruction.depth.compiled import CPU
+from reconstruction.depth.fusion import fuse_maps, median_of_known
 from reconstruction.depth.geometric_consistency import count_coinciding_views
 from reconstruction.depth.plane_sweep import Surface
 from reconstruction.depth.still_scene import StillScene
@@ -36,8 +35,8 @@ class InstantDepth:
     independently, found the same depth, before any other check. `difference` is in grey levels between the
     reference and its sources, warped by all matched depth: the median over the sources, NaN = none sees it.
     `points` (n, 3) are float32 with `colours` (n, 3), uint8 RGB. `seen` (n, cameras), bool, marks the maps
-    that each point was fused from, in the order of the images. Without COLMAP there is no cloud, and
-    `no_cloud` says why. `planes` (n, 4) are normal and distance of the planes on which blank walls may be.
+    that each point was fused from, in the order of the images. `planes` (n, 4) are normal and distance of the
+    planes on which blank walls may be.
     """
 
     depth: Array
@@ -46,7 +45,6 @@ class InstantDepth:
     points: Array
     colours: Array
     seen: Array
-    no_cloud: Array
     planes: Array
 
 
@@ -57,14 +55,18 @@ def compute_instant_depth(
     reference: str,
     matcher: ChosenMatcher = SWEEP,
     planes: Array = NO_PLANES,
+    still: StillScene | None = None,
 ) -> InstantDepth:
     """Match all cameras' images, check them against each other, and fuse the maps.
 
-    `depth_ranges` holds each camera's depth range of the scene. `planes` are those of an earlier instant.
+    `depth_ranges` holds each camera's depth range of the scene. `planes` are used if `still` has none yet.
+    `still`: depth of earlier instants, reused where nothing moved; it also stores the new results.
     """
+    views, pictures = image_views(images), image_colours(images)
     calibrated = {camera: image.calibrated for camera, image in images.items()}
-    still = StillScene()
-    if len(planes):
+    still = still or StillScene()
+    still.look(calibrated)
+    if still.planes is None and len(planes):
         still.planes = [ScenePlane(plane[:3], float(plane[3])) for plane in planes]
     with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
         found = match_cameras(matcher, Path(scratch), images, sources, depth_ranges, still=still)
@@ -74,12 +76,15 @@ def compute_instant_depth(
     source_views = [SourceView(calibrated[reference], calibrated[other]) for other in others]
     voters = zip(source_views, (surfaces[other] for other in others), strict=True)
     votes = count_coinciding_views(own, voters)
+    cloud = fuse_maps(views, found, pictures, smallest_group(sources))
     return InstantDepth(
         depth=found[reference].depth,
         consistent=votes >= min(CONFIRMING_VIEWS, len(others)),
         difference=_difference(own.inverse_depth, source_views),
         planes=np.array([(*plane.normal, plane.distance) for plane in still.planes or ()]).reshape(-1, 4),
-        **_fuse_cloud(images, found, smallest_group(sources)),
+        points=cloud.points,
+        colours=cloud.colours,
+        seen=cloud.seen,
     )
 
 
@@ -100,33 +105,4 @@ def _difference(inverse_depth: Array, source_views: Sequence[SourceView]) -> Arr
         seen = np.where((seen < 0) | (inverse_depth <= 0), np.nan, seen).astype(np.float32)
         reference = source_view.reference.grey
         differences.append(np.abs(reference - match_brightness(reference, seen)))
-    # NaN is sorted last.
-    ordered = np.sort(differences, axis=0)
-    count = np.isfinite(ordered).sum(0)
-    middle = np.maximum([(count - 1) // 2, count // 2], 0)
-    return np.asarray(np.take_along_axis(ordered, middle, 0).mean(0))
-
-
-def _fuse_cloud(
-    images: Mapping[str, InputImage], found: Mapping[str, ViewDepth], group: int
-) -> dict[str, Array]:
-    fused = [camera for camera in images if camera in found]
-    points, colours = np.zeros((0, 3), np.float32), np.zeros((0, 3), np.uint8)
-    of_fused, reason = np.zeros((0, len(fused)), bool), ""
-    with tempfile.TemporaryDirectory(prefix="simulshot-") as scratch:
-        cloud = Path(scratch) / "fused.ply"
-        try:
-            used = {camera: images[camera] for camera in fused}
-            maps = {camera: found[camera] for camera in fused}
-            views = image_views(used)
-            write_workspace(Path(scratch), views, image_colours(used), maps)
-            fuse_depth_maps(Path(scratch), cloud, views, maps, group)
-            points, colours, of_fused = read_fused_cloud(cloud, len(fused))
-        except NotAvailableError as error:
-            reason = str(error)
-        except BadInputError:
-            # No point is consistent in enough cameras; an empty cloud is a valid result.
-            pass
-    seen = np.zeros((len(points), len(images)), bool)
-    seen[:, [list(images).index(camera) for camera in fused]] = of_fused
-    return {"points": points, "colours": colours, "seen": seen, "no_cloud": np.array(reason)}
+    return median_of_known(np.stack(differences))

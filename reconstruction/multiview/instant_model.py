@@ -24,7 +24,8 @@ from reconstruction.common.image_files import write_image
 from reconstruction.common.memory import memory_budget
 from reconstruction.common.native_libraries import library_versions
 from reconstruction.depth.calibrated_image import CalibratedImage
-from reconstruction.depth.colmap_workspace import fuse_depth_maps, read_fused_cloud, write_workspace
+from reconstruction.depth.colmap_workspace import write_workspace
+from reconstruction.depth.fusion import FusedCloud, fuse_maps
 from reconstruction.depth.geometric_consistency import MAX_COST
 from reconstruction.depth.mesh import build_mesh
 from reconstruction.depth.plane_sweep import SweepOptions, sweep_view
@@ -76,7 +77,6 @@ OURS = {
     "depth",
     WORKSPACE,
     FUSED,
-    f"{FUSED}.vis",
     "cloud.ply",
     "mesh.ply",
     "turntable.png",
@@ -139,9 +139,16 @@ def model_instant(
     """
     motion, progress = motion or SceneMotion(dataset, 1), progress or Progress(0, silent=True)
     found = _match_instant(dataset, matcher, options, part, progress, motion, still or StillScene(), early)
-    cloud, views, marks = part / FUSED, image_views(found.images), found.marks
+    views, pictures, marks = image_views(found.images), image_colours(found.images), found.marks
     progress.step("fusing the maps into a cloud")
-    fused = fuse_depth_maps(part / WORKSPACE, cloud, views, found.depth, smallest_group(found.sources))
+    cloud = fuse_maps(views, found.depth, pictures, smallest_group(found.sources))
+    if not len(cloud.points):
+        raise NotApplicableError(
+            "no point of the scene is consistent in enough cameras",
+            hint="cameras must see the same things, at the same time, from different places, "
+            "and their calibration must be this rig's",
+        )
+    write_ply(part / FUSED, PointCloud(cloud.points, cloud.colours), cloud.normals)
     marks["fusion"] = time.perf_counter()
     (part / "depth").mkdir()
     scored = tuple(
@@ -153,11 +160,10 @@ def model_instant(
         None if options.quick else score_moving(dataset, found.images, found.unit, options.instant, cloud)
     )
     marks["judging"] = time.perf_counter()
-    points, triangles = fused, 0
+    points, triangles = len(cloud.points), 0
     files: tuple[str, ...] = ()
     if options.mesh or options.cloud:
         progress.step("cloud, mesh and pictures" if options.mesh else "cleaning the cloud")
-        pictures = image_colours(found.images)
         points, triangles, files = build_mesh(cloud, part, views, found.depth, pictures, mesh=options.mesh)
         marks["mesh"] = time.perf_counter()
     reference = choose_reference_view(views, found.scene.points)
@@ -180,7 +186,7 @@ def model_instant(
         farthest=max(farthest for _, farthest in ranges),
         views=scored,
         left_out=found.left_out,
-        fused_points=fused,
+        fused_points=len(cloud.points),
         cloud_points=points,
         mesh_triangles=triangles,
         files=(FUSED, *files, *(FILES if options.page else ()), WORKSPACE, RESULT),
@@ -191,7 +197,7 @@ def model_instant(
         versions=library_versions(),
     )
     if options.page:
-        write_moment(result, image, depth, cloud)
+        write_moment(result, image, depth, cloud, part)
     write_atomic(part / RESULT, pretty_json(result))
     return result
 
@@ -312,7 +318,7 @@ def multiview(
         BadInputError: the session, the instant or the offsets cannot be used, or nothing was found.
         NotAvailableError: the requested matcher, COLMAP or Open3D is not available.
     """
-    require_reconstruction("pycolmap", "fusing depth maps")
+    require_reconstruction("pycolmap", "writing COLMAP's workspace")
     if options.mesh:
         require_reconstruction("open3d", "making a mesh")
     elif options.quick or find_spec("open3d") is None:
@@ -335,13 +341,14 @@ def measured_fraction(image: InputImage, depth: Array, motion: SceneMotion) -> f
     return None if moving is None or not moving.any() else round(float((depth[moving] > 0).mean()), 4)
 
 
-def write_moment(result: MultiviewResult, image: InputImage, depth: Array, fused: Path) -> None:
-    """Write `FILES` beside a fused cloud: its points, and the page that shows them in 3D.
+def write_moment(
+    result: MultiviewResult, image: InputImage, depth: Array, cloud: FusedCloud, out: Path
+) -> None:
+    """Write `FILES` into a folder: the cloud's points, and the page that shows them in 3D.
 
     `image` and `depth` belong to the reference camera.
     """
-    points, colours, _ = read_fused_cloud(fused, len(result.views))
-    write_ply(fused.with_name(POINTS), PointCloud(points, colours))
+    write_ply(out / POINTS, PointCloud(cloud.points, cloud.colours))
     view = image.calibrated.view
     clouds = InstantClouds(
         instant=result.instant,
@@ -349,7 +356,7 @@ def write_moment(result: MultiviewResult, image: InputImage, depth: Array, fused
         rotation=tuple(view.rotation.ravel().tolist()),
         centre=tuple(view.centre.tolist()),
         focal=view.focal / view.width,
-        pivot=tuple(np.median(points, axis=0).tolist()),
+        pivot=tuple(np.median(cloud.points, axis=0).tolist()),
     )
     measured = result.moving_measured
     moving = "" if measured is None else f" {percentage(measured)} of moving pixels have depth."
@@ -359,7 +366,7 @@ def write_moment(result: MultiviewResult, image: InputImage, depth: Array, fused
         "name": result.session,
         "verdict": f"{result.fused_points:,} points from {len(result.views)} cameras.{moving}",
         "numbers_in": ("multiview.json",),
-        "cloud": view_clouds(clouds, fused.parent, result.reference, len(result.views)),
+        "cloud": view_clouds(clouds, out, result.reference, len(result.views)),
         "scripts": ("cloud.js",),
     }
-    write_page(render_page(page, [Section("cloud.html")]), fused.parent)
+    write_page(render_page(page, [Section("cloud.html")]), out)

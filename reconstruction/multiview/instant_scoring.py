@@ -2,7 +2,6 @@
 
 import math
 from collections.abc import Mapping, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -10,8 +9,7 @@ import numpy as np
 from capture_app.common.errors import NotAvailableError
 from reconstruction.common.geometry import Array, View
 from reconstruction.common.native_libraries import load_open3d
-from reconstruction.depth.colmap_workspace import read_fused_cloud
-from reconstruction.depth.visibility import project_points
+from reconstruction.depth.fusion import FusedCloud, project_points, surface_points
 from reconstruction.multiview.input_images import InputImage, UndistortedSession, undistorted_truth
 from reconstruction.multiview.instant_depth import InstantDepth
 from reconstruction.multiview.result import CloudScore
@@ -95,7 +93,7 @@ def true_surfaces(
         step = max(1, round(view.width / MAX_WIDTH_PX))
         rows, columns = (axis[::step, ::step].ravel() for axis in np.mgrid[0 : view.height, 0 : view.width])
         z, moving = depth[name][rows, columns], moving_masks[name][rows, columns]
-        points = _points(view, rows, columns, z)
+        points = surface_points(view, rows, columns, z)
         parts["mover"].append(points[(z > 0) & moving])
         parts["static"].append(points[(z > 0) & ~moving])
     found = {}
@@ -134,13 +132,6 @@ def visible_points(view: View, depth: Array, points: Array) -> Array:
     return np.asarray(inside & (np.abs(depth[rows, columns] - z) < VISIBLE_FRACTION * z))
 
 
-def _points(view: View, rows: Array, columns: Array, depth: Array) -> Array:
-    """Return points (n, 3) float32 in the rig's frame."""
-    back = (np.linalg.inv(view.matrix).T @ view.rotation).astype(np.float32)
-    pixels = np.column_stack([columns, rows, np.ones(len(rows))]).astype(np.float32)
-    return np.asarray((pixels @ back) * depth.astype(np.float32)[:, None] + view.centre.astype(np.float32))
-
-
 def _on_mask(view: View, mask: Array, points: Array) -> Array:
     rows, columns, _, inside = project_points(view, points)
     return np.asarray(inside & mask[rows, columns])
@@ -164,7 +155,7 @@ def _thin_out(points: Array) -> Array:
 
 
 def score_moving(
-    dataset: Dataset, images: Mapping[str, InputImage], unit: str, instant: int, cloud: Path
+    dataset: Dataset, images: Mapping[str, InputImage], unit: str, instant: int, cloud: FusedCloud
 ) -> CloudScore | None:
     """Score the moving points of a fused cloud against the true surfaces of an instant.
 
@@ -183,8 +174,7 @@ def score_moving(
         return None
     index, shared = known["mover"]
     views = {camera: image.calibrated.view for camera, image in images.items()}
-    points, _, seen = read_fused_cloud(cloud, len(images))
-    points = points[points_on_moving(points, seen, views, moving_masks)]
+    points = cloud.points[points_on_moving(cloud.points, cloud.seen, views, moving_masks)]
     precise, complete = index.count_near(points), PointIndex(points).count_near(shared)
     found = Measurements({"precision": precise, "recall": complete})
     precision, recall, f_score = (found.value(name) for name in ("precision", "recall", "f_score"))
@@ -283,8 +273,6 @@ class InstantScorer:
         surfaces: dict[str, TrueSurface] | None,
     ) -> dict[str, Measurements]:
         """Measure the cloud's points, precision and recall on moving objects and on the still control."""
-        if str(found.no_cloud):
-            return {}
         views = {camera: self.undistorted.views[camera] for camera in times}
         moving_masks = {camera: self.undistorted.moving(camera, instant) for camera, instant in times.items()}
         moving = points_on_moving(found.points, found.seen, views, moving_masks)

@@ -218,7 +218,7 @@ def model_sequence(
         TryAgainError: another run is writing to `out`.
     """
     began = time.perf_counter()
-    require_reconstruction("pycolmap", "fusing depth maps")
+    require_reconstruction("pycolmap", "writing COLMAP's workspace")
     if options.each.mesh:
         require_reconstruction("open3d", "making meshes")
     if options.recording:

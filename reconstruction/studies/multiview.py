@@ -1,6 +1,6 @@
 """Depth of the middle camera from all cameras, and the cloud fused from all."""
 
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -15,11 +15,11 @@ from capture_app.session.exporting.point_cloud import PointCloud, write_ply
 from reconstruction.commands.command_options import MATCHER, flag
 from reconstruction.common.drawing import colour_depth, display_range, mark_moving
 from reconstruction.common.geometry import Array, View
-from reconstruction.common.native_libraries import library_versions
 from reconstruction.common.worker_pool import worker_pool
 from reconstruction.compare.study import UNASKED, ConditionStudy, write_pictures
 from reconstruction.depth.mesh import draw_clouds
 from reconstruction.depth.rough_scene import RoughScene, find_rough_scene
+from reconstruction.depth.still_scene import StillScene
 from reconstruction.depth.view_choice import choose_reference_view, choose_source_views
 from reconstruction.multiview.input_images import UndistortedSession
 from reconstruction.multiview.instant_depth import NO_PLANES, InstantDepth, compute_instant_depth
@@ -355,24 +355,25 @@ class MultiviewStudy(ConditionStudy):
             ValueError: the burst does not contain this condition.
         """
         instants = self._instants(condition)
-        every = [(one, side) for one in instants for side in one.by_condition]
 
-        def depth(at: tuple[ShownInstant, str], planes: Array) -> InstantDepth:
-            one, side = at
-            shown = one.by_condition[side]
-            self.progress.step(f"depth from {len(shown)} cameras, instant {one.instant}, {side}")
-            return self._depth(shown, planes)
+        def depth(side: str, planes: Array) -> Iterator[InstantDepth]:
+            """Compute a condition's depth; each matches what stands still once, and what moves every time."""
+            still, made = StillScene(), list[InstantDepth]()
+            shown = [one.by_condition[side] for one in instants]
+            for number, one in enumerate(instants, 1):
+                self.progress.step(f"depth from {len(one.shown)} cameras, instant {one.instant}, {side}")
+                yield self._depth(shown[:number], planes, still, made)
 
-        # The walls of a still scene are found once. The fusion of a cloud takes one core; the next depth
-        # begins meanwhile.
-        first = depth(every[0], NO_PLANES)
+        synced = depth("synced", NO_PLANES)
+        first = next(synced)
+        # The walls of the scene are found once.
+        offset = depth("offset", first.planes)
         with worker_pool(AT_A_TIME) as pool:
-            later = pool.map(lambda at: depth(at, first.planes), every[1:])
-            made = dict(zip([(one.instant, side) for one, side in every], [first, *later], strict=True))
-        found = [{side: made[one.instant, side] for side in one.by_condition} for one in instants]
+            rest, others = pool.map(list[InstantDepth], (synced, offset))
+        found = [{"synced": own, "offset": other} for own, other in zip([first, *rest], others, strict=True)]
         nows, group = [one.instant for one in instants], self.group
-        synced = [maps["synced"] for maps in found]
-        scorer = InstantScorer(self.shots, group.reference, self.rig.unit, nows, synced)
+        together = [maps["synced"] for maps in found]
+        scorer = InstantScorer(self.shots, group.reference, self.rig.unit, nows, together)
         with worker_pool(AT_A_TIME) as pool:
             scores = list(pool.map(scorer.measure, nows, [one.shown for one in instants], found))
         tally = Tally()
@@ -380,7 +381,6 @@ class MultiviewStudy(ConditionStudy):
             pixels = measured["synced"].shares["mover_coverage"][1]
             facts = {"instant": one.instant, "mover_pixels": pixels, **one.delays_ms(self.dataset)}
             tally.add(measured, facts)
-        no_cloud = (str(one.no_cloud) for maps in found for one in maps.values())
         pictures, clouds = self._show(instants, found, scorer, folder) if folder else ((), None)
         return StudyResult(
             name=self.text.name,
@@ -398,7 +398,7 @@ class MultiviewStudy(ConditionStudy):
                 matcher_note=self.matcher.note,
                 clouds=clouds,
                 left_out=dict(group.left_out),
-                cloud_skipped=scorer.no_surfaces or next(filter(None, no_cloud), ""),
+                cloud_skipped=scorer.no_surfaces,
             ),
         )
 
@@ -419,24 +419,37 @@ class MultiviewStudy(ConditionStudy):
             raise ValueError("no instant has its pictures in both conditions")
         return found
 
-    def _depth(self, shown: dict[str, int], planes: Array) -> InstantDepth:
-        reference, scene = self.group.reference, self.group.scene
-        shots = {camera: self.shots.image(camera, instant) for camera, instant in shown.items()}
-        views = {camera: shot.calibrated.view for camera, shot in shots.items()}
-        sources = choose_source_views(views, scene.points)
-        if not sources[reference]:
-            raise ValueError(f"no camera with a picture overlaps with {reference}")
-        depth_ranges = {camera: scene.depth_ranges[camera] for camera in shown}
+    def _depth(
+        self, shown: Sequence[dict[str, int]], planes: Array, still: StillScene, made: list[InstantDepth]
+    ) -> InstantDepth:
+        """Return the depth of the last of the instants `shown`, from the cache or after all before it.
+
+        `made`: the depth that follows from `still`, of the first of them.
+        """
+        scene, reference = self.group.scene, self.group.reference
+
+        def compute(instants: dict[str, int]) -> InstantDepth:
+            shots = {camera: self.shots.image(camera, instant) for camera, instant in instants.items()}
+            views = {camera: shot.calibrated.view for camera, shot in shots.items()}
+            sources = choose_source_views(views, scene.points)
+            if not sources[reference]:
+                raise ValueError(f"no camera with a picture overlaps with {reference}")
+            ranges = {camera: scene.depth_ranges[camera] for camera in shots}
+            return compute_instant_depth(shots, sources, ranges, reference, self.matcher, planes, still)
+
+        def make() -> InstantDepth:
+            made.extend(compute(one) for one in shown[len(made) :])
+            return made[-1]
+
         return self.rig.stages.arrays(
             "multiview",
             InstantDepth,
-            lambda: compute_instant_depth(shots, sources, depth_ranges, reference, self.matcher, planes),
+            make,
             reference,
             planes.tolist(),
-            tuple(shown.items()),
-            repr(views),
-            tuple(depth_ranges.items()),
-            library_versions()["pycolmap"],
+            [tuple(one.items()) for one in shown],
+            repr(self.shots.views),
+            tuple(scene.depth_ranges.items()),
             self.matcher.name,
             self.matcher.quick,
         )

@@ -102,7 +102,7 @@ def test_quick_depth_comes_without_a_mesh_and_is_nearly_as_right(
     assert result["mover_within_2pct"] > 0.8
     assert result["mesh_triangles"] == 0
     assert sorted(path.name for path in out.iterdir()) == sorted(
-        ["depth", "fused.ply", "fused.ply.vis", "multiview.json", "points.ply", "report.html", "workspace"]
+        ["depth", "fused.ply", "multiview.json", "points.ply", "report.html", "workspace"]
     )
 
 

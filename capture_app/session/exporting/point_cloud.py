@@ -62,14 +62,12 @@ def read_ply(path: Path) -> PointCloud:
     return PointCloud(points[chosen], colours[chosen])
 
 
-def write_ply(path: Path, cloud: PointCloud, *, normals: bool = False) -> None:
-    """Write points and colours as binary little-endian; `normals` adds zero normals.
-
-    Some programs require normals.
-    """
-    floats = ("x", "y", "z", "nx", "ny", "nz")[: 6 if normals else 3]
-    rows = np.zeros(len(cloud.points), [("floats", "<f4", len(floats)), ("colour", "u1", 3)])
-    rows["floats"][:, :3], rows["colour"] = cloud.points, cloud.colours
+def write_ply(path: Path, cloud: PointCloud, normals: Array | None = None) -> None:
+    """Write points, colours and perhaps normals (n, 3), which some programs require; binary little-endian."""
+    places = np.asarray(cloud.points) if normals is None else np.hstack([cloud.points, normals])
+    floats = ("x", "y", "z", "nx", "ny", "nz")[: places.shape[1]]
+    rows = np.zeros(len(places), [("floats", "<f4", len(floats)), ("colour", "u1", 3)])
+    rows["floats"], rows["colour"] = places, cloud.colours
     properties = [f"property float {name}" for name in floats]
     properties += [f"property uchar {name}" for name in ("red", "green", "blue")]
     lines = ["ply", "format binary_little_endian 1.0", f"element vertex {len(rows)}", *properties]

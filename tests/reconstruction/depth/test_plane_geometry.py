@@ -23,6 +23,7 @@ from reconstruction.depth.blank_walls import (
 )
 from reconstruction.depth.calibrated_image import OUTSIDE, CalibratedImage, SourceView
 from reconstruction.depth.compiled import CPU
+from reconstruction.depth.fusion import project_points
 from reconstruction.depth.mesh import draw_clouds, up_direction
 from reconstruction.depth.plane_fitting import fit_planes, surface_normals
 from reconstruction.depth.plane_sweep import (
@@ -45,7 +46,6 @@ from reconstruction.depth.view_choice import (
     find_overlaps,
     seen_points,
 )
-from reconstruction.depth.visibility import project_points
 from reconstruction.multiview.instant_scoring import VISIBLE_FRACTION, visible_points
 
 NUMPY = SweepEngine()

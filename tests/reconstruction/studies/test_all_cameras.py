@@ -1,7 +1,6 @@
 """The parts of a comparison that take all cameras: depth of the middle one, the cloud, and what cannot be."""
 
 import shutil
-import threading
 from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -14,10 +13,10 @@ from capture_app.session.reading.reader import Session
 from reconstruction.calibration.calibrated_rig import Rig
 from reconstruction.compare.study import Context
 from reconstruction.depth.colmap_workspace import ENVIRONMENT
+from reconstruction.depth.still_scene import StillScene
 from reconstruction.multiview.input_images import InputImage
 from reconstruction.multiview.instant_depth import NO_PLANES, SWEEP, InstantDepth
 from reconstruction.multiview.instant_scoring import (
-    InstantScorer,
     PointIndex,
     points_on_masks,
     points_on_moving,
@@ -179,10 +178,14 @@ def test_a_comparison_takes_the_matcher_that_is_asked_for(
 def matched(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
     """No matching: depth of 2 everywhere, one plane and no cloud; the cameras of each call."""
     calls: list[tuple[str, ...]] = []
+    scenes: list[StillScene] = []
 
     def flat_depth(images: Mapping[str, InputImage], *given: Any) -> InstantDepth:
-        # The planes of the still scene are searched for once.
-        assert len(given[-1]) == bool(calls)
+        # Each condition matches its still scene once; the second gets the planes of the first.
+        planes, still = given[-2:]
+        if still not in scenes:
+            scenes.append(still)
+        assert len(planes) == scenes.index(still) % 2
         calls.append(tuple(images))
         flat = np.full((120, 160), 2.0, np.float32)
         return InstantDepth(
@@ -192,7 +195,6 @@ def matched(monkeypatch: pytest.MonkeyPatch) -> list[tuple[str, ...]]:
             points=np.zeros((0, 3)),
             colours=np.zeros((0, 3), np.uint8),
             seen=np.zeros((0, len(images)), bool),
-            no_cloud=np.array(f"no fusion of instant {min(one.instant for one in images.values())}"),
             planes=np.array([[0.0, 0.0, 1.0, 2.0]]),
         )
 
@@ -222,35 +224,12 @@ def test_instants_without_a_picture_of_every_camera_are_left_out(
     assert found.offsets_ms == {"left": 66, "middle": 0, "right": 33}
     assert set(matched) == {("left", "middle", "right")}
     assert medians(found)["static_consistency"] == 1.0
-    assert found.facts.cloud_skipped == "no fusion of instant 0"
-    assert found.value("mover_points") is None
-    assert found.value("mover_f_score") is None
+    assert found.value("mover_points") == 0
     assert found.facts.width_px == 160
     with pytest.raises(ValueError, match="equally late"):
         whole.compare(Condition.parse("5,5,5"))
     with pytest.raises(ValueError, match="no instant is 300 ms"):
         whole.compare(Condition.parse("left=300"))
-
-
-@pytest.mark.usefixtures("matched")
-def test_the_first_instant_without_a_cloud_says_why_whichever_is_scored_first(
-    trio: Session, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
-) -> None:
-    later_scored, measure = threading.Event(), InstantScorer.measure
-
-    def late_first(scorer: InstantScorer, instant: int, *given: Any) -> Any:
-        if instant == 0:
-            later_scored.wait(10)
-        found = measure(scorer, instant, *given)
-        later_scored.set()
-        return found
-
-    monkeypatch.setattr(InstantScorer, "measure", late_first)
-    whole = multiview(trio, tmp_path / "stages", instants=2, width=160)
-    whole.prepare()
-    found = whole.compare(Condition.parse("left=33"))
-    assert found.instants == 2
-    assert found.facts.cloud_skipped == f"no fusion of instant {found.per_instant[0]['instant']}"
 
 
 @pytest.mark.usefixtures("matched")
@@ -299,9 +278,7 @@ def test_a_side_without_a_point_is_not_shown(tmp_path: Path) -> None:
     colours = np.full((5000, 3), 200, np.uint8)
     points = np.random.default_rng(0).normal((0, 0, 3), 0.3, (5000, 3)).astype(np.float32)
     maps = {
-        side: InstantDepth(
-            nothing, nothing > 0, nothing, points[:kept], colours[:kept], nothing, nothing, NO_PLANES
-        )
+        side: InstantDepth(nothing, nothing > 0, nothing, points[:kept], colours[:kept], nothing, NO_PLANES)
         for side, kept in (("synced", 5000), ("offset", 0))
     }
     clouds = save_clouds(3, maps, view, nothing > 0, tmp_path)

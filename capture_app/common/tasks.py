@@ -3,7 +3,9 @@
 import asyncio
 from collections.abc import Coroutine
 from contextlib import suppress
-from typing import Any
+from typing import Any, TypeVar
+
+T = TypeVar("T")
 
 
 async def end(*tasks: "asyncio.Future[Any]") -> list[Any]:
@@ -13,14 +15,17 @@ async def end(*tasks: "asyncio.Future[Any]") -> list[Any]:
     return await asyncio.gather(*tasks, return_exceptions=True)
 
 
-async def first_of(*work: Coroutine[Any, Any, Any]) -> "list[asyncio.Task[Any]]":
-    """Run coroutines concurrently until one ends, cancel the others, and return all tasks."""
+async def first_of(*work: Coroutine[Any, Any, T]) -> T:
+    """Run coroutines concurrently until one ends, cancel the others, and return its result.
+
+    Raises the error of that one only, unlike a task group.
+    """
     tasks = [asyncio.create_task(one) for one in work]
     try:
-        await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
+        ended, _ = await asyncio.wait(tasks, return_when=asyncio.FIRST_COMPLETED)
     finally:
         await end(*tasks)
-    return tasks
+    return next(task for task in tasks if task in ended).result()
 
 
 async def has_come(event: asyncio.Event, within_s: float) -> bool:

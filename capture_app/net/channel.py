@@ -211,16 +211,6 @@ class Channel(Generic[M]):
         except OSError as error:
             raise NetworkError(f"the connection broke off: {error}", hint=_CHECK_LINK) from error
 
-    async def _read_prefix(self) -> bytes | None:
-        silence_s = self._stream_timeouts.idle_s if self.has_spoken else self._stream_timeouts.first_s
-        async with self._reading(silence_s, "the peer was silent for too long"):
-            try:
-                return await self._reader.readexactly(_PREFIX.size)
-            except asyncio.IncompleteReadError as error:
-                if error.partial:
-                    raise
-        return None
-
     async def receive_header(self) -> M | None:
         """Read one message without its payload, which `payload` reads; skip what is left of the last payload.
 
@@ -228,9 +218,14 @@ class Channel(Generic[M]):
         """
         async for _ in self.payload():
             pass
-        prefix = await self._read_prefix()
-        if prefix is None:
-            return None
+        silence_s = self._stream_timeouts.idle_s if self.has_spoken else self._stream_timeouts.first_s
+        async with self._reading(silence_s, "the peer was silent for too long"):
+            try:
+                prefix = await self._reader.readexactly(_PREFIX.size)
+            except asyncio.IncompleteReadError as error:
+                if not error.partial:
+                    return None
+                raise
         magic, header_bytes, payload_bytes = _PREFIX.unpack(prefix)
         if magic != MAGIC:
             raise NetworkError("the peer does not speak the transfer protocol", hint="check host and port")

@@ -9,7 +9,7 @@ import secrets
 import socket
 import time
 from collections.abc import AsyncIterator, Callable, Sequence
-from contextlib import asynccontextmanager
+from contextlib import AsyncExitStack, asynccontextmanager
 from typing import Literal, Self
 
 from msgspec.structs import replace
@@ -111,42 +111,31 @@ def _service_info(
 
 async def _keep_announced(host: str, info: AsyncServiceInfo) -> None:
     hosts: list[str] = []
-    responder: AsyncZeroconf | None = None
-    try:
+    async with AsyncExitStack() as announcing:
         while True:
             found = announced_hosts(host)
             if found != hosts:
-                await _close(responder)
-                hosts, responder = found, None
-                if hosts:
-                    responder = await _open(hosts, info)
-                    # A failed announcement is retried.
-                    hosts = hosts if responder is not None else []
+                await announcing.aclose()
+                # A failed announcement is retried.
+                hosts = []
+                with contextlib.suppress(Error, OSError, TimeoutError):
+                    if found:
+                        await _announce(found, info, announcing)
+                    hosts = found
             await asyncio.sleep(LOOK_EVERY_S)
-    finally:
-        await _close(responder)
 
 
-async def _open(hosts: list[str], info: AsyncServiceInfo) -> AsyncZeroconf | None:
-    responder = None
-    try:
-        responder = AsyncZeroconf(interfaces=hosts)
-        info.addresses = [socket.inet_aton(host) for host in hosts]
-        await (await responder.async_register_service(info, allow_name_change=True))
-    except (Error, OSError, TimeoutError):
-        await _close(responder)
-        return None
-    except asyncio.CancelledError:
-        await _close(responder)
-        raise
-    return responder
+async def _announce(hosts: list[str], info: AsyncServiceInfo, announcing: AsyncExitStack) -> None:
+    responder = AsyncZeroconf(interfaces=hosts)
+    announcing.push_async_callback(_close, responder)
+    info.addresses = [socket.inet_aton(host) for host in hosts]
+    await (await responder.async_register_service(info, allow_name_change=True))
 
 
-async def _close(responder: AsyncZeroconf | None) -> None:
-    if responder is not None:
-        with contextlib.suppress(Error, OSError, TimeoutError):
-            async with asyncio.timeout(GOODBYE_S):
-                await responder.async_close()
+async def _close(responder: AsyncZeroconf) -> None:
+    with contextlib.suppress(Error, OSError, TimeoutError):
+        async with asyncio.timeout(GOODBYE_S):
+            await responder.async_close()
 
 
 class LeaderBrowser:
@@ -159,8 +148,7 @@ class LeaderBrowser:
         self._found: dict[str, FoundLeader] = {}
         self._asking: dict[str, asyncio.Task[None]] = {}
         self._hosts: list[str] = []
-        self._listener: AsyncZeroconf | None = None
-        self._browser: AsyncServiceBrowser | None = None
+        self._listening = AsyncExitStack()
 
     @property
     def found(self) -> tuple[FoundLeader, ...]:
@@ -182,20 +170,16 @@ class LeaderBrowser:
         await self._stop()
         self._hosts = hosts
         with contextlib.suppress(Error, OSError):
-            self._listener = AsyncZeroconf(interfaces=hosts)
-            self._browser = AsyncServiceBrowser(
-                self._listener.zeroconf, SERVICE, handlers=[self._note_change]
-            )
+            listener = AsyncZeroconf(interfaces=hosts)
+            self._listening.push_async_callback(listener.async_close)
+            browser = AsyncServiceBrowser(listener.zeroconf, SERVICE, handlers=[self._note_change])
+            self._listening.push_async_callback(browser.async_cancel)
 
     async def _stop(self) -> None:
         await end(*self._asking.values())
         self._found.clear()
         with contextlib.suppress(Error, OSError):
-            if self._browser is not None:
-                await self._browser.async_cancel()
-            if self._listener is not None:
-                await self._listener.async_close()
-        self._browser = self._listener = None
+            await self._listening.aclose()
 
     def _note_change(
         self, zeroconf: Zeroconf, service_type: str, name: str, state_change: ServiceStateChange
@@ -211,8 +195,7 @@ class LeaderBrowser:
         with contextlib.suppress(Error, OSError, ValueError):
             info = AsyncServiceInfo(SERVICE, name)
             if await info.async_request(zeroconf, DETAILS_MS):
-                hosts = info.parsed_addresses(IPVersion.V4Only)[:MAX_ADDRESSES]
-                port = info.port or 0
+                hosts, port = info.parsed_addresses(IPVersion.V4Only)[:MAX_ADDRESSES], info.port or 0
                 properties = info.decoded_properties
                 self._found[name] = FoundLeader(
                     name=_short(name.removesuffix(f".{SERVICE}")),
@@ -270,7 +253,7 @@ async def _answering(found: Sequence[FoundLeader], trust: Trust) -> list[FoundLe
         replace(
             leader,
             addresses=(address,),
-            is_known=_knows(trust, leader.pin),
+            is_known=trust.is_open or trust.peer_of(leader.pin).may(Role.LEADER),
             # Anyone can announce other leaders. They are followed only where each has to prove its key.
             among=() if trust.is_open else leader.among,
         )
@@ -283,13 +266,6 @@ def _best(answered: Sequence[FoundLeader]) -> list[FoundLeader]:
     """Return the known ones, or all if none is known; of these the leaders, or all if there is no leader."""
     known = [one for one in answered if one.is_known] or list(answered)
     return [one for one in known if not one.is_relay] or known
-
-
-def _knows(trust: Trust, pin: str) -> bool:
-    if trust.is_open:
-        return True
-    machine = trust.known.find(pin)
-    return pin == trust.identity.pin or (machine is not None and Role.LEADER in machine.roles)
 
 
 async def _describe_obstacles(found: Sequence[FoundLeader]) -> str:

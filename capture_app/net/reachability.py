@@ -215,10 +215,8 @@ async def _ask(family: socket.AddressFamily, leader: Address) -> tuple[Answer, i
         try:
             # The kernel reports refusals only to a connected socket.
             sock.connect(leader)
-            sending, receiving = await first_of(
-                _send(sock, version_question(token)), _receive_version(sock, token)
-            )
-            return Answer.CAME, (sending if receiving.cancelled() else receiving).result()
+            version = await first_of(_send(sock, version_question(token)), _receive_version(sock, token))
+            return Answer.CAME, version
         except OSError as error:
             return _answer_of(error), None
 

@@ -114,8 +114,8 @@ class Enrolment:
                 "this rig does not seal its datagrams",
                 hint="it runs with --open: start this machine with --open too",
             )
-        machine, role = self._trust.known.find(who.pin), Role.RELAY if request.is_relay else Role.CAMERA
-        if who.pin != self._trust.identity.pin and (machine is None or role not in machine.roles):
+        role = Role.RELAY if request.is_relay else Role.CAMERA
+        if not self._trust.peer_of(who.pin).may(role):
             raise UnknownMachineError(
                 f"this machine is no longer known here as {role}",
                 hint=f"pair it again; on the leader's machine: capture-app trust invite --as {role}",
@@ -123,8 +123,11 @@ class Enrolment:
         principal = Principal(request.name, request.instance, who.pin, request.is_relay)
         self._take_back(self._sealed)
         names = CameraNames(self._trust.folder).owners if who.may(Role.STANDBY) and self._trust.folder else {}
-        machines = self._trust.known.vouched_for(who.pin)
-        return messages.KeyAnswer(grant=self._sealed.keys.grant(principal), machines=machines, names=names)
+        return messages.KeyAnswer(
+            grant=self._sealed.keys.grant(principal),
+            machines=self._trust.known.vouched_for(who.pin),
+            names=names,
+        )
 
     async def _answer_enrolment(self, channel: Channel[Any], message: pairing_messages.EnrolRequest) -> None:
         known = None if self._trust.is_open else self._trust.known.find(pin_of(message.certificate))

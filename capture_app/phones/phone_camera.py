@@ -174,11 +174,9 @@ class PhoneNodes:
                 put_off=phone.put_off,
             )
             node = CameraNode(options)
-            running, *_ = await first_of(node.run(), _until_disconnected(phone), _report_state(phone, node))
-            error = None if running.cancelled() else running.exception()
-            if error is not None:
-                if not isinstance(error, SimulshotError):
-                    raise error
+            try:
+                await first_of(node.run(), _until_disconnected(phone), _report_state(phone, node))
+            except SimulshotError as error:
                 self._talk(f"{phone.name}: {error}")
                 await phone.report_state("failed", str(error))
                 await asyncio.sleep(RETRY_S)

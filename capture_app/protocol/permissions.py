@@ -60,12 +60,6 @@ DIRECT_ONLY: tuple[type[Message], ...] = (
 _REQUIRED = {kind: role for role, kinds in SENDERS.items() for kind in kinds}
 
 
-def required_role(message: Message) -> Role | None:
-    """Return the role that a message requires of its sender; None if any machine may send it."""
-    is_of_relay = isinstance(message, messages.KeyRequest) and message.is_relay
-    return Role.RELAY if is_of_relay else _REQUIRED[type(message)]
-
-
 def check_allowed(who: Peer, message: Message) -> None:
     """Check that a machine may send a message. Raises UnknownMachineError with the command that allows it."""
     if who.via and isinstance(message, DIRECT_ONLY):
@@ -73,7 +67,8 @@ def check_allowed(who: Peer, message: Message) -> None:
             "a relay may not send this for a machine below it",
             hint="use a machine that is paired with the leader itself",
         )
-    role = required_role(message)
+    is_relays = isinstance(message, messages.KeyRequest) and message.is_relay
+    role = Role.RELAY if is_relays else _REQUIRED[type(message)]
     # A standby notes which cameras to expect when it takes over.
     is_standbys = isinstance(message, messages.StatusRequest) and who.may(Role.STANDBY)
     if role is not None and not who.may(role) and not is_standbys:

@@ -12,8 +12,8 @@ from msgspec.structs import replace
 
 from capture_app.cameras.frames import CapturedFrame, lower_priority
 from capture_app.common.address import Address
-from capture_app.common.errors import CameraError, DiskError, NetworkError, SimulshotError
-from capture_app.common.tasks import end
+from capture_app.common.errors import CameraError, DiskError, NetworkError, SimulshotError, TryAgainError
+from capture_app.common.tasks import end, has_come
 from capture_app.common.text import count
 from capture_app.common.timeouts import UPLOAD_ANSWER_TIMEOUT_S
 from capture_app.net.asking import next_message
@@ -43,10 +43,6 @@ MAX_IN_FLIGHT = 64
 ASK_AGAIN_S = 0.05
 
 A = TypeVar("A", ImageAck, ReportAck)
-
-
-class PostponedError(NetworkError):
-    """The leader cannot accept a burst now, but may later."""
 
 
 class BurstSender:
@@ -91,7 +87,7 @@ class BurstSender:
         """Send a burst while it is encoded; return when the leader has all it requests, or its refusal.
 
         A returned refusal is final. Also returns if a burst that is still being captured has nothing to send
-        while another burst has. Raises PostponedError where the leader may accept it later, NetworkError
+        while another burst has. Raises TryAgainError where the leader may accept it later, NetworkError
         where the stream breaks off.
         """
         # A reconnected leader still has what it acknowledged; only the stream's own state is new.
@@ -123,7 +119,7 @@ class BurstSender:
             if refusal is not None:
                 await self._take_all_answers(burst)
                 if refusal.retry:
-                    raise PostponedError(refusal.what, hint=refusal.hint)
+                    raise TryAgainError(refusal.what, hint=refusal.hint)
                 return refusal
         await self._take_all_answers(burst)
         return None
@@ -155,7 +151,7 @@ class BurstSender:
         try:
             data = await asyncio.to_thread(burst.load, image)
         except DiskError as error:
-            raise PostponedError(error.what, hint=error.hint) from error
+            raise TryAgainError(error.what, hint=error.hint) from error
         if data is None:
             with contextlib.suppress(ValueError):
                 burst.images.remove(image)
@@ -333,7 +329,7 @@ class Uploader:
         """Encode frames and send images to the leader, until cancelled."""
         try:
             async with asyncio.TaskGroup() as tasks:
-                for work in (self._encode_all(), self._send_all(), self._sync_spool(), self._watch_space()):
+                for work in (self._encode_all(), self._send_all(), self._sync_spool()):
                     tasks.create_task(work)
         finally:
             self._thread.shutdown(wait=False, cancel_futures=True)
@@ -445,7 +441,8 @@ class Uploader:
         while True:
             while self.leader is None or not (self._waiting or self._space_is_due):
                 self._changed.clear()
-                await self._changed.wait()
+                is_idle = not await has_come(self._changed, SPACE_EVERY_S)
+                self._space_is_due |= is_idle and self.spool is not None
             try:
                 async with (
                     await connect(self.leader, FromLeader, trust=self._trust) as channel,
@@ -465,8 +462,8 @@ class Uploader:
                         else:
                             await self._send_burst(sender, self._waiting[0])
                             failures = 0
-            except NetworkError as error:
-                if isinstance(error, PostponedError):
+            except (NetworkError, TryAgainError) as error:
+                if isinstance(error, TryAgainError):
                     self._waiting.rotate(-1)
                 if not failures:
                     self._log.say(f"images wait: {error}")
@@ -502,9 +499,3 @@ class Uploader:
 
     def _uploads_of(self, leader: int, burst: int) -> list[BurstUpload]:
         return [one for one in self._bursts if one.report.leader == leader and one.report.burst == burst]
-
-    async def _watch_space(self) -> None:
-        while self.spool is not None:
-            await asyncio.sleep(SPACE_EVERY_S)
-            self._space_is_due = True
-            self._changed.set()

@@ -145,9 +145,7 @@ class Viewfinder:
         self._may_send.set()
         await channel.send(NodeStream(camera=self._name, instance=self._instance, shows=True))
         try:
-            # No task group: if it is cancelled as its stream breaks off, it reports the stream's error only.
-            parts = await first_of(self._listen(channel), self._send_health(channel), self._show(channel))
-            next(part for part in parts if not part.cancelled()).result()
+            await first_of(self._listen(channel), self._send_health(channel), self._show(channel))
         finally:
             self._channel = None
 

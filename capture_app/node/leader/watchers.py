@@ -127,8 +127,7 @@ class Watcher:
         """Send changes until the operator closes the stream. Raises NetworkError if they cannot be sent."""
         self._channel.allow_silence()
         try:
-            parts = await first_of(self._receive_requests(), self._send_changes(), self._send_pictures())
-            next(part for part in parts if not part.cancelled()).result()
+            await first_of(self._receive_requests(), self._send_changes(), self._send_pictures())
         finally:
             await self._viewfinders.want(self, None)
 
@@ -147,7 +146,9 @@ class Watcher:
         while True:
             began_s = loop.time()
             status = self._rig.status("")
-            timeless = without_times(status)
+            # Some fields change by themselves: the time, and when nodes were heard.
+            nodes = tuple(replace(node, last_seen_ns=0) for node in status.nodes)
+            timeless = replace(status, now_ns=0, nodes=nodes)
             if timeless != sent or began_s - sent_s >= KEEPALIVE_S:
                 sent, sent_s = timeless, began_s
                 await self._channel.send(StatusAnswer(rig=status))
@@ -172,9 +173,3 @@ class Watcher:
                     self._unacknowledged.add(picture.camera)
                     due_s = loop.time() + 0.9 / fps  # a tick is not exact
                     await self._channel.send(replace(picture, jpeg=b""), picture.jpeg)
-
-
-def without_times(status: RigStatus) -> RigStatus:
-    """Return a status without the fields that change by themselves: the time, and when nodes were heard."""
-    nodes = tuple(replace(node, last_seen_ns=0) for node in status.nodes)
-    return replace(status, now_ns=0, nodes=nodes)
